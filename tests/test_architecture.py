@@ -1,0 +1,81 @@
+"""Imports go one way: a room sees only the rooms in rows above it, and third parties stay in their rooms."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "vip_factors"
+
+ROWS = [
+    {"errors", "geometry"},
+    {"body"},
+    {"sensors"},
+    {"estimate"},
+    {"simulate", "initialise", "evaluate", "io", "viz", "factors"},
+    {"graph"},
+    {"solve"},
+    {"settings", "pipeline"},
+    {"cli"},
+]
+ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}
+# Within row 0, geometry may raise the package's errors; the top row's pipeline reads the settings.
+NEIGHBOURS = {("geometry", "errors"), ("pipeline", "settings")}
+# Third parties that only some rooms may see.
+FENCED = {
+    "gtsam": {"factors", "graph", "solve"},
+    "mcap": {"io"},
+    "mcap_protobuf": {"io"},
+    "mcap_ros2": {"io"},
+    "google": {"io"},
+    "rerun": {"viz"},
+    "cv2": {"associate", "initialise", "io", "viz", "sensors"},
+    "vqf": {"sensors"},
+    "tyro": {"cli"},
+    "rich": {"cli"},
+}
+
+
+def room_of(path: Path) -> str:
+    parts = path.relative_to(PACKAGE).parts
+    return parts[0].removesuffix(".py")
+
+
+def imports_of(path: Path) -> list[str]:
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import; write the whole name"
+            found += [f"{node.module}.{alias.name}" for alias in node.names]
+    return found
+
+
+FILES = [
+    path
+    for path in sorted(PACKAGE.rglob("*.py"))
+    if path != PACKAGE / "__init__.py" and not path.name.endswith("_pb2.py")
+]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_go_one_way(path: Path) -> None:
+    room = room_of(path)
+    assert room in ROW_OF, f"{path}: room '{room}' has no row in the table"
+    for name in imports_of(path):
+        package, _, rest = name.partition(".")
+        if package != "vip_factors":
+            allowed = FENCED.get(package, {room})
+            assert room in allowed, f"{path}: {package} may be imported in {sorted(allowed)} only"
+            continue
+        target = rest.split(".")[0]
+        if target in ("__version__", room):
+            continue
+        above = ROW_OF[target] < ROW_OF[room]
+        assert above or (room, target) in NEIGHBOURS, f"{path}: {room} may not import {target}"
+
+
+def test_every_room_is_in_the_table() -> None:
+    rooms = {path.name.removesuffix(".py") for path in PACKAGE.iterdir() if path.suffix == ".py" or path.is_dir()}
+    assert rooms - {"__init__", "__pycache__", "py.typed", "data"} <= set(ROW_OF)

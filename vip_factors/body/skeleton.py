@@ -1,0 +1,102 @@
+"""The 24-joint skeleton: SMPL's topology, names, order and axes.
+
+Body axes at rest: x to the wearer's left, y up, z forward; all joint rotations are identity in the T-pose.
+A *bone* is the segment that a joint moves and carries that joint's name: bone ``left_knee`` is the left shank.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array
+
+JOINT_NAMES = (
+    "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle",
+    "right_ankle", "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head",
+    "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
+    "left_hand", "right_hand",
+)  # fmt: skip
+PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21)
+JOINT_COUNT = len(JOINT_NAMES)
+
+# Bones whose name is a joint's but which people call otherwise.
+BONE_ALIASES = {
+    f"{side}_{alias}": f"{side}_{joint}"
+    for side in ("left", "right")
+    for alias, joint in {
+        "thigh": "hip", "upper_leg": "hip", "shank": "knee", "lower_leg": "knee", "toe": "foot",
+        "upper_arm": "shoulder", "forearm": "elbow", "lower_arm": "elbow",
+    }.items()
+} | {"hips": "pelvis", "sternum": "spine3", "chest": "spine3", "lower_back": "spine1"}  # fmt: skip
+
+
+def joint_index(name: str) -> int:
+    """Index of a joint (and of the bone it moves), by SMPL name or by a common alias such as ``left_thigh``.
+
+    Raises:
+        InputError: for an unknown name.
+    """
+    canonical = BONE_ALIASES.get(name, name)
+    if canonical not in JOINT_NAMES:
+        raise InputError(f"unknown bone '{name}': expected one of {', '.join(JOINT_NAMES)}")
+    return JOINT_NAMES.index(canonical)
+
+
+def ancestors(joint: int) -> tuple[int, ...]:
+    """The kinematic chain from the root to ``joint``, both included."""
+    chain = [joint]
+    while PARENTS[chain[-1]] >= 0:
+        chain.append(PARENTS[chain[-1]])
+    return tuple(reversed(chain))
+
+
+@dataclass(frozen=True)
+class Landmark:
+    """A named point fixed to a bone: ``p_bone_point`` in metres, bone axes."""
+
+    bone: int
+    p_bone_point: Array
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """Joint positions of one person.
+
+    Attributes:
+        p_parent_joint: ``(24, 3)`` metres, each joint in its parent's frame at rest; the root's row is zero.
+        landmarks: points beyond the last joints: ``head_top``, ``left_heel``, ``left_toe_tip``,
+            ``left_fingertip`` and their right twins.
+        source: one line saying where the lengths come from.
+    """
+
+    p_parent_joint: Array
+    landmarks: Mapping[str, Landmark] = field(default_factory=dict)
+    source: str = "unknown"
+
+    def __post_init__(self) -> None:
+        offsets = np.asarray(self.p_parent_joint, dtype=float)
+        if offsets.shape != (JOINT_COUNT, 3) or not np.all(np.isfinite(offsets)):
+            raise InputError(f"skeleton offsets have shape {offsets.shape}: expected 24 finite rows of x, y, z")
+        object.__setattr__(self, "p_parent_joint", offsets)
+
+    @cached_property
+    def p_pelvis_joint(self) -> Array:
+        """Joint positions ``(24, 3)`` in the pelvis frame at rest (T-pose)."""
+        positions = np.zeros((JOINT_COUNT, 3))
+        for joint in range(1, JOINT_COUNT):
+            positions[joint] = positions[PARENTS[joint]] + self.p_parent_joint[joint]
+        return positions
+
+    def bone_length(self, child: str) -> float:
+        """Distance in metres from the parent joint to ``child``: ``bone_length('left_knee')`` is the thigh."""
+        return float(np.linalg.norm(self.p_parent_joint[joint_index(child)]))
+
+    @property
+    def stature(self) -> float:
+        """Height in metres from the heels to the top of the head at rest."""
+        top, heel = self.landmarks["head_top"], self.landmarks["left_heel"]
+        y = self.p_pelvis_joint[:, 1]
+        return float(y[top.bone] + top.p_bone_point[1] - y[heel.bone] - heel.p_bone_point[1])

@@ -1,0 +1,1 @@
+"""One residual per file."""

@@ -1,0 +1,76 @@
+"""Quaternions, which live only at the edges: files, messages, viewers. Their storage order is said in every call."""
+
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array, _quaternion_parts, exp, log, transpose
+
+# A quaternion further than this from unit length is not a rounded rotation but a mistake.
+UNIT_TOLERANCE = 0.05
+
+
+class Order(StrEnum):
+    """Where the scalar part stands."""
+
+    WXYZ = "wxyz"
+    XYZW = "xyzw"
+
+
+def matrix_from_quaternion(quaternion: ArrayLike, order: Order) -> Array:
+    """Rotation matrices ``(..., 3, 3)`` of quaternions ``(..., 4)`` in the given order, normalised first.
+
+    Raises:
+        InputError: where a quaternion is not of unit length within 5 %, or not finite.
+    """
+    q = np.asarray(quaternion, dtype=float)
+    norm = np.linalg.norm(q, axis=-1)
+    bad = ~(np.abs(norm - 1) < UNIT_TOLERANCE)
+    if np.any(bad):
+        where = tuple(int(i) for i in np.argwhere(bad)[0]) if q.ndim > 1 else 0
+        raise InputError(
+            f"quaternion {where} is {q[bad][0] if q.ndim > 1 else q}: expected unit length (within 5 %); "
+            "check the columns and their order"
+        )
+    q = q / norm[..., None]
+    w, x, y, z = np.moveaxis(q if order is Order.WXYZ else np.roll(q, 1, axis=-1), -1, 0)
+    R = np.empty((*q.shape[:-1], 3, 3))
+    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = (
+        1 - 2 * (y * y + z * z),
+        2 * (x * y - w * z),
+        2 * (x * z + w * y),
+    )
+    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = (
+        2 * (x * y + w * z),
+        1 - 2 * (x * x + z * z),
+        2 * (y * z - w * x),
+    )
+    R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = (
+        2 * (x * z - w * y),
+        2 * (y * z + w * x),
+        1 - 2 * (x * x + y * y),
+    )
+    return R
+
+
+def quaternion_from_matrix(R: ArrayLike, order: Order) -> Array:
+    """Unit quaternions ``(..., 4)`` in the given order, scalar part not negative, of rotations ``(..., 3, 3)``."""
+    w, v = _quaternion_parts(np.asarray(R, dtype=float))
+    parts = [w[..., None], v] if order is Order.WXYZ else [v, w[..., None]]
+    return np.concatenate(parts, axis=-1)
+
+
+def interpolate_rotations(time: ArrayLike, R: ArrayLike, query: ArrayLike) -> Array:
+    """Spherical linear interpolation of rotations ``(N, 3, 3)`` at ``time`` ``(N,)`` to ``query`` ``(M,)``.
+
+    Queries outside the range take the nearest end.
+    """
+    time, R, query = np.asarray(time, float), np.asarray(R, float), np.asarray(query, float)
+    if len(time) == 1:
+        return np.repeat(R, len(query), axis=0)
+    left = np.clip(np.searchsorted(time, query, side="right") - 1, 0, len(time) - 2)
+    fraction = np.clip((query - time[left]) / (time[left + 1] - time[left]), 0.0, 1.0)
+    step = log(transpose(R[left]) @ R[left + 1])
+    return R[left] @ exp(fraction[:, None] * step)

@@ -1,0 +1,1 @@
+"""Where the optimiser starts: headings, mountings, and a pose per frame."""

@@ -1,0 +1,191 @@
+"""Where sensors sit on the body, how they are turned there, and how well that is known."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.body.skeleton import JOINT_NAMES, Skeleton, joint_index
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array
+
+CARELESS_MOUNTING_SIGMA = np.deg2rad(15.0)  # of a calibration pose held by eye: 10–15° (thesis 4.4.2 starts there)
+STRAPPED_MOUNTING_SIGMA = np.deg2rad(40.0)  # of "strapped on roughly like this", without any pose
+
+# Bone axes, all bones alike at rest: the words people use for them.
+_DIRECTIONS = {
+    "left": (1, 0, 0), "right": (-1, 0, 0), "up": (0, 1, 0), "down": (0, -1, 0), "front": (0, 0, 1), "back": (0, 0, -1)
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SensorSite:
+    """One sensor on one bone.
+
+    Attributes:
+        sensor: its name in the recording.
+        bone: SMPL joint name of the bone it is strapped to.
+        p_bone_sensor: ``(3,)`` metres, its position in the bone's frame.
+        R_bone_sensor: ``(3, 3)`` rough mounting.
+        mounting_sigma: standard deviation in radians of the rough mounting about each axis.
+    """
+
+    sensor: str
+    bone: str
+    p_bone_sensor: Array
+    R_bone_sensor: Array
+    mounting_sigma: float = STRAPPED_MOUNTING_SIGMA
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "bone", JOINT_NAMES[joint_index(self.bone)])
+        if not np.all(np.isfinite(self.p_bone_sensor)) or np.shape(self.p_bone_sensor) != (3,):
+            raise InputError(f"sensor '{self.sensor}': position {self.p_bone_sensor}: expected three finite metres")
+        if np.abs(self.R_bone_sensor @ self.R_bone_sensor.T - np.eye(3)).max() > 1e-3:
+            raise InputError(f"sensor '{self.sensor}': its mounting is not a rotation matrix")
+        if not self.mounting_sigma > 0:
+            raise InputError(f"sensor '{self.sensor}': mounting sigma {self.mounting_sigma}: expected radians above 0")
+
+    @property
+    def bone_index(self) -> int:
+        """Index of the bone in :data:`~vip_factors.body.skeleton.JOINT_NAMES`."""
+        return joint_index(self.bone)
+
+
+@dataclass(frozen=True)
+class Placement:
+    """All sensors of one wearer; ``name`` is the preset's or ``"custom"``."""
+
+    sites: tuple[SensorSite, ...] = ()
+    name: str = "custom"
+
+    def __post_init__(self) -> None:
+        names = [site.sensor for site in self.sites]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(f"sensor '{twice[0]}' is placed twice: give each sensor one bone")
+
+    def site(self, sensor: str) -> SensorSite:
+        """The site of a sensor.
+
+        Raises:
+            InputError: if the sensor has no place.
+        """
+        for site in self.sites:
+            if site.sensor == sensor:
+                return site
+        known = ", ".join(site.sensor for site in self.sites) or "none"
+        raise InputError(f"sensor '{sensor}' has no place on the body: placed are {known}")
+
+
+@dataclass(frozen=True)
+class NamedSite:
+    """A usual place for a sensor, in proportions, so that it fits any skeleton.
+
+    The strap convention: the sensor's x axis points along ``x_axis`` (towards the trunk, or up), its z axis away
+    from the skin, along ``outward``.
+    """
+
+    bone: str
+    child: str | None  # the joint at the bone's far end; None for bones without one
+    along: float  # fraction of the way from the bone's joint to the child
+    outward: str
+    depth: float  # distance of the sensor from the bone's axis, as a fraction of stature
+    x_axis: str
+    lift: float = 0.0  # shift along the bone's y axis, as a fraction of stature
+
+
+def _both_sides(name: str, site: NamedSite) -> dict[str, NamedSite]:
+    """The site on the left as given, and mirrored on the right."""
+
+    def mirror(word: str | None) -> str | None:
+        if word is None:
+            return None
+        swap = {"left": "right", "right": "left"}
+        return swap.get(word, word.replace("left_", "right_"))
+
+    right = NamedSite(
+        str(mirror(site.bone)), mirror(site.child), site.along, str(mirror(site.outward)), site.depth,
+        str(mirror(site.x_axis)), site.lift,
+    )  # fmt: skip
+    return {f"left_{name}": site, f"right_{name}": right}
+
+
+# Depths are rough radii of the segment with skin and sensor box, from girths in Winter's and de Leva's subjects.
+SITES: dict[str, NamedSite] = {
+    "head": NamedSite("head", None, 0.0, "back", 0.055, "up", lift=0.050),
+    "sternum": NamedSite("spine3", "neck", 0.35, "front", 0.065, "up"),
+    "pelvis": NamedSite("pelvis", None, 0.0, "back", 0.060, "up"),
+    "lower_back": NamedSite("spine1", "spine2", 0.5, "back", 0.055, "up"),
+    **_both_sides("shoulder", NamedSite("left_collar", "left_shoulder", 0.6, "back", 0.045, "up")),
+    **_both_sides("upper_arm", NamedSite("left_shoulder", "left_elbow", 0.6, "back", 0.027, "right")),
+    **_both_sides("forearm", NamedSite("left_elbow", "left_wrist", 0.85, "up", 0.018, "right")),
+    **_both_sides("hand", NamedSite("left_wrist", "left_hand", 0.9, "up", 0.012, "right")),
+    **_both_sides("thigh", NamedSite("left_hip", "left_knee", 0.6, "left", 0.045, "up")),
+    **_both_sides("shank", NamedSite("left_knee", "left_ankle", 0.3, "front", 0.030, "up")),
+    **_both_sides("ankle", NamedSite("left_knee", "left_ankle", 0.85, "left", 0.022, "up")),
+    **_both_sides("foot", NamedSite("left_ankle", "left_foot", 0.55, "up", 0.020, "back")),
+}
+
+_SIX = ("head", "pelvis", "left_forearm", "right_forearm", "left_shank", "right_shank")
+_TEN = (
+    "sternum", "pelvis", "left_upper_arm", "right_upper_arm", "left_forearm", "right_forearm", "left_thigh",
+    "right_thigh", "left_shank", "right_shank",
+)  # fmt: skip
+_THIRTEEN = ("head", *_TEN, "left_foot", "right_foot")
+PRESETS: dict[str, tuple[str, ...]] = {
+    "sip6": _SIX,  # thesis 3.2.2
+    "tnt10": _TEN,  # TNT15, thesis 2.5.1
+    "totalcapture13": _THIRTEEN,
+    "mvn17": (
+        *_THIRTEEN,
+        "left_shoulder",
+        "right_shoulder",
+        "left_hand",
+        "right_hand",
+    ),  # Xsens MVN full body
+}
+
+
+def place(
+    site_name: str,
+    skeleton: Skeleton,
+    sensor: str | None = None,
+    mounting_sigma: float = STRAPPED_MOUNTING_SIGMA,
+) -> SensorSite:
+    """A sensor at one of the :data:`SITES`, fitted to a skeleton.
+
+    Raises:
+        InputError: for an unknown site.
+    """
+    if site_name not in SITES:
+        raise InputError(f"unknown site '{site_name}': expected one of {', '.join(SITES)}")
+    site = SITES[site_name]
+    outward, x_axis = np.array(_DIRECTIONS[site.outward], float), np.array(_DIRECTIONS[site.x_axis], float)
+    along = skeleton.p_parent_joint[joint_index(site.child)] if site.child else np.zeros(3)
+    p_bone_sensor = site.along * along + stature_of(skeleton) * (site.depth * outward + np.array([0, site.lift, 0]))
+    R_bone_sensor = np.stack([x_axis, np.cross(outward, x_axis), outward], axis=1)
+    return SensorSite(sensor or site_name, site.bone, p_bone_sensor, R_bone_sensor, mounting_sigma)
+
+
+def preset(
+    name: str, skeleton: Skeleton, sensors: Mapping[str, str] | None = None,
+    mounting_sigma: float = STRAPPED_MOUNTING_SIGMA,
+) -> Placement:  # fmt: skip
+    """One of the :data:`PRESETS`, fitted to a skeleton; ``sensors`` maps sites to sensor names where they differ.
+
+    Raises:
+        InputError: for an unknown preset.
+    """
+    if name not in PRESETS:
+        raise InputError(f"unknown placement '{name}': expected one of {', '.join(PRESETS)}")
+    names = sensors or {}
+    sites = tuple(place(site, skeleton, names.get(site), mounting_sigma) for site in PRESETS[name])
+    return Placement(sites, name)
+
+
+def stature_of(skeleton: Skeleton) -> float:
+    """Stature in metres, or from the leg length where a skeleton has no landmarks (Drillis & Contini)."""
+    if {"head_top", "left_heel"} <= set(skeleton.landmarks):
+        return skeleton.stature
+    thigh, shank = skeleton.bone_length("left_knee"), skeleton.bone_length("left_ankle")
+    return (thigh + shank) / 0.491

@@ -1,0 +1,99 @@
+"""A recording: who wore what, and what the sensors said."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import Skeleton
+from vip_factors.errors import RecordingError
+from vip_factors.sensors.calibration import Calibration
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.placement import Placement
+
+DEFAULT_STATURE_M = 1.72  # mean of the adult men and women of de Leva's samples
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The person who wears the sensors.
+
+    Attributes:
+        name: unique in a recording.
+        stature_m: height in metres.
+        mass_kg, sex: optional, as in :func:`~vip_factors.body.anthropometry.skeleton_from_stature`.
+        segment_lengths_m: measured lengths, which win over the tables.
+        skeleton: a ready skeleton (from an SMPL file, say), which wins over everything above.
+    """
+
+    name: str = "subject"
+    stature_m: float = DEFAULT_STATURE_M
+    mass_kg: float | None = None
+    sex: str | None = None
+    segment_lengths_m: Mapping[str, float] = field(default_factory=dict)
+    skeleton: Skeleton | None = None
+
+    def body(self) -> Skeleton:
+        """The subject's skeleton.
+
+        Raises:
+            InputError: for an implausible stature, segment or sex.
+        """
+        if self.skeleton is not None:
+            return self.skeleton
+        return skeleton_from_stature(self.stature_m, self.sex, self.segment_lengths_m)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What a simulator or an optical system knows: motion, and calibration if it does."""
+
+    motion: Motion
+    calibration: Calibration | None = None
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Everything measured in one session of one wearer.
+
+    Attributes:
+        name: of the session.
+        subject: the wearer.
+        imus: one stream per sensor, by sensor name.
+        placement: where each sensor sits; sensors without an entry are not used.
+        initial_pose: what the wearer declared to hold at the start: ``"t-pose"``, ``"n-pose"`` or ``"none"``.
+        truth: reference motion and calibration, if known.
+        notes: free text, such as the origin of the file.
+        start_ns: absolute time of t = 0 in nanoseconds, 0 if unknown.
+    """
+
+    name: str
+    subject: Subject
+    imus: Mapping[str, ImuStream]
+    placement: Placement
+    initial_pose: str = "none"
+    truth: Truth | None = None
+    notes: str = ""
+    start_ns: int = 0
+
+    def __post_init__(self) -> None:
+        for name, stream in self.imus.items():
+            if name != stream.name:
+                raise RecordingError(f"recording '{self.name}': stream '{stream.name}' is filed under '{name}'")
+        if self.initial_pose not in ("t-pose", "n-pose", "none"):
+            raise RecordingError(
+                f"recording '{self.name}': initial pose '{self.initial_pose}': expected t-pose, n-pose or none"
+            )
+
+    @property
+    def placed(self) -> list[str]:
+        """Names of the sensors that have both samples and a place on the body, in the placement's order."""
+        return [site.sensor for site in self.placement.sites if site.sensor in self.imus]
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Seconds of the first and last sample of any sensor."""
+        if not self.imus:
+            raise RecordingError(f"recording '{self.name}' has no IMU stream: expected at least one")
+        streams = list(self.imus.values())
+        return float(min(s.time[0] for s in streams)), float(max(s.time[-1] for s in streams))

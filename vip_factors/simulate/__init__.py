@@ -1,0 +1,1 @@
+"""Recordings with truth, made from any motion."""

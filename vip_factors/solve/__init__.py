@@ -1,0 +1,1 @@
+"""Least squares on factor graphs, knowing nothing of bodies."""

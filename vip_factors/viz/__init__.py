@@ -1,0 +1,1 @@
+"""Looking at recordings and estimates in Rerun."""

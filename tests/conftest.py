@@ -1,0 +1,51 @@
+"""What all tests share: the folder of real recordings, repeatable property tests, single-threaded arithmetic."""
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+# Before any test imports NumPy: two test workers with many threads each would only wait for one another.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+
+# No deadline: a first call may compile or import. In CI the same examples every time, so that red means changed code.
+settings.register_profile("default", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("ci", settings.get_profile("default"), derandomize=True, database=None, print_blob=True)
+settings.load_profile("ci" if os.environ.get("CI") else "default")
+
+
+def real_recordings() -> Path:
+    """Where the real recordings would be: ``VIP_FACTORS_DATA``, else ``../shared/data`` beside the checkout."""
+    return Path(os.environ.get("VIP_FACTORS_DATA") or CHECKOUT.parent / "shared" / "data")
+
+
+def missing_reason() -> str:
+    return f"no folder of real recordings at {real_recordings()}; point VIP_FACTORS_DATA at one"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip everything marked ``data`` where the real recordings are not."""
+    if real_recordings().is_dir():
+        return
+    for item in items:
+        if "data" in item.keywords:
+            item.add_marker(pytest.mark.skip(reason=missing_reason()))
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """The folder of real recordings; tests that ask for it are skipped where it is absent."""
+    folder = real_recordings()
+    if not folder.is_dir():
+        pytest.skip(missing_reason())
+    return folder
+
+
+@pytest.fixture(scope="session")
+def checkout() -> Path:
+    """The folder that holds ``pyproject.toml``."""
+    return CHECKOUT

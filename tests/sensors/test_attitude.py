@@ -1,0 +1,82 @@
+"""Orientation from inertial samples: against a motion whose orientation is known."""
+
+import numpy as np
+import pytest
+
+from vip_factors.errors import RecordingError
+from vip_factors.geometry.rotations import angle_between, exp, log, rotation_z, transpose, yaw_of
+from vip_factors.sensors.attitude import with_orientation
+from vip_factors.sensors.imu_stream import ImuStream
+
+RATE = 100.0
+
+
+def swinging(seconds: float = 20.0) -> tuple[np.ndarray, ImuStream]:
+    """A sensor that swings about changing axes without leaving its place: true orientations and its samples."""
+    time = np.arange(round(seconds * RATE)) / RATE
+    swing = np.stack([np.sin(1.3 * time), 0.8 * np.sin(0.9 * time + 1), 0.6 * np.sin(1.7 * time)], axis=1)
+    R = exp(swing)
+    rate = np.zeros((len(time), 3))
+    rate[1:-1] = log(transpose(R[:-2]) @ R[2:]) * RATE / 2
+    force = transpose(R) @ np.array([0.0, 0.0, 9.81])
+    return R, ImuStream("s", time, force, None, rate)
+
+
+def error_but_for_heading(R_true: np.ndarray, R: np.ndarray) -> np.ndarray:
+    heading = np.median(yaw_of(R_true @ transpose(R)))
+    return np.rad2deg(angle_between(R_true, rotation_z(heading) @ R))
+
+
+def test_a_swinging_sensor_is_followed() -> None:
+    R_true, stream = swinging()
+    found = with_orientation(stream)
+    assert found.R_inertial_sensor is not None
+    assert np.max(error_but_for_heading(R_true, found.R_inertial_sensor)) < 1.0
+    np.testing.assert_array_equal(found.time, stream.time)
+
+
+def test_z_of_the_inertial_frame_is_up() -> None:
+    time = np.arange(300) / RATE
+    tilt = exp(np.array([0.7, -0.4, 0.2]))
+    force = np.tile(tilt.T @ [0, 0, 9.81], (300, 1))
+    found = with_orientation(ImuStream("s", time, force, None, np.zeros((300, 3))))
+    assert found.R_inertial_sensor is not None and found.specific_force is not None
+    up = np.einsum("nij,nj->ni", found.R_inertial_sensor, found.specific_force)
+    np.testing.assert_allclose(up, np.tile([0, 0, 9.81], (300, 1)), atol=1e-3)
+
+
+def test_lost_packets_and_jitter_change_little() -> None:
+    R_true, stream = swinging()
+    kept = np.ones(len(stream), bool)
+    kept[[100, 500, 501, 900, 901, 902, 1500]] = False
+    jitter = np.random.default_rng(0).uniform(-0.001, 0.001, len(stream))
+    assert stream.specific_force is not None and stream.angular_rate is not None
+    lossy = ImuStream(
+        "s", (stream.time + jitter)[kept], stream.specific_force[kept], None, stream.angular_rate[kept]
+    )
+    found = with_orientation(lossy)
+    assert found.R_inertial_sensor is not None and len(found) == len(lossy)
+    assert np.max(error_but_for_heading(R_true[kept], found.R_inertial_sensor)) < 3.0
+
+
+def test_an_orientation_that_exists_stays() -> None:
+    R, stream = swinging(2.0)
+    fused = ImuStream("s", stream.time, stream.specific_force, R)
+    assert with_orientation(fused) is fused
+
+
+@pytest.mark.parametrize(
+    ("stream", "sentence"),
+    [
+        (ImuStream("s", np.arange(5.0), np.ones((5, 3))), "neither orientation nor angular rate"),
+        (ImuStream("s", np.zeros(1), np.ones((1, 3)), None, np.ones((1, 3))), "single sample"),
+        (ImuStream("s", np.arange(5.0), np.ones((5, 3)), None, np.full((5, 3), 90.0)), "degrees per second"),
+        (
+            ImuStream("s", np.array([0, 0.1, 0.2, 2.0]), np.ones((4, 3)), None, np.zeros((4, 3))),
+            "lost 1.80 s of samples at t = 0.20 s",
+        ),
+    ],
+)
+def test_what_cannot_be_done_is_said(stream: ImuStream, sentence: str) -> None:
+    with pytest.raises(RecordingError, match=sentence):
+        with_orientation(stream)

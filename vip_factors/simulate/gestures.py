@@ -1,0 +1,76 @@
+"""A synthetic motion without any file: stepping on the spot with swinging arms, gestures and slow turns.
+
+All angles are sums of sines (and their squares) of time, so the motion is smooth to any order. Anatomical signs in
+our axes (x left, y up, z forward): flexion of hip, shoulder and elbow raises the limb forward, a rotation about −x;
+flexion of the knee takes the shank back, a rotation about +x.
+"""
+
+import numpy as np
+
+from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
+from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z
+from vip_factors.simulate.stance import R_WORLD_FACING_X, floor_height
+
+STEP_HZ = 0.85  # full gait cycles per second: a relaxed pace is 0.9
+TURN_HZ = 0.07  # of turning to one side and back
+GESTURE_HZ = 0.23  # of raising the arms sideways
+
+
+def gestures(seconds: float = 20.0, rate: float = 120.0, skeleton: Skeleton | None = None) -> Motion:
+    """Stepping on the spot, arms swinging and rising in turn, trunk swaying, facing about ±70° of +x.
+
+    Args:
+        seconds: length.
+        rate: frames per second.
+        skeleton: whose bones; a person of 1.75 m if absent.
+    """
+    skeleton = skeleton or skeleton_from_stature(1.75)
+    time = np.arange(round(seconds * rate) + 1) / rate
+    R = np.broadcast_to(np.eye(3), (len(time), JOINT_COUNT, 3, 3)).copy()
+    _trunk(R, time)
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        _leg(R, time, side, sign)
+        _arm(R, time, side, sign)
+    root = np.stack([0.10 * _wave(time, 0.11), 0.08 * _wave(time, 0.17, 1.0), np.zeros_like(time)], axis=1)
+    root[:, 0] += 0.015 * _wave(time, 2 * STEP_HZ)
+    state = forward_kinematics(skeleton, R, root)
+    root[:, 2] -= floor_height(skeleton, state)  # the lower foot stands on the floor, z = 0
+    return Motion(skeleton, R, root, rate, 0.0, "gestures")
+
+
+def _wave(time: Array, frequency: float, phase: float = 0.0) -> Array:
+    return np.sin(2 * np.pi * frequency * time + phase)
+
+
+def _trunk(R: Array, time: Array) -> None:
+    turn = 1.2 * _wave(time, TURN_HZ) + 0.06 * _wave(time, STEP_HZ)
+    tilt = 0.03 * _wave(time, 2 * STEP_HZ) + 0.05
+    R[:, 0] = rotation_z(turn) @ R_WORLD_FACING_X @ rotation_x(tilt) @ rotation_z(0.04 * _wave(time, STEP_HZ, 0.4))
+    for name in ("spine1", "spine2", "spine3"):
+        R[:, joint_index(name)] = rotation_y(-0.04 * _wave(time, STEP_HZ)) @ rotation_x(0.06 * _wave(time, 0.13) + 0.02)
+    nod, look = 0.15 * _wave(time, 0.31), 0.35 * _wave(time, 0.19, 0.7)
+    R[:, joint_index("head")] = rotation_y(look) @ rotation_x(nod)
+
+
+def _leg(R: Array, time: Array, side: str, sign: float) -> None:
+    cycle = _wave(time, STEP_HZ, 0.0 if sign > 0 else np.pi)
+    lift = (0.5 + 0.5 * cycle) ** 2  # 0 while standing, 1 with the knee up
+    hip, knee = 0.10 + 0.55 * lift, 0.18 + 0.90 * lift
+    R[:, joint_index(f"{side}_hip")] = rotation_z(sign * 0.04) @ rotation_x(-hip)
+    R[:, joint_index(f"{side}_knee")] = rotation_x(knee)
+    R[:, joint_index(f"{side}_ankle")] = rotation_x(hip - knee + 0.25 * lift + 0.03)  # level while it stands
+    R[:, joint_index(f"{side}_foot")] = rotation_x(-0.1 * lift)
+
+
+def _arm(R: Array, time: Array, side: str, sign: float) -> None:
+    swing = 0.45 * _wave(time, STEP_HZ, np.pi if sign > 0 else 0.0)  # against the leg of the same side
+    raised = (0.5 + 0.5 * _wave(time, GESTURE_HZ, -np.pi / 2 - (0.0 if sign > 0 else 1.3))) ** 2
+    down = 1.35 - 0.95 * raised  # from the T-pose towards hanging
+    elbow = 0.45 + 0.25 * _wave(time, STEP_HZ, 0.4) + 0.6 * raised
+    R[:, joint_index(f"{side}_collar")] = rotation_z(sign * 0.12 * raised)
+    R[:, joint_index(f"{side}_shoulder")] = rotation_x(-0.1 - swing) @ rotation_z(-sign * down)
+    R[:, joint_index(f"{side}_elbow")] = rotation_y(-sign * elbow)  # the forearm comes forward
+    R[:, joint_index(f"{side}_wrist")] = rotation_z(sign * 0.2 * _wave(time, 0.53))

@@ -1,0 +1,132 @@
+"""A recording with truth, made from any motion."""
+
+import zlib
+
+import numpy as np
+
+from vip_factors.body.motion import Motion
+from vip_factors.geometry.rotations import Array, exp, right_jacobian, rotation_z, transpose
+from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.placement import Placement, SensorSite, stature_of
+from vip_factors.sensors.recording import Recording, Subject, Truth
+from vip_factors.simulate.dense import BoneKinematics, DenseMotion, dense_motion
+from vip_factors.simulate.noise import gauss_markov, random_walk, received
+from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.simulate.wobble import SensorSlide, sensor_slide
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+def simulate_recording(
+    motion: Motion,
+    placement: Placement,
+    settings: SimulateSettings | None = None,
+    seed: int = 0,
+    name: str = "simulated",
+    initial_pose: str = "none",
+) -> Recording:
+    """What the placed sensors would have recorded during a motion.
+
+    Args:
+        motion: densely sampled (100 Hz or more), low-passed and splined first; the splines are the truth.
+        placement: where the sensors were *meant* to sit; the recording carries this one, the truth the real one.
+        settings: rates and errors; realistic ones if absent.
+        seed: same seed, same recording. Each sensor draws from its own stream, found by its name, and each kind of
+            error from its own: adding a sensor or an error leaves the rest as it was.
+        name: of the recording.
+        initial_pose: the pose that the wearer declares to hold at the start (see
+            :func:`~vip_factors.simulate.initial_pose.with_initial_pose`).
+
+    Raises:
+        InputError: for a motion of fewer than 8 frames, or of less than two IMU periods.
+    """
+    settings = settings or SimulateSettings.realistic()
+    dense = dense_motion(motion, settings.lowpass_hz)
+    imus, calibration = {}, {}
+    for site in placement.sites:
+        imus[site.sensor], calibration[site.sensor] = simulate_sensor(dense, site, settings, seed)
+    subject = Subject(stature_m=stature_of(motion.skeleton), skeleton=motion.skeleton)
+    truth = Truth(dense.sample(settings.truth_rate), calibration)
+    notes = f"simulated from motion '{motion.name}', seed {seed}"
+    return Recording(name, subject, imus, placement, initial_pose, truth, notes)
+
+
+def simulate_sensor(
+    dense: DenseMotion, site: SensorSite, settings: SimulateSettings, seed: int
+) -> tuple[ImuStream, SensorCalibration]:
+    """The stream of one sensor, and its true calibration (heading at the start of the motion)."""
+    names = ("phase", "heading", "drift", "mounting", "slide", "filter", "acceleration", "gyro", "packets")
+    children = np.random.SeedSequence([seed, zlib.crc32(site.sensor.encode())]).spawn(len(names))
+    random = {name: np.random.default_rng(child) for name, child in zip(names, children, strict=True)}
+
+    offset = random["phase"].uniform() / settings.imu_rate if settings.phases else 0.0
+    count = int(np.floor((dense.end - dense.start - offset) * settings.imu_rate + 1e-6)) + 1
+    time = dense.start + offset + np.arange(count) / settings.imu_rate
+    R_bone_sensor, p_bone_sensor = _strapped(site, settings, random["mounting"])
+    slide = sensor_slide(dense, site.bone_index, p_bone_sensor, R_bone_sensor, settings, random["slide"])
+    R_world_sensor, force, rate = _ideal(dense.bone(site.bone_index, time), time, p_bone_sensor, R_bone_sensor, slide)
+
+    heading = float(np.deg2rad(random["heading"].uniform(-1, 1) * settings.heading_offset_deg))
+    R_inertial_sensor = _attitude(R_world_sensor, heading, settings, random)
+    force = force + _error(
+        random["acceleration"], count, settings, settings.acceleration_white, settings.acceleration_bias
+    )
+    gyro_white, gyro_bias = np.deg2rad([settings.gyro_white_deg_s, settings.gyro_bias_deg_s])
+    rate = rate + _error(random["gyro"], count, settings, gyro_white, gyro_bias)
+
+    here = received(random["packets"], count, settings.imu_rate, settings.packet_loss, settings.gap_s)
+    angular_rate = rate[here] if settings.angular_rate else None
+    stream = ImuStream(site.sensor, time[here], force[here], R_inertial_sensor[here], angular_rate)
+    return stream, SensorCalibration(heading, R_bone_sensor)
+
+
+def _strapped(site: SensorSite, settings: SimulateSettings, random: np.random.Generator) -> tuple[Array, Array]:
+    """Where the sensor really sits: the site's mounting and position, each with its error."""
+    turn, shift = random.standard_normal((2, 3))
+    R_bone_sensor = site.R_bone_sensor @ exp(np.deg2rad(settings.mounting_error_deg) * turn)
+    return R_bone_sensor, site.p_bone_sensor + settings.position_error_m * shift
+
+
+def _ideal(
+    bone: BoneKinematics, time: Array, p_bone_sensor: Array, R_bone_sensor: Array, slide: SensorSlide | None
+) -> tuple[Array, Array, Array]:
+    """Orientation in the world, specific force and angular rate (sensor axes) of a perfect sensor on the bone."""
+    rate_bone = _into(bone.R_world_bone, bone.rate)
+    if slide is None:
+        _, _, acceleration = bone.point(p_bone_sensor)
+        R_world_sensor = bone.R_world_bone @ R_bone_sensor
+        rate = rate_bone @ R_bone_sensor
+    else:
+        shift = [slide.shift.derivative(k)(time) if k else slide.shift(time) for k in range(3)]
+        turn, turn_rate = slide.turn(time), slide.turn.derivative(1)(time)
+        _, _, acceleration = bone.point(p_bone_sensor + shift[0], shift[1], shift[2])
+        R_world_sensor = bone.R_world_bone @ exp(turn) @ R_bone_sensor
+        rate = _into(exp(turn), rate_bone) + np.einsum("nij,nj->ni", right_jacobian(turn), turn_rate)
+        rate = rate @ R_bone_sensor
+    return R_world_sensor, _into(R_world_sensor, acceleration - GRAVITY), rate
+
+
+def _attitude(
+    R_world_sensor: Array, heading: float, settings: SimulateSettings, random: dict[str, np.random.Generator]
+) -> Array:
+    """``R_inertial_sensor``: the sensor's own estimate, in its own world turned by heading and drift."""
+    count, step = len(R_world_sensor), 1 / settings.imu_rate
+    sigma = np.deg2rad([settings.filter_tilt_deg, settings.filter_tilt_deg, settings.filter_heading_deg])
+    error = gauss_markov(random["filter"], count, step, sigma, settings.filter_time_s)
+    error += np.deg2rad(settings.filter_white_deg) * random["filter"].standard_normal((count, 3))
+    drift = random_walk(random["drift"], count, step, np.deg2rad(settings.heading_drift_deg))
+    R_world_inertial = rotation_z(heading + drift)
+    return transpose(R_world_inertial) @ exp(error) @ R_world_sensor
+
+
+def _error(
+    random: np.random.Generator, count: int, settings: SimulateSettings, white: float, bias: float
+) -> Array:  # fmt: skip
+    slow = gauss_markov(random, count, 1 / settings.imu_rate, bias, settings.bias_time_s)
+    return slow + white * random.standard_normal((count, 3))
+
+
+def _into(R: Array, v: Array) -> Array:
+    """``Rᵀ v`` for stacks."""
+    return np.einsum("nji,nj->ni", R, v)

@@ -1,0 +1,94 @@
+"""Standing on the floor: the height of the feet, the calibration poses, and a held pose before a motion."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from vip_factors.body.kinematics import BodyState, forward_kinematics
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose
+
+# Body axes (x left, y up, z forward) in a Z-up world, facing its x axis: the pelvis of a person standing upright.
+R_WORLD_FACING_X = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+SOLE = ("left_heel", "left_toe_tip", "right_heel", "right_toe_tip")
+SOFTNESS_M = 0.004  # of the smooth minimum: the weight passes between feet without a jolt
+
+
+def floor_height(skeleton: Skeleton, state: BodyState) -> Array:
+    """Height ``(T,)`` of the lowest point of the soles, as a smooth minimum, so that it can be differentiated."""
+    points = [skeleton.landmarks[name] for name in SOLE if name in skeleton.landmarks]
+    if points:
+        heights = np.stack([state.point(point.bone, point.p_bone_point)[:, 2] for point in points])
+    else:
+        heights = state.p_world_joint[:, [joint_index("left_foot"), joint_index("right_foot")], 2].T
+    lowest = heights.min(axis=0)
+    return lowest - SOFTNESS_M * np.log(np.mean(np.exp(-(heights - lowest) / SOFTNESS_M), axis=0))
+
+
+def calibration_pose(pose: str) -> Array:
+    """Joint rotations ``(24, 3, 3)`` of a nominal pose, upright and facing the world's x axis.
+
+    ``"t-pose"``: rest. ``"n-pose"``: the arms hang straight down, palms towards the thighs.
+
+    Raises:
+        InputError: for another name.
+    """
+    if pose not in ("t-pose", "n-pose"):
+        raise InputError(f"initial pose '{pose}': expected t-pose or n-pose")
+    R = np.broadcast_to(np.eye(3), (JOINT_COUNT, 3, 3)).copy()
+    R[0] = R_WORLD_FACING_X
+    if pose == "n-pose":
+        R[joint_index("left_shoulder")] = exp([0, 0, -np.pi / 2])
+        R[joint_index("right_shoulder")] = exp([0, 0, np.pi / 2])
+    return R
+
+
+def with_initial_pose(
+    motion: Motion, pose: str = "n-pose", hold_s: float = 2.0, blend_s: float = 1.0, pose_error_deg: float = 0.0,
+    seed: int = 0,
+) -> Motion:  # fmt: skip
+    """The motion after a held calibration pose; it starts ``hold_s`` later and its first ``blend_s`` are blended.
+
+    The wearer stands where the first frame stands, with its heading. The blend is a slerp of every joint with a
+    fifth-order step, so that velocity and acceleration stay continuous.
+
+    Args:
+        motion: what follows.
+        pose: ``"n-pose"`` or ``"t-pose"``.
+        hold_s, blend_s: seconds.
+        pose_error_deg: how imperfectly the pose is held: sigma of a fixed random rotation of every joint, per axis
+            (5–10 for somebody told to stand straight).
+        seed: of that rotation.
+
+    Raises:
+        InputError: for another pose, or a motion shorter than the blend.
+    """
+    blended, held = round(blend_s * motion.rate), round(hold_s * motion.rate)
+    if blended >= len(motion):
+        raise InputError(f"motion '{motion.name}' is shorter than the blend of {blend_s:g} s: shorten the blend")
+    R_held, p_held = _held_pose(motion, pose, pose_error_deg, seed)
+    phase = np.arange(blended) / max(blended, 1)
+    weight = phase**3 * (10 - 15 * phase + 6 * phase**2)
+    R, p = motion.R_parent_child.copy(), motion.p_world_pelvis.copy()
+    turn = log(transpose(R_held) @ R[:blended])
+    R[:blended] = R_held @ exp(weight[:, None, None] * turn)
+    p[:blended] = p_held + weight[:, None] * (p[:blended] - p_held)
+    R = np.concatenate([np.repeat(R_held[None], held, axis=0), R])
+    p = np.concatenate([np.repeat(p_held[None], held, axis=0), p])
+    return replace(motion, R_parent_child=R, p_world_pelvis=p)
+
+
+def _held_pose(motion: Motion, pose: str, pose_error_deg: float, seed: int) -> tuple[Array, Array]:
+    """Joint rotations and root of the pose as this wearer holds it, on the floor of the motion."""
+    forward = motion.R_parent_child[0, 0, :, 2]
+    R = calibration_pose(pose)
+    R[0] = rotation_z(np.arctan2(forward[1], forward[0])) @ R[0]
+    errors = np.random.default_rng(seed).standard_normal((JOINT_COUNT, 3))
+    R = R @ exp(np.deg2rad(pose_error_deg) * errors)
+    standing = forward_kinematics(motion.skeleton, R[None], np.zeros((1, 3)))
+    # A low quantile: a single bad frame of capture must not lower the floor.
+    floor = np.quantile(floor_height(motion.skeleton, motion.state), 0.05)
+    height = floor - floor_height(motion.skeleton, standing)[0]
+    return R, np.array([*motion.p_world_pelvis[0, :2], height])

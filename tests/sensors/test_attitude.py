@@ -40,7 +40,8 @@ def test_z_of_the_inertial_frame_is_up() -> None:
     tilt = exp(np.array([0.7, -0.4, 0.2]))
     force = np.tile(tilt.T @ [0, 0, 9.81], (300, 1))
     found = with_orientation(ImuStream("s", time, force, None, np.zeros((300, 3))))
-    assert found.R_inertial_sensor is not None and found.specific_force is not None
+    assert found.R_inertial_sensor is not None
+    assert found.specific_force is not None
     up = np.einsum("nij,nj->ni", found.R_inertial_sensor, found.specific_force)
     np.testing.assert_allclose(up, np.tile([0, 0, 9.81], (300, 1)), atol=1e-3)
 
@@ -50,12 +51,12 @@ def test_lost_packets_and_jitter_change_little() -> None:
     kept = np.ones(len(stream), bool)
     kept[[100, 500, 501, 900, 901, 902, 1500]] = False
     jitter = np.random.default_rng(0).uniform(-0.001, 0.001, len(stream))
-    assert stream.specific_force is not None and stream.angular_rate is not None
-    lossy = ImuStream(
-        "s", (stream.time + jitter)[kept], stream.specific_force[kept], None, stream.angular_rate[kept]
-    )
+    assert stream.specific_force is not None
+    assert stream.angular_rate is not None
+    lossy = ImuStream("s", (stream.time + jitter)[kept], stream.specific_force[kept], None, stream.angular_rate[kept])
     found = with_orientation(lossy)
-    assert found.R_inertial_sensor is not None and len(found) == len(lossy)
+    assert found.R_inertial_sensor is not None
+    assert len(found) == len(lossy)
     assert np.max(error_but_for_heading(R_true[kept], found.R_inertial_sensor)) < 3.0
 
 

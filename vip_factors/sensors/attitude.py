@@ -41,9 +41,7 @@ def with_orientation(stream: ImuStream, settings: AttitudeSettings | None = None
         return stream
     settings = settings or AttitudeSettings()
     specific_force, angular_rate = _checked(stream, settings)
-    grid = np.linspace(
-        stream.time[0], stream.time[-1], round((stream.time[-1] - stream.time[0]) * stream.rate) + 1
-    )
+    grid = np.linspace(stream.time[0], stream.time[-1], round((stream.time[-1] - stream.time[0]) * stream.rate) + 1)
     from vqf import offlineVQF
 
     estimate = offlineVQF(

@@ -75,6 +75,7 @@ class ImuStream:
         if self.R_inertial_sensor is not None:
             R = self.R_inertial_sensor
             error = np.abs(np.einsum("nji,njk->nik", R, R) - np.eye(3)).max(axis=(1, 2))
+            error = np.where(np.linalg.det(R) > 0, error, 2.0)  # a mirror is orthogonal, but no rotation
             if np.max(error) > ROTATION_TOLERANCE:
                 row = int(np.argmax(error))
                 raise RecordingError(f"sensor '{self.name}': orientation of sample {row} is not a rotation matrix")
@@ -95,8 +96,11 @@ class ImuStream:
         """
         good = np.isfinite(time)
         for values in (specific_force, R_inertial_sensor, angular_rate):
-            if values is not None:
-                good &= np.all(np.isfinite(values.reshape(len(values), -1)), axis=1)
+            if values is None:
+                continue
+            if len(values) != len(time):
+                return cls(name, time, specific_force, R_inertial_sensor, angular_rate)  # it says which and how long
+            good &= np.all(np.isfinite(values), axis=tuple(range(1, values.ndim)))
         if not np.any(good):
             raise RecordingError(f"sensor '{name}': none of its {len(time)} samples is finite")
 

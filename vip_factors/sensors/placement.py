@@ -40,7 +40,8 @@ class SensorSite:
         object.__setattr__(self, "bone", JOINT_NAMES[joint_index(self.bone)])
         if not np.all(np.isfinite(self.p_bone_sensor)) or np.shape(self.p_bone_sensor) != (3,):
             raise InputError(f"sensor '{self.sensor}': position {self.p_bone_sensor}: expected three finite metres")
-        if np.abs(self.R_bone_sensor @ self.R_bone_sensor.T - np.eye(3)).max() > 1e-3:
+        R = self.R_bone_sensor
+        if not (np.abs(R @ R.T - np.eye(3)).max() <= 1e-3 and np.linalg.det(R) > 0):
             raise InputError(f"sensor '{self.sensor}': its mounting is not a rotation matrix")
         if not self.mounting_sigma > 0:
             raise InputError(f"sensor '{self.sensor}': mounting sigma {self.mounting_sigma}: expected radians above 0")

@@ -1,0 +1,60 @@
+"""The skeleton: topology, names, and what it refuses."""
+
+import numpy as np
+import pytest
+
+from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Landmark, Skeleton, ancestors, joint_index
+from vip_factors.errors import InputError
+
+
+def test_parents_come_before_their_children() -> None:
+    assert PARENTS[0] == -1
+    assert all(0 <= parent < child for child, parent in enumerate(PARENTS) if child)
+
+
+def test_the_sides_mirror_each_other() -> None:
+    mirrored = [name.replace("left_", "*").replace("right_", "left_").replace("*", "right_") for name in JOINT_NAMES]
+    for joint, name in enumerate(mirrored):
+        parent = PARENTS[joint]
+        if parent >= 0:
+            assert PARENTS[joint_index(name)] == joint_index(mirrored[parent])
+
+
+def test_chains_run_from_the_root() -> None:
+    assert [JOINT_NAMES[j] for j in ancestors(joint_index("left_wrist"))] == [
+        "pelvis", "spine1", "spine2", "spine3", "left_collar", "left_shoulder", "left_elbow", "left_wrist"
+    ]  # fmt: skip
+    assert ancestors(0) == (0,)
+
+
+def test_people_may_say_shank() -> None:
+    assert joint_index("left_shank") == joint_index("left_knee")
+    assert joint_index("sternum") == joint_index("spine3")
+    with pytest.raises(InputError, match="unknown bone 'tail': expected one of pelvis"):
+        joint_index("tail")
+
+
+def test_rest_positions_add_up_along_chains() -> None:
+    offsets = np.random.default_rng(0).normal(size=(24, 3))
+    offsets[0] = 0
+    skeleton = Skeleton(offsets)
+    for joint in range(24):
+        np.testing.assert_allclose(skeleton.p_pelvis_joint[joint], offsets[list(ancestors(joint))].sum(axis=0))
+    assert np.isclose(skeleton.bone_length("left_knee"), np.linalg.norm(offsets[4]))
+
+
+def test_stature_is_from_heel_to_head_top() -> None:
+    offsets = np.zeros((24, 3))
+    offsets[joint_index("head")] = [0, 0.7, 0]
+    offsets[joint_index("left_ankle")] = [0, -0.8, 0]
+    landmarks = {
+        "head_top": Landmark(joint_index("head"), np.array([0, 0.15, 0])),
+        "left_heel": Landmark(joint_index("left_ankle"), np.array([0, -0.05, -0.04])),
+    }
+    assert np.isclose(Skeleton(offsets, landmarks).stature, 1.7)
+
+
+@pytest.mark.parametrize("offsets", [np.zeros((22, 3)), np.full((24, 3), np.nan)])
+def test_offsets_that_are_none_are_refused(offsets: np.ndarray) -> None:
+    with pytest.raises(InputError, match="expected 24 finite rows"):
+        Skeleton(offsets)

@@ -80,7 +80,7 @@ def test_contributing_shows_the_table_of_rooms() -> None:
 
 
 def test_wheel_holds_the_package_and_its_data(tmp_path: Path) -> None:
-    wheels = pytest.importorskip("hatchling.builders.wheel", reason="hatchling is not installed (pip install -e .[dev])")
+    wheels = pytest.importorskip("hatchling.builders.wheel", reason="needs the extra dev")
     (wheel,) = wheels.WheelBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])
     names = set(zipfile.ZipFile(wheel).namelist())
     sources = {

@@ -1,1 +1,1 @@
-"""Looking at recordings and estimates in Rerun."""
+"""Looking at recordings, estimates and truth: a Rerun scene with plots, and a plain picture without any GPU."""

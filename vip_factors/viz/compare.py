@@ -1,0 +1,101 @@
+"""An estimate beside the truth: the same clock, the same gauge, and how far apart they are."""
+
+from dataclasses import replace
+from enum import StrEnum
+
+import numpy as np
+
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import JOINT_COUNT, joint_index
+from vip_factors.errors import InputError
+from vip_factors.geometry.alignment import align_rigid, align_yaw
+from vip_factors.geometry.quaternions import interpolate_rotations
+from vip_factors.geometry.rotations import Array
+
+_LIMB_JOINTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
+# The 14 joints of the VIP position error (thesis eq. 2.72), so that the curve drawn is the number people quote.
+ERROR_JOINTS = tuple(
+    joint_index(name)
+    for name in ("neck", "head", *(f"{side}_{joint}" for side in ("left", "right") for joint in _LIMB_JOINTS))
+)
+SIDE_BY_SIDE_M = 1.2  # between pelvises: walkers do not touch, and both stay in one view
+
+
+class Compare(StrEnum):
+    """Where to draw an estimate for which the truth is known. Its own world differs by a turn about the vertical.
+
+    ``ROOT``: turned once, and its pelvis put on the true path in every frame: only the pose differs.
+    ``WORLD``: turned and shifted once: drift of the root path shows.
+    ``SIDE``: as ``ROOT``, stepped aside.
+    """
+
+    ROOT = "root"
+    WORLD = "world"
+    SIDE = "side"
+
+
+def at_times(motion: Motion, time: Array, rate: float) -> Motion:
+    """The motion interpolated to evenly spaced times ``(T,)`` of this rate; times outside take the nearest end."""
+    own = motion.time
+    if len(own) == len(time) and np.allclose(own, time, atol=1e-6):
+        return motion
+    R = np.stack(
+        [interpolate_rotations(own, motion.R_parent_child[:, joint], time) for joint in range(JOINT_COUNT)], axis=1
+    )
+    root = np.stack([np.interp(time, own, motion.p_world_pelvis[:, axis]) for axis in range(3)], axis=1)
+    return Motion(motion.skeleton, R, root, rate, float(time[0]), motion.name)
+
+
+def common_frames(estimate: Motion, truth: Motion) -> tuple[Motion, Motion]:
+    """Both motions at the estimate's frames, as far as the truth reaches.
+
+    Raises:
+        InputError: if they have no time in common.
+    """
+    time = estimate.time
+    slack = 0.5 / truth.rate
+    inside = np.flatnonzero((time >= truth.time[0] - slack) & (time <= truth.time[-1] + slack))
+    if not len(inside):
+        raise InputError(
+            f"the estimate covers {time[0]:.2f}-{time[-1]:.2f} s and the truth {truth.time[0]:.2f}-"
+            f"{truth.time[-1]:.2f} s: expected an overlap; are they of the same recording?"
+        )
+    kept = estimate.frames(slice(int(inside[0]), int(inside[-1]) + 1))
+    return kept, at_times(truth, kept.time, kept.rate)
+
+
+def onto_truth(estimate: Motion, truth: Motion, compare: Compare) -> Motion:
+    """The estimate drawn in the truth's world (both at the same frames, see :func:`common_frames`)."""
+    p_estimate, p_truth = estimate.state.p_world_joint, truth.state.p_world_joint
+    if compare is Compare.WORLD:
+        gauge = align_yaw(p_estimate.reshape(-1, 3), p_truth.reshape(-1, 3))
+        root = gauge.apply(estimate.p_world_pelvis)
+    else:
+        relative = [(p - p[:, :1]).reshape(-1, 3) for p in (p_estimate, p_truth)]
+        gauge = align_yaw(*relative)
+        root = truth.p_world_pelvis + (_aside(truth) if compare is Compare.SIDE else 0.0)
+    R_parent_child = estimate.R_parent_child.copy()
+    R_parent_child[:, 0] = gauge.R_target_source @ R_parent_child[:, 0]
+    return replace(estimate, R_parent_child=R_parent_child, p_world_pelvis=root)
+
+
+def _aside(motion: Motion) -> Array:
+    """A horizontal step across the direction in which the path extends least."""
+    path = motion.p_world_pelvis[:, :2]
+    across = np.linalg.eigh(np.cov(path.T))[1][:, 0] if len(path) > 1 else np.array([0.0, 1.0])
+    return SIDE_BY_SIDE_M * np.append(across, 0.0)
+
+
+def position_error_mm(estimate: Motion, truth: Motion) -> Array:
+    """Mean distance ``(T,)`` in mm of the 14 joints after a rigid alignment of every frame (thesis eq. 2.72)."""
+    source = estimate.state.p_world_joint[:, ERROR_JOINTS]
+    target = truth.state.p_world_joint[:, ERROR_JOINTS]
+    moved = align_rigid(source, target).apply(source)
+    return 1000 * np.linalg.norm(moved - target, axis=-1).mean(axis=-1)
+
+
+def floor_height(motion: Motion) -> float:
+    """Height in metres of the floor: where the lower foot usually is, less the ball's height above its sole."""
+    feet = motion.state.p_world_joint[:, [joint_index("left_foot"), joint_index("right_foot")], 2]
+    # The median of the lower foot: a jump or a single bad frame must not move the floor.
+    return float(np.median(feet.min(axis=1))) - 0.012 * 1.72

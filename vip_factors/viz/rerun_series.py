@@ -1,0 +1,55 @@
+"""Time series in Rerun: error, residuals, and what the sensors measured."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+
+from vip_factors.estimate import Estimate
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.recording import Recording
+from vip_factors.viz.mannequin import Colour
+from vip_factors.viz.rerun_body import time_column
+
+# Seventeen tell-apart colours for up to seventeen sensors: hues in golden steps, three lightnesses.
+_HUE_STEP, _LIGHTNESS = 0.381966, (0.42, 0.56, 0.68)
+
+
+def sensor_colours(sensors: Sequence[str]) -> dict[str, Colour]:
+    """A colour per sensor, the same in every plot."""
+    from colorsys import hls_to_rgb
+
+    colours: dict[str, Colour] = {}
+    for index, sensor in enumerate(sensors):
+        red, green, blue = hls_to_rgb((0.58 + index * _HUE_STEP) % 1.0, _LIGHTNESS[index % 3], 0.65)
+        colours[sensor] = (round(255 * red), round(255 * green), round(255 * blue))
+    return colours
+
+
+def log_curve(stream: rr.RecordingStream, entity: str, time: Array, values: Array, colour: Colour, name: str) -> None:
+    """Log one curve; values that are not finite are left out and show as a gap in the data."""
+    good = np.isfinite(values)
+    stream.log(entity, rr.SeriesLines(colors=[colour], names=[name], widths=[1.5]), static=True)
+    if np.any(good):
+        stream.send_columns(entity, indexes=[time_column(time[good])], columns=rr.Scalars.columns(scalars=values[good]))
+
+
+def log_residuals(stream: rr.RecordingStream, estimate: Estimate, colours: dict[str, Colour]) -> list[str]:
+    """Log the residual of every kind and sensor below ``plots/residual/<kind>/<sensor>``; returns the kinds."""
+    time = estimate.motion.time
+    for kind, values in estimate.residuals.items():
+        for column, sensor in enumerate(estimate.sensors):
+            log_curve(stream, f"plots/residual/{kind}/{sensor}", time, values[:, column], colours[sensor], sensor)
+    return list(estimate.residuals)
+
+
+def log_measurements(stream: rr.RecordingStream, recording: Recording, colours: dict[str, Colour]) -> list[str]:
+    """Log the norms of specific force and angular rate of every sensor; returns which of the two exist."""
+    found: set[str] = set()
+    for sensor, imu in recording.imus.items():
+        for kind, values in (("specific_force_m_s2", imu.specific_force), ("angular_rate_rad_s", imu.angular_rate)):
+            if values is not None:
+                found.add(kind)
+                norm = np.linalg.norm(values, axis=1)
+                log_curve(stream, f"plots/imu/{kind}/{sensor}", imu.time, norm, colours[sensor], sensor)
+    return sorted(found, reverse=True)

@@ -1,0 +1,56 @@
+"""A PNG of a ``.rrd`` file, rendered by Rerun's own viewer, with or without a screen."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from vip_factors.errors import InputError, VipFactorsError
+
+TIMEOUT_S = 180.0  # a software renderer on a slow machine needs some tens of seconds
+
+
+def screenshot(rrd: Path, png: Path, *, size: tuple[int, int] = (1600, 900), overwrite: bool = False) -> None:
+    """Render the first view of a file.
+
+    Args:
+        rrd: the file.
+        png: where the picture goes.
+        size: of the window in points; screens of high density give more pixels.
+        overwrite: replace an existing picture.
+
+    Raises:
+        InputError: if the file is missing or the picture exists.
+        VipFactorsError: if no viewer can run here (it needs a GPU or Mesa's software Vulkan, and a screen or xvfb).
+    """
+    if not rrd.is_file():
+        raise InputError(f"{rrd}: there is no such file")
+    if png.exists() and not overwrite:
+        raise InputError(f"{png} exists: choose another name or overwrite it")
+    partial = png.with_name(f".{png.stem}.{os.getpid()}.partial.png")
+    command = [*_viewer(), str(rrd), "--screenshot-to", str(partial), "--window-size", f"{size[0]}x{size[1]}"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+        if not partial.is_file():
+            last = (done.stderr or done.stdout).strip().splitlines()
+            raise VipFactorsError(
+                f"Rerun's viewer made no picture of {rrd} ({last[-1] if last else 'no message'}): it needs Vulkan; on "
+                "a machine without GPU or screen install xvfb and mesa-vulkan-drivers"
+            )
+        os.replace(partial, png)
+    except subprocess.TimeoutExpired as late:
+        raise VipFactorsError(f"Rerun's viewer made no picture of {rrd} in {TIMEOUT_S:.0f} s") from late
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _viewer() -> list[str]:
+    """The command that runs the viewer: beside this Python or on the path, under xvfb where there is no screen."""
+    beside = Path(sys.executable).with_name("rerun")
+    rerun = str(beside) if beside.is_file() else shutil.which("rerun")
+    if rerun is None:
+        raise VipFactorsError("the command 'rerun' was not found: install rerun-sdk beside this Python")
+    has_screen = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")) or sys.platform != "linux"
+    xvfb = None if has_screen else shutil.which("xvfb-run")
+    return [xvfb, "-a", rerun] if xvfb else [rerun]

@@ -1,0 +1,177 @@
+"""All metrics of one estimate against the truth, as one table."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.estimate import Estimate, PoseCovariance
+from vip_factors.evaluate import consistency, joint_angle, metrics, trajectory
+from vip_factors.evaluate.calibration import calibration_error, mean_and_95th
+from vip_factors.evaluate.frames import common_frames
+from vip_factors.sensors.calibration import Calibration
+from vip_factors.sensors.recording import Truth
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number with its unit (``""`` for a ratio); NaN where it is not defined for this recording."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """How good an estimate is.
+
+    Attributes:
+        name, method: of the estimate.
+        frames: how many were compared.
+        metrics: by name, in the order of the table.
+        joints: per joint: ``position_mm`` and ``orientation_deg`` after the alignment of MPJPE, ``local_deg`` in the
+            parent's frame; with a covariance ``nees``.
+        sensors: per sensor: ``heading_deg`` (signed, after the gauge) and ``mounting_deg``.
+    """
+
+    name: str
+    method: str
+    frames: int
+    metrics: Mapping[str, Metric]
+    joints: Mapping[str, Mapping[str, float]]
+    sensors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def __getitem__(self, metric: str) -> float:
+        return self.metrics[metric].value
+
+    def to_table(self) -> str:
+        """Markdown: the metrics, then joints, then sensors."""
+        lines = ["| metric | value | unit |", "|---|---:|---|"]
+        lines += [f"| {name} | {_number(m.value)} | {m.unit} |" for name, m in self.metrics.items()]
+        for title, table in (("joint", self.joints), ("sensor", self.sensors)):
+            if not table:
+                continue
+            columns = list(next(iter(table.values())))
+            lines += ["", f"| {title} | {' | '.join(columns)} |", "|---|" + "---:|" * len(columns)]
+            lines += [f"| {name} | {' | '.join(_number(row[c]) for c in columns)} |" for name, row in table.items()]
+        return "\n".join(lines) + "\n"
+
+    def to_json(self) -> str:
+        """Everything, as JSON; what is not defined is null."""
+        return json.dumps(_without_nan(asdict(self)), indent=2) + "\n"
+
+
+def evaluate(estimate: Estimate, truth: Truth) -> Evaluation:
+    """Every metric of ``reference/metrics`` that the truth allows.
+
+    Raises:
+        InputError: if the two share no frame, or no sensor though both carry a calibration.
+    """
+    motion, reference, chosen = common_frames(estimate.motion, truth.motion)
+    table = _motion_metrics(motion, reference) | {
+        "jitter": Metric(trajectory.jitter(motion), "m/s³"),
+        # Of the truth as given: interpolated to other frames it would seem to shake.
+        "jitter_truth": Metric(trajectory.jitter(truth.motion), "m/s³"),
+    }
+    joints = _joint_table(motion, reference)
+    if estimate.covariance is not None:
+        covariance = PoseCovariance(estimate.covariance.joints[chosen], estimate.covariance.root[chosen])
+        values = consistency.joint_nees(motion, reference, covariance)
+        table |= _consistency("joints", consistency.summarise(values[:, 1:], 3))
+        for joint, row in zip(range(len(JOINT_NAMES)), joints.values(), strict=True):
+            row["nees"] = consistency.summarise(values[:, joint], 3).nees
+    sensors: dict[str, dict[str, float]] = {}
+    if estimate.calibration and truth.calibration:
+        more, sensors = _calibration_metrics(estimate.calibration, truth.calibration)
+        table |= more
+    return Evaluation(estimate.name, estimate.method, len(motion), table, joints, sensors)
+
+
+def evaluate_motion(estimate: Motion, truth: Motion) -> Evaluation:
+    """The metrics of two motions alone."""
+    return evaluate(Estimate(estimate.name, "motion", estimate, {}), Truth(truth))
+
+
+def _motion_metrics(motion: Motion, truth: Motion) -> dict[str, Metric]:
+    root_cm, root_percent = trajectory.root_translation_error(motion, truth)
+    flexion = [[joint_angle.knee_flexion_of(one, side) for one in (motion, truth)] for side in ("left", "right")]
+    knees, knees_centred = (
+        float(np.mean([compare(*pair) for pair in flexion]))
+        for compare in (joint_angle.rmse, joint_angle.rmse_without_offset)
+    )
+    return {
+        "mpjpe": Metric(metrics.mpjpe(motion, truth), "mm"),
+        "mpjae": Metric(metrics.mpjae(motion, truth), "deg"),
+        "mpjae_local": Metric(metrics.local_mpjae(motion, truth), "deg"),
+        "pa_mpjpe": Metric(metrics.pa_mpjpe(motion, truth), "mm"),
+        "root_relative_mpjpe": Metric(metrics.root_relative_mpjpe(motion, truth), "mm"),
+        "global_position_error": Metric(metrics.global_position_error(motion, truth), "cm"),
+        "yaw_aligned_position_error": Metric(trajectory.yaw_aligned_position_error(motion, truth), "cm"),
+        "root_translation_error": Metric(root_cm, "cm"),
+        "root_translation_error_percent": Metric(root_percent, "%"),
+        "w_mpjpe": Metric(trajectory.w_mpjpe(motion, truth), "mm"),
+        "wa_mpjpe": Metric(trajectory.wa_mpjpe(motion, truth), "mm"),
+        "foot_sliding": Metric(trajectory.foot_sliding(motion, truth), "mm"),
+        "foot_sliding_truth": Metric(trajectory.foot_sliding(truth, truth), "mm"),
+        "knee_flexion_rmse": Metric(knees, "deg"),
+        "knee_flexion_rmse_without_offset": Metric(knees_centred, "deg"),
+    }
+
+
+def _joint_table(motion: Motion, truth: Motion) -> dict[str, dict[str, float]]:
+    alignment = metrics.align_frames(motion, truth)
+    position = metrics.MM * metrics.position_error(motion, truth, alignment).mean(axis=0)
+    orientation = np.rad2deg(metrics.orientation_error(motion, truth, alignment).mean(axis=0))
+    local = np.rad2deg(metrics.local_orientation_error(motion, truth).mean(axis=0))
+    return {
+        name: {"position_mm": float(p), "orientation_deg": float(o), "local_deg": float(r)}
+        for name, p, o, r in zip(JOINT_NAMES, position, orientation, local, strict=True)
+    }
+
+
+def _calibration_metrics(
+    estimate: Calibration, truth: Calibration
+) -> tuple[dict[str, Metric], dict[str, dict[str, float]]]:
+    error = calibration_error(estimate, truth)
+    heading, heading_95 = mean_and_95th(error.heading_magnitude)
+    mounting, mounting_95 = mean_and_95th(error.mounting_magnitude)
+    table = {
+        "heading_error": Metric(heading, "deg"),
+        "heading_error_95th": Metric(heading_95, "deg"),
+        "mounting_error": Metric(mounting, "deg"),
+        "mounting_error_95th": Metric(mounting_95, "deg"),
+        "yaw_gauge": Metric(float(np.rad2deg(error.gauge)), "deg"),
+    }
+    for name, values, dimension in (
+        ("heading", consistency.heading_nees(error, estimate), 1),
+        ("mounting", consistency.mounting_nees(error, estimate), 3),
+    ):
+        if np.any(np.isfinite(values)):
+            table |= _consistency(name, consistency.summarise(values, dimension))
+    sensors = {
+        name: {
+            "heading_deg": float(np.rad2deg(error.heading[name])),
+            "mounting_deg": float(np.rad2deg(np.linalg.norm(error.mounting[name]))),
+        }
+        for name in error.heading
+    }
+    return table, sensors
+
+
+def _consistency(what: str, result: consistency.Consistency) -> dict[str, Metric]:
+    return {f"nees_{what}": Metric(result.nees, ""), f"coverage_95_{what}": Metric(result.coverage_95, "")}
+
+
+def _number(value: float) -> str:
+    return "n/a" if np.isnan(value) else f"{value:.2f}"
+
+
+def _without_nan(value: object) -> object:
+    if isinstance(value, Mapping):
+        return {key: _without_nan(inner) for key, inner in value.items()}
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

@@ -1,26 +1,30 @@
-"""A synthetic motion without any file: stepping on the spot with swinging arms, gestures and slow turns.
+"""A synthetic motion without any file: walking a small circle with swinging arms, gestures and a swaying trunk.
 
-All angles are sums of sines (and their squares) of time, so the motion is smooth to any order. Anatomical signs in
-our axes (x left, y up, z forward): flexion of hip, shoulder and elbow raises the limb forward, a rotation about −x;
-flexion of the knee takes the shank back, a rotation about +x.
+All angles are sums of sines (and their squares) of time, and the root follows from the feet that stand on the floor
+by smooth weights, so the motion is smooth. Anatomical signs in our axes (x left, y up, z forward): flexion of hip,
+shoulder and elbow raises the limb forward, a rotation about −x; flexion of the knee takes the shank back, about +x.
 """
 
 import numpy as np
 
 from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.calibration_pose import R_WORLD_FACING_X
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z
-from vip_factors.simulate.stance import R_WORLD_FACING_X, floor_height
+from vip_factors.simulate.stance import path_of_standing_feet
 
 STEP_HZ = 0.85  # full gait cycles per second: a relaxed pace is 0.9
-TURN_HZ = 0.07  # of turning to one side and back
+STRIDE = 0.20  # rad that the hip swings to either side: a slow walk of about 0.5 m/s
+TURN_RAD_S = 0.4  # of the walker: a circle of about 1.2 m radius, so that every direction is faced
 GESTURE_HZ = 0.23  # of raising the arms sideways
 
 
 def gestures(seconds: float = 20.0, rate: float = 120.0, skeleton: Skeleton | None = None) -> Motion:
-    """Stepping on the spot, arms swinging and rising in turn, trunk swaying, facing about ±70° of +x.
+    """Walking a circle, arms swinging and rising sideways in turn, trunk and head swaying.
+
+    It starts near the origin, feet on the floor z = 0.
 
     Args:
         seconds: length.
@@ -34,11 +38,8 @@ def gestures(seconds: float = 20.0, rate: float = 120.0, skeleton: Skeleton | No
     for side, sign in (("left", 1.0), ("right", -1.0)):
         _leg(R, time, side, sign)
         _arm(R, time, side, sign)
-    root = np.stack([0.10 * _wave(time, 0.11), 0.08 * _wave(time, 0.17, 1.0), np.zeros_like(time)], axis=1)
-    root[:, 0] += 0.015 * _wave(time, 2 * STEP_HZ)
-    state = forward_kinematics(skeleton, R, root)
-    root[:, 2] -= floor_height(skeleton, state)  # the lower foot stands on the floor, z = 0
-    return Motion(skeleton, R, root, rate, 0.0, "gestures")
+    hanging = forward_kinematics(skeleton, R, np.zeros((len(time), 3)))
+    return Motion(skeleton, R, path_of_standing_feet(skeleton, hanging), rate, 0.0, "gestures")
 
 
 def _wave(time: Array, frequency: float, phase: float = 0.0) -> Array:
@@ -46,7 +47,7 @@ def _wave(time: Array, frequency: float, phase: float = 0.0) -> Array:
 
 
 def _trunk(R: Array, time: Array) -> None:
-    turn = 1.2 * _wave(time, TURN_HZ) + 0.06 * _wave(time, STEP_HZ)
+    turn = TURN_RAD_S * time + 0.06 * _wave(time, STEP_HZ)
     tilt = 0.03 * _wave(time, 2 * STEP_HZ) + 0.05
     R[:, 0] = rotation_z(turn) @ R_WORLD_FACING_X @ rotation_x(tilt) @ rotation_z(0.04 * _wave(time, STEP_HZ, 0.4))
     for name in ("spine1", "spine2", "spine3"):
@@ -56,9 +57,10 @@ def _trunk(R: Array, time: Array) -> None:
 
 
 def _leg(R: Array, time: Array, side: str, sign: float) -> None:
-    cycle = _wave(time, STEP_HZ, 0.0 if sign > 0 else np.pi)
-    lift = (0.5 + 0.5 * cycle) ** 2  # 0 while standing, 1 with the knee up
-    hip, knee = 0.10 + 0.55 * lift, 0.18 + 0.90 * lift
+    phase = 0.0 if sign > 0 else np.pi
+    lift = (0.5 + 0.5 * _wave(time, STEP_HZ, phase)) ** 2  # 0 while standing, 1 with the knee up
+    stride = STRIDE * _wave(time, STEP_HZ, phase - np.pi / 2)  # forward while lifted
+    hip, knee = 0.10 + stride + 0.45 * lift, 0.18 + 0.80 * lift
     R[:, joint_index(f"{side}_hip")] = rotation_z(sign * 0.04) @ rotation_x(-hip)
     R[:, joint_index(f"{side}_knee")] = rotation_x(knee)
     R[:, joint_index(f"{side}_ankle")] = rotation_x(hip - knee + 0.25 * lift + 0.03)  # level while it stands

@@ -1,48 +1,55 @@
-"""Standing on the floor: the height of the feet, the calibration poses, and a held pose before a motion."""
+"""Standing on the floor: what the feet do to the root, and a held calibration pose before a motion."""
 
 from dataclasses import replace
 
 import numpy as np
 
+from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose
 
-# Body axes (x left, y up, z forward) in a Z-up world, facing its x axis: the pelvis of a person standing upright.
-R_WORLD_FACING_X = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 SOLE = ("left_heel", "left_toe_tip", "right_heel", "right_toe_tip")
 SOFTNESS_M = 0.004  # of the smooth minimum: the weight passes between feet without a jolt
 
 
 def floor_height(skeleton: Skeleton, state: BodyState) -> Array:
     """Height ``(T,)`` of the lowest point of the soles, as a smooth minimum, so that it can be differentiated."""
-    points = [skeleton.landmarks[name] for name in SOLE if name in skeleton.landmarks]
-    if points:
-        heights = np.stack([state.point(point.bone, point.p_bone_point)[:, 2] for point in points])
-    else:
-        heights = state.p_world_joint[:, [joint_index("left_foot"), joint_index("right_foot")], 2].T
-    lowest = heights.min(axis=0)
-    return lowest - SOFTNESS_M * np.log(np.mean(np.exp(-(heights - lowest) / SOFTNESS_M), axis=0))
+    return _lowest(_soles(skeleton, state)[..., 2])[0]
 
 
-def calibration_pose(pose: str) -> Array:
-    """Joint rotations ``(24, 3, 3)`` of a nominal pose, upright and facing the world's x axis.
+def path_of_standing_feet(skeleton: Skeleton, state: BodyState) -> Array:
+    """Root path ``(T, 3)`` on which the lowest points of the soles stand still on the floor z = 0.
 
-    ``"t-pose"``: rest. ``"n-pose"``: the arms hang straight down, palms towards the thighs.
-
-    Raises:
-        InputError: for another name.
+    Args:
+        skeleton: whose feet.
+        state: the motion with its root held at the origin.
     """
-    if pose not in ("t-pose", "n-pose"):
-        raise InputError(f"initial pose '{pose}': expected t-pose or n-pose")
-    R = np.broadcast_to(np.eye(3), (JOINT_COUNT, 3, 3)).copy()
-    R[0] = R_WORLD_FACING_X
-    if pose == "n-pose":
-        R[joint_index("left_shoulder")] = exp([0, 0, -np.pi / 2])
-        R[joint_index("right_shoulder")] = exp([0, 0, np.pi / 2])
-    return R
+    soles = _soles(skeleton, state)
+    lowest, weight = _lowest(soles[..., 2])
+    between = (weight[1:] + weight[:-1]) / 2
+    steps = -np.sum(between[..., None] * np.diff(soles, axis=0), axis=1)
+    path = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    path[:, 2] = -lowest
+    return path
+
+
+def _soles(skeleton: Skeleton, state: BodyState) -> Array:
+    """Points ``(T, n, 3)`` under the feet."""
+    points = [skeleton.landmarks[name] for name in SOLE if name in skeleton.landmarks]
+    if not points:  # a skeleton without landmarks: the balls of the feet
+        return state.p_world_joint[:, [joint_index("left_foot"), joint_index("right_foot")]]
+    return np.stack([state.point(point.bone, point.p_bone_point) for point in points], axis=1)
+
+
+def _lowest(heights: Array) -> tuple[Array, Array]:
+    """Smooth minimum ``(T,)`` of heights ``(T, n)``, and each one's share ``(T, n)`` in it."""
+    least = heights.min(axis=1, keepdims=True)
+    shares = np.exp(-(heights - least) / SOFTNESS_M)
+    smooth = least[:, 0] - SOFTNESS_M * np.log(shares.mean(axis=1))
+    return smooth, shares / shares.sum(axis=1, keepdims=True)
 
 
 def with_initial_pose(

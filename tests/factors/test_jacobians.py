@@ -1,0 +1,109 @@
+"""Every factor's Jacobians against central differences through GTSAM's own retract: generic, and near identity."""
+
+from collections.abc import Callable
+
+import gtsam
+import numpy as np
+import pytest
+
+from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.joint_limits import load_joint_limits
+from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.body.skeleton import joint_index
+from vip_factors.factors.acceleration import AccelerationSettings, acceleration_factor
+from vip_factors.factors.foot_contact import FootContactSettings, foot_contact_factor
+from vip_factors.factors.gauge_prior import GaugePriorSettings, gauge_prior_factor
+from vip_factors.factors.heading_prior import heading_prior_factor
+from vip_factors.factors.joint_limit import JointLimitSettings, joint_limit_factor
+from vip_factors.factors.orientation import OrientationSettings, orientation_factor
+from vip_factors.factors.pose_prior import PosePriorSettings, pose_prior_factor
+from vip_factors.factors.robust import RobustLoss
+from vip_factors.factors.rotation_prior import rotation_prior_factor
+from vip_factors.geometry.rotations import exp
+from vip_factors.graph.keys import frame_keys, heading_key, joint_key, mounting_key, root_key
+from vip_factors.graph.state import GraphState
+
+SKELETON = skeleton_from_stature(1.75)
+WRIST = joint_index("left_wrist")
+KEYS = [frame_keys(t) for t in range(3)]
+SQUARE = RobustLoss()
+R_MEASURED = exp([0.4, -0.8, 0.3])
+POINT = np.array([0.02, -0.05, 0.1])
+FORCE = np.array([1.0, -2.0, 8.0])
+
+FACTORS: dict[str, Callable[[], gtsam.NonlinearFactor]] = {
+    "orientation": lambda: orientation_factor(
+        SKELETON, KEYS[0], heading_key(0), mounting_key(0), WRIST, R_MEASURED, OrientationSettings(loss=SQUARE)
+    ),
+    "acceleration": lambda: acceleration_factor(
+        SKELETON, KEYS, heading_key(0), WRIST, POINT, FORCE, 0.1, AccelerationSettings(loss=SQUARE)
+    ),
+    "foot contact": lambda: foot_contact_factor(
+        SKELETON, KEYS[:2], joint_index("left_ankle"), POINT, 0.1, 0.7, FootContactSettings(loss=SQUARE)
+    ),
+    "pose prior": lambda: pose_prior_factor(KEYS[0], load_pose_prior(), PosePriorSettings(0.5)),
+    "joint limit": lambda: joint_limit_factor(
+        KEYS[0], joint_index("left_knee"), load_joint_limits(), JointLimitSettings(loss=SQUARE)
+    ),
+    "heading prior": lambda: heading_prior_factor(heading_key(0), 0.2, 0.3),
+    "mounting prior": lambda: rotation_prior_factor("mounting prior", mounting_key(0), R_MEASURED, 0.3),
+    "initial pose": lambda: rotation_prior_factor("initial pose", joint_key(0, 5), R_MEASURED, 0.1),
+    "gauge prior": lambda: gauge_prior_factor(root_key(0), POINT, GaugePriorSettings()),
+}
+
+
+def random_values(spread: float, seed: int = 0) -> gtsam.Values:
+    random = np.random.default_rng(seed)
+    return GraphState(
+        exp(spread * random.standard_normal((3, 24, 3))),
+        random.standard_normal((3, 3)),
+        spread * random.standard_normal(1),
+        exp(spread * random.standard_normal((1, 3))),
+    ).to_values()
+
+
+def numerical_jacobian(factor: gtsam.NonlinearFactor, values: gtsam.Values, key: int, columns: int) -> np.ndarray:
+    step, jacobian = 1e-5, []
+    for axis in np.eye(columns):
+        sides = []
+        for sign in (1.0, -1.0):
+            delta = values.zeroVectors()
+            delta.update(_single(key, sign * step * axis))
+            linear = factor.linearize(values.retract(delta))
+            sides.append(np.array(linear.getb()))  # minus the whitened residual; copied while the factor lives
+        jacobian.append((sides[1] - sides[0]) / (2 * step))
+    return np.stack(jacobian, axis=1)
+
+
+def _single(key: int, vector: np.ndarray) -> gtsam.VectorValues:
+    values = gtsam.VectorValues()
+    values.insert(key, vector)
+    return values
+
+
+@pytest.mark.parametrize("name", FACTORS)
+@pytest.mark.parametrize("spread", [0.0, 1e-7, 1e-3, 0.5])
+def test_jacobians_match_central_differences(name: str, spread: float) -> None:
+    factor, values = FACTORS[name](), random_values(spread)
+    linear = factor.linearize(values)
+    A, _ = linear.jacobian()
+    column = 0
+    for key in linear.keys():
+        width = _dimension(key)
+        expected = numerical_jacobian(factor, values, key, width)
+        scale = max(1.0, np.abs(expected).max())
+        np.testing.assert_allclose(A[:, column : column + width], expected, atol=2e-5 * scale)
+        column += width
+
+
+def _dimension(key: int) -> int:
+    return 1 if chr(gtsam.symbolChr(key)) == "h" else 3
+
+
+def test_the_joint_limit_is_silent_inside_the_range() -> None:
+    limits = load_joint_limits()
+    middle = (limits.lower + limits.upper) / 2
+    values = gtsam.Values()
+    values.insert(joint_key(0, 4), gtsam.Rot3(exp(middle[9:12])))
+    factor = joint_limit_factor(KEYS[0], 4, limits, JointLimitSettings())
+    assert factor.error(values) == 0

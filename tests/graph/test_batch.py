@@ -1,0 +1,128 @@
+"""The batched objective and the graph of GTSAM factors are the same problem."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+
+from vip_factors.body.calibration_pose import calibration_pose
+from vip_factors.body.joint_limits import load_joint_limits
+from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.body.skeleton import joint_index
+from vip_factors.geometry.rotations import exp, rotation_z
+from vip_factors.graph.batch import BatchObjective
+from vip_factors.graph.frame import nonlinear_graph
+from vip_factors.graph.keys import heading_key, joint_key, mounting_key, root_key
+from vip_factors.graph.model import BodyPoint, InertialModel, InitialPose
+from vip_factors.graph.state import GraphState
+from vip_factors.sensors.frames import resample
+from vip_factors.sensors.placement import preset
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.recording import simulate_recording
+from vip_factors.simulate.settings import SimulateSettings
+
+T, S = 5, 6
+
+
+def small_model(free: bool = True) -> tuple[InertialModel, GraphState]:
+    """A noisy little problem in which every kind of factor acts, at a random state."""
+    motion = gestures(seconds=0.5)
+    placement = preset("sip6", motion.skeleton)
+    recording = simulate_recording(motion, placement, SimulateSettings(gap_s=0.0, packet_loss=0.0), seed=3)
+    frames = resample(recording, 20.0).window(slice(0, T))
+    random = np.random.default_rng(1)
+    valid = frames.orientation_valid.copy()
+    valid[2, 1] = False
+    frames = replace(frames, orientation_valid=valid)
+    sites = [placement.site(name) for name in frames.sensors]
+    ankle = joint_index("left_ankle")
+    model = InertialModel(
+        motion.skeleton, load_pose_prior(), load_joint_limits(), frames,
+        tuple(BodyPoint(site.bone_index, site.p_bone_sensor) for site in sites),
+        np.zeros(S), np.stack([site.R_bone_sensor for site in sites]), np.full(S, 0.5),
+        initial_pose=InitialPose(calibration_pose("n-pose"), 2),
+        contacts=(BodyPoint(ankle, np.array([0, -0.05, 0.1])),),
+        contact_confidence=random.uniform(0, 1, (T, 1)),
+        free_headings=free, free_mountings=free,
+    )  # fmt: skip
+    state = GraphState(
+        exp(0.7 * random.standard_normal((T, 24, 3))),
+        0.1 * random.standard_normal((T, 3)),
+        random.standard_normal(S),
+        model.prior_R_bone_sensor @ exp(0.2 * random.standard_normal((S, 3))),
+    )
+    return model, state
+
+
+def batch_columns(model: InertialModel) -> list[tuple[int, int]]:
+    """GTSAM key and width of each block of the batched tangent, in order."""
+    blocks = []
+    for t in range(T):
+        blocks += [(joint_key(t, j), 3) for j in range(24)] + [(root_key(t), 3)]
+    if model.free_headings:
+        blocks += [(heading_key(s), 1) for s in range(S)]
+    if model.free_mountings:
+        blocks += [(mounting_key(s), 3) for s in range(S)]
+    return blocks
+
+
+def test_the_cost_is_the_error_of_the_graph() -> None:
+    model, state = small_model()
+    graph = nonlinear_graph(model)
+    assert sum(BatchObjective(model).cost(state).values()) == pytest.approx(graph.error(state.to_values()), rel=1e-9)
+
+
+def test_the_normal_equations_are_those_of_the_graph() -> None:
+    model, state = small_model()
+    ordering = gtsam.Ordering()
+    for key, _ in batch_columns(model):
+        ordering.push_back(key)
+    H, g = nonlinear_graph(model).linearize(state.to_values()).hessian(ordering)
+    objective = BatchObjective(model)
+    batched_H, batched_g = objective.linearise(state).damped(0.0).hessian(objective.ordering)
+    scale = np.sqrt(np.outer(np.diag(H), np.diag(H)))
+    np.testing.assert_allclose(batched_H / scale, H / scale, atol=1e-9)
+    np.testing.assert_allclose(batched_g, g, atol=1e-9 * np.abs(g).max())
+
+
+def test_fixed_calibration_leaves_its_columns_out() -> None:
+    model, state = small_model(free=False)
+    objective = BatchObjective(model)
+    H, _ = objective.linearise(state).damped(0.0).hessian(objective.ordering)
+    assert H.shape == (75 * T, 75 * T)
+
+
+def test_retract_is_the_graphs_own() -> None:
+    model, state = small_model()
+    objective, random = BatchObjective(model), np.random.default_rng(5)
+    delta = gtsam.VectorValues()
+    for key in objective.frame_keys:
+        delta.insert(key, 0.1 * random.standard_normal(75))
+    delta.insert(gtsam.symbol("s", 0), 0.1 * random.standard_normal(4 * S))
+    by_key = gtsam.VectorValues()
+    for t, key in enumerate(objective.frame_keys):
+        for j in range(24):
+            by_key.insert(joint_key(t, j), delta.at(key)[3 * j : 3 * j + 3])
+        by_key.insert(root_key(t), delta.at(key)[72:])
+    static = delta.at(gtsam.symbol("s", 0))
+    for s in range(S):
+        by_key.insert(heading_key(s), static[s : s + 1])
+        by_key.insert(mounting_key(s), static[S + 3 * s : S + 3 * s + 3])
+    moved = GraphState.from_values(state.to_values().retract(by_key), T, S)
+    ours = objective.retract(state, delta)
+    np.testing.assert_allclose(ours.R_parent_child, moved.R_parent_child, atol=1e-12)
+    np.testing.assert_allclose(ours.R_bone_sensor, moved.R_bone_sensor, atol=1e-12)
+    np.testing.assert_allclose(ours.headings, moved.headings, atol=1e-12)
+    np.testing.assert_allclose(ours.p_world_pelvis, moved.p_world_pelvis, atol=1e-12)
+
+
+def test_turning_the_world_leaves_the_cost_alone() -> None:
+    model, state = small_model(free=False)
+    turn = rotation_z(1.1)
+    R = state.R_parent_child.copy()
+    R[:, 0] = turn @ R[:, 0]
+    model = replace(model, settings=replace(model.settings), p_world_start=np.zeros(3))
+    turned = GraphState(R, state.p_world_pelvis @ turn.T, state.headings + 1.1, state.R_bone_sensor)
+    costs, turned_costs = BatchObjective(model).cost(state), BatchObjective(model).cost(turned)
+    assert turned_costs == pytest.approx(costs, rel=1e-9)

@@ -1,0 +1,74 @@
+"""Acceleration: the second difference of the sensor's position against what its accelerometer says."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import gtsam
+import numpy as np
+
+from vip_factors.body.skeleton import Skeleton, ancestors
+from vip_factors.factors.adapter import custom_factor
+from vip_factors.factors.chain import FrameKeys, chain_state, split_blocks
+from vip_factors.factors.robust import Loss, RobustLoss
+from vip_factors.geometry.rotations import Array, rotation_z
+
+GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s², world
+
+
+@dataclass(frozen=True)
+class AccelerationSettings:
+    """How far a model point's acceleration is from its sensor's."""
+
+    sigma: float = 1.0  # m/s², each row: soft tissue wobbles by 1–3 at the limbs in brisk motion, less at rest
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # foot strikes ring the straps
+
+
+def acceleration_residual(
+    p_before: Array, p_now: Array, p_after: Array, step: float, heading: float, specific_force_inertial: Array
+) -> Array:
+    """Model less measured acceleration, ``(T, 3)`` m/s², world axes (thesis eqs. 4.24–4.26).
+
+    ``(p(t−1) − 2 p(t) + p(t+1))/step² − (Rz(γ) f + g)``, with the positions of the sensor ``(T, 3)`` in metres and
+    its specific force ``f`` in its inertial frame, averaged over the triangular window of half-width ``step``.
+    """
+    return (p_before - 2 * p_now + p_after) / step**2 - specific_force_inertial @ rotation_z(heading).T - GRAVITY
+
+
+def acceleration_by_heading(heading: float, specific_force_inertial: Array) -> Array:
+    """Derivative of :func:`acceleration_residual` by the heading, ``(T, 3)`` m/s² per radian."""
+    turned = specific_force_inertial @ rotation_z(heading).T
+    return np.stack([turned[:, 1], -turned[:, 0], np.zeros(len(turned))], axis=1)
+
+
+def acceleration_factor(
+    skeleton: Skeleton,
+    frames: Sequence[FrameKeys],
+    heading_key: int,
+    bone: int,
+    p_bone_sensor: Array,
+    specific_force_inertial: Array,
+    step: float,
+    settings: AccelerationSettings,
+) -> gtsam.CustomFactor:
+    """The GTSAM factor of one sensor over three frames (before, now, after) and its heading.
+
+    Keys in order: per frame the chain of joints and the root, then the heading.
+    """
+    weights = np.array([1.0, -2.0, 1.0]) / step**2
+
+    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
+        heading = values.atDouble(heading_key)
+        positions, jacobians = [], []
+        for keys, weight in zip(frames, weights, strict=True):
+            body = chain_state(skeleton, values, keys, bone, with_root=True)
+            positions.append(body.point(bone, p_bone_sensor))
+            _, by_joints = body.point_jacobian(bone, p_bone_sensor)
+            jacobians += [*split_blocks(weight * by_joints), weight * np.eye(3)]
+        force = specific_force_inertial[None]
+        residual = acceleration_residual(positions[0], positions[1], positions[2], step, heading, force)
+        return residual[0], [*jacobians, acceleration_by_heading(heading, force)[0][:, None]]
+
+    noise = settings.loss.noise_model(np.full(3, settings.sigma))
+    keys = [key for frame in frames for key in (*frame.chain(bone), frame.root)]
+    dimensions = [3] * (3 * (len(ancestors(bone)) + 1))
+    return custom_factor("acceleration", noise, [*keys, heading_key], [*dimensions, 1], evaluate)

@@ -1,0 +1,42 @@
+"""Heading prior: what the rough placement and the initial pose said about one sensor's heading."""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from vip_factors.factors.adapter import custom_factor
+from vip_factors.geometry.rotations import Array, wrap_angle
+
+
+@dataclass(frozen=True)
+class HeadingPriorSettings:
+    """How far the initial headings may be off."""
+
+    sigma_deg: float = 20.0  # a strap turned by eye; thesis 4.4.2 calls ±25° careful and ±45° imprecise
+    gauge_sigma_deg: float = 0.1  # of the reference sensor, whose heading defines the world's
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation in radians."""
+        return float(np.deg2rad(self.sigma_deg))
+
+    @property
+    def gauge_sigma(self) -> float:
+        """Standard deviation in radians of the reference sensor's heading."""
+        return float(np.deg2rad(self.gauge_sigma_deg))
+
+
+def heading_prior_residual(heading: Array, prior_heading: Array) -> Array:
+    """Heading less its prior, wrapped into [−π, π), radians; any shape. Its derivative is one."""
+    return wrap_angle(heading - prior_heading)
+
+
+def heading_prior_factor(key: int, prior_heading: float, sigma: float) -> gtsam.CustomFactor:
+    """The GTSAM factor on one sensor's heading; ``sigma`` in radians."""
+
+    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
+        residual = heading_prior_residual(np.array([values.atDouble(key)]), np.array([prior_heading]))
+        return residual, [np.eye(1)]
+
+    return custom_factor("heading prior", gtsam.noiseModel.Isotropic.Sigma(1, sigma), [key], [1], evaluate)

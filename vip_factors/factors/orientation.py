@@ -1,0 +1,85 @@
+"""Orientation: the sensor's own attitude estimate against the bone it is strapped to."""
+
+from dataclasses import dataclass, field
+
+import gtsam
+import numpy as np
+
+from vip_factors.body.kinematics import BodyState
+from vip_factors.body.skeleton import Skeleton, ancestors
+from vip_factors.factors.adapter import custom_factor
+from vip_factors.factors.chain import FrameKeys, chain_state, split_blocks
+from vip_factors.factors.robust import Loss, RobustLoss
+from vip_factors.geometry.rotations import (
+    Array,
+    inverse_left_jacobian,
+    inverse_right_jacobian,
+    log,
+    rotation_z,
+    transpose,
+)
+
+
+@dataclass(frozen=True)
+class OrientationSettings:
+    """How far a bone's orientation is from its sensor's."""
+
+    sigma_deg: float = 4.0  # soft tissue and filter errors: 2–7° against optical references on well mounted sensors
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # a knocked strap exceeds 8°
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation in radians, of each row."""
+        return float(np.deg2rad(self.sigma_deg))
+
+
+def orientation_residual(
+    body: BodyState, bone: int, R_bone_sensor: Array, heading: float, R_inertial_sensor: Array
+) -> Array:
+    """``Log(R_world_bone R_bone_sensor (Rz(γ) R_inertial_sensor)ᵀ)``, ``(T, 3)`` rad, world axes.
+
+    Thesis eqs. 4.8–4.9 and 4.21, with the mounting as a variable of its own instead of through the initial pose.
+    """
+    R_world_sensor = rotation_z(heading) @ R_inertial_sensor
+    return log(body.R_world_bone[:, bone] @ R_bone_sensor @ transpose(R_world_sensor))
+
+
+def orientation_jacobians(
+    body: BodyState, bone: int, R_bone_sensor: Array, residual: Array
+) -> tuple[Array, Array, Array]:
+    """Derivatives of :func:`orientation_residual`.
+
+    Returns:
+        By the joints of the chain ``(T, c, 3, 3)``, by the mounting ``(T, 3, 3)``, by the heading ``(T, 3)``.
+        Perturbing anything left of the sensor turns the error on its left, the heading turns it on its right.
+    """
+    left = inverse_left_jacobian(residual)
+    _, J = body.orientation_jacobian(bone)
+    by_joints = left[:, None] @ J
+    by_mounting = left @ body.R_world_bone[:, bone] @ R_bone_sensor
+    by_heading = -inverse_right_jacobian(residual)[:, :, 2]
+    return by_joints, by_mounting, by_heading
+
+
+def orientation_factor(
+    skeleton: Skeleton,
+    keys: FrameKeys,
+    heading_key: int,
+    mounting_key: int,
+    bone: int,
+    R_inertial_sensor: Array,
+    settings: OrientationSettings,
+) -> gtsam.CustomFactor:
+    """The GTSAM factor of one sensor in one frame, on its chain of joints, its heading and its mounting."""
+
+    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
+        body = chain_state(skeleton, values, keys, bone, with_root=False)
+        mounting, heading = values.atRot3(mounting_key).matrix(), values.atDouble(heading_key)
+        residual = orientation_residual(body, bone, mounting, heading, R_inertial_sensor[None])
+        by_joints, by_mounting, by_heading = orientation_jacobians(body, bone, mounting, residual)
+        return residual[0], [*split_blocks(by_joints), by_heading[0][:, None], by_mounting[0]]
+
+    noise = settings.loss.noise_model(np.full(3, settings.sigma))
+    joints = len(ancestors(bone))
+    all_keys = [*keys.chain(bone), heading_key, mounting_key]
+    return custom_factor("orientation", noise, all_keys, [*[3] * joints, 1, 3], evaluate)

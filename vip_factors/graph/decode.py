@@ -1,0 +1,67 @@
+"""From the solved state to an estimate."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.motion import Motion
+from vip_factors.estimate import Estimate, PoseCovariance, SolveReport
+from vip_factors.factors.acceleration import acceleration_residual
+from vip_factors.factors.orientation import orientation_residual
+from vip_factors.geometry.rotations import Array, wrap_angle
+from vip_factors.graph.batch import BatchObjective
+from vip_factors.graph.model import InertialModel
+from vip_factors.graph.state import GraphState
+from vip_factors.graph.terms import FRAME, ROOT
+from vip_factors.sensors.calibration import SensorCalibration
+
+
+def decode(
+    name: str,
+    method: str,
+    model: InertialModel,
+    state: GraphState,
+    covariance: PoseCovariance | None,
+    reports: tuple[SolveReport, ...],
+    settings: Mapping[str, str] | None = None,
+) -> Estimate:
+    """The estimate that a state of the graph stands for."""
+    frames = model.frames
+    motion = Motion(
+        model.skeleton, state.R_parent_child, state.p_world_pelvis, 1 / frames.step, float(frames.time[0]), name
+    )
+    calibration = {
+        sensor: SensorCalibration(float(wrap_angle(state.headings[s])), state.R_bone_sensor[s])
+        for s, sensor in enumerate(frames.sensors)
+    }
+    return Estimate(
+        name, method, motion, calibration, covariance, residuals(model, state), frames.sensors, reports, settings or {}
+    )
+
+
+def residuals(model: InertialModel, state: GraphState) -> dict[str, Array]:
+    """Norms ``(T, S)`` of the misfit of every sensor in every frame, by kind; NaN where it measured nothing."""
+    frames, T, S = model.frames, len(model.frames), len(model.sensors)
+    body = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis)
+    orientation, acceleration = np.full((T, S), np.nan), np.full((T, S), np.nan)
+    for s, sensor in enumerate(model.sensors):
+        heading, R = float(state.headings[s]), frames.R_inertial_sensor[:, s]
+        error = orientation_residual(body, sensor.bone, state.R_bone_sensor[s], heading, R)
+        seen = frames.orientation_valid[:, s]
+        orientation[seen, s] = np.rad2deg(np.linalg.norm(error[seen], axis=1))
+        p, force = sensor.of(body), frames.specific_force_inertial[1:-1, s]
+        misfit = acceleration_residual(p[:-2], p[1:-1], p[2:], frames.step, heading, force)
+        whole = frames.acceleration_valid[1:-1, s]
+        acceleration[1:-1, s][whole] = np.linalg.norm(misfit[whole], axis=1)
+    kinds = {"orientation_deg": orientation}
+    if model.use_acceleration:
+        kinds["acceleration_m_s2"] = acceleration
+    return kinds
+
+
+def pose_covariance(objective: BatchObjective, marginals: Mapping[int, Array]) -> PoseCovariance:
+    """The covariance of joints and root, out of the marginals of the frames."""
+    covariance = np.stack([marginals[key] for key in objective.frame_keys])
+    joints = np.stack([covariance[:, c : c + 3, c : c + 3] for c in range(0, ROOT, 3)], axis=1)
+    return PoseCovariance(joints, covariance[:, ROOT:FRAME, ROOT:FRAME])

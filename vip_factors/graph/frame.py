@@ -1,0 +1,85 @@
+"""One frame's GTSAM factors: the definition of the problem, for batch and for streaming alike."""
+
+from collections.abc import Iterator
+
+import gtsam
+
+from vip_factors.factors.acceleration import acceleration_factor
+from vip_factors.factors.foot_contact import foot_contact_factor
+from vip_factors.factors.gauge_prior import gauge_prior_factor
+from vip_factors.factors.heading_prior import heading_prior_factor
+from vip_factors.factors.joint_limit import joint_limit_factor
+from vip_factors.factors.orientation import orientation_factor
+from vip_factors.factors.pose_prior import pose_prior_factor
+from vip_factors.factors.rotation_prior import rotation_prior_factor
+from vip_factors.graph.keys import frame_keys, heading_key, joint_key, mounting_key, root_key
+from vip_factors.graph.model import InertialModel
+
+LAST_JOINT = 23
+
+
+def pose_factors(model: InertialModel, t: int) -> Iterator[gtsam.NonlinearFactor]:
+    """Factors on the pose of frame ``t`` alone (and on headings and mountings)."""
+    keys, frames, settings = frame_keys(t), model.frames, model.settings
+    for s, sensor in enumerate(model.sensors):
+        if frames.orientation_valid[t, s]:
+            R = frames.R_inertial_sensor[t, s]
+            orientation = settings.orientation
+            yield orientation_factor(
+                model.skeleton, keys, heading_key(s), mounting_key(s), sensor.bone, R, orientation
+            )
+    yield pose_prior_factor(keys, model.prior, settings.pose_prior)
+    for joint in range(1, LAST_JOINT + 1):
+        yield joint_limit_factor(keys, joint, model.limits, settings.joint_limit)
+    if model.initial_pose is not None and t < model.initial_pose.frames:
+        for joint in range(1, LAST_JOINT + 1):
+            R = model.initial_pose.R_parent_child[joint]
+            yield rotation_prior_factor("initial pose", joint_key(t, joint), R, model.initial_pose_sigma)
+
+
+def motion_factors(model: InertialModel, t: int) -> Iterator[gtsam.NonlinearFactor]:
+    """Factors that tie frames ``t − 1``, ``t`` and ``t + 1`` together."""
+    if not model.use_acceleration:
+        return
+    keys = [frame_keys(frame) for frame in (t - 1, t, t + 1)]
+    frames, settings, step = model.frames, model.settings, model.frames.step
+    for s, sensor in enumerate(model.sensors):
+        if frames.acceleration_valid[t, s]:
+            force = frames.specific_force_inertial[t, s]
+            yield acceleration_factor(
+                model.skeleton, keys, heading_key(s), sensor.bone, sensor.p_bone_point, force, step,
+                settings.acceleration,
+            )  # fmt: skip
+    for c, contact in enumerate(model.contacts):
+        confidence = float(model.contact_confidence[t, c])
+        if confidence > 0:
+            yield foot_contact_factor(
+                model.skeleton, keys[1:], contact.bone, contact.p_bone_point, step, confidence, settings.foot_contact
+            )
+
+
+def static_factors(model: InertialModel) -> Iterator[gtsam.NonlinearFactor]:
+    """Priors on headings, mountings and on the root of the first frame."""
+    for s, sigma in enumerate(model.heading_sigmas):
+        if model.free_headings:
+            yield heading_prior_factor(heading_key(s), float(model.prior_headings[s]), float(sigma))
+        if model.free_mountings:
+            R = model.prior_R_bone_sensor[s]
+            yield rotation_prior_factor("mounting prior", mounting_key(s), R, float(model.mounting_sigma[s]))
+    if model.use_acceleration:
+        yield gauge_prior_factor(root_key(0), model.p_world_start, model.settings.gauge_prior)
+
+
+def nonlinear_graph(model: InertialModel) -> gtsam.NonlinearFactorGraph:
+    """The whole recording as one GTSAM graph, callback by callback: the slow twin of the batched objective."""
+    graph = gtsam.NonlinearFactorGraph()
+    T = len(model.frames)
+    for t in range(T):
+        for factor in pose_factors(model, t):
+            graph.push_back(factor)
+        if 0 < t < T - 1:
+            for factor in motion_factors(model, t):
+                graph.push_back(factor)
+    for factor in static_factors(model):
+        graph.push_back(factor)
+    return graph

@@ -1,0 +1,107 @@
+"""Everything that defines one wearer's cost: measurements, body, priors and settings."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vip_factors.body.joint_limits import JointLimits
+from vip_factors.body.kinematics import BodyState
+from vip_factors.body.pose_prior import PosePrior
+from vip_factors.body.skeleton import Skeleton
+from vip_factors.factors.acceleration import AccelerationSettings
+from vip_factors.factors.foot_contact import FootContactSettings
+from vip_factors.factors.gauge_prior import GaugePriorSettings
+from vip_factors.factors.heading_prior import HeadingPriorSettings
+from vip_factors.factors.joint_limit import JointLimitSettings
+from vip_factors.factors.orientation import OrientationSettings
+from vip_factors.factors.pose_prior import PosePriorSettings
+from vip_factors.factors.rotation_prior import InitialPoseSettings
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.frames import ImuFrames
+
+
+@dataclass(frozen=True)
+class FactorSettings:
+    """The settings of every factor kind."""
+
+    orientation: OrientationSettings = field(default_factory=OrientationSettings)
+    acceleration: AccelerationSettings = field(default_factory=AccelerationSettings)
+    pose_prior: PosePriorSettings = field(default_factory=PosePriorSettings)
+    joint_limit: JointLimitSettings = field(default_factory=JointLimitSettings)
+    heading_prior: HeadingPriorSettings = field(default_factory=HeadingPriorSettings)
+    initial_pose: InitialPoseSettings = field(default_factory=InitialPoseSettings)
+    foot_contact: FootContactSettings = field(default_factory=FootContactSettings)
+    gauge_prior: GaugePriorSettings = field(default_factory=GaugePriorSettings)
+
+
+@dataclass(frozen=True)
+class BodyPoint:
+    """A point fixed to a bone."""
+
+    bone: int
+    p_bone_point: Array
+
+    def of(self, body: BodyState) -> Array:
+        """World positions ``(T, 3)``."""
+        return body.point(self.bone, self.p_bone_point)
+
+
+@dataclass(frozen=True)
+class InitialPose:
+    """A declared pose over the first frames: ``R_parent_child`` ``(24, 3, 3)``; the root's heading is free."""
+
+    R_parent_child: Array
+    frames: int
+
+
+@dataclass(frozen=True)
+class InertialModel:
+    """One wearer's least-squares problem.
+
+    Attributes:
+        skeleton, prior, limits: the body.
+        frames: the measurements.
+        sensors: ``S`` points where the sensors sit, in the order of ``frames.sensors``.
+        prior_headings: ``(S,)`` radians.
+        prior_R_bone_sensor: ``(S, 3, 3)``.
+        mounting_sigma: ``(S,)`` radians.
+        p_world_start: root position of the first frame, metres.
+        settings: of the factors.
+        initial_pose: declared by the wearer, or None.
+        contacts: points of the feet that may bear the body.
+        contact_confidence: ``(T, C)`` in [0, 1], whether each contact holds from its frame to the next.
+        use_acceleration: False leaves acceleration, contact and gauge factors out: frames decouple (IT, SOP).
+        free_headings, free_mountings: whether those variables move; the first sensor's heading is the gauge.
+    """
+
+    skeleton: Skeleton
+    prior: PosePrior
+    limits: JointLimits
+    frames: ImuFrames
+    sensors: tuple[BodyPoint, ...]
+    prior_headings: Array
+    prior_R_bone_sensor: Array
+    mounting_sigma: Array
+    p_world_start: Array = field(default_factory=lambda: np.zeros(3))
+    settings: FactorSettings = field(default_factory=FactorSettings)
+    initial_pose: InitialPose | None = None
+    contacts: tuple[BodyPoint, ...] = ()
+    contact_confidence: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    use_acceleration: bool = True
+    free_headings: bool = False
+    free_mountings: bool = False
+    gauge_sensor: int = 0
+
+    @property
+    def heading_sigmas(self) -> Array:
+        """``(S,)`` radians: tight for the gauge sensor, loose for the others."""
+        prior = self.settings.heading_prior
+        sigmas = np.full(len(self.sensors), prior.sigma)
+        sigmas[self.gauge_sensor] = prior.gauge_sigma
+        return sigmas
+
+    @property
+    def initial_pose_sigma(self) -> float:
+        """Standard deviation in radians for each of the initial frames, which together weigh as one."""
+        frames = self.initial_pose.frames if self.initial_pose else 1
+        return self.settings.initial_pose.sigma * float(np.sqrt(frames))

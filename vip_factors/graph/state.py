@@ -1,0 +1,59 @@
+"""The variables of the whole graph as arrays, and as GTSAM values."""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.geometry.rotations import Array, exp
+from vip_factors.graph.keys import heading_key, joint_key, mounting_key, root_key
+
+
+@dataclass(frozen=True)
+class GraphState:
+    """Values of all variables of one wearer.
+
+    Attributes:
+        R_parent_child: ``(T, 24, 3, 3)`` joint rotations.
+        p_world_pelvis: ``(T, 3)`` metres.
+        headings: ``(S,)`` radians.
+        R_bone_sensor: ``(S, 3, 3)`` mountings.
+    """
+
+    R_parent_child: Array
+    p_world_pelvis: Array
+    headings: Array
+    R_bone_sensor: Array
+
+    def retract(self, joints: Array, root: Array, headings: Array, mountings: Array) -> "GraphState":
+        """Move by tangent steps ``(T, 24, 3)``, ``(T, 3)``, ``(S,)`` and ``(S, 3)``, as GTSAM does: on the right."""
+        return GraphState(
+            self.R_parent_child @ exp(joints),
+            self.p_world_pelvis + root,
+            self.headings + headings,
+            self.R_bone_sensor @ exp(mountings),
+        )
+
+    def to_values(self) -> gtsam.Values:
+        """As GTSAM values, under the keys of :mod:`vip_factors.graph.keys`."""
+        values = gtsam.Values()
+        for t, (R, p) in enumerate(zip(self.R_parent_child, self.p_world_pelvis, strict=True)):
+            for joint in range(JOINT_COUNT):
+                values.insert(joint_key(t, joint), gtsam.Rot3(R[joint]))
+            values.insert(root_key(t), p)
+        for s, (heading, R) in enumerate(zip(self.headings, self.R_bone_sensor, strict=True)):
+            values.insert(heading_key(s), float(heading))
+            values.insert(mounting_key(s), gtsam.Rot3(R))
+        return values
+
+    @classmethod
+    def from_values(cls, values: gtsam.Values, frames: int, sensors: int) -> "GraphState":
+        """Read back what :meth:`to_values` wrote."""
+        joints = range(JOINT_COUNT)
+        return cls(
+            np.array([[values.atRot3(joint_key(t, j)).matrix() for j in joints] for t in range(frames)]),
+            np.array([values.atPoint3(root_key(t)) for t in range(frames)]),
+            np.array([values.atDouble(heading_key(s)) for s in range(sensors)]),
+            np.array([values.atRot3(mounting_key(s)).matrix() for s in range(sensors)]).reshape(-1, 3, 3),
+        )

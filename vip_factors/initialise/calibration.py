@@ -1,0 +1,79 @@
+"""First headings and mountings: from the rough placement and the declared initial pose (thesis 4.3.1, eq. 4.7)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.body.calibration_pose import R_WORLD_FACING_X, calibration_pose
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.skeleton import Skeleton
+from vip_factors.errors import RecordingError
+from vip_factors.geometry.rotations import Array, mean_rotation, rotation_z, transpose, yaw_of
+from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.frames import ImuFrames
+from vip_factors.sensors.placement import Placement
+
+
+@dataclass(frozen=True)
+class InitialCalibration:
+    """Headings ``(S,)`` radians and mountings ``R_bone_sensor`` ``(S, 3, 3)``, in the order of the frames' sensors."""
+
+    headings: Array
+    R_bone_sensor: Array
+
+
+def initial_calibration(
+    frames: ImuFrames, placement: Placement, skeleton: Skeleton, initial_pose: str, seconds: float
+) -> InitialCalibration:
+    """Headings and mountings from the first ``seconds`` of a recording.
+
+    The wearer is taken to face the world's x axis at the start. Each heading makes the rough mounting agree with the
+    initial pose about the vertical. With a declared pose the mounting is then read off that pose; without one the
+    rough mounting stays, and the headings suppose that the wearer starts upright with the arms hanging.
+
+    Raises:
+        RecordingError: if a sensor has no orientation in that time.
+    """
+    declared = initial_pose != "none"
+    R_world_bone = _bones_in_pose(skeleton, initial_pose if declared else "n-pose")
+    R_inertial_sensor = _at_start(frames, seconds)
+    rough = np.stack([placement.site(name).R_bone_sensor for name in frames.sensors])
+    bones = R_world_bone[[placement.site(name).bone_index for name in frames.sensors]]
+    headings = yaw_of(bones @ rough @ transpose(R_inertial_sensor))
+    if not declared:
+        return InitialCalibration(headings, rough)
+    return InitialCalibration(headings, transpose(bones) @ rotation_z(headings) @ R_inertial_sensor)
+
+
+def known_calibration(frames: ImuFrames, calibrations: dict[str, SensorCalibration]) -> InitialCalibration:
+    """Headings and mountings that are known already, of a simulator or of an earlier estimate.
+
+    Raises:
+        RecordingError: if one of the sensors is missing among them.
+    """
+    missing = [name for name in frames.sensors if name not in calibrations]
+    if missing:
+        raise RecordingError(f"no known calibration of sensor '{missing[0]}': known are {', '.join(calibrations)}")
+    chosen = [calibrations[name] for name in frames.sensors]
+    return InitialCalibration(
+        np.array([one.heading for one in chosen]), np.stack([one.R_bone_sensor for one in chosen])
+    )
+
+
+def _bones_in_pose(skeleton: Skeleton, pose: str) -> Array:
+    """World orientations ``(24, 3, 3)`` of the bones in a calibration pose, facing the world's x axis."""
+    R = calibration_pose(pose)
+    R[0] = R_WORLD_FACING_X
+    return forward_kinematics(skeleton, R[None], np.zeros((1, 3))).R_world_bone[0]
+
+
+def _at_start(frames: ImuFrames, seconds: float) -> Array:
+    """Mean orientation ``(S, 3, 3)`` of each sensor over its first ``seconds`` of data."""
+    count = max(1, round(seconds / frames.step))
+    means = []
+    for s, name in enumerate(frames.sensors):
+        valid = np.flatnonzero(frames.orientation_valid[:, s])[:count]
+        if not len(valid):
+            raise RecordingError(f"sensor '{name}' has no orientation at the start: leave it out or cut the recording")
+        means.append(mean_rotation(frames.R_inertial_sensor[valid, s]))
+    return np.stack(means)

@@ -1,0 +1,140 @@
+"""The pipeline on one page: recording → calibration → inertial tracker → sparse inertial poser → estimate."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from vip_factors.body.calibration_pose import calibration_pose
+from vip_factors.body.joint_limits import load_joint_limits
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.errors import InputError
+from vip_factors.estimate import Estimate, PoseCovariance, SolveReport
+from vip_factors.graph.batch import BatchObjective
+from vip_factors.graph.decode import decode, pose_covariance
+from vip_factors.graph.model import BodyPoint, InertialModel, InitialPose
+from vip_factors.graph.state import GraphState
+from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, known_calibration
+from vip_factors.initialise.pose import first_poses
+from vip_factors.initialise.root_path import contact_confidence, contact_points, standing_path
+from vip_factors.sensors.frames import ImuFrames, resample
+from vip_factors.sensors.recording import Recording
+from vip_factors.settings import Settings
+from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
+from vip_factors.solve.marginals import chain_marginals
+
+Progress = Callable[[str, float], None]
+FEW_SENSORS = 6  # with so few, the papers call the orientation-only tracker SOP instead of IT
+DEFAULT = Settings()
+
+
+def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progress | None = None) -> Estimate:
+    """Reconstruct a whole recording from its IMUs.
+
+    Args:
+        recording: with at least one placed sensor.
+        settings: of all rooms.
+        progress: called with the name of the stage and the fraction of it done.
+
+    Raises:
+        InputError, RecordingError: for a recording that cannot be used.
+        SolveError: if the problem is not determined.
+    """
+    told = progress or (lambda stage, fraction: None)
+    told("resample", 0.0)
+    frames = resample(recording, settings.frame_rate)
+    calibration = _first_calibration(recording, frames, settings)
+    reports: list[SolveReport] = []
+    model = _model(recording, frames, calibration, settings)
+
+    tracker = replace(model, use_acceleration=False, free_headings=False, free_mountings=False)
+    state = _start(tracker, calibration)
+    state, report = levenberg_marquardt(
+        BatchObjective(tracker), state, settings.solve, "inertial tracker", lambda done: told("inertial tracker", done)
+    )
+    reports.append(report)
+    state = _placed_on_floor(tracker, state)
+    solved = tracker
+    if settings.acceleration:
+        solved = _with_contacts(model, state)
+        state, report = levenberg_marquardt(
+            BatchObjective(solved), state, settings.solve, "sparse inertial poser", lambda done: told("poser", done)
+        )
+        reports.append(report)
+    covariance = _covariance(solved, state) if settings.covariance else None
+    return decode(recording.name, _method(solved, settings), solved, state, covariance, tuple(reports))
+
+
+def _first_calibration(recording: Recording, frames: ImuFrames, settings: Settings) -> InitialCalibration:
+    if settings.calibration.from_truth:
+        if recording.truth is None or recording.truth.calibration is None:
+            raise InputError(f"recording '{recording.name}' has no true calibration: leave calibration.from_truth off")
+        return known_calibration(frames, dict(recording.truth.calibration))
+    body, seconds = recording.subject.body(), settings.factors.initial_pose.seconds
+    return initial_calibration(frames, recording.placement, body, recording.initial_pose, seconds)
+
+
+def _model(
+    recording: Recording, frames: ImuFrames, calibration: InitialCalibration, settings: Settings
+) -> InertialModel:
+    sites = [recording.placement.site(name) for name in frames.sensors]
+    declared = recording.initial_pose != "none"
+    free = not settings.calibration.from_truth
+    pose = calibration_pose(recording.initial_pose) if declared else None
+    held = max(1, round(settings.factors.initial_pose.seconds * settings.frame_rate))
+    return InertialModel(
+        skeleton=recording.subject.body(),
+        prior=load_pose_prior(),
+        limits=load_joint_limits(),
+        frames=frames,
+        sensors=tuple(BodyPoint(site.bone_index, site.p_bone_sensor) for site in sites),
+        prior_headings=calibration.headings,
+        prior_R_bone_sensor=np.stack([site.R_bone_sensor for site in sites]) if declared else calibration.R_bone_sensor,
+        mounting_sigma=np.array([site.mounting_sigma for site in sites]),
+        settings=settings.factors,
+        initial_pose=InitialPose(pose, min(held, len(frames))) if pose is not None else None,
+        free_headings=free and settings.calibration.estimate_headings,
+        free_mountings=free and settings.calibration.estimate_mountings,
+        gauge_sensor=_gauge_sensor([site.bone_index for site in sites]),
+    )
+
+
+def _gauge_sensor(bones: list[int]) -> int:
+    """The sensor whose heading defines the world's: the pelvis's, or the first."""
+    return bones.index(0) if 0 in bones else 0
+
+
+def _start(model: InertialModel, calibration: InitialCalibration) -> GraphState:
+    R = first_poses(model.frames, [sensor.bone for sensor in model.sensors], calibration, model.prior)
+    return GraphState(R, np.zeros((len(R), 3)), calibration.headings, calibration.R_bone_sensor)
+
+
+def _placed_on_floor(model: InertialModel, state: GraphState) -> GraphState:
+    """The state with a root path on which whichever foot stands lowest stands still."""
+    body = forward_kinematics(model.skeleton, state.R_parent_child, np.zeros_like(state.p_world_pelvis))
+    return replace(state, p_world_pelvis=standing_path(body, contact_points(model.skeleton)))
+
+
+def _with_contacts(model: InertialModel, state: GraphState) -> InertialModel:
+    """The model with the foot contacts that a first motion shows."""
+    points = contact_points(model.skeleton) if model.settings.foot_contact.use else ()
+    body = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis)
+    confidence = contact_confidence(body, points, model.frames.step) if points else np.zeros((len(model.frames), 0))
+    return replace(
+        model,
+        p_world_start=state.p_world_pelvis[0],
+        contacts=tuple(BodyPoint(bone, p) for bone, p in points),
+        contact_confidence=confidence,
+    )
+
+
+def _method(model: InertialModel, settings: Settings) -> str:
+    if settings.acceleration:
+        return "SIP"
+    return "SOP" if len(model.sensors) <= FEW_SENSORS else "IT"
+
+
+def _covariance(model: InertialModel, state: GraphState) -> PoseCovariance:
+    objective = BatchObjective(model)
+    return pose_covariance(objective, chain_marginals(objective.linearise(state).damped(0.0), objective.ordering))

@@ -1,0 +1,120 @@
+"""All IMU streams resampled onto the estimator's evenly spaced frames."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from vip_factors.errors import InputError, RecordingError
+from vip_factors.geometry.quaternions import interpolate_rotations
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.recording import Recording
+
+
+@dataclass(frozen=True)
+class ImuFrames:
+    """Measurements of ``S`` sensors at ``T`` frames.
+
+    Attributes:
+        sensors: names, in the order of the second axis.
+        time: ``(T,)`` seconds from the recording's start, evenly spaced.
+        R_inertial_sensor: ``(T, S, 3, 3)``; identity where not valid.
+        orientation_valid: ``(T, S)`` whether the orientation was measured there.
+        specific_force_inertial: ``(T, S, 3)`` m/s² in each sensor's inertial frame (gravity included), averaged with
+            the triangular window of half-width one frame; zero where not valid.
+        acceleration_valid: ``(T, S)`` whether the whole window was measured.
+    """
+
+    sensors: tuple[str, ...]
+    time: Array
+    R_inertial_sensor: Array
+    orientation_valid: np.ndarray
+    specific_force_inertial: Array
+    acceleration_valid: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def step(self) -> float:
+        """Seconds between frames."""
+        return float(self.time[1] - self.time[0]) if len(self) > 1 else 1.0
+
+    def window(self, selection: slice) -> "ImuFrames":
+        """Some of the frames, all consecutive (a step would break the triangular window)."""
+        return replace(
+            self,
+            time=self.time[selection],
+            R_inertial_sensor=self.R_inertial_sensor[selection],
+            orientation_valid=self.orientation_valid[selection],
+            specific_force_inertial=self.specific_force_inertial[selection],
+            acceleration_valid=self.acceleration_valid[selection],
+        )
+
+
+def resample(recording: Recording, rate: float, sensors: list[str] | None = None) -> ImuFrames:
+    """Put the placed sensors of a recording onto frames at ``rate`` Hz, over the time that any of them covers.
+
+    Orientation is interpolated spherically between neighbouring samples. Acceleration is *averaged*, by
+    :func:`triangular_average`: the second difference of positions over one frame equals just that average.
+
+    Raises:
+        InputError: for a rate that is not positive.
+        RecordingError: if no sensor is placed, or the placed ones cover less than three frames.
+    """
+    if not rate > 0:
+        raise InputError(f"frame rate {rate:g} Hz: expected a positive number")
+    names = recording.placed if sensors is None else sensors
+    if not names:
+        raise RecordingError(
+            f"recording '{recording.name}': none of its sensors ({', '.join(recording.imus) or 'none'}) is placed on "
+            "the body; name the placement"
+        )
+    streams = [recording.imus[name] for name in names]
+    start, end = min(s.time[0] for s in streams), max(s.time[-1] for s in streams)
+    count = int(np.floor((end - start) * rate + 1e-6)) + 1
+    if count < 3:
+        raise RecordingError(f"recording '{recording.name}' is {end - start:.3f} s long: expected three frames or more")
+    time = start + np.arange(count) / rate
+    columns = [_resample_stream(stream, time, 1 / rate) for stream in streams]
+    R, seen, force, whole = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
+    return ImuFrames(tuple(names), time, R, seen, force, whole)
+
+
+def _resample_stream(stream: ImuStream, time: Array, step: float) -> tuple[Array, np.ndarray, Array, np.ndarray]:
+    T = len(time)
+    if stream.R_inertial_sensor is None:
+        raise RecordingError(f"sensor '{stream.name}' has no orientation: run an attitude filter over it first")
+    seen = _covered(stream, time, time)
+    R = interpolate_rotations(stream.time, stream.R_inertial_sensor, time)
+    R[~seen] = np.eye(3)
+    if stream.specific_force is None or len(stream) < 2:
+        return R, seen, np.zeros((T, 3)), np.zeros(T, bool)
+    force_inertial = np.einsum("nij,nj->ni", stream.R_inertial_sensor, stream.specific_force)
+    whole = _covered(stream, time - step, time + step)
+    force = np.zeros((T, 3))
+    force[whole] = triangular_average(stream.time, force_inertial, time[whole], step)
+    return R, seen, force, whole
+
+
+def _covered(stream: ImuStream, start: Array, end: Array) -> np.ndarray:
+    """Whether the stream has samples without a gap over each of the intervals."""
+    slack = 0.5 / stream.rate if stream.rate else 0.0
+    inside = (start >= stream.time[0] - slack) & (end <= stream.time[-1] + slack)
+    for gap_start, gap_end in stream.gaps:
+        inside &= (end <= gap_start + slack) | (start >= gap_end - slack)
+    return inside
+
+
+def triangular_average(time: Array, values: Array, query: Array, half_width: float) -> Array:
+    """Average of a signal under a triangular window around each query.
+
+    The signal ``values`` ``(N, D)`` at ``time`` ``(N,)`` is taken as piecewise linear. Its exact average under the
+    triangle of half-width ``h`` is the second difference over ``h`` of its second antiderivative, divided by ``h²``:
+    the same second difference that the acceleration factor takes of positions (thesis eq. 4.25).
+    """
+    mean = values.mean(axis=0)  # taken out so that the antiderivative stays small over long recordings
+    position = make_interp_spline(time, values - mean, k=1).antiderivative(2)
+    h = half_width
+    return mean + (position(query - h) - 2 * position(query) + position(query + h)) / h**2

@@ -1,0 +1,28 @@
+"""Every room's settings in one tree. The command line and the settings files are made from it."""
+
+from dataclasses import dataclass, field
+
+from vip_factors.graph.model import FactorSettings
+from vip_factors.solve.levenberg_marquardt import SolveSettings
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """What is done about headings and mountings."""
+
+    estimate_headings: bool = True  # sensors drift apart by tens of degrees; off where they are known
+    estimate_mountings: bool = True  # a calibration pose is held 10–15° off; off where they are known
+    from_truth: bool = False  # start from (and keep to) the recording's true calibration: for experiments
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All settings of the pipeline."""
+
+    frame_rate: float = 60.0  # Hz of the estimated motion: brisk motion has its power below 10 Hz
+    acceleration: bool = True  # off: the inertial tracker alone (IT; SOP with six sensors)
+    coarse_factor: int = 4  # the calibration is found on every n-th frame first; 1 solves at the full rate only
+    covariance: bool = False  # marginal covariance of every joint and frame: costs about one more iteration a minute
+    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
+    factors: FactorSettings = field(default_factory=FactorSettings)
+    solve: SolveSettings = field(default_factory=SolveSettings)

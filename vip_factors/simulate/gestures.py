@@ -16,8 +16,8 @@ from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotati
 from vip_factors.simulate.stance import path_of_standing_feet
 
 STEP_HZ = 0.85  # full gait cycles per second: a relaxed pace is 0.9
-STRIDE = 0.20  # rad that the hip swings to either side: a slow walk of about 0.5 m/s
-TURN_RAD_S = 0.4  # of the walker: a circle of about 1.2 m radius, so that every direction is faced
+STRIDE = 0.15  # rad that the hip swings to either side: a slow walk of about 0.45 m/s
+TURN_RAD_S = 0.4  # of the walker: a circle of about 1.1 m radius, so that every direction is faced
 GESTURE_HZ = 0.23  # of raising the arms sideways
 
 

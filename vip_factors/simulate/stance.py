@@ -12,7 +12,7 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose
 
 SOLE = ("left_heel", "left_toe_tip", "right_heel", "right_toe_tip")
-SOFTNESS_M = 0.004  # of the smooth minimum: the weight passes between feet without a jolt
+SOFTNESS_M = 0.008  # of the smooth minimum: the weight passes between feet without a jolt
 
 
 def floor_height(skeleton: Skeleton, state: BodyState) -> Array:

@@ -1,0 +1,79 @@
+"""A file appears whole or not at all: written under a temporary name beside its target, then renamed.
+
+Whatever goes wrong in between, an interrupt from the keyboard included, leaves neither a half file nor a trace.
+"""
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+from vip_factors.errors import InputError
+
+LONGEST_STEM = 100  # characters of the target's name in the temporary one: file systems end names at 255 bytes
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike[str], overwrite: bool = False) -> Iterator[Path]:
+    """A temporary path to write to, in the folder of ``path`` and with its suffix; renamed to it on success.
+
+    Args:
+        path: the file wanted.
+        overwrite: whether an existing file may be replaced; until the rename it stays as it was.
+
+    Raises:
+        InputError: if ``path`` exists and may not be replaced, is a folder, or its folder is missing or read-only.
+    """
+    target = check_target(path, overwrite)
+    temporary = target.with_name(f".{target.stem[:LONGEST_STEM]}.{secrets.token_hex(4)}.part{target.suffix}")
+    try:
+        yield temporary
+        _flush_to_disk(temporary)
+        if not overwrite:
+            check_target(path, overwrite)  # somebody may have been quicker
+        os.replace(temporary, target)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+@contextmanager
+def atomic_open(path: str | os.PathLike[str], mode: str = "w", overwrite: bool = False) -> Iterator[IO[Any]]:
+    """An open file as of ``open(path, mode)``, which appears under its name only once it is whole.
+
+    Text is UTF-8 with plain newlines on every system. Other arguments and errors as :func:`atomic_path`.
+
+    Raises:
+        InputError: also for a mode that does not write a file from its start.
+    """
+    if mode not in ("w", "wb"):
+        raise InputError(f"mode '{mode}': expected 'w' or 'wb'; an atomic file is always written from its start")
+    text = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
+    with atomic_path(path, overwrite) as temporary, open(temporary, mode, **text) as file:  # type: ignore[call-overload]
+        yield file
+
+
+def check_target(path: str | os.PathLike[str], overwrite: bool = False) -> Path:
+    """The real path that would be written (links followed), if it may be: to fail before the work, not after it.
+
+    Raises:
+        InputError: as :func:`atomic_path`.
+    """
+    target = Path(os.path.realpath(path))
+    if target.is_dir():
+        raise InputError(f"{path} is a folder: give the name of a file to write")
+    if not target.parent.is_dir():
+        raise InputError(f"cannot write {path}: there is no folder {target.parent}; create it first")
+    if not os.access(target.parent, os.W_OK):
+        raise InputError(f"cannot write {path}: no permission to write in folder {target.parent}")
+    if target.exists() and not overwrite:
+        raise InputError(f"{path} exists already: choose another name, or allow overwriting it (overwrite)")
+    return target
+
+
+def _flush_to_disk(path: Path) -> None:
+    # Without it a power cut soon after the rename can leave the new name with no content.
+    with open(path, "rb+") as file:
+        os.fsync(file.fileno())

@@ -1,0 +1,221 @@
+"""The messages of an MCAP file, by channel; of a truncated or damaged file, everything that is still whole.
+
+The library's readers need the index at the end of the file, or fail at the first short record; this one walks the
+records (https://mcap.dev/spec) from the start, and decompresses what there is of a chunk that was cut.
+"""
+
+import mmap
+import os
+import struct
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.io.mcap_chunk import ChunkError, read_chunk
+
+MAGIC = b"\x89MCAP0\r\n"
+RECORD_HEAD = struct.Struct("<BQ")  # opcode, length
+MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x09, 0x0C
+
+View = bytes | memoryview
+
+
+class McapWarning(UserWarning):
+    """Something in a file was left out or could not be read, and what it was."""
+
+
+@dataclass(frozen=True)
+class McapChannel:
+    """One stream of messages of one type."""
+
+    id: int
+    topic: str
+    encoding: str
+    schema_name: str = ""
+    schema_encoding: str = ""
+    schema_data: bytes = b""
+    metadata: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass
+class McapMessages:
+    """The messages of one channel in file order: log and publish times in nanoseconds, numbers, serialised data."""
+
+    channel: McapChannel
+    log_times: list[int] = field(default_factory=list)
+    publish_times: list[int] = field(default_factory=list)
+    sequences: list[int] = field(default_factory=list)
+    data: list[bytes] = field(default_factory=list)
+
+
+@dataclass
+class McapContents:
+    """What an MCAP file holds.
+
+    Attributes:
+        path: of the file.
+        messages: by channel id, of every channel named in the file; empty for channels not wanted.
+        attachments, metadata: their raw records, without the opcode and length.
+        damage: sentences about what could not be read; empty for a whole file.
+        last_log_time: of the last whole message of any channel, nanoseconds; None without messages.
+    """
+
+    path: Path
+    messages: dict[int, McapMessages] = field(default_factory=dict)
+    attachments: list[bytes] = field(default_factory=list)
+    metadata: list[bytes] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)
+    last_log_time: int | None = None
+
+    @property
+    def topics(self) -> list[str]:
+        """All topics, sorted."""
+        return sorted({messages.channel.topic for messages in self.messages.values()})
+
+
+def read_contents(path: str | os.PathLike[str], wanted: Callable[[McapChannel], bool] | None = None) -> McapContents:
+    """All messages of an MCAP file, or those of the wanted channels.
+
+    A file that ends early yields every message that is whole before the cut; a chunk whose content is damaged is
+    left out. Both are told as a :class:`McapWarning` and in ``damage``.
+
+    Raises:
+        InputError: if there is no such file.
+        FileFormatError: if it is empty or not an MCAP file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; expected an MCAP file")
+    with open(path, "rb") as file:
+        _check_magic(path, file.read(len(MAGIC)))
+        walk = _Walk(McapContents(path), wanted or (lambda channel: True))
+        walk.file(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)))
+    for sentence in walk.contents.damage:
+        warnings.warn(McapWarning(f"{path}: {sentence}"), stacklevel=2)
+    return walk.contents
+
+
+def _check_magic(path: Path, start: bytes) -> None:
+    if not start:
+        raise FileFormatError(f"{path} is empty (0 bytes): expected an MCAP file; write or copy it again")
+    if start != MAGIC[: len(start)]:
+        raise FileFormatError(
+            f"{path} is not an MCAP file: it begins with {start!r}, expected {MAGIC!r}; check that it is the right file"
+        )
+    if len(start) < len(MAGIC):
+        raise FileFormatError(f"{path} was cut after {len(start)} bytes: no message of the MCAP file is left")
+
+
+class _Walk:
+    """One pass over the records of a file."""
+
+    def __init__(self, contents: McapContents, wanted: Callable[[McapChannel], bool]) -> None:
+        self.contents = contents
+        self.wanted = wanted
+        self.schemas: dict[int, tuple[str, str, bytes]] = {}
+        self.kept: dict[int, McapMessages] = {}  # of the wanted channels only
+        self.nameless = 0  # messages of channels that the file never describes
+
+    def file(self, view: memoryview) -> None:
+        """All records after the magic, up to the footer or the cut."""
+        end = len(MAGIC)
+        whole = False
+        for opcode, start, stop in _records(view, end):
+            end, whole = stop, opcode == FOOTER
+            if whole:
+                break
+            self.record(opcode, view[start:end])
+        if not whole:
+            self._cut_record(view, end)
+        elif bytes(view[end : end + len(MAGIC)]) != MAGIC:
+            self._tell_cut(len(view))
+        if self.nameless:
+            self.contents.damage.append(f"{self.nameless} messages belong to no channel of the file: left out")
+
+    def record(self, opcode: int, content: View) -> None:
+        """One whole record of the file's top level."""
+        if opcode == CHUNK:
+            self._chunk(content)
+        elif opcode == ATTACHMENT:
+            self.contents.attachments.append(bytes(content))
+        elif opcode == METADATA:
+            self.contents.metadata.append(bytes(content))
+        else:
+            self._inner(opcode, content)
+
+    def _inner(self, opcode: int, content: View) -> None:
+        """A record that may also stand in a chunk."""
+        if opcode == MESSAGE and len(content) >= MESSAGE_HEAD.size:
+            channel_id, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(content)
+            self.contents.last_log_time = log_time
+            messages = self.kept.get(channel_id)
+            if messages is not None:
+                messages.log_times.append(log_time)
+                messages.publish_times.append(publish_time)
+                messages.sequences.append(sequence)
+                messages.data.append(bytes(content[MESSAGE_HEAD.size :]))
+            elif channel_id not in self.contents.messages:
+                self.nameless += 1
+        elif opcode in (SCHEMA, CHANNEL):
+            try:
+                (self._schema if opcode == SCHEMA else self._channel)(bytes(content))
+            except (struct.error, UnicodeDecodeError):
+                self.contents.damage.append("the description of a channel is malformed: its messages are left out")
+
+    def _schema(self, content: bytes) -> None:
+        from mcap.data_stream import ReadDataStream
+        from mcap.records import Schema
+
+        schema = Schema.read(ReadDataStream(BytesIO(content)))
+        self.schemas.setdefault(schema.id, (schema.name, schema.encoding, schema.data))
+
+    def _channel(self, content: bytes) -> None:
+        from mcap.data_stream import ReadDataStream
+        from mcap.records import Channel
+
+        read = Channel.read(ReadDataStream(BytesIO(content)))
+        if read.id in self.contents.messages:
+            return  # channels are repeated in the summary at the end
+        schema = self.schemas.get(read.schema_id, ("", "", b""))
+        channel = McapChannel(read.id, read.topic, read.message_encoding, *schema, metadata=dict(read.metadata))
+        messages = McapMessages(channel)
+        self.contents.messages[read.id] = messages
+        if self.wanted(channel):
+            self.kept[read.id] = messages
+
+    def _chunk(self, content: View, whole: bool = True) -> None:
+        try:
+            data = read_chunk(content, whole)
+        except ChunkError as error:
+            self.contents.damage.append(f"{error}: its messages are left out")
+            return
+        for opcode, start, end in _records(data, 0):
+            self._inner(opcode, data[start:end])
+
+    def _cut_record(self, view: memoryview, start: int) -> None:
+        """What can be had of the record at ``start``, which the file's end cuts."""
+        if start + RECORD_HEAD.size < len(view) and view[start] == CHUNK:
+            self._chunk(view[start + RECORD_HEAD.size :], whole=False)
+        self._tell_cut(len(view))
+
+    def _tell_cut(self, size: int) -> None:
+        last = self.contents.last_log_time
+        upto = "no message is left" if last is None else f"read up to log time {last / 1e9:.3f} s"
+        self.contents.damage.insert(0, f"the file is cut off at byte {size} ({upto}); what follows is lost")
+
+
+def _records(data: View, start: int) -> Iterator[tuple[int, int, int]]:
+    """Opcode, start and end of the content of every whole record."""
+    size = len(data)
+    unpack = RECORD_HEAD.unpack_from
+    while start + RECORD_HEAD.size <= size:
+        opcode, length = unpack(data, start)
+        start += RECORD_HEAD.size
+        if opcode == 0 or start + length > size:  # 0 is no opcode: padding of a file system after a crash
+            return
+        yield opcode, start, start + length
+        start += length

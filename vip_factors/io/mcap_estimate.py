@@ -1,0 +1,211 @@
+"""An estimate as an MCAP file of its own, or together with the recording that it was made from."""
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.estimate import Estimate, Iteration, SolveReport
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.atomic import atomic_open, check_target
+from vip_factors.io.mcap_contents import McapContents, McapMessages, read_contents
+from vip_factors.io.mcap_messages import (
+    calibration_message,
+    calibration_of,
+    is_ours,
+    motion_message,
+    motion_of,
+    naming,
+    of_topic,
+    pose_messages,
+    set_timestamp,
+    tell_lost_frames,
+    time_ns_of,
+)
+from vip_factors.io.mcap_scene import scene_wanted, skeleton_scene, transform_messages
+from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
+from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
+from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
+from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo
+from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
+from vip_factors.io.schemas.residuals_pb2 import Residuals
+from vip_factors.io.schemas.solve_report_pb2 import SolveReport as SolveReportMessage
+
+ESTIMATE = "/estimate/"
+INFO, CALIBRATION, REPORT = ESTIMATE + "info", ESTIMATE + "calibration", ESTIMATE + "report"
+MOTION, POSE, RESIDUALS = ESTIMATE + "motion", ESTIMATE + "pose", ESTIMATE + "residuals"
+TRANSFORMS, SCENE = ESTIMATE + "tf", ESTIMATE + "skeleton"
+RECORDING_INFO = "/recording/info"
+
+
+def write_estimate(
+    estimate: Estimate,
+    path: str | os.PathLike[str],
+    overwrite: bool = False,
+    append_to: str | os.PathLike[str] | None = None,
+    scene: bool | None = None,
+    start_ns: int = 0,
+) -> None:
+    """Write an estimate; rotations become quaternions, everything else is kept to the bit.
+
+    Args:
+        estimate: what to write.
+        path: of the new file.
+        overwrite: whether an existing file may be replaced.
+        append_to: an MCAP recording: the new file then holds everything in it, and the estimate after it (in place of
+            an earlier one). It may be ``path`` itself, with ``overwrite``.
+        scene: whether to add the moving skeleton as Foxglove's messages; None: if it is small.
+        start_ns: absolute time of t = 0; taken from the recording with ``append_to``.
+
+    Raises:
+        InputError: if the file exists and may not be overwritten, cannot be written there, or the residuals do not
+            have one column per sensor.
+        FileFormatError: if the recording to append to is no MCAP file, or is cut off and would be replaced.
+    """
+    target = check_target(path, overwrite)
+    _check_residuals(estimate)
+    recording = read_contents(append_to) if append_to is not None else None
+    if recording is not None:
+        start_ns = _start_of(recording)
+        if recording.damage and Path(os.path.realpath(recording.path)) == target:
+            raise FileFormatError(
+                f"{recording.path} is damaged ({recording.damage[0]}): it is not replaced; write to another file"
+            )
+    with atomic_open(path, "wb", overwrite) as file, MessageWriter(file) as writer:
+        if recording is not None:
+            writer.copy(recording, without=(ESTIMATE,))
+        _write(estimate, writer, start_ns, scene_wanted(scene, estimate.motion))
+
+
+def _write(estimate: Estimate, writer: MessageWriter, start_ns: int, scene: bool) -> None:
+    motion = estimate.motion
+    writer.write(INFO, _info_message(estimate, start_ns), start_ns)
+    writer.write(MOTION, motion_message(motion), start_ns)
+    writer.write(CALIBRATION, calibration_message(estimate.calibration), start_ns)
+    for report in estimate.reports:
+        writer.write(REPORT, _report_message(report), start_ns)
+    streams = [pose_messages(writer, POSE, motion, start_ns, estimate.covariance)]
+    if estimate.residuals:
+        streams.append(_residual_messages(writer, estimate, start_ns))
+    if scene:
+        writer.write(SCENE, skeleton_scene(motion), start_ns)
+        streams.append(transform_messages(writer, TRANSFORMS, motion, start_ns))
+    writer.flush()
+    writer.add_in_order(*streams)
+
+
+def _check_residuals(estimate: Estimate) -> None:
+    expected = (len(estimate.motion), len(estimate.sensors))
+    for kind, values in estimate.residuals.items():
+        if values.shape != expected:
+            raise InputError(f"residuals '{kind}' have shape {values.shape}: expected (frames, sensors) = {expected}")
+
+
+def _start_of(recording: McapContents) -> int:
+    infos = of_topic(recording.path, list(recording.messages.values()), RECORDING_INFO, RecordingInfo)
+    return time_ns_of(infos[-1].start) if infos else 0
+
+
+def _info_message(estimate: Estimate, start_ns: int) -> EstimateInfo:
+    message = EstimateInfo(
+        name=estimate.name,
+        method=estimate.method,
+        sensors=estimate.sensors,
+        settings=dict(estimate.settings),
+        residual_kinds=list(estimate.residuals),
+    )
+    set_timestamp(message.start, start_ns)
+    return message
+
+
+def _report_message(report: SolveReport) -> SolveReportMessage:
+    message = SolveReportMessage(
+        stage=report.stage,
+        initial_cost=dict(report.initial_cost),
+        final_cost=dict(report.final_cost),
+        converged=report.converged,
+        seconds=report.seconds,
+    )
+    for one in report.iterations:
+        message.iterations.add(cost=one.cost, damping=one.damping, accepted=one.accepted, seconds=dict(one.seconds))
+    return message
+
+
+def _residual_messages(writer: MessageWriter, estimate: Estimate, start_ns: int) -> Iterator[TimedMessage]:
+    channel = writer.channel(RESIDUALS, Residuals)
+    for frame, time_ns in enumerate(nanoseconds(estimate.motion.time, start_ns)):
+        message = Residuals(frame=frame)
+        set_timestamp(message.timestamp, time_ns)
+        for kind, values in estimate.residuals.items():
+            message.kinds.add(name=kind, values=values[frame])
+        yield time_ns, channel, message.SerializeToString()
+
+
+def read_estimate(path: str | os.PathLike[str]) -> Estimate:
+    """Read an estimate, from a file of its own or from one that also holds the recording.
+
+    Of a file that was cut off, every whole frame before the cut is read, and a
+    :class:`~vip_factors.io.mcap_contents.McapWarning` says so.
+
+    Raises:
+        InputError: if there is no such file.
+        FileFormatError: if it is no MCAP file or holds no estimate.
+    """
+    contents = read_contents(path, lambda channel: channel.topic.startswith(ESTIMATE) and is_ours(channel))
+    ours = [one for one in contents.messages.values() if one.channel.topic.startswith(ESTIMATE) and one.data]
+    infos = of_topic(contents.path, ours, INFO, EstimateInfo)
+    motions = of_topic(contents.path, ours, MOTION, MotionInfo)
+    if not infos or not motions:
+        topics = ", ".join(contents.topics) or "none"
+        damage = f" ({contents.damage[0]})" if contents.damage else ""
+        raise FileFormatError(
+            f"{contents.path}: expected an estimate, with topics {INFO} and {MOTION}; found topics {topics}{damage}"
+        )
+    with naming(contents.path):
+        return _estimate(contents.path, infos[-1], motions[-1], ours)
+
+
+def _estimate(path: Path, info: EstimateInfo, motion_info: MotionInfo, ours: Sequence[McapMessages]) -> Estimate:
+    motion, covariance = motion_of(motion_info, of_topic(path, ours, POSE, BodyPose))
+    tell_lost_frames(path, motion_info, motion)
+    calibrations = of_topic(path, ours, CALIBRATION, CalibrationEstimate)
+    return Estimate(
+        name=info.name,
+        method=info.method,
+        motion=motion,
+        calibration=calibration_of(calibrations[-1]) if calibrations else {},
+        covariance=covariance,
+        residuals=_residuals(info, of_topic(path, ours, RESIDUALS, Residuals), len(motion)),
+        sensors=tuple(info.sensors),
+        reports=tuple(_report(one) for one in of_topic(path, ours, REPORT, SolveReportMessage)),
+        settings=dict(info.settings),
+    )
+
+
+def _residuals(info: EstimateInfo, messages: Sequence[Residuals], frames: int) -> dict[str, Array]:
+    """By kind ``(frames, sensors)``; NaN where a frame's message is lost."""
+    residuals = {kind: np.full((frames, len(info.sensors)), np.nan) for kind in info.residual_kinds}
+    for message in messages:
+        for kind in message.kinds:
+            if kind.name not in residuals or len(kind.values) != len(info.sensors):
+                raise FileFormatError(
+                    f"frame {message.frame} has {len(kind.values)} residuals '{kind.name}': expected "
+                    f"{len(info.sensors)}, of {', '.join(residuals) or 'no kind'}"
+                )
+            if message.frame < frames:
+                residuals[kind.name][message.frame] = kind.values
+    return residuals
+
+
+def _report(message: SolveReportMessage) -> SolveReport:
+    iterations = tuple(Iteration(one.cost, one.damping, one.accepted, dict(one.seconds)) for one in message.iterations)
+    return SolveReport(
+        message.stage,
+        iterations,
+        dict(message.initial_cost),
+        dict(message.final_cost),
+        message.converged,
+        message.seconds,
+    )

@@ -1,0 +1,234 @@
+"""Between the package's objects and their protobuf messages (data_schemas): the parts that several files share."""
+
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.estimate import PoseCovariance
+from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.mcap_contents import McapChannel, McapMessages, McapWarning
+from vip_factors.io.mcap_writer import NS_PER_S, MessageWriter, TimedMessage, nanoseconds
+from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
+from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
+from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz, Vector3
+from vip_factors.io.schemas.subject_pb2 import Skeleton as SkeletonMessage
+from vip_factors.sensors.calibration import Calibration, SensorCalibration
+
+if TYPE_CHECKING:
+    from google.protobuf.message import Message
+    from google.protobuf.timestamp_pb2 import Timestamp
+
+PACKAGE = "vip_factors."  # of our schemas
+M = TypeVar("M", bound="Message")
+
+
+def vector_message(v: Array) -> Vector3:
+    """A message of three numbers."""
+    x, y, z = (float(value) for value in v)
+    return Vector3(x=x, y=y, z=z)
+
+
+def vector(message: Vector3) -> Array:
+    """``(3,)`` of a message."""
+    return np.array([message.x, message.y, message.z])
+
+
+def rotation_message(R: Array) -> QuaternionWxyz:
+    """A message of one rotation matrix."""
+    w, x, y, z = quaternion_from_matrix(R, Order.WXYZ).tolist()
+    return QuaternionWxyz(w=w, x=x, y=y, z=z)
+
+
+def rotation(message: QuaternionWxyz) -> Array:
+    """``(3, 3)`` of a message.
+
+    Raises:
+        InputError: if it is no unit quaternion.
+    """
+    return matrix_from_quaternion([message.w, message.x, message.y, message.z], Order.WXYZ)
+
+
+def set_timestamp(message: "Timestamp", time_ns: int) -> None:
+    """Write an absolute time into a message in place."""
+    message.seconds, message.nanos = divmod(time_ns, NS_PER_S)
+
+
+def time_ns_of(message: "Timestamp") -> int:
+    """Absolute nanoseconds."""
+    return message.seconds * NS_PER_S + message.nanos
+
+
+def is_ours(channel: McapChannel, message_class: "type[Message] | None" = None) -> bool:
+    """Whether a channel carries this message, or any of package ``vip_factors``."""
+    name = message_class.DESCRIPTOR.full_name if message_class else None
+    ours = channel.schema_name == name if name else channel.schema_name.startswith(PACKAGE)
+    return ours and channel.encoding == "protobuf" and channel.schema_encoding == "protobuf"
+
+
+def decode(path: Path, messages: McapMessages, message_class: type[M]) -> list[M]:
+    """All messages of a channel.
+
+    Raises:
+        FileFormatError: if one does not decode, naming it.
+    """
+    from google.protobuf.message import DecodeError
+
+    read: list[M] = []
+    try:
+        for data in messages.data:
+            read.append(message_class.FromString(data))
+    except DecodeError as error:
+        raise FileFormatError(
+            f"{path}: message {len(read)} of topic {messages.channel.topic} is not a "
+            f"{message_class.DESCRIPTOR.full_name} ({error})"
+        ) from error
+    return read
+
+
+def of_topic(path: Path, messages: Sequence[McapMessages], topic: str, message_class: type[M]) -> list[M]:
+    """All messages of one kind on one topic; none if there is no such channel."""
+    found = [one for one in messages if one.channel.topic == topic and is_ours(one.channel, message_class)]
+    return [message for one in found for message in decode(path, one, message_class)]
+
+
+def warn(path: Path, sentence: str) -> None:
+    """Say what of a file was left out."""
+    warnings.warn(McapWarning(f"{path}: {sentence}"), stacklevel=3)
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the file's name before the message of whatever is wrong with its contents."""
+    try:
+        yield
+    except InputError as error:
+        if str(path) in str(error):
+            raise
+        raise type(error)(f"{path}: {error}") from error
+
+
+def skeleton_message(skeleton: Skeleton) -> SkeletonMessage:
+    """A skeleton with the names of its joints."""
+    message = SkeletonMessage(source=skeleton.source)
+    for joint, name in enumerate(JOINT_NAMES):
+        parent = JOINT_NAMES[PARENTS[joint]] if PARENTS[joint] >= 0 else ""
+        offset = vector_message(skeleton.p_parent_joint[joint])
+        message.joints.add(name=name, parent=parent, p_parent_joint=offset)
+    for name, landmark in skeleton.landmarks.items():
+        point = vector_message(landmark.p_bone_point)
+        message.landmarks.add(name=name, bone=JOINT_NAMES[landmark.bone], p_bone_point=point)
+    return message
+
+
+def skeleton_of(message: SkeletonMessage) -> Skeleton:
+    """The skeleton of a message.
+
+    Raises:
+        FileFormatError: if a joint is missing.
+    """
+    offsets = {joint.name: vector(joint.p_parent_joint) for joint in message.joints}
+    missing = [name for name in JOINT_NAMES if name not in offsets]
+    if missing:
+        raise FileFormatError(f"the skeleton lacks {', '.join(missing)}: expected all of {', '.join(JOINT_NAMES)}")
+    landmarks = {one.name: Landmark(joint_index(one.bone), vector(one.p_bone_point)) for one in message.landmarks}
+    return Skeleton(np.array([offsets[name] for name in JOINT_NAMES]), landmarks, message.source)
+
+
+def calibration_message(calibration: Calibration) -> CalibrationEstimate:
+    """Headings and mountings of all sensors."""
+    message = CalibrationEstimate()
+    for sensor, one in calibration.items():
+        message.sensors.add(
+            sensor=sensor,
+            heading_rad=float(one.heading),
+            mounting_wxyz=rotation_message(one.R_bone_sensor),
+            heading_sigma_rad=float(one.heading_sigma),
+            mounting_sigma_rad=vector_message(one.mounting_sigma),
+        )
+    return message
+
+
+def calibration_of(message: CalibrationEstimate) -> dict[str, SensorCalibration]:
+    """Calibrations by sensor of a message."""
+    return {
+        one.sensor: SensorCalibration(
+            one.heading_rad, rotation(one.mounting_wxyz), one.heading_sigma_rad, vector(one.mounting_sigma_rad)
+        )
+        for one in message.sensors
+    }
+
+
+def motion_message(motion: Motion) -> MotionInfo:
+    """What all frames of a motion share."""
+    return MotionInfo(
+        name=motion.name,
+        rate_hz=float(motion.rate),
+        start_s=float(motion.start),
+        frames=len(motion),
+        skeleton=skeleton_message(motion.skeleton),
+    )
+
+
+def pose_messages(
+    writer: MessageWriter, topic: str, motion: Motion, start_ns: int, covariance: PoseCovariance | None = None
+) -> Iterator[TimedMessage]:
+    """The frames of a motion, serialised, in the order of time."""
+    channel = writer.channel(topic, BodyPose)
+    wxyz = quaternion_from_matrix(motion.R_parent_child, Order.WXYZ).reshape(len(motion), 4 * JOINT_COUNT)
+    for frame, time_ns in enumerate(nanoseconds(motion.time, start_ns)):
+        message = BodyPose(
+            frame=frame, joint_rotations_wxyz=wxyz[frame], p_world_pelvis=vector_message(motion.p_world_pelvis[frame])
+        )
+        set_timestamp(message.timestamp, time_ns)
+        if covariance is not None:
+            message.joint_covariance.extend(covariance.joints[frame].ravel())
+            message.root_covariance.extend(covariance.root[frame].ravel())
+        yield time_ns, channel, message.SerializeToString()
+
+
+def motion_of(info: MotionInfo, poses: Sequence[BodyPose]) -> tuple[Motion, PoseCovariance | None]:
+    """The motion of its messages, and its covariance if all frames have one; it ends before the first lost frame.
+
+    Raises:
+        FileFormatError: for frames of another skeleton.
+    """
+    frames = 0
+    while frames < len(poses) and poses[frames].frame == frames:
+        frames += 1
+    poses = poses[:frames]
+    wxyz = _rows("joint rotations", [one.joint_rotations_wxyz for one in poses], (JOINT_COUNT, 4))
+    root = [(one.p_world_pelvis.x, one.p_world_pelvis.y, one.p_world_pelvis.z) for one in poses]
+    motion = Motion(
+        skeleton_of(info.skeleton),
+        matrix_from_quaternion(wxyz, Order.WXYZ),
+        np.array(root, float).reshape(-1, 3),
+        info.rate_hz,
+        info.start_s,
+        info.name,
+    )
+    if not poses or not all(one.joint_covariance and one.root_covariance for one in poses):
+        return motion, None
+    joints = _rows("joint covariances", [one.joint_covariance for one in poses], (JOINT_COUNT, 3, 3))
+    return motion, PoseCovariance(joints, _rows("root covariances", [one.root_covariance for one in poses], (3, 3)))
+
+
+def tell_lost_frames(path: Path, info: MotionInfo, motion: Motion) -> None:
+    """Warn if a motion has fewer frames than were written."""
+    if len(motion) < info.frames:
+        warn(path, f"motion '{info.name}': {len(motion)} of {info.frames} frames are left")
+
+
+def _rows(what: str, rows: Sequence[Any], shape: tuple[int, ...]) -> Array:
+    size = int(np.prod(shape))
+    for frame, row in enumerate(rows):
+        if len(row) != size:
+            raise FileFormatError(f"frame {frame} has {len(row)} numbers of {what}: expected {size}")
+    return np.array(rows, float).reshape(len(rows), *shape)

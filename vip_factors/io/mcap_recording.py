@@ -1,0 +1,199 @@
+"""A recording as an MCAP file: one message a sample, so that Foxglove and Rerun plot it (data_schemas/README.md)."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from vip_factors.errors import FileFormatError
+from vip_factors.io.atomic import atomic_open
+from vip_factors.io.mcap_contents import McapChannel, McapContents, McapMessages, read_contents
+from vip_factors.io.mcap_imu import read_streams, sample_messages
+from vip_factors.io.mcap_messages import (
+    PACKAGE,
+    calibration_message,
+    calibration_of,
+    is_ours,
+    motion_message,
+    motion_of,
+    naming,
+    of_topic,
+    pose_messages,
+    rotation,
+    rotation_message,
+    set_timestamp,
+    skeleton_message,
+    skeleton_of,
+    tell_lost_frames,
+    time_ns_of,
+    vector,
+    vector_message,
+    warn,
+)
+from vip_factors.io.mcap_writer import MessageWriter
+from vip_factors.io.ros2 import is_imu
+from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
+from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
+from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
+from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
+from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
+from vip_factors.io.schemas.subject_pb2 import Subject as SubjectMessage
+from vip_factors.sensors.placement import Placement, SensorSite
+from vip_factors.sensors.recording import Recording, Subject, Truth
+
+INFO, SUBJECT, PLACEMENT, IMU = "/recording/info", "/subject", "/placement", "/imu/"
+TRUTH_MOTION, TRUTH_POSE, TRUTH_CALIBRATION = "/truth/motion", "/truth/pose", "/truth/calibration"
+ESTIMATE = "/estimate/"  # the topics of an estimate that was appended
+READ = (ImuSample, RecordingInfo, SubjectMessage, SensorPlacement, MotionInfo, BodyPose, CalibrationEstimate)
+
+
+def write_recording(recording: Recording, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+    """Write a recording, its truth included; rotations become quaternions, everything else is kept to the bit.
+
+    Raises:
+        InputError: if the file exists and may not be overwritten, or cannot be written there.
+    """
+    start_ns = recording.start_ns
+    with atomic_open(path, "wb", overwrite) as file, MessageWriter(file) as writer:
+        writer.write(INFO, _info_message(recording), start_ns)
+        writer.write(SUBJECT, _subject_message(recording.subject), start_ns)
+        writer.write(PLACEMENT, _placement_message(recording.placement), start_ns)
+        streams = [sample_messages(writer, IMU + stream.name, stream, start_ns) for stream in recording.imus.values()]
+        truth = recording.truth
+        if truth is not None:
+            writer.write(TRUTH_MOTION, motion_message(truth.motion), start_ns)
+            if truth.calibration is not None:
+                writer.write(TRUTH_CALIBRATION, calibration_message(truth.calibration), start_ns)
+            streams.append(pose_messages(writer, TRUTH_POSE, truth.motion, start_ns))
+        writer.flush()
+        writer.add_in_order(*streams)
+
+
+def _info_message(recording: Recording) -> RecordingInfo:
+    message = RecordingInfo(
+        name=recording.name, initial_pose=recording.initial_pose, notes=recording.notes, sensors=list(recording.imus)
+    )
+    set_timestamp(message.start, recording.start_ns)
+    return message
+
+
+def _subject_message(subject: Subject) -> SubjectMessage:
+    return SubjectMessage(
+        name=subject.name,
+        stature_m=subject.stature_m,
+        mass_kg=subject.mass_kg,
+        sex=subject.sex,
+        segment_lengths_m=dict(subject.segment_lengths_m),
+        skeleton=skeleton_message(subject.body()),
+        skeleton_given=subject.skeleton is not None,
+    )
+
+
+def _placement_message(placement: Placement) -> SensorPlacement:
+    message = SensorPlacement(preset=placement.name)
+    for site in placement.sites:
+        message.sites.add(
+            sensor=site.sensor,
+            bone=site.bone,
+            p_bone_sensor=vector_message(site.p_bone_sensor),
+            mounting_wxyz=rotation_message(site.R_bone_sensor),
+            mounting_sigma_rad=float(site.mounting_sigma),
+        )
+    return message
+
+
+def read_recording(path: str | os.PathLike[str]) -> Recording:
+    """Read a recording, with its truth if the file has one.
+
+    Channels of other messages are left out and told as a :class:`McapWarning`. Of a file that was cut off, every
+    whole message is read; the warning and the recording's notes say up to where.
+
+    Raises:
+        InputError: if there is no such file.
+        FileFormatError: if it is no MCAP file or holds nothing of a recording.
+        RecordingError: if its samples are unusable.
+    """
+    contents = read_contents(path, lambda channel: is_ours(channel) and not channel.topic.startswith(ESTIMATE))
+    messages = [one for one in contents.messages.values() if not one.channel.topic.startswith(ESTIMATE)]
+    ours = [one for one in messages if any(is_ours(one.channel, kind) for kind in READ)]
+    _tell_foreign(contents, [one.channel for one in messages if one not in ours])
+    if not ours:
+        raise FileFormatError(_nothing_here(contents))
+    with naming(contents.path):
+        return _recording(contents, ours)
+
+
+def _recording(contents: McapContents, ours: Sequence[McapMessages]) -> Recording:
+    path = contents.path
+    infos = of_topic(path, ours, INFO, RecordingInfo)
+    subjects = of_topic(path, ours, SUBJECT, SubjectMessage)
+    placements = of_topic(path, ours, PLACEMENT, SensorPlacement)
+    for found, what, instead in (
+        (infos, f"RecordingInfo on {INFO}", "the file's name stands for it, without an initial pose"),
+        (subjects, f"Subject on {SUBJECT}", "a person of average stature stands for it"),
+        (placements, f"SensorPlacement on {PLACEMENT}", "no sensor has a place"),
+    ):
+        if not found:
+            warn(path, f"there is no {what}: {instead}")
+    info = infos[-1] if infos else RecordingInfo(name=path.stem, initial_pose="none")
+    start_ns = time_ns_of(info.start)
+    return Recording(
+        name=info.name,
+        subject=_subject(subjects[-1]) if subjects else Subject(),
+        imus=read_streams(path, [one for one in ours if is_ours(one.channel, ImuSample)], start_ns),
+        placement=_placement(placements[-1]) if placements else Placement(),
+        initial_pose=info.initial_pose or "none",
+        truth=_truth(path, ours),
+        notes="\n".join([info.notes, *contents.damage] if info.notes else contents.damage),
+        start_ns=start_ns,
+    )
+
+
+def _subject(message: SubjectMessage) -> Subject:
+    return Subject(
+        name=message.name,
+        stature_m=message.stature_m,
+        mass_kg=message.mass_kg if message.HasField("mass_kg") else None,
+        sex=message.sex if message.HasField("sex") else None,
+        segment_lengths_m=dict(message.segment_lengths_m),
+        skeleton=skeleton_of(message.skeleton) if message.skeleton_given else None,
+    )
+
+
+def _placement(message: SensorPlacement) -> Placement:
+    sites = tuple(
+        SensorSite(one.sensor, one.bone, vector(one.p_bone_sensor), rotation(one.mounting_wxyz), one.mounting_sigma_rad)
+        for one in message.sites
+    )
+    return Placement(sites, message.preset)
+
+
+def _truth(path: Path, ours: Sequence[McapMessages]) -> Truth | None:
+    motions = of_topic(path, ours, TRUTH_MOTION, MotionInfo)
+    poses = of_topic(path, ours, TRUTH_POSE, BodyPose)
+    if not motions:
+        if poses:
+            warn(path, f"topic {TRUTH_POSE} without {TRUTH_MOTION}: the truth is left out")
+        return None
+    motion, _ = motion_of(motions[-1], poses)
+    tell_lost_frames(path, motions[-1], motion)
+    calibrations = of_topic(path, ours, TRUTH_CALIBRATION, CalibrationEstimate)
+    return Truth(motion, calibration_of(calibrations[-1]) if calibrations else None)
+
+
+def _tell_foreign(contents: McapContents, channels: Sequence[McapChannel]) -> None:
+    if channels:
+        named = ", ".join(f"{one.topic} ({one.schema_name or one.encoding or 'no schema'})" for one in channels)
+        warn(contents.path, f"channels left out, as they hold nothing of a recording: {named}")
+
+
+def _nothing_here(contents: McapContents) -> str:
+    topics = contents.topics
+    found = f"found topics {', '.join(topics)}" if topics else "it has no topics"
+    advice = ""
+    if any(topic.startswith(ESTIMATE) for topic in topics):
+        advice = "; it is an estimate: read it as one (read_estimate)"
+    elif any(is_imu(one.channel) for one in contents.messages.values()):
+        advice = "; it has sensor_msgs/msg/Imu: read it as ROS 2 (read_ros2_imus)"
+    damage = f" ({contents.damage[0]})" if contents.damage else ""
+    expected = f"expected a recording, with messages such as {PACKAGE}ImuSample"
+    return f"{contents.path}: {expected}; {found}{damage}{advice}"

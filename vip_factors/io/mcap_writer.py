@@ -1,0 +1,107 @@
+"""Protobuf messages into an MCAP file, and the copy of another file's messages into it."""
+
+from collections.abc import Iterable, Iterator
+from heapq import merge
+from io import BytesIO
+from itertools import count
+from typing import IO, TYPE_CHECKING, Any
+
+from vip_factors import __version__
+from vip_factors.io.mcap_contents import McapContents, McapMessages
+
+if TYPE_CHECKING:
+    from google.protobuf.message import Message
+
+# A cut loses at most the zstd block it falls into: small chunks lose little, at some cost in compression.
+CHUNK_BYTES = 32 * 1024
+NS_PER_S = 1_000_000_000
+
+TimedMessage = tuple[int, int, bytes]
+"""Log time in nanoseconds, channel id, serialised message."""
+
+
+class MessageWriter:
+    """Writes messages to an open file; one channel per topic. A context manager, which finishes the file."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        from mcap.writer import CompressionType, Writer
+
+        self._writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer.start(profile="", library=f"vip_factors {__version__}")
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._channels: dict[str, int] = {}
+        self._sequence = count()
+
+    def __enter__(self) -> "MessageWriter":
+        return self
+
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
+        if error is None:
+            self._writer.finish()
+
+    def channel(self, topic: str, message_class: "type[Message]") -> int:
+        """Id of the channel of a topic, registered with its schema at the first call."""
+        if topic not in self._channels:
+            from mcap_protobuf.schema import build_file_descriptor_set
+
+            schema = build_file_descriptor_set(message_class).SerializeToString(deterministic=True)
+            schema_id = self._schema(message_class.DESCRIPTOR.full_name, "protobuf", schema)
+            self._channels[topic] = self._writer.register_channel(topic, "protobuf", schema_id)
+        return self._channels[topic]
+
+    def _schema(self, name: str, encoding: str, data: bytes) -> int:
+        key = (name, encoding, data)
+        if key not in self._schemas:
+            self._schemas[key] = self._writer.register_schema(name, encoding, data) if name or data else 0
+        return self._schemas[key]
+
+    def write(self, topic: str, message: "Message", time_ns: int) -> None:
+        """One message of any kind."""
+        self.add(self.channel(topic, type(message)), time_ns, message.SerializeToString())
+
+    def add(self, channel: int, time_ns: int, data: bytes) -> None:
+        """One serialised message. Log times are unsigned: what lies before the epoch is logged at 0."""
+        time_ns = max(time_ns, 0)
+        self._writer.add_message(channel, time_ns, data, time_ns, next(self._sequence) & 0xFFFFFFFF)
+
+    def add_in_order(self, *streams: Iterable[TimedMessage]) -> None:
+        """Messages of several streams, each in the order of time, interleaved: a cut then ends all at one time."""
+        for time_ns, channel, data in merge(*streams, key=lambda message: message[0]):
+            self.add(channel, time_ns, data)
+
+    def flush(self) -> None:
+        """End the chunk, so that what was written so far survives a cut in what follows."""
+        self._writer.flush()
+
+    def copy(self, contents: McapContents, without: tuple[str, ...] = ()) -> None:
+        """Everything in another file, except for topics that begin with one of ``without``."""
+        from mcap.data_stream import ReadDataStream
+        from mcap.records import Attachment, Metadata
+
+        for raw in contents.metadata:
+            metadata = Metadata.read(ReadDataStream(BytesIO(raw)))
+            self._writer.add_metadata(metadata.name, metadata.metadata)
+        for raw in contents.attachments:
+            read = Attachment.read(ReadDataStream(BytesIO(raw)))
+            self._writer.add_attachment(read.create_time, read.log_time, read.name, read.media_type, read.data)
+        kept = [one for one in contents.messages.values() if not one.channel.topic.startswith(without or ("\0",))]
+        for log_time, publish_time, channel, data, sequence in merge(
+            *(self._copied(messages) for messages in kept), key=lambda message: message[0]
+        ):
+            self._writer.add_message(channel, log_time, data, publish_time, sequence)
+
+    def _copied(self, messages: McapMessages) -> Iterator[tuple[int, int, int, bytes, int]]:
+        original = messages.channel
+        schema_id = self._schema(original.schema_name, original.schema_encoding, original.schema_data)
+        channel = self._writer.register_channel(original.topic, original.encoding, schema_id, original.metadata)
+        self._channels.setdefault(original.topic, channel)
+        return zip(
+            messages.log_times, messages.publish_times, [channel] * len(messages.data), messages.data,
+            messages.sequences, strict=True,
+        )  # fmt: skip
+
+
+def nanoseconds(seconds: Any, start_ns: int) -> list[int]:
+    """Absolute nanoseconds, as Python integers, of times ``(N,)`` in seconds from the recording's start."""
+    # Whole and fractional seconds apart: a float product of a long recording would lose nanoseconds.
+    return [start_ns + int(t // 1) * NS_PER_S + round(t % 1 * NS_PER_S) for t in seconds.tolist()]

@@ -1,0 +1,1 @@
+"""Protobuf messages, generated from data_schemas by ``python data_schemas/generate.py``."""

@@ -23,17 +23,18 @@ def gauss_markov(
 def smooth_process(
     random: np.random.Generator, count: int, step: float, sigma: Array | float, time_constant: float, axes: int = 3
 ) -> Array:
-    """Second-order Gauss–Markov process ``(count, axes)``, whose paths have a velocity.
+    """Matérn-5/2 process ``(count, axes)``: its paths have a velocity and an acceleration of finite variance.
 
-    Autocorrelation ``sigma² (1 + |Δt|/T) exp(−|Δt|/T)``, with ``T = time_constant / 2`` so that it decays about as
-    fast as a first-order process of that time constant.
+    Autocorrelation ``sigma² (1 + x + x²/3) exp(−x)`` with ``x = √5 |Δt| / time_constant``; a first-order process,
+    used as a position, would shake with an acceleration that grows without bound with the sampling rate.
     """
-    keep = np.exp(-2 * step / time_constant)
-    settle = int(np.ceil(5 * time_constant / step))
+    keep = np.exp(-np.sqrt(5) * step / time_constant)
+    pole = [1.0, -3 * keep, 3 * keep**2, -(keep**3)]
+    settle = int(np.ceil(6 * time_constant / step))
+    response = lfilter([1.0], pole, np.eye(1, settle)[0])
     drive = random.standard_normal((settle + count, axes))
-    path = lfilter([1.0], [1.0, -2 * keep, keep**2], drive, axis=0)[settle:]
-    variance = (1 + keep**2) / (1 - keep**2) ** 3  # stationary, of the double pole under unit white noise
-    return np.asarray(sigma) * path / np.sqrt(variance)
+    path = lfilter([1.0], pole, drive, axis=0)[settle:]
+    return np.asarray(sigma) * path / np.linalg.norm(response)
 
 
 def random_walk(random: np.random.Generator, count: int, step: float, sigma_per_root_minute: float) -> Array:

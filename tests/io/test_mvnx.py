@@ -1,0 +1,304 @@
+"""MVNX: files of that form written here, and the real ones against MVN's own numbers."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from vip_factors.body.skeleton import JOINT_NAMES, joint_index
+from vip_factors.errors import FileFormatError
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import angle_between, exp, rotation_x, rotation_z, transpose
+from vip_factors.io.importers import mvnx
+from vip_factors.sensors.placement import SITES
+
+# Segments with their parent and the origin in it, on a person in the T-pose: x forward, y left, z up.
+LEFT = {
+    "Shoulder": ("T8", (0, 0.03, 0.07)), "UpperArm": ("Shoulder", (0, 0.14, 0)),
+    "ForeArm": ("UpperArm", (0, 0.27, 0)), "Hand": ("ForeArm", (0, 0.23, 0)),
+    "UpperLeg": ("Pelvis", (0, 0.09, 0)), "LowerLeg": ("UpperLeg", (0, 0, -0.4)),
+    "Foot": ("LowerLeg", (0, 0, -0.41)), "Toe": ("Foot", (0.15, 0, -0.07)),
+}  # fmt: skip
+SEGMENTS = {
+    "Pelvis": (None, (0, 0, 0)), "L5": ("Pelvis", (0, 0, 0.1)), "L3": ("L5", (0, 0, 0.1)),
+    "T12": ("L3", (0, 0, 0.09)), "T8": ("T12", (0, 0, 0.09)), "Neck": ("T8", (0, 0, 0.12)),
+    "Head": ("Neck", (0, 0, 0.09)),
+} | {
+    side + name: (parent if parent in ("T8", "Pelvis") else side + parent, (x, y * sign, z))
+    for side, sign in (("Right", -1), ("Left", 1))
+    for name, (parent, (x, y, z)) in LEFT.items()
+}  # fmt: skip
+TIPS = {"Head": ("pTopOfHead", (0, 0, 0.17))} | {
+    side + name: (f"p{side}{point}", (x, y * sign, z))
+    for side, sign in (("Right", -1), ("Left", 1))
+    for name, point, (x, y, z) in (
+        ("Foot", "HeelFoot", (-0.04, 0, -0.085)),
+        ("Toe", "Toe", (0.06, 0, -0.015)),
+        ("Hand", "TopOfHand", (0, 0.17, 0)),
+    )
+}
+SENSORS = ("Pelvis", "T8", "LeftForeArm", "Prop1")
+FRAMES = 8
+R_SEGMENT_BONE = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
+
+
+def poses(R_world_segment: np.ndarray) -> np.ndarray:
+    """Positions ``(T, 23, 3)`` of segments turned like this."""
+    names, p = list(SEGMENTS), np.zeros((len(R_world_segment), 23, 3))
+    p[:, 0] = [0.1, 0.2, 0.9]
+    for row, (parent, offset) in enumerate(SEGMENTS.values()):
+        if parent:
+            up = names.index(parent)
+            p[:, row] = p[:, up] + R_world_segment[:, up] @ np.array(offset, float)
+    return p
+
+
+def motion(seed: int = 0) -> np.ndarray:
+    R = exp(0.5 * np.random.default_rng(seed).normal(size=(FRAMES, 23, 3)))
+    names = list(SEGMENTS)
+    R[:, names.index("L3")] = R[:, names.index("L5")]  # so that nothing is lost where we merge the two
+    return R
+
+
+def numbers(values: np.ndarray) -> str:
+    return " ".join(f"{value:.9f}" for value in np.ravel(values))
+
+
+def frame(R: np.ndarray, p: np.ndarray, attributes: str, more: str = "") -> str:
+    q = quaternion_from_matrix(R, Order.WXYZ)
+    return f"<frame {attributes}><orientation>{numbers(q)}</orientation><position>{numbers(p)}</position>{more}</frame>"
+
+
+def write(path: Path, R: np.ndarray, version: int = 4, points: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """An MVNX file of this motion; returns sensor orientations ``(T, S, 3, 3)`` and specific forces it implies."""
+    rng, names, tag = np.random.default_rng(5), list(SEGMENTS), "pos_b" if version == 4 else "pos_s"
+    # Version 3 turns the arms' axes, and says so by the pose of its calibration only.
+    zero = np.stack([rotation_x(np.pi / 2 if "Arm" in name and version == 3 else 0.0) for name in names])
+    segments, joints = "", ""
+    for row, (name, (parent, _)) in enumerate(SEGMENTS.items()):
+        own = [(f"j{name}", (0, 0, 0))] if parent else []
+        own += [(f"j{child}", offset) for child, (above, offset) in SEGMENTS.items() if above == name]
+        own += [TIPS[name]] if name in TIPS else []
+        tags = "".join(f'<point label="{p}"><{tag}>{numbers(np.array(x))}</{tag}></point>' for p, x in own)
+        segments += f'<segment label="{name}" id="{row + 1}"><points>{tags if points else ""}</points></segment>'
+        if parent:
+            ends = f"<connector1>{parent}/j{name}</connector1><connector2>{name}/j{name}</connector2>"
+            joints += f'<joint label="j{name}">{ends}</joint>'
+    straight = poses(np.tile(np.eye(3), (1, 23, 1, 1)))[0]
+    frames = frame(zero, straight, 'time="0" type="identity"' if version == 4 else 'time="0" index="-3" type="npose"')
+    R_sensor = exp(rng.normal(size=(FRAMES, len(SENSORS), 3)))
+    free = rng.normal(size=(FRAMES, len(SENSORS), 3))
+    force = np.einsum("tsji,tsj->tsi", R_sensor, free + [0, 0, 9.80665])
+    for t, (turned, p) in enumerate(zip(R @ zero, poses(R), strict=True)):
+        acceleration = ("sensorFreeAcceleration", free) if version == 4 else ("sensorAcceleration", force)
+        q = quaternion_from_matrix(R_sensor[t], Order.WXYZ)
+        more = f"<sensorOrientation>{numbers(q)}</sensorOrientation>"
+        more += f"<{acceleration[0]}>{numbers(acceleration[1][t])}</{acceleration[0]}>"
+        attributes = f'time="{round(t * 1000 / 60)}" index="{t}" ms="{1542082631842 + t * 17}" type="normal"'
+        frames += "\n" + frame(turned, p, attributes, more)
+    path.write_text(
+        '<?xml version="1.0" encoding="UTF-8"?>\n<!-- a comment -->\n'
+        f'<mvnx xmlns="http://www.xsens.com/mvn/mvnx" version="{version}"><mvn version="2019.0.0"/><comment/>'
+        f'<subject label="x" frameRate="60" segmentCount="23"><segments>{segments}</segments><sensors>'
+        + "".join(f'<sensor label="{name}"/>' for name in SENSORS)
+        + f'</sensors><joints>{joints}</joints><frames sensorCount="4">{frames}</frames></subject></mvnx>'
+    )
+    return R_sensor, force
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_sensors_and_segments_arrive_in_our_frames(tmp_path: Path, version: int) -> None:
+    path, R = tmp_path / "walk.mvnx", motion()
+    R_sensor, force = write(path, R, version)
+    assert mvnx.matches(path)
+    log = mvnx.read(path)
+    assert list(log.imus) == list(SENSORS)
+    for row, stream in enumerate(log.imus.values()):
+        np.testing.assert_allclose(stream.time, np.arange(FRAMES) / 60)
+        assert stream.R_inertial_sensor is not None
+        assert np.max(angle_between(stream.R_inertial_sensor, R_sensor[:, row])) < 1e-7
+        np.testing.assert_allclose(stream.specific_force, force[:, row], atol=1e-6)
+    assert log.start_ns == 1542082631842 * 10**6
+    assert log.default_sites == {"Pelvis": "pelvis", "T8": "sternum", "LeftForeArm": "left_forearm"}
+    truth = log.truth_motion
+    assert truth is not None
+    names, p = list(SEGMENTS), poses(R)
+    for bone, segment in {"pelvis": "Pelvis", "left_elbow": "LeftForeArm", "right_ankle": "RightFoot"}.items():
+        row = names.index(segment)
+        assert np.max(angle_between(truth.state.R_world_bone[:, joint_index(bone)], R[:, row] @ R_SEGMENT_BONE)) < 1e-7
+        np.testing.assert_allclose(truth.state.p_world_joint[:, joint_index(bone)], p[:, row], atol=1e-7)
+    assert log.stature_m is not None
+    assert np.isclose(log.stature_m, 0.1 * 2 + 0.09 * 3 + 0.12 + 0.17 + 0.4 + 0.41 + 0.085)
+
+
+def test_mountings_are_those_of_mvn(tmp_path: Path) -> None:
+    path, R = tmp_path / "walk.mvnx", np.repeat(motion()[:1], FRAMES, axis=0)
+    write(path, R)
+    text = path.read_text().split("<sensorOrientation>")
+    fixed = text[1].split("</sensorOrientation>")[0]  # the sensors keep still as the wearer does
+    kept = [fixed + "</sensorOrientation>" + part.split("</sensorOrientation>")[1] for part in text[1:]]
+    path.write_text("<sensorOrientation>".join([text[0], *kept]))
+    log = mvnx.read(path)
+    assert log.placement is not None
+    assert log.truth_motion is not None
+    site, stream = log.placement.site("LeftForeArm"), log.imus["LeftForeArm"]
+    assert site.bone == "left_elbow"
+    R_world_bone = log.truth_motion.state.R_world_bone[:, site.bone_index]
+    assert np.max(angle_between(R_world_bone @ site.R_bone_sensor, stream.R_inertial_sensor)) < 1e-6
+
+
+def test_lengths_come_from_the_calibration_where_points_are_missing(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mvnx"
+    write(path, motion(), 3, points=False)
+    log = mvnx.read(path)
+    assert log.truth_motion is not None
+    assert log.stature_m is None
+    assert np.isclose(log.truth_motion.skeleton.bone_length("left_knee"), 0.4)
+
+
+def test_lost_frames_leave_gaps_and_no_motion(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mvnx"
+    write(path, motion())
+    lines = path.read_text().split("\n")
+    path.write_text("\n".join(line for line in lines if 'index="4"' not in line))
+    log = mvnx.read(path)
+    np.testing.assert_allclose(log.imus["T8"].gaps, [[3 / 60, 5 / 60]])
+    assert log.truth_motion is None
+    assert any("some frames are missing" in note for note in log.notes)
+
+
+def test_a_file_that_breaks_off_gives_what_it_holds(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mvnx"
+    write(path, motion())
+    text = path.read_text()
+    path.write_text(text[: text.index('index="5"') + 400])
+    log = mvnx.read(path)
+    assert len(log.imus["Pelvis"]) == 5
+    assert any("breaks off" in note for note in log.notes)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("sensorOrientation", "nothing", "no sensorOrientation in any frame: export"),
+        ('type="normal"', 'type="npose"', "no frame of type 'normal'"),
+        ('<sensor label="Prop1"/>', "", "<sensorOrientation> of frame 0 has 16 numbers: expected 12"),
+        ('frameRate="60"', 'frameRate="fast"', "frameRate = 'fast': expected a number"),
+        ("<position>0.1", "<position>x", "could not convert"),
+        ("<mvnx ", "<mvnx <", "not readable as XML"),
+    ],
+)
+def test_mistakes_are_named(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+    path = tmp_path / "walk.mvnx"
+    write(path, motion())
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(FileFormatError, match=sentence):
+        mvnx.read(path)
+
+
+def test_other_files_are_not_taken_for_mvnx(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text("<OpenSimDocument/>")
+    assert not mvnx.matches(tmp_path / "a.xml")
+    assert not mvnx.matches(tmp_path)
+    assert not mvnx.matches(tmp_path / "absent")
+
+
+REAL = [("full_body_240hz_v3.mvnx", 17, 4, 240), ("upper_body_60hz_v4.mvnx", 11, 112, 60)]
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(("name", "sensors", "frames", "rate"), REAL)
+def test_real_files_hold_an_upright_person(data_folder: Path, name: str, sensors: int, frames: int, rate: int) -> None:
+    path = data_folder / "mvnx" / name
+    log = mvnx.read(path)
+    assert len(log.imus) == len(log.default_sites) == sensors
+    assert set(log.default_sites.values()) <= set(SITES)
+    for stream in log.imus.values():
+        assert len(stream) == frames
+        assert frames == 1 or np.isclose(stream.rate, rate)
+        assert stream.specific_force is not None
+        assert stream.R_inertial_sensor is not None
+        # On average gravity is all a sensor feels, and it points up.
+        up = np.mean(stream.R_inertial_sensor @ stream.specific_force[:, :, None], axis=0)[:, 0]
+        np.testing.assert_allclose(up, [0, 0, 9.8], atol=1.5)
+    truth = log.truth_motion
+    assert truth is not None
+    at = {joint: truth.state.p_world_joint[:, row] for row, joint in enumerate(JOINT_NAMES)}
+    assert np.all(at["head"][:, 2] > at["pelvis"][:, 2] + 0.4)
+    assert np.all(at["left_ankle"][:, 2] < at["pelvis"][:, 2] - 0.5)
+    leftwards = truth.state.R_world_bone[:, 0, :, 0]
+    assert np.all(np.sum((at["left_hip"] - at["right_hip"]) * leftwards, axis=1) > 0.1)
+    forwards = truth.state.R_world_bone[:, 0, :, 2]
+    assert np.all(np.sum((at["left_foot"] - at["left_ankle"]) * forwards, axis=1) > 0.1)
+    assert log.stature_m is not None
+    assert 1.6 < log.stature_m < 1.7
+    _assert_joints_are_mvns(path, at)
+
+
+def _assert_joints_are_mvns(path: Path, at: dict[str, np.ndarray]) -> None:
+    root = ElementTree.parse(path).getroot()
+    labels = [element.get("label") for element in root.iter() if element.tag.endswith("}segment")]
+    normal = [e for e in root.iter() if e.tag.endswith("}frame") and e.get("type") == "normal"]
+    texts = [next(c.text or "" for c in f if c.tag.endswith("}position")) for f in normal]
+    p = np.array([text.split() for text in texts], float).reshape(len(normal), -1, 3)
+    pairs = {"left_wrist": "LeftHand", "right_elbow": "RightForeArm", "right_foot": "RightToe", "head": "Head"}
+    for joint, segment in pairs.items():
+        assert np.max(np.linalg.norm(at[joint] - p[:, labels.index(segment)], axis=1)) < 0.01
+
+
+@pytest.mark.data
+def test_real_motion_agrees_with_the_bvh_of_mvn(data_folder: Path) -> None:
+    truth = mvnx.read(data_folder / "mvnx" / "upper_body_60hz_v4.mvnx").truth_motion
+    assert truth is not None
+    joints = _bvh_positions(data_folder / "mvnx" / "upper_body_60hz_v4.bvh")
+    ours = {name: truth.state.p_world_joint[:, joint_index(name)] for name in JOINT_NAMES}
+    pairs = {"LeftWrist": "left_wrist", "RightElbow": "right_elbow", "Head": "head", "LeftToe": "left_foot"}
+    for theirs, name in pairs.items():
+        # MVN's BVH is Y up and in centimetres, its first frame is the T-pose and not of the recording.
+        relative = (joints[theirs] - joints["Hips"])[1:] / 100 @ np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])
+        frames = min(len(relative), len(truth))
+        np.testing.assert_allclose((ours[name] - ours["pelvis"])[:frames], relative[:frames], atol=0.01)
+
+
+def _bvh_positions(path: Path) -> dict[str, np.ndarray]:
+    """Joint positions of a BVH whose rotations come in the order Y, X, Z."""
+    hierarchy, _, data = path.read_text().partition("MOTION")
+    values = np.array([line.split() for line in data.strip().split("\n")[2:]], float)
+    stack: list[tuple[np.ndarray, np.ndarray]] = []
+    found, name, column = {}, "", 0
+    for line in hierarchy.split("\n"):
+        word, *rest = line.split() or [""]
+        if word in ("ROOT", "JOINT", "End"):
+            name = rest[0]
+        elif word == "OFFSET":
+            offset = np.array(rest, float)
+        elif word == "CHANNELS":
+            p = values[:, column : column + 3] if rest[0] == "6" else offset
+            column += 3 if rest[0] == "6" else 0
+            y, x, z = np.deg2rad(values[:, column : column + 3]).T[:, :, None] * np.eye(3)[[1, 0, 2]][:, None]
+            column += 3
+            R = exp(y) @ exp(x) @ exp(z)
+            if stack:
+                p, R = stack[-1][1] + stack[-1][0] @ p, stack[-1][0] @ R
+            found[name] = p
+            stack.append((R, p))
+        elif word == "}" and name == "Site":
+            name = ""
+        elif word == "}":
+            stack.pop()
+    return found
+
+
+def test_the_heading_of_the_file_is_kept(tmp_path: Path) -> None:
+    turned = rotation_z(1.2) @ np.tile(np.eye(3), (FRAMES, 23, 1, 1))
+    write(tmp_path / "a.mvnx", turned)
+    truth = mvnx.read(tmp_path / "a.mvnx").truth_motion
+    assert truth is not None
+    forward = truth.state.R_world_bone[0, 0, :, 2]
+    np.testing.assert_allclose(forward, [np.cos(1.2), np.sin(1.2), 0], atol=1e-7)
+    np.testing.assert_allclose(
+        transpose(truth.R_parent_child[:, 5]) @ truth.R_parent_child[:, 5],
+        np.tile(np.eye(3), (FRAMES, 1, 1)),
+        atol=1e-9,
+    )

@@ -1,0 +1,175 @@
+"""The content of an MVNX file as arrays, read as a stream: frames are dropped as soon as their numbers are taken."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.errors import FileFormatError
+from vip_factors.geometry.rotations import Array
+
+# What is read of a frame: the element, and how many numbers each segment or sensor has in it.
+SEGMENT_CHANNELS = {"orientation": 4, "position": 3}
+SENSOR_CHANNELS = {
+    "sensorOrientation": 4,
+    "sensorFreeAcceleration": 3,
+    "sensorAcceleration": 3,
+    "sensorAngularVelocity": 3,
+}
+
+
+@dataclass(frozen=True)
+class MvnxFrame:
+    """One frame: its attributes, and the numbers of the channels it has, one row per segment or sensor."""
+
+    attributes: dict[str, str]
+    channels: dict[str, Array]
+
+    @property
+    def is_sample(self) -> bool:
+        """Whether it is a moment of the recording, not a pose of the calibration (identity, tpose, npose …)."""
+        return self.attributes.get("type", "normal") == "normal"
+
+
+@dataclass
+class MvnxDocument:
+    """An MVNX file, version 3 or 4.
+
+    Attributes:
+        path: of the file.
+        version: of the format, as written.
+        software: version of MVN, as written.
+        frame_rate: Hz.
+        attributes: of the subject.
+        segments, sensors: labels, in the order of the rows of every channel.
+        points: (segment, point) → metres, in the segment's axes in the T-pose (x forward, y left, z up).
+        joints: pairs of (segment, point), parent first, that coincide.
+        frames: in order.
+        truncated: what is wrong with the end of the file, if it breaks off.
+    """
+
+    path: Path
+    version: str = "?"
+    software: str = "?"
+    frame_rate: float = 0.0
+    attributes: dict[str, str] = field(default_factory=dict)
+    segments: list[str] = field(default_factory=list)
+    sensors: list[str] = field(default_factory=list)
+    points: dict[tuple[str, str], Array] = field(default_factory=dict)
+    joints: list[tuple[tuple[str, str], tuple[str, str]]] = field(default_factory=list)
+    frames: list[MvnxFrame] = field(default_factory=list)
+    truncated: str = ""
+
+    @property
+    def samples(self) -> list[MvnxFrame]:
+        """The frames of the recording."""
+        return [frame for frame in self.frames if frame.is_sample]
+
+    @property
+    def calibration_poses(self) -> list[MvnxFrame]:
+        """The poses before it."""
+        return [frame for frame in self.frames if not frame.is_sample]
+
+    def channel(self, name: str) -> Array | None:
+        """One channel of all samples, ``(N, rows, width)``, NaN where a sample lacks it; None if all do."""
+        labels, width = _channel_shape(self, name)
+        if not any(name in sample.channels for sample in self.samples):
+            return None
+        empty = np.full((len(labels), width), np.nan)
+        return np.stack([sample.channels.get(name, empty) for sample in self.samples])
+
+
+def read_document(path: Path) -> MvnxDocument:
+    """Parse an MVNX file of any size; one that breaks off gives the frames it holds.
+
+    Raises:
+        FileFormatError: if the file is not MVNX, has no samples, or a frame's numbers do not fit the labels.
+    """
+    document = MvnxDocument(path)
+    try:
+        for tag, element in _elements(path):
+            _take(document, tag, element)
+    except ET.ParseError as error:
+        if not document.samples:
+            raise FileFormatError(f"{path}: not readable as XML ({error}): expected an MVNX file") from error
+        document.truncated = str(error)
+    if not document.samples:
+        raise FileFormatError(f"{path}: no frame of type 'normal': expected an MVNX recording with frames")
+    if not document.frame_rate > 0:
+        raise FileFormatError(f"{path}: <subject> gives no frameRate: expected frames per second")
+    return document
+
+
+def _elements(path: Path) -> Iterator[tuple[str, ET.Element]]:
+    """Elements at their end (the subject at its start), tags without namespace; read frames are forgotten."""
+    frames = None
+    for event, element in ET.iterparse(path, events=("start", "end")):
+        tag = element.tag.rpartition("}")[2]
+        if event == "start":
+            frames = element if tag == "frames" else frames
+            if tag in ("mvnx", "subject"):
+                yield tag, element
+        elif tag in ("mvn", "segment", "sensor", "joint", "frame"):
+            yield tag, element
+            if tag == "frame" and frames is not None:
+                frames.clear()
+
+
+def _take(document: MvnxDocument, tag: str, element: ET.Element) -> None:
+    if tag == "mvnx":
+        document.version = element.get("version", "?")
+    elif tag == "mvn":
+        document.software = element.get("version", "?")
+    elif tag == "subject":
+        document.attributes = dict(element.attrib)
+        document.frame_rate = _number(document.path, "frameRate", element.get("frameRate", "0"))
+    elif tag == "segment":
+        label = element.get("label", "?")
+        document.segments.append(label)
+        for point in element.iter():
+            if point.tag.rpartition("}")[2] == "point" and len(point):
+                document.points[label, point.get("label", "?")] = _numbers(document.path, point[0], "a point", 3)
+    elif tag == "sensor":
+        document.sensors.append(element.get("label", "?"))
+    elif tag == "joint":
+        ends = [tuple((end.text or "").strip().split("/", 1)) for end in element]
+        if len(ends) == 2 and all(len(end) == 2 for end in ends):
+            document.joints.append((ends[0], ends[1]))  # type: ignore[arg-type]
+    elif tag == "frame":
+        document.frames.append(_frame(document, element))
+
+
+def _frame(document: MvnxDocument, element: ET.Element) -> MvnxFrame:
+    channels = {}
+    for child in element:
+        name = child.tag.rpartition("}")[2]
+        if name in SEGMENT_CHANNELS or name in SENSOR_CHANNELS:
+            labels, width = _channel_shape(document, name)
+            where = f"<{name}> of frame {element.get('index', len(document.frames))}"
+            channels[name] = _numbers(document.path, child, where, len(labels) * width).reshape(-1, width)
+    return MvnxFrame(dict(element.attrib), channels)
+
+
+def _channel_shape(document: MvnxDocument, name: str) -> tuple[list[str], int]:
+    if name in SEGMENT_CHANNELS:
+        return document.segments, SEGMENT_CHANNELS[name]
+    return document.sensors, SENSOR_CHANNELS[name]
+
+
+def _numbers(path: Path, element: ET.Element, where: str, count: int) -> Array:
+    try:
+        numbers = np.array((element.text or "").split(), dtype=float)
+    except ValueError as error:
+        raise FileFormatError(f"{path}: {where}: {error}: expected {count} numbers") from error
+    if len(numbers) != count:
+        raise FileFormatError(f"{path}: {where} has {len(numbers)} numbers: expected {count}")
+    return numbers
+
+
+def _number(path: Path, name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise FileFormatError(f"{path}: {name} = '{text}': expected a number") from error

@@ -1,0 +1,247 @@
+"""From a foreign skeleton to ours.
+
+Each bone keeps the world direction it has in the source: with ``C`` the constant rotation that takes our T-pose
+direction of a bone onto the source's rest direction, ``R_world_bone = R_world_node C``. Our skeleton gets the
+source's own offsets, so the joints stay where they were.
+"""
+
+import numpy as np
+
+from vip_factors.body.anthropometry import LIMB_LENGTHS, NECK_HEIGHT, skeleton_from_stature
+from vip_factors.body.kinematics import local_rotations
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array, angle_between, exp, rotation_x, transpose
+from vip_factors.io.motions.skeleton_maps import SkeletonMap, find_map
+from vip_factors.io.motions.source_clip import SourceClip
+
+# Units that files use, in metres, and the statures that tell them apart: the ranges do not overlap.
+UNITS_M = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254}
+PLAUSIBLE_STATURE_M = (1.2, 2.2)
+
+# T-pose directions of the long bones: bone → (joint at its far end, direction in body axes).
+DOWN = (0.0, -1.0, 0.0)
+AIMS: dict[str, tuple[str, tuple[float, float, float]]] = {}
+for _side, _x in (("left", 1.0), ("right", -1.0)):
+    AIMS |= {f"{_side}_hip": (f"{_side}_knee", DOWN), f"{_side}_knee": (f"{_side}_ankle", DOWN)}
+    AIMS |= {
+        f"{_side}_{bone}": (f"{_side}_{end}", (_x, 0.0, 0.0))
+        for bone, end in (("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "hand"))
+    }
+
+# A rest pose before the take: this near to the T-pose, and left faster than any joint turns.
+REST_TOLERANCE = np.radians(15.0)  # exporters' rest poses bend the forearms a little
+IMPOSSIBLE_SPEED = 10.0  # rad/s: a person who stands in a T-pose does not leave it like a pitcher's arm
+
+
+def retarget(clip: SourceClip, skeleton_map: SkeletonMap | None = None, unit_m: float | None = None) -> Motion:
+    """A clip on our 24-joint skeleton, Z up, metres; at rest the wearer faces −y.
+
+    Args:
+        clip: the source.
+        skeleton_map: which node is which joint; found by the names if not given.
+        unit_m: the clip's unit in metres; found by the stature if not given.
+
+    Raises:
+        InputError: for an unknown skeleton, an implausible size, or a rest pose that is not an upright body.
+    """
+    table = skeleton_map or find_map(clip.names, clip.path)
+    A = _body_from_source_axes(clip, table)
+    stature = _stature(clip, table)
+    unit = unit_m or _unit_of(stature, clip.path)
+    stature *= unit
+    rest = {joint: unit * (A @ clip.p_rest[clip.node(node)]) for joint, node in table.joints.items()}
+    C = _rest_corrections(clip, table, A)
+    world = rotation_x(np.pi / 2) @ A  # body axes' y, up at rest, becomes the world's z
+    R_world_bone, p_world_joint = _world_poses(clip, table, (world, A, unit), C, rest, stature)
+    skeleton = _skeleton(clip, table, (A, unit), C, (R_world_bone, p_world_joint), stature)
+    return Motion(skeleton, local_rotations(R_world_bone), p_world_joint[:, 0], clip.rate, name=clip.name)
+
+
+def without_rest_frames(clip: SourceClip, skeleton_map: SkeletonMap | None = None) -> SourceClip:
+    """The clip without the rest pose that its exporter put before the take, if there is one."""
+    table = skeleton_map or find_map(clip.names, clip.path)
+    if len(clip) < 3 or table.exact:
+        return clip
+    joints = [node for joint, node in table.joints.items() if joint in AIMS or joint == "pelvis"]
+    nodes = [clip.node(node) for node in joints]
+    R = clip.R_world_node[:2, nodes]
+    from_rest = angle_between(R[0, 0], R[0])  # all bones turned as the pelvis: the rest pose
+    speed = angle_between(R[0], R[1]) * clip.rate
+    if from_rest.max() > REST_TOLERANCE or speed.max() < IMPOSSIBLE_SPEED:
+        return clip
+    drop = max(1, round(table.settle_s * clip.rate))
+    return clip.frames(slice(min(drop, len(clip) - 1), None))
+
+
+def _nearest_axis(vector: Array) -> Array:
+    axis = np.zeros(3)
+    largest = int(np.argmax(np.abs(vector)))
+    axis[largest] = np.sign(vector[largest])
+    return axis
+
+
+def _body_from_source_axes(clip: SourceClip, table: SkeletonMap) -> Array:
+    """The signed permutation ``(3, 3)`` that takes the source's axes to ours: x left, y up, z forward."""
+    at = {joint: clip.p_rest[clip.node(node)] for joint, node in table.joints.items()}
+    up = _nearest_axis(at["neck"] - (at["left_hip"] + at["right_hip"]) / 2)
+    left = _nearest_axis(at["left_hip"] - at["right_hip"])
+    if abs(up @ left) > 0.5 or not up.any() or not left.any():
+        raise InputError(
+            f"{clip.path}: at rest the neck is not above the hips, or the hips are not side by side: expected a "
+            "rest pose (OFFSETs) of an upright body"
+        )
+    return np.stack([left, up, np.cross(left, up)])
+
+
+def _stature(clip: SourceClip, table: SkeletonMap) -> float:
+    """Stature in the source's unit, from the rest lengths of legs, arms and trunk and their published proportions."""
+    at = {joint: clip.p_rest[clip.node(node)] for joint, node in table.joints.items()}
+    length, fraction = 0.0, 0.0
+    limbs = LIMB_LENGTHS[None]
+    for side in ("left", "right"):
+        for bone, end, limb in (
+            ("hip", "knee", "thigh"),
+            ("knee", "ankle", "shank"),
+            ("shoulder", "elbow", "upper_arm"),
+            ("elbow", "wrist", "forearm"),
+        ):
+            length += float(np.linalg.norm(at[f"{side}_{end}"] - at[f"{side}_{bone}"]))
+            fraction += limbs[limb]
+        length += float(np.linalg.norm(at["neck"] - (at["left_hip"] + at["right_hip"]) / 2))
+        fraction += NECK_HEIGHT - 0.039 - limbs["shank"] - limbs["thigh"]
+    return length / fraction
+
+
+def _unit_of(stature: float, path: str) -> float:
+    low, high = PLAUSIBLE_STATURE_M
+    for unit in UNITS_M.values():
+        if low <= stature * unit <= high:
+            return unit
+    raise InputError(
+        f"{path}: the skeleton's stature is about {stature:.3g} of the file's units, which is no adult in "
+        f"{', '.join(UNITS_M)}: give the unit in metres (unit_m)"
+    )
+
+
+def _between(a: Array, b: Array) -> Array:
+    """The smallest rotation that takes direction ``a`` onto direction ``b``."""
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    axis = np.cross(a, b)
+    sine = np.linalg.norm(axis)
+    angle = np.arctan2(sine, a @ b)
+    return exp(axis * (angle / sine)) if sine > 1e-9 else np.eye(3)
+
+
+def _rest_corrections(clip: SourceClip, table: SkeletonMap, A: Array) -> Array:
+    """``C`` ``(24, 3, 3)`` of each bone: from our T-pose to the source's rest pose."""
+    C = np.broadcast_to(np.eye(3), (JOINT_COUNT, 3, 3)).copy()
+    if table.exact:
+        return C
+    nodes = dict(table.joints)
+    for side in ("left", "right"):  # the hand points to its knuckles, or else to its fingertips
+        if f"{side}_hand" not in nodes and f"{side}_fingertip" in table.landmarks:
+            nodes[f"{side}_hand"] = table.landmarks[f"{side}_fingertip"]
+    for joint, name in enumerate(JOINT_NAMES):
+        end, ours = AIMS.get(name, ("", DOWN))
+        if end in nodes and name in nodes:
+            bone = A @ (clip.p_rest[clip.node(nodes[end])] - clip.p_rest[clip.node(nodes[name])])
+            C[joint] = _between(np.array(ours), bone)
+        elif name.endswith("_ankle") and f"{name[:-6]}_foot" in nodes:
+            # The rest pose stands flat on the floor, so a foot's slope is its shape; only its toeing-out is a turn.
+            foot = A @ (clip.p_rest[clip.node(nodes[f"{name[:-6]}_foot"])] - clip.p_rest[clip.node(nodes[name])])
+            C[joint] = _between(np.array([0.0, 0.0, 1.0]), np.array([foot[0], 0.0, foot[2]]))
+        elif name.endswith(("_wrist", "_hand", "_foot")):
+            C[joint] = C[PARENTS[joint]]
+    return C
+
+
+def _world_poses(
+    clip: SourceClip,
+    table: SkeletonMap,
+    axes: tuple[Array, Array, float],
+    C: Array,
+    rest: dict[str, Array],
+    stature: float,
+) -> tuple[Array, Array]:
+    """World rotations and positions of all 24 joints; those the source lacks hang rigidly on their parents."""
+    world, A, unit = axes
+    R_world_bone = np.empty((len(clip), JOINT_COUNT, 3, 3))
+    p_world_joint = np.empty((len(clip), JOINT_COUNT, 3))
+    template = skeleton_from_stature(stature)
+    for joint, name in enumerate(JOINT_NAMES):
+        parent = PARENTS[joint]
+        if name in table.joints:
+            node = clip.node(table.joints[name])
+            p_world_joint[:, joint] = unit * clip.p_world_node[:, node] @ world.T
+        else:
+            offset = _missing_offset(joint, rest, template, C[parent])
+            p_world_joint[:, joint] = p_world_joint[:, parent] + R_world_bone[:, parent] @ offset
+        # The hand bone is rigid with the wrist: a finger's joint is not the palm's.
+        if name in table.joints and (table.exact or not name.endswith("_hand")):
+            R_world_bone[:, joint] = world @ clip.R_world_node[:, node] @ A.T @ C[joint]
+        else:
+            R_world_bone[:, joint] = R_world_bone[:, parent]
+    return R_world_bone, p_world_joint
+
+
+def _missing_offset(joint: int, rest: dict[str, Array], template: Skeleton, C_parent: Array) -> Array:
+    """Where a joint that the source lacks sits on its parent: on the way to the next joint of the spine, else as usual.
+
+    The joint is added to ``rest``.
+    """
+    name, parent = JOINT_NAMES[joint], JOINT_NAMES[PARENTS[joint]]
+    spine = ("spine1", "spine2", "spine3", "neck")
+    offset = template.p_parent_joint[joint]
+    if name in spine:
+        beyond = next((other for other in spine[spine.index(name) + 1 :] if other in rest), "")
+        if beyond:
+            steps = [template.bone_length(one) for one in spine[spine.index(name) : spine.index(beyond) + 1]]
+            offset = C_parent.T @ (rest[beyond] - rest[parent]) * (steps[0] / sum(steps))
+    rest[name] = rest[parent] + C_parent @ offset
+    return offset
+
+
+def _skeleton(
+    clip: SourceClip,
+    table: SkeletonMap,
+    axes: tuple[Array, float],
+    C: Array,
+    poses: tuple[Array, Array],
+    stature: float,
+) -> Skeleton:
+    """The source's own bones: each joint's mean place on its parent (constant unless the source bends in between)."""
+    R_world_bone, p_world_joint = poses
+    parents = np.array(PARENTS)
+    arms = p_world_joint[:, 1:] - p_world_joint[:, parents[1:]]
+    offsets = np.zeros((JOINT_COUNT, 3))
+    offsets[1:] = np.einsum("tjba,tjb->ja", R_world_bone[:, parents[1:]], arms) / len(clip)
+    A, unit = axes
+    landmarks = dict(skeleton_from_stature(stature).landmarks)
+    for name, node in table.landmarks.items():
+        bone = landmarks[name].bone
+        holder = table.joints.get(JOINT_NAMES[bone], "")
+        if holder:
+            arm = unit * (A @ (clip.p_rest[clip.node(node)] - clip.p_rest[clip.node(holder)]))
+            landmarks[name] = Landmark(bone, transpose(C[bone]) @ arm)
+        elif name.endswith("_fingertip"):  # from the wrist, where the source has no knuckles
+            wrist = clip.p_rest[clip.node(table.joints[JOINT_NAMES[PARENTS[bone]]])]
+            arm = transpose(C[bone]) @ (unit * (A @ (clip.p_rest[clip.node(node)] - wrist)))
+            landmarks[name] = Landmark(bone, arm - offsets[bone])
+    for side in ("left", "right"):
+        _level_heel(landmarks, offsets, side, f"{side}_toe_tip" in table.landmarks)
+    return Skeleton(offsets, landmarks, f"{clip.name}, {table.name} skeleton, stature about {stature:.2f} m")
+
+
+def _level_heel(landmarks: dict[str, Landmark], offsets: Array, side: str, toe_known: bool) -> None:
+    """At rest the foot stands flat: the heel is as high as the tip of the toes, whichever of the two is known."""
+    heel, toe = landmarks[f"{side}_heel"], landmarks[f"{side}_toe_tip"]
+    ball_y = offsets[joint_index(f"{side}_foot"), 1]
+    heel_point, toe_point = heel.p_bone_point.copy(), toe.p_bone_point.copy()
+    if toe_known:
+        heel_point[1] = ball_y + toe_point[1]
+    else:
+        toe_point[1] = min(heel_point[1] - ball_y, 0.0)
+    landmarks[f"{side}_heel"] = Landmark(heel.bone, heel_point)
+    landmarks[f"{side}_toe_tip"] = Landmark(toe.bone, toe_point)

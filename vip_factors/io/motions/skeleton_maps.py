@@ -1,0 +1,128 @@
+"""Which node of a foreign skeleton is which joint of ours: one table per family of files."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.errors import InputError
+
+# Without these there is no body to speak of; any other joint can be filled in from human proportions.
+REQUIRED = ("pelvis", "neck") + tuple(
+    f"{side}_{joint}" for side in ("left", "right") for joint in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
+)
+
+
+@dataclass(frozen=True)
+class SkeletonMap:
+    """One family of skeletons.
+
+    Attributes:
+        name: what people call the family.
+        joints: our joint → its node, whose position and rotation are taken.
+        landmarks: our landmark → its node.
+        exact: the rest pose is ours already, so that no bone direction is to be corrected.
+        settle_s: seconds after a rest pose put before the take during which the converter blends from it.
+    """
+
+    name: str
+    joints: Mapping[str, str]
+    landmarks: Mapping[str, str] = field(default_factory=dict)
+    exact: bool = False
+    settle_s: float = 0.0
+
+
+def _both_sides(table: Mapping[str, str], left: str, right: str) -> dict[str, str]:
+    """Entries of both sides: ``{}`` in a node's name stands for the side."""
+    sides = (("left", left), ("right", right))
+    return {f"{side}_{joint}": node.format(prefix) for joint, node in table.items() for side, prefix in sides}
+
+
+CGSPEED = SkeletonMap(
+    "cgspeed (Daz figures)",
+    {"pelvis": "hip", "spine1": "abdomen", "spine2": "chest", "neck": "neck", "head": "head"}
+    | _both_sides(
+        {
+            "hip": "{}Thigh", "knee": "{}Shin", "ankle": "{}Foot", "foot": "{}Foot/end", "collar": "{}Collar",
+            "shoulder": "{}Shldr", "elbow": "{}ForeArm", "wrist": "{}Hand", "hand": "{}Mid1",
+        }, "l", "r",
+    ),
+    _both_sides({"fingertip": "{}Mid2/end"}, "l", "r"),
+    settle_s=0.1,  # against the CMU originals, the blend (with its overshoot) is over after 0.1 s
+)  # fmt: skip
+
+MVN = SkeletonMap(
+    "Xsens MVN",
+    {
+        "pelvis": "Hips", "spine1": "Chest", "spine2": "Chest3", "spine3": "Chest4", "neck": "Neck", "head": "Head",
+    } | _both_sides(
+        {
+            "hip": "{}Hip", "knee": "{}Knee", "ankle": "{}Ankle", "foot": "{}Toe", "collar": "{}Collar",
+            "shoulder": "{}Shoulder", "elbow": "{}Elbow", "wrist": "{}Wrist",
+        }, "Left", "Right",
+    ),
+    {"head_top": "Head/end"} | _both_sides({"toe_tip": "{}Toe/end", "fingertip": "{}Wrist/end"}, "Left", "Right"),
+)  # fmt: skip
+
+_ARMS_AND_LEGS = _both_sides(
+    {
+        "hip": "{}UpLeg", "knee": "{}Leg", "ankle": "{}Foot", "foot": "{}ToeBase", "collar": "{}Shoulder",
+        "shoulder": "{}Arm", "elbow": "{}ForeArm", "wrist": "{}Hand", "hand": "{}HandMiddle1",
+    }, "Left", "Right",
+)  # fmt: skip
+MOTIONBUILDER = SkeletonMap(
+    "MotionBuilder, Mixamo, Vicon",
+    {"pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck", "head": "Head"}
+    | _ARMS_AND_LEGS,
+    {"head_top": "Head/end"} | _both_sides({"toe_tip": "{}ToeBase/end"}, "Left", "Right"),
+)
+
+CMU_ASF = SkeletonMap(
+    "CMU ASF",
+    {
+        "pelvis": "root", "spine1": "lowerback", "spine2": "upperback", "spine3": "thorax", "neck": "lowerneck",
+        "head": "head",
+    } | _both_sides(
+        {
+            "hip": "{}femur", "knee": "{}tibia", "ankle": "{}foot", "foot": "{}toes", "collar": "{}clavicle",
+            "shoulder": "{}humerus", "elbow": "{}radius", "wrist": "{}hand", "hand": "{}fingers",
+        }, "l", "r",
+    ),
+    {"head_top": "head/end"}
+    | _both_sides({"toe_tip": "{}toes/end", "fingertip": "{}fingers/end"}, "l", "r"),
+)  # fmt: skip
+
+SMPL = SkeletonMap(
+    "SMPL",
+    {name: name for name in JOINT_NAMES},
+    {"head_top": "head/end"}
+    | _both_sides({"toe_tip": "{}_foot/end", "fingertip": "{}_hand/end"}, "left", "right"),
+    exact=True,
+)  # fmt: skip
+
+MAPS = (SMPL, CGSPEED, MVN, MOTIONBUILDER, CMU_ASF)
+
+
+def find_map(names: tuple[str, ...], path: str) -> SkeletonMap:
+    """The family that a skeleton belongs to, its entries narrowed to the nodes that are there, spelled as there.
+
+    Case and a name space before a colon (``mixamorig:Hips``) do not matter.
+
+    Raises:
+        InputError: if no family fits, naming what is missing of the nearest one.
+    """
+    spelling = {name.rpartition(":")[2].lower(): name for name in reversed(names)}
+    missing: dict[str, list[str]] = {}
+    for candidate in MAPS:
+        missing[candidate.name] = [node for joint, node in candidate.joints.items()
+                                   if joint in REQUIRED and node.lower() not in spelling]  # fmt: skip
+        if not missing[candidate.name]:
+            joints = {key: spelling[node.lower()] for key, node in candidate.joints.items() if node.lower() in spelling}
+            marks = {key: spelling[node.lower()] for key, node in candidate.landmarks.items()
+                     if node.lower() in spelling}  # fmt: skip
+            return SkeletonMap(candidate.name, joints, marks, candidate.exact, candidate.settle_s)
+    nearest = min(missing, key=lambda name: len(missing[name]))
+    raise InputError(
+        f"{path}: the skeleton ({', '.join(names[:8])}, …) is none of the known families "
+        f"({', '.join(missing)}); nearest is {nearest}, which lacks {', '.join(missing[nearest][:5])}: "
+        "rename the joints or pass a SkeletonMap"
+    )

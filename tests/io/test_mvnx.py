@@ -9,7 +9,7 @@ import pytest
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.geometry.rotations import angle_between, exp, rotation_x, rotation_z, transpose
+from vip_factors.geometry.rotations import angle_between, exp, rotation_x, rotation_z
 from vip_factors.io.importers import mvnx
 from vip_factors.sensors.placement import SITES
 
@@ -89,7 +89,7 @@ def write(path: Path, R: np.ndarray, version: int = 4, points: bool = True) -> t
     frames = frame(zero, straight, 'time="0" type="identity"' if version == 4 else 'time="0" index="-3" type="npose"')
     R_sensor = exp(rng.normal(size=(FRAMES, len(SENSORS), 3)))
     free = rng.normal(size=(FRAMES, len(SENSORS), 3))
-    force = np.einsum("tsji,tsj->tsi", R_sensor, free + [0, 0, 9.80665])
+    force = np.einsum("tsji,tsj->tsi", R_sensor, free + np.array([0, 0, 9.80665]))
     for t, (turned, p) in enumerate(zip(R @ zero, poses(R), strict=True)):
         acceleration = ("sensorFreeAcceleration", free) if version == 4 else ("sensorAcceleration", force)
         q = quaternion_from_matrix(R_sensor[t], Order.WXYZ)
@@ -255,10 +255,9 @@ def test_real_motion_agrees_with_the_bvh_of_mvn(data_folder: Path) -> None:
     ours = {name: truth.state.p_world_joint[:, joint_index(name)] for name in JOINT_NAMES}
     pairs = {"LeftWrist": "left_wrist", "RightElbow": "right_elbow", "Head": "head", "LeftToe": "left_foot"}
     for theirs, name in pairs.items():
-        # MVN's BVH is Y up and in centimetres, its first frame is the T-pose and not of the recording.
-        relative = (joints[theirs] - joints["Hips"])[1:] / 100 @ np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])
-        frames = min(len(relative), len(truth))
-        np.testing.assert_allclose((ours[name] - ours["pelvis"])[:frames], relative[:frames], atol=0.01)
+        # MVN's BVH is Y up and in centimetres, and shows the T-pose instead of the first frame.
+        relative = (joints[theirs] - joints["Hips"]) / 100 @ np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])
+        np.testing.assert_allclose((ours[name] - ours["pelvis"])[1:], relative[1:], atol=0.002)
 
 
 def _bvh_positions(path: Path) -> dict[str, np.ndarray]:
@@ -297,8 +296,3 @@ def test_the_heading_of_the_file_is_kept(tmp_path: Path) -> None:
     assert truth is not None
     forward = truth.state.R_world_bone[0, 0, :, 2]
     np.testing.assert_allclose(forward, [np.cos(1.2), np.sin(1.2), 0], atol=1e-7)
-    np.testing.assert_allclose(
-        transpose(truth.R_parent_child[:, 5]) @ truth.R_parent_child[:, 5],
-        np.tile(np.eye(3), (FRAMES, 1, 1)),
-        atol=1e-9,
-    )

@@ -43,7 +43,6 @@ BONE_SEGMENTS = {
         "hip": "UpperLeg", "knee": "LowerLeg", "ankle": "Foot", "foot": "Toe",
     }.items()
 }  # fmt: skip
-SEGMENT_BONES = {segment: bone for bone, segment in BONE_SEGMENTS.items() if not bone.endswith("_hand")}
 
 STRAIGHT_POSES = ("identity", "npose", "tpose")  # poses of the calibration that show the zero pose, the best first
 SANE_CLOSURE_M = 0.03  # joints of a right convention meet within millimetres; the arms of a wrong one miss by 0.3 m
@@ -96,8 +95,8 @@ def body_of(document: MvnxDocument, time: Array) -> MvnBody | str:
         skeleton, local_rotations(R_world_bone), positions[:, pelvis], document.frame_rate, start, "Xsens MVN"
     )
     rows = [document.segments.index(BONE_SEGMENTS[name]) for name in JOINT_NAMES]
-    error = np.linalg.norm(motion.state.p_world_joint - positions[:, rows], axis=-1)[:, :-2]  # knuckles have no twin
-    return MvnBody(motion, convention, closure, float(error.mean()), has_landmarks)
+    miss = np.linalg.norm(motion.state.p_world_joint - positions[:, rows], axis=-1)[:, :-2]  # knuckles have no twin
+    return MvnBody(motion, convention, closure, float(miss.mean()), has_landmarks)
 
 
 def _offsets(document: MvnxDocument) -> dict[str, Array] | None:

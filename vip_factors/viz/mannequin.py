@@ -50,8 +50,16 @@ class Segment:
     @property
     def side(self) -> Side:
         """Of the wearer."""
-        first = JOINT_NAMES[self.bone].split("_")[0]
-        return Side(first) if first in ("left", "right") else Side.MIDDLE
+        first, _, joint = JOINT_NAMES[self.bone].partition("_")
+        return Side(first) if first in ("left", "right") and joint != "collar" else Side.MIDDLE
+
+    @property
+    def part(self) -> str:
+        """The larger piece of the body that it belongs to: ``head``, ``trunk``, ``left_arm``, ``right_leg`` …"""
+        first, _, joint = JOINT_NAMES[self.bone].partition("_")
+        if self.side is Side.MIDDLE:
+            return "head" if first in ("neck", "head") else "trunk"
+        return f"{first}_{'arm' if joint in ('shoulder', 'elbow', 'wrist', 'hand') else 'leg'}"
 
 
 # Bone, far end (a joint or a landmark), radii at both ends as fractions of stature. They are there to be looked at:

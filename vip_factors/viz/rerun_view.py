@@ -1,6 +1,5 @@
 """Recording, estimate and truth in Rerun: everything as columns, so that minutes of motion are logged in seconds."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.viz.compare import Compare, common_frames, floor_height, onto_truth, position_error_mm
 from vip_factors.viz.layout import blueprint
 from vip_factors.viz.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
+from vip_factors.viz.new_file import new_file
 from vip_factors.viz.rerun_body import log_body, log_rest_body, log_sensors, log_trail
 from vip_factors.viz.rerun_series import log_curve, log_measurements, log_residuals, sensor_colours
 from vip_factors.viz.summary import summary
@@ -74,21 +74,12 @@ def show(
 
 
 def _save(scene: "_Scene", sink: SaveTo) -> None:
-    path = Path(sink.path)
-    if path.exists() and not sink.overwrite:
-        raise InputError(f"{path} exists: choose another name or overwrite it")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}; make it first")
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
+    with new_file(sink.path, sink.overwrite) as partial:
         stream = rr.RecordingStream(APPLICATION)
         stream.save(partial)
         scene.log(stream)
         stream.flush()
         stream.disconnect()
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)

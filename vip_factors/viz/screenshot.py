@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from vip_factors.errors import InputError, VipFactorsError
+from vip_factors.viz.new_file import new_file
 
 TIMEOUT_S = 180.0  # a software renderer on a slow machine needs some tens of seconds
 
@@ -26,23 +27,18 @@ def screenshot(rrd: Path, png: Path, *, size: tuple[int, int] = (1600, 900), ove
     """
     if not rrd.is_file():
         raise InputError(f"{rrd}: there is no such file")
-    if png.exists() and not overwrite:
-        raise InputError(f"{png} exists: choose another name or overwrite it")
-    partial = png.with_name(f".{png.stem}.{os.getpid()}.partial.png")
-    command = [*_viewer(), str(rrd), "--screenshot-to", str(partial), "--window-size", f"{size[0]}x{size[1]}"]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
-        if not partial.is_file():
-            last = (done.stderr or done.stdout).strip().splitlines()
-            raise VipFactorsError(
-                f"Rerun's viewer made no picture of {rrd} ({last[-1] if last else 'no message'}): it needs Vulkan; on "
-                "a machine without GPU or screen install xvfb and mesa-vulkan-drivers"
-            )
-        os.replace(partial, png)
+        with new_file(png, overwrite) as partial:
+            command = [*_viewer(), str(rrd), "--screenshot-to", str(partial), "--window-size", f"{size[0]}x{size[1]}"]
+            done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+            if not partial.is_file():
+                last = (done.stderr or done.stdout).strip().splitlines()
+                raise VipFactorsError(
+                    f"Rerun's viewer made no picture of {rrd} ({last[-1] if last else 'no message'}): it needs Vulkan; "
+                    "on a machine without GPU or screen install xvfb and mesa-vulkan-drivers"
+                )
     except subprocess.TimeoutExpired as late:
         raise VipFactorsError(f"Rerun's viewer made no picture of {rrd} in {TIMEOUT_S:.0f} s") from late
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _viewer() -> list[str]:

@@ -1,0 +1,54 @@
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vip_factors.errors import InputError
+from vip_factors.viz.chart import tick_step
+from vip_factors.viz.mannequin import ESTIMATE_COLOURS, Side
+from vip_factors.viz.picture import filmstrip
+
+
+def share_like(image: np.ndarray, colour: tuple[int, int, int], tolerance: int = 12) -> float:
+    return float((np.abs(image[..., ::-1].astype(int) - colour).max(axis=-1) <= tolerance).mean())
+
+
+def test_both_sides_and_the_curve_are_on_the_picture(scene, tmp_path: Path) -> None:
+    filmstrip(scene.estimate, scene.recording, scene.truth, tmp_path / "a.png")
+    image = cv2.imread(str(tmp_path / "a.png"))
+    assert image.shape[1] == 1600
+    assert share_like(image, ESTIMATE_COLOURS[Side.LEFT]) > 0.002
+    assert share_like(image, ESTIMATE_COLOURS[Side.RIGHT]) > 0.002
+    assert 0.6 < share_like(image, (255, 255, 255), 0) < 0.95
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+
+
+def test_without_truth_the_residual_is_the_curve(scene, tmp_path: Path) -> None:
+    filmstrip(scene.estimate, replace(scene.recording, truth=None), None, tmp_path / "a.png")
+    bare = replace(scene.estimate, residuals={})
+    filmstrip(bare, None, None, tmp_path / "b.png")
+    assert cv2.imread(str(tmp_path / "a.png")).shape[0] > cv2.imread(str(tmp_path / "b.png")).shape[0]
+
+
+def test_a_truth_alone_and_a_short_motion_can_be_drawn(scene, tmp_path: Path) -> None:
+    filmstrip(None, scene.recording, None, tmp_path / "a.png")
+    filmstrip(None, None, scene.truth.frames(slice(0, 1)), tmp_path / "b.png")
+
+
+def test_bad_requests_are_refused_in_a_sentence(scene, tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_text("precious")
+    with pytest.raises(InputError, match="exists"):
+        filmstrip(scene.estimate, None, None, tmp_path / "a.png")
+    with pytest.raises(InputError, match=r"\.png"):
+        filmstrip(scene.estimate, None, None, tmp_path / "a.jpg")
+    with pytest.raises(InputError, match="nothing to draw"):
+        filmstrip(None, replace(scene.recording, truth=None), None, tmp_path / "b.png")
+    assert (tmp_path / "a.png").read_text() == "precious"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize(("span", "step"), [(46.0, 20.0), (4.0, 1.0), (0.9, 0.25), (130.0, 50.0), (0.0, 1.0)])
+def test_ticks_are_round(span: float, step: float) -> None:
+    assert tick_step(span, 4) == pytest.approx(step)

@@ -1,0 +1,76 @@
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vip_factors.errors import InputError
+from vip_factors.viz.compare import Compare
+from vip_factors.viz.rerun_view import SaveTo, show
+
+
+def printed(rrd: Path) -> str:
+    """What Rerun's own command line finds in a file: one line a chunk."""
+    rerun = Path(sys.executable).with_name("rerun")
+    done = subprocess.run([str(rerun), "rrd", "print", str(rrd)], capture_output=True, text=True, check=True)
+    return done.stdout
+
+
+def test_rerun_reads_back_body_sensors_plots_and_text(scene, tmp_path: Path) -> None:
+    rrd = tmp_path / "scene.rrd"
+    show(scene.recording, scene.estimate, scene.truth, SaveTo(rrd))
+    chunks = printed(rrd)
+    for entity in (
+        "/world/estimate/left_knee",
+        "/world/estimate/left_knee/left_shank",
+        "/world/truth/left_knee",
+        "/plots/error/joint_error_mm",
+        "/plots/residual/orientation_deg/pelvis",
+        "/plots/imu/specific_force_m_s2/head",
+        "/summary",
+    ):
+        assert f"{entity} " in chunks or f"{entity}`" in chunks or f"{entity}:" in chunks, entity
+    assert "VisualBounds" in chunks or "blueprint" in chunks.lower()
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.rrd"]
+
+
+@pytest.mark.parametrize("compare", Compare)
+def test_every_way_to_compare_can_be_written(scene, tmp_path: Path, compare: Compare) -> None:
+    show(None, scene.estimate, scene.truth, SaveTo(tmp_path / "a.rrd"), compare=compare)
+    assert "/world/truth/pelvis" in printed(tmp_path / "a.rrd")
+
+
+def test_a_bare_recording_stands_in_the_t_pose(scene, tmp_path: Path) -> None:
+    show(replace(scene.recording, truth=None), None, None, SaveTo(tmp_path / "a.rrd"))
+    chunks = printed(tmp_path / "a.rrd")
+    assert "/world/body/head/head" in chunks
+    assert "/world/estimate" not in chunks
+
+
+def test_residuals_that_are_missing_leave_no_samples(scene, tmp_path: Path) -> None:
+    residuals = {"orientation_deg": np.full((len(scene.truth), 13), np.nan)}
+    show(None, replace(scene.estimate, residuals=residuals), None, SaveTo(tmp_path / "a.rrd"))
+    assert (tmp_path / "a.rrd").stat().st_size > 0
+
+
+def test_an_existing_file_is_kept(scene, tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    path.write_text("precious")
+    with pytest.raises(InputError, match="exists"):
+        show(None, scene.estimate, None, SaveTo(path))
+    assert path.read_text() == "precious"
+    show(None, scene.estimate, None, SaveTo(path, overwrite=True))
+    assert path.stat().st_size > 100
+
+
+def test_a_failure_leaves_nothing_behind(scene, tmp_path: Path) -> None:
+    elsewhere = replace(scene.truth, start=1000.0)
+    with pytest.raises(InputError, match="overlap"):
+        show(None, scene.estimate, elsewhere, SaveTo(tmp_path / "a.rrd"))
+    with pytest.raises(InputError, match="nothing to show"):
+        show(None, None, None, SaveTo(tmp_path / "a.rrd"))
+    with pytest.raises(InputError, match="no folder"):
+        show(None, scene.estimate, None, SaveTo(tmp_path / "missing" / "a.rrd"))
+    assert list(tmp_path.iterdir()) == []

@@ -46,8 +46,8 @@ def read(path: Path) -> ImportedLog:
     if names[0].strip().lower() != "time" or len(names) < 2:
         raise FileFormatError(f"{path}, line {at + 2}: expected the columns 'time' and one per sensor, tab-separated")
     notes = [
-        f"{path.name}: taken to be in the sensors' own inertial frame, z up, as OpenSense's Xsens and APDM readers "
-        "write it; if OpenSim axes (y up) were applied already, convert the raw recording instead",
+        f"{path.name}: taken to be in the sensors' own inertial frame, z up, as OpenSense writes raw tables; "
+        "if OpenSim axes (y up) were applied already, convert the raw recording instead",
         f"{path.name}: orientation only, no acceleration: translation will be unobservable from the sensors",
     ]
     time, quaternions = _cells(path, lines, at, len(names), notes)
@@ -60,6 +60,9 @@ def read(path: Path) -> ImportedLog:
     for index, name in enumerate(names[1:]):
         sensor = name.strip()
         R = rotations_or_nan(quaternions[:, index], Order.WXYZ, f"{path}, sensor '{sensor}'", notes)
+        if np.all(np.isnan(R)):
+            notes.append(f"{path.name}: column '{sensor}' has no orientation at all: left out")
+            continue
         imus[sensor] = ImuStream.from_samples(sensor, time - time[0], None, R)
     return ImportedLog(FORMAT, imus, default_sites(list(imus)), notes=merge_notes(notes))
 

@@ -1,0 +1,60 @@
+"""Pickles of plain data: containers, numbers, text and NumPy arrays. Whatever else a pickle asks for is refused."""
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vip_factors.errors import FileFormatError
+
+
+def _encode(text: str, encoding: str = "latin1") -> bytes:
+    """How Python 3 writes bytes in old protocols; only this one encoding is plain data."""
+    if encoding not in ("latin1", "latin-1"):
+        raise pickle.UnpicklingError(f"encoding '{encoding}'")
+    return text.encode("latin1")
+
+
+def _allowed() -> dict[tuple[str, str], Callable[..., Any]]:
+    from numpy._core import multiarray, numeric
+
+    allowed: dict[tuple[str, str], Callable[..., Any]] = {
+        ("numpy", "ndarray"): np.ndarray,
+        ("numpy", "dtype"): np.dtype,
+        ("_codecs", "encode"): _encode,
+    }
+    for core in ("numpy.core", "numpy._core"):  # the name before and after NumPy 2
+        allowed |= {
+            (f"{core}.multiarray", "_reconstruct"): multiarray._reconstruct,
+            (f"{core}.multiarray", "scalar"): multiarray.scalar,
+            (f"{core}.numeric", "_frombuffer"): numeric._frombuffer,  # type: ignore[attr-defined]
+        }
+    return allowed
+
+
+class _PlainUnpickler(pickle.Unpickler):
+    """An unpickler that knows arrays and nothing else, so that a file can run no code."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        allowed = _allowed()
+        if (module, name) not in allowed:
+            raise pickle.UnpicklingError(f"it asks for {module}.{name}, which is neither an array nor plain data")
+        return allowed[module, name]
+
+
+def load_plain_pickle(path: Path) -> Any:
+    """The content of a pickle, also of Python 2's (text as Latin-1), if it is plain data and arrays.
+
+    Raises:
+        FileFormatError: if it is no pickle, breaks off, or holds anything else, which is never executed.
+    """
+    try:
+        with path.open("rb") as file:
+            return _PlainUnpickler(file, encoding="latin1").load()
+    except (
+        pickle.UnpicklingError, EOFError, ValueError, TypeError, KeyError, IndexError, AttributeError, MemoryError,
+        OverflowError,
+    ) as error:  # fmt: skip
+        raise FileFormatError(f"{path}: not a readable pickle of arrays: {error or 'it breaks off'}") from error

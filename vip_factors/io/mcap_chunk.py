@@ -4,7 +4,6 @@ import struct
 import zlib
 
 CHUNK_HEAD = struct.Struct("<QQQI")  # start and end log time, uncompressed size, CRC of the content
-INPUT_STEP = 256  # compressed bytes given at a time, so that all output before a damaged byte is kept
 
 
 class ChunkError(Exception):
@@ -61,15 +60,9 @@ def _decompress(compression: str, packed: bytes, size: int, whole: bool) -> byte
         decompress, failure = lz4.frame.LZ4FrameDecompressor().decompress, RuntimeError
     else:
         raise ChunkError(f"a chunk is compressed with '{compression}' (known: zstd, lz4)")
-    if whole:
-        try:
-            return decompress(packed)
-        except failure as error:
-            raise ChunkError(f"a chunk of {size} bytes does not decompress ({error})") from error
-    parts = []
     try:
-        for start in range(0, len(packed), INPUT_STEP):
-            parts.append(decompress(packed[start : start + INPUT_STEP]))
-    except (failure, EOFError):
-        pass  # the end of what there is
-    return b"".join(parts)
+        return decompress(packed)
+    except failure as error:
+        if not whole:
+            return b""
+        raise ChunkError(f"a chunk of {size} bytes does not decompress ({error})") from error

@@ -130,9 +130,11 @@ class _Walk:
                 break
             self.record(opcode, view[start:end])
         if not whole:
-            self._cut_record(view, end)
+            if end + RECORD_HEAD.size < len(view) and view[end] == CHUNK:
+                self._chunk(view[end + RECORD_HEAD.size :], whole=False)
+            self._tell_end(view, end)
         elif bytes(view[end : end + len(MAGIC)]) != MAGIC:
-            self._tell_cut(len(view))
+            self._tell_end(view, end)
         if self.nameless:
             self.contents.damage.append(f"{self.nameless} messages belong to no channel of the file: left out")
 
@@ -196,16 +198,13 @@ class _Walk:
         for opcode, start, end in _records(data, 0):
             self._inner(opcode, data[start:end])
 
-    def _cut_record(self, view: memoryview, start: int) -> None:
-        """What can be had of the record at ``start``, which the file's end cuts."""
-        if start + RECORD_HEAD.size < len(view) and view[start] == CHUNK:
-            self._chunk(view[start + RECORD_HEAD.size :], whole=False)
-        self._tell_cut(len(view))
-
-    def _tell_cut(self, size: int) -> None:
+    def _tell_end(self, view: memoryview, end: int) -> None:
         last = self.contents.last_log_time
         upto = "no message is left" if last is None else f"read up to log time {last / 1e9:.3f} s"
-        self.contents.damage.insert(0, f"the file is cut off at byte {size} ({upto}); what follows is lost")
+        if bytes(view[-len(MAGIC) :]) == MAGIC and len(view) > end + len(MAGIC):
+            self.contents.damage.insert(0, f"the file is damaged at byte {end} ({upto}); what follows is lost")
+        else:
+            self.contents.damage.insert(0, f"the file is cut off at byte {len(view)} ({upto}); what follows is lost")
 
 
 def _records(data: View, start: int) -> Iterator[tuple[int, int, int]]:

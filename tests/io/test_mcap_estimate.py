@@ -1,0 +1,161 @@
+"""Estimates come back from MCAP files as they were, alone or appended to their recording."""
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_protobuf.decoder import DecoderFactory
+from mcap_samples import assert_same, calibration, estimates, motion, walk
+
+from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.estimate import Estimate, SolveReport
+from vip_factors.io.mcap_contents import McapWarning
+from vip_factors.io.mcap_estimate import read_estimate, write_estimate
+from vip_factors.io.mcap_recording import read_recording, write_recording
+
+
+def example(T: int = 60) -> Estimate:
+    rng = np.random.default_rng(5)
+    sensors = ["head", "pelvis"]
+    residuals = {"orientation_deg": rng.normal(size=(T, 2)), "acceleration_m_s2": rng.normal(size=(T, 2))}
+    return Estimate(
+        "walk", "SIP", motion(rng, T), calibration(rng, sensors), residuals=residuals, sensors=tuple(sensors),
+        reports=(SolveReport("fusion", (), {"orientation": 3.0}, {"orientation": 1.0}, True, 0.5),),
+    )  # fmt: skip
+
+
+@settings(max_examples=30, deadline=None)
+@given(estimates())
+def test_round_trip_is_lossless_and_silent(tmp_path_factory: pytest.TempPathFactory, estimate: Estimate) -> None:
+    path = tmp_path_factory.mktemp("mcap") / "e.mcap"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_estimate(estimate, path)
+        assert_same(estimate, read_estimate(path))
+
+
+def test_appended_to_its_recording_both_are_whole(tmp_path: Path) -> None:
+    recording, estimate = walk(), example()
+    write_recording(recording, tmp_path / "r.mcap")
+    write_estimate(estimate, tmp_path / "both.mcap", append_to=tmp_path / "r.mcap")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert_same(recording, read_recording(tmp_path / "both.mcap"))
+        assert_same(estimate, read_estimate(tmp_path / "both.mcap"))
+
+
+def test_appending_in_place_replaces_an_earlier_estimate_and_keeps_everything_else(tmp_path: Path) -> None:
+    path = tmp_path / "r.mcap"
+    with open(path, "wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/camera", "json", 0, {"lens": "wide"})
+        writer.add_message(channel, 7, b"{}", publish_time=8, sequence=9)
+        writer.add_attachment(1, 2, "note.txt", "text/plain", b"hello")
+        writer.add_metadata("who", {"name": "Ada"})
+        writer.finish()
+    for method in ("IT", "SIP"):
+        write_estimate(replace(example(), method=method), path, overwrite=True, append_to=path)
+    assert_same(replace(example(), method="SIP"), read_estimate(path))
+    with open(path, "rb") as file:
+        reader = make_reader(file)
+        [(_, camera, message)] = reader.iter_messages("/camera")
+        [attachment], [metadata] = reader.iter_attachments(), reader.iter_metadata()
+        summary = reader.get_summary()
+    assert camera.metadata == {"lens": "wide"}
+    assert (message.log_time, message.publish_time, message.sequence, message.data) == (7, 8, 9, b"{}")
+    assert (attachment.name, attachment.data) == ("note.txt", b"hello")
+    assert metadata.metadata == {"name": "Ada"}
+    assert summary is not None
+    assert len([one for one in summary.channels.values() if one.topic == "/estimate/info"]) == 1
+
+
+def test_a_damaged_recording_is_not_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "r.mcap"
+    write_recording(walk(), path)
+    path.write_bytes(path.read_bytes()[:-3000])
+    before = path.read_bytes()
+    with pytest.warns(McapWarning, match="cut"), pytest.raises(FileFormatError, match="write to another file"):
+        write_estimate(example(), path, overwrite=True, append_to=path)
+    assert path.read_bytes() == before
+
+
+def test_viewers_get_transforms_that_chain_to_every_joint(tmp_path: Path) -> None:
+    estimate = replace(example(), motion=replace(motion(np.random.default_rng(1), 8), rate=60.0))
+    write_estimate(replace(estimate, residuals={}), tmp_path / "e.mcap", scene=True)
+    with open(tmp_path / "e.mcap", "rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        frames = [m for *_, m in reader.iter_decoded_messages("/estimate/tf")]
+        [scene] = [m for *_, m in reader.iter_decoded_messages("/estimate/skeleton")]
+    assert len(frames) == 4  # thinned to 30 Hz
+    for shown, expected in zip(frames, estimate.motion.state.p_world_joint[::2], strict=True):
+        for joint, name in enumerate(JOINT_NAMES):
+            np.testing.assert_allclose(position(shown, f"me/{name}"), expected[joint], atol=1e-9)
+    known = {transform.child_frame_id for transform in frames[0].transforms}
+    assert {entity.frame_id for entity in scene.entities} <= known
+
+
+def position(message, frame: str) -> np.ndarray:
+    """Origin of a frame in the world, by the rotation formula of a quaternion itself."""
+    by_child = {one.child_frame_id: one for one in message.transforms}
+    p = np.zeros(3)
+    while frame != "world":
+        one = by_child[frame]
+        v = np.array([one.rotation.x, one.rotation.y, one.rotation.z])
+        p = p + 2 * np.cross(v, np.cross(v, p) + one.rotation.w * p)
+        p = p + np.array([one.translation.x, one.translation.y, one.translation.z])
+        frame = one.parent_frame_id
+    return p
+
+
+def test_without_a_scene_only_our_messages_are_written(tmp_path: Path) -> None:
+    write_estimate(example(), tmp_path / "e.mcap", scene=False)
+    with open(tmp_path / "e.mcap", "rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert all(schema.name.startswith("vip_factors.") for schema in summary.schemas.values())
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+def test_of_a_cut_estimate_the_first_frames_are_read(tmp_path: Path, share: float) -> None:
+    path, estimate = tmp_path / "e.mcap", example(600)
+    write_estimate(estimate, path)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.warns(McapWarning, match="frames are left"):
+        read = read_estimate(path)
+    T = len(read.motion)
+    assert 0.8 * share * 600 < T < 600
+    np.testing.assert_array_equal(read.motion.p_world_pelvis, estimate.motion.p_world_pelvis[:T])
+    assert_same(estimate.reports, read.reports)
+    assert_same(estimate.calibration, read.calibration, "calibration")
+    expected = estimate.residuals["orientation_deg"][: T - 1]  # of the last frame only the pose may be left
+    np.testing.assert_array_equal(read.residuals["orientation_deg"][: T - 1], expected)
+
+
+def test_a_recording_is_no_estimate_and_the_other_way_round(tmp_path: Path) -> None:
+    write_recording(walk(5), tmp_path / "r.mcap")
+    write_estimate(example(3), tmp_path / "e.mcap")
+    with pytest.raises(FileFormatError, match=r"expected an estimate.*found topics .*/imu/head"):
+        read_estimate(tmp_path / "r.mcap")
+    with pytest.raises(FileFormatError, match="read_estimate"):
+        read_recording(tmp_path / "e.mcap")
+
+
+def test_residuals_of_another_shape_are_refused_before_anything_is_written(tmp_path: Path) -> None:
+    wrong = replace(example(), residuals={"orientation_deg": np.zeros((60, 3))})
+    with pytest.raises(InputError, match=r"orientation_deg.*\(60, 3\).*\(60, 2\)"):
+        write_estimate(wrong, tmp_path / "e.mcap")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_existing_file_is_refused(tmp_path: Path) -> None:
+    write_estimate(example(3), tmp_path / "e.mcap")
+    with pytest.raises(InputError, match="exists already"):
+        write_estimate(example(3), tmp_path / "e.mcap")

@@ -1,0 +1,186 @@
+"""sensor_msgs/msg/Imu of a ROS 2 recording; the files are made by mcap_ros2's own writer."""
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.writer import Writer as RawWriter
+from mcap_ros2.writer import Writer
+
+from vip_factors.errors import FileFormatError, RecordingError
+from vip_factors.geometry.rotations import rotation_z
+from vip_factors.io.mcap_contents import McapWarning
+from vip_factors.io.mcap_recording import read_recording
+from vip_factors.io.ros2 import read_ros2_imus, read_ros2_recording
+from vip_factors.sensors.placement import Placement
+from vip_factors.sensors.recording import Subject
+
+LINE = "=" * 80
+DEFINITION = f"""std_msgs/Header header
+geometry_msgs/Quaternion orientation
+float64[9] orientation_covariance
+geometry_msgs/Vector3 angular_velocity
+float64[9] angular_velocity_covariance
+geometry_msgs/Vector3 linear_acceleration
+float64[9] linear_acceleration_covariance
+{LINE}
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+{LINE}
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+{LINE}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{LINE}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+START_NS = 1_700_000_000_000_000_001
+STEP_NS = 10_000_000
+
+
+def imu(i: int, frame_id: str = "pelvis", **changes: Any) -> dict[str, Any]:
+    sec, nanosec = divmod(START_NS + i * STEP_NS, 1_000_000_000)
+    return {
+        "header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame_id},
+        "orientation": {"x": 0.0, "y": 0.0, "z": np.sin(0.05 * i), "w": np.cos(0.05 * i)},
+        "orientation_covariance": [0.0] * 9,
+        "angular_velocity": {"x": 1.0, "y": 2.0, "z": i},
+        "angular_velocity_covariance": [0.0] * 9,
+        "linear_acceleration": {"x": 0.5, "y": 0.25 * i, "z": 9.81},
+        "linear_acceleration_covariance": [0.0] * 9,
+        **changes,
+    }
+
+
+def write(path: Path, topics: dict[str, list[dict[str, Any]]]) -> Path:
+    with open(path, "wb") as file, Writer(file) as writer:
+        schema = writer.register_msgdef("sensor_msgs/msg/Imu", DEFINITION)
+        for topic, messages in topics.items():
+            for i, message in enumerate(messages):
+                writer.write_message(topic, schema, message, log_time=START_NS + 5 + i * STEP_NS)
+    return path
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.text(st.characters(codec="ascii", exclude_characters="\0"), min_size=1, max_size=20))
+def test_all_fields_are_read_whatever_the_length_of_the_frame(tmp_path_factory, frame_id: str) -> None:
+    path = write(tmp_path_factory.mktemp("ros") / "r.mcap", {"/imu": [imu(i, frame_id) for i in range(5)]})
+    streams = read_ros2_imus(path)
+    assert list(streams) == [frame_id]
+    stream, i = streams[frame_id], np.arange(5)
+    np.testing.assert_allclose(stream.time, i * 0.01, atol=1e-15)
+    np.testing.assert_array_equal(stream.specific_force, np.stack([0.5 + 0 * i, 0.25 * i, 9.81 + 0 * i], axis=1))
+    np.testing.assert_array_equal(stream.angular_rate, np.stack([1 + 0 * i, 2 + 0 * i, i], axis=1))
+    np.testing.assert_allclose(stream.R_inertial_sensor, rotation_z(0.1 * i), atol=1e-12)
+
+
+def test_a_covariance_of_minus_one_means_not_measured(tmp_path: Path) -> None:
+    absent = [-1.0] + [0.0] * 8
+    path = write(
+        tmp_path / "r.mcap",
+        {
+            "/a": [imu(i, "a", orientation_covariance=absent) for i in range(3)],
+            "/b": [imu(i, "b", linear_acceleration_covariance=absent) for i in range(3)],
+            "/c": [imu(i, "c", angular_velocity_covariance=absent) for i in range(3)],
+        },
+    )
+    streams = read_ros2_imus(path)
+    assert streams["a"].R_inertial_sensor is None
+    assert streams["b"].specific_force is None
+    assert streams["c"].angular_rate is None
+    assert streams["c"].specific_force is not None
+    assert streams["c"].R_inertial_sensor is not None
+
+
+def test_a_zero_quaternion_is_no_orientation(tmp_path: Path) -> None:
+    zero = dict.fromkeys("xyzw", 0.0)
+    path = write(tmp_path / "r.mcap", {"/imu": [imu(i, orientation=zero) for i in range(3)]})
+    assert read_ros2_imus(path)["pelvis"].R_inertial_sensor is None
+
+
+def test_a_topic_with_rates_alone_is_left_out_and_said(tmp_path: Path) -> None:
+    absent = [-1.0] + [0.0] * 8
+    gyro = [imu(i, "g", orientation_covariance=absent, linear_acceleration_covariance=absent) for i in range(3)]
+    path = write(tmp_path / "r.mcap", {"/gyro": gyro, "/imu": [imu(0)]})
+    with pytest.warns(McapWarning, match="/gyro has neither"):
+        assert list(read_ros2_imus(path)) == ["pelvis"]
+
+
+@pytest.mark.parametrize("frame_id", ["", "base_link"])
+def test_empty_and_shared_frames_give_way_to_topics(tmp_path: Path, frame_id: str) -> None:
+    messages = [imu(i, frame_id) for i in range(2)]
+    path = write(tmp_path / "r.mcap", {"/left/imu": messages, "/right/imu": messages})
+    assert sorted(read_ros2_imus(path)) == ["left/imu", "right/imu"]
+
+
+def test_time_is_counted_from_the_earliest_stamp_or_a_given_start(tmp_path: Path) -> None:
+    path = write(tmp_path / "r.mcap", {"/a": [imu(5, "a")], "/b": [imu(2, "b")]})
+    assert {name: float(s.time[0]) for name, s in read_ros2_imus(path).items()} == {"a": 0.03, "b": 0.0}
+    assert read_ros2_imus(path, START_NS)["b"].time[0] == pytest.approx(0.02)
+    recording = read_ros2_recording(path, Subject(), Placement())
+    assert recording.start_ns == START_NS + 2 * STEP_NS
+    assert recording.name == "r"
+
+
+def test_stamps_out_of_order_are_sorted_and_repeats_left_out(tmp_path: Path) -> None:
+    path = write(tmp_path / "r.mcap", {"/imu": [imu(i) for i in (0, 2, 1, 2, 3)]})
+    with pytest.warns(McapWarning, match="1 samples repeat"):
+        stream = read_ros2_imus(path)["pelvis"]
+    np.testing.assert_allclose(stream.time, [0, 0.01, 0.02, 0.03])
+
+
+def test_without_stamps_log_times_stand_for_them(tmp_path: Path) -> None:
+    header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "pelvis"}
+    path = write(tmp_path / "r.mcap", {"/imu": [imu(i, header=header) for i in range(3)]})
+    with pytest.warns(McapWarning, match="no time stamps"):
+        np.testing.assert_allclose(read_ros2_imus(path)["pelvis"].time, [0, 0.01, 0.02])
+
+
+def test_big_endian_messages_are_read(tmp_path: Path) -> None:
+    numbers = [0.0] * 37
+    numbers[3], numbers[27] = 1.0, 9.81
+    data = b"\0\0\0\0" + struct.pack(">iII5s3x", 3, 4, 5, b"shin\0") + b"\0" * 4 + struct.pack(">37d", *numbers)
+    with open(tmp_path / "r.mcap", "wb") as file:
+        writer = RawWriter(file)
+        writer.start("ros2")
+        schema = writer.register_schema("sensor_msgs/msg/Imu", "ros2idl", b"")
+        writer.add_message(writer.register_channel("/imu", "cdr", schema), 0, data, 0)
+        writer.finish()
+    stream = read_ros2_imus(tmp_path / "r.mcap")["shin"]
+    np.testing.assert_array_equal(stream.specific_force, [[0, 0, 9.81]])
+    np.testing.assert_array_equal(stream.R_inertial_sensor, [np.eye(3)])
+
+
+def test_of_a_cut_file_the_first_samples_are_read_and_it_is_said(tmp_path: Path) -> None:
+    path = write(tmp_path / "r.mcap", {"/imu": [imu(i) for i in range(500)]})
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.warns(McapWarning, match="cut off"):
+        recording = read_ros2_recording(path, Subject(), Placement())
+    assert len(recording.imus["pelvis"]) == 500
+    assert "cut off" in recording.notes
+
+
+def test_errors_name_the_file_and_what_to_do(tmp_path: Path) -> None:
+    path = write(tmp_path / "r.mcap", {"/imu": [imu(0)]})
+    with pytest.warns(McapWarning), pytest.raises(FileFormatError, match="read_ros2_imus"):
+        read_recording(path)
+    far = {"x": 0.0, "y": 0.0, "z": 981.0}
+    write(path, {"/imu": [imu(0, linear_acceleration=far)]})
+    with pytest.raises(RecordingError, match=r"r\.mcap: sensor 'pelvis'.*m/s²"):
+        read_ros2_imus(path)
+    write(path, {})
+    with pytest.raises(FileFormatError, match=r"no messages of sensor_msgs/msg/Imu: topics found are none"):
+        read_ros2_imus(path)

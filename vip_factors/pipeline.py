@@ -137,4 +137,4 @@ def _method(model: InertialModel, settings: Settings) -> str:
 
 def _covariance(model: InertialModel, state: GraphState) -> PoseCovariance:
     objective = BatchObjective(model)
-    return pose_covariance(objective, chain_marginals(objective.linearise(state).damped(0.0), objective.ordering))
+    return pose_covariance(objective, chain_marginals(objective.linearise(state)))

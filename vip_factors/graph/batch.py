@@ -1,28 +1,26 @@
 """The whole recording as one objective: all residuals in one evaluation, all frames in one elimination.
 
-GTSAM sees one vector per frame (24 joints and the root) and one for the calibration: ready linear factors, a
-``HessianFactor`` for what concerns a frame alone and a Jacobian over three frames for what ties them together. The
-factors of :mod:`vip_factors.graph.frame` stay the definition, and a test holds both ways equal.
+GTSAM sees one vector per frame (24 joints and the root) and one for the calibration, and gets ready Hessian factors.
+The factors of :mod:`vip_factors.graph.frame` stay the definition, and a test holds both ways equal.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 
 import gtsam
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.skeleton import JOINT_COUNT
-from vip_factors.factors.adapter import Evaluate, custom_factor
 from vip_factors.factors.gauge_prior import gauge_prior_residual
 from vip_factors.factors.heading_prior import heading_prior_residual
 from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian
-from vip_factors.graph.model import BodyPoint, InertialModel
+from vip_factors.graph.model import InertialModel
 from vip_factors.graph.state import GraphState
+from vip_factors.graph.system import ChainSystem
 from vip_factors.graph.terms import FRAME, ROOT, MotionTerm, PoseTerm, motion_terms, pose_terms
 
-CHUNK = 500  # frames evaluated together: enough to amortise NumPy's calls, few enough to stay in cache and memory
+CHUNK = 250  # frames evaluated together: enough to amortise NumPy's calls, few enough to stay in cache and memory
 # One unit of damping, in physical units, is a prior of this size on every step.
 STEP_ANGLE = 0.1  # rad
 STEP_LENGTH = 0.5  # m
@@ -36,14 +34,9 @@ class BatchObjective:
         S = len(model.sensors)
         free = [*[model.free_headings] * S, *[model.free_mountings] * (3 * S)]
         self._static = np.flatnonzero(free) + FRAME  # columns of the calibration that move
-        self.columns = np.concatenate([np.arange(FRAME), self._static])
+        self._columns = np.concatenate([np.arange(FRAME), self._static])
         self.frame_keys = [gtsam.symbol("x", t) for t in range(len(model.frames))]
-        self._static_key = gtsam.symbol("s", 0)
-        self.ordering = gtsam.Ordering()
-        for key in self.frame_keys:
-            self.ordering.push_back(key)
-        if len(self._static):
-            self.ordering.push_back(self._static_key)
+        self.static_key = gtsam.symbol("z", 0)
 
     # Cost
 
@@ -88,66 +81,33 @@ class BatchObjective:
 
     # Linearisation
 
-    def linearise(self, state: GraphState) -> "BatchSystem":
+    def linearise(self, state: GraphState) -> ChainSystem:
         """The normal equations at a state."""
-        T, width = len(self.model.frames), FRAME + 4 * len(self.model.sensors)
+        T, S = len(self.model.frames), len(self.model.sensors)
         body = self._body(state)
-        free = len(self.columns)
-        hessian, gradient = np.empty((T, free, free)), np.empty((T, free))
-        for frames in self._chunks():
-            H, g = np.zeros((frames.stop - frames.start, width, width)), np.zeros((frames.stop - frames.start, width))
-            for term in pose_terms(self.model, *_stretch(state, body, frames), frames, jacobians=True):
-                _accumulate(H, g, term)
-            hessian[frames] = H if free == width else H[:, self.columns[:, None], self.columns]
-            gradient[frames] = g[:, self.columns]
-        self._add_static(state, hessian[0], gradient[0], width)
         terms = list(motion_terms(self.model, state, body, jacobians=True))
-        return BatchSystem(
-            hessian, gradient, self._motion_factors(body, terms), self.frame_keys, self._static_key, self._damping()
+        system = ChainSystem.empty(
+            self.frame_keys, self.static_key, self._columns, self._damping(), tied=bool(terms), width=FRAME + 4 * S
         )
-
-    def _add_static(self, state: GraphState, hessian: Array, gradient: Array, width: int) -> None:
-        """Add the priors of the calibration and the gauge to the first frame's equations."""
-        H, g = np.zeros((width, width)), np.zeros(width)
+        for frames in self._chunks():
+            part = slice(frames.start, min(frames.stop + 2, T))  # two frames on, for the blocks off the diagonal
+            H, g = _pose_equations(
+                pose_terms(self.model, *_stretch(state, body, frames), frames, jacobians=True),
+                frames.stop - frames.start,
+                FRAME + 4 * S,
+            )
+            if terms:
+                jacobian = _point_jacobians(self.model, _stretch(state, body, part)[1], terms)
+                system.add_motion(frames, jacobian, terms, H, g)
+            system.add_frames(frames, H, g)
         for _, residual, columns, J in self._static_rows(state):
-            H[np.ix_(columns, columns)] += J.T @ J
-            g[columns] += J.T @ residual
-        hessian += H[np.ix_(self.columns, self.columns)]
-        gradient += g[self.columns]
+            system.add_first(np.array(columns), J.T @ J, J.T @ residual)
+        return system
 
     def _damping(self) -> Array:
         scale = np.full(FRAME + 4 * len(self.model.sensors), STEP_ANGLE**-2.0)
         scale[ROOT:FRAME] = STEP_LENGTH**-2.0
-        return scale[self.columns]
-
-    def _motion_factors(self, body: BodyState, terms: list[MotionTerm]) -> gtsam.GaussianFactorGraph:
-        if not terms:
-            return gtsam.GaussianFactorGraph()
-        points = [*self.model.sensors, *self.model.contacts]
-        jacobians = [_point_jacobian(body, points[term.point]) for term in terms]
-        roots = [np.sqrt(term.weight) for term in terms]
-        residual = np.concatenate([w[:, None] * term.residual for w, term in zip(roots, terms, strict=True)], axis=1)
-        blocks = [
-            np.concatenate(
-                [
-                    (term.coefficients[k] * w)[:, None, None] * J[k : len(J) - 2 + k]
-                    for J, w, term in zip(jacobians, roots, terms, strict=True)
-                ],
-                axis=1,
-            )
-            for k in range(3)
-        ]
-        static = self._heading_block(terms, roots, residual.shape)
-        return _linear_factors(residual, blocks, static, self.frame_keys, self._static_key)
-
-    def _heading_block(self, terms: list[MotionTerm], roots: list[Array], shape: tuple[int, ...]) -> Array | None:
-        if not len(self._static):
-            return None
-        block = np.zeros((*shape, 4 * len(self.model.sensors)))
-        for row, (w, term) in enumerate(zip(roots, terms, strict=True)):
-            if term.by_heading is not None:
-                block[:, 3 * row : 3 * row + 3, term.point] = w[:, None] * term.by_heading
-        return block[:, :, self._static - FRAME]
+        return scale[self._columns]
 
     # Steps
 
@@ -156,41 +116,10 @@ class BatchObjective:
         T, S = len(self.model.frames), len(self.model.sensors)
         static = np.zeros(4 * S)
         if len(self._static):
-            static[self._static - FRAME] = delta.at(self._static_key)
+            static[self._static - FRAME] = delta.at(self.static_key)
         steps = np.array([delta.at(key) for key in self.frame_keys])
         joints = steps[:, :ROOT].reshape(T, JOINT_COUNT, 3)
         return state.retract(joints, steps[:, ROOT:], static[:S], static[S:].reshape(S, 3))
-
-
-@dataclass
-class BatchSystem:
-    """Normal equations per frame, and factors over three frames."""
-
-    hessian: Array
-    gradient: Array
-    motion: gtsam.GaussianFactorGraph
-    frame_keys: list[int]
-    static_key: int
-    damping: Array
-
-    def damped(self, damping: float) -> gtsam.GaussianFactorGraph:
-        """All factors, with ``damping`` times the unit of damping on the diagonal."""
-        graph = self.motion.clone() if self.motion.size() else gtsam.GaussianFactorGraph()
-        extra = damping * self.damping
-        for t, (key, H, g) in enumerate(zip(self.frame_keys, self.hessian, self.gradient, strict=True)):
-            static = FRAME if t else None  # the calibration's damping is added once, with the first frame
-            G = np.array(H, order="F")
-            G.ravel(order="K")[:: len(G) + 1][:static] += extra[:static]
-            if len(G) == FRAME:
-                graph.push_back(gtsam.HessianFactor(key, G, -g, 0.0))
-            else:
-                graph.push_back(
-                    gtsam.HessianFactor(
-                        key, self.static_key, G[:FRAME, :FRAME], G[:FRAME, FRAME:], -g[:FRAME], G[FRAME:, FRAME:],
-                        -g[FRAME:], 0.0,
-                    )
-                )
-        return graph
 
 
 def _stretch(state: GraphState, body: BodyState, frames: slice) -> tuple[GraphState, BodyState]:
@@ -198,53 +127,39 @@ def _stretch(state: GraphState, body: BodyState, frames: slice) -> tuple[GraphSt
     return part, BodyState(body.R_world_bone[frames], body.p_world_joint[frames])
 
 
-def _accumulate(H: Array, g: Array, term: PoseTerm) -> None:
-    """Add a term to the normal equations of each frame."""
-    assert term.jacobian is not None
-    weighted = (term.weight[:, None, None] * term.jacobian).swapaxes(1, 2)
-    columns = np.array(term.columns)
-    H[:, columns[:, None], columns] += weighted @ term.jacobian
-    g[:, columns] += np.einsum("tkm,tm->tk", weighted, term.residual)
+def _pose_equations(terms: Iterable[PoseTerm], frames: int, width: int) -> tuple[Array, Array]:
+    """Hessians ``(T, width, width)`` and gradients ``(T, width)`` of the factors on single frames."""
+    H, g = np.zeros((frames, width, width)), np.zeros((frames, width))
+    scattered = []
+    for term in terms:
+        first, last = term.columns[0], term.columns[-1] + 1
+        if last - first > len(term.columns):
+            scattered.append(term)
+            continue
+        assert term.jacobian is not None
+        weighted = (term.weight[:, None, None] * term.jacobian).swapaxes(1, 2)
+        H[:, first:last, first:last] += weighted @ term.jacobian
+        g[:, first:last] += (weighted @ term.residual[:, :, None])[:, :, 0]
+    rows = np.zeros((frames, 3 * len(scattered), width))
+    residual = np.zeros((frames, 3 * len(scattered), 1))
+    for index, term in enumerate(scattered):
+        root = np.sqrt(term.weight)
+        rows[:, 3 * index : 3 * index + 3, term.columns] = root[:, None, None] * term.jacobian
+        residual[:, 3 * index : 3 * index + 3, 0] = root[:, None] * term.residual
+    transposed = rows.swapaxes(1, 2)
+    H += transposed @ rows
+    g += (transposed @ residual)[:, :, 0]
+    return H, g
 
 
-def _point_jacobian(body: BodyState, point: BodyPoint) -> Array:
-    """Derivative ``(T, 3, 75)`` of a point's position by its frame's tangent."""
-    chain, J = body.point_jacobian(point.bone, point.p_bone_point)
-    full = np.zeros((len(J), 3, FRAME))
-    for index, joint in enumerate(chain):
-        full[:, :, 3 * joint : 3 * joint + 3] = J[:, index]
-    full[:, :, ROOT:] = np.eye(3)
-    return full
-
-
-def _linear_factors(
-    residual: Array, blocks: list[Array], static: Array | None, frame_keys: list[int], static_key: int
-) -> gtsam.GaussianFactorGraph:
-    """One linear factor per inner frame, over three frames (and the calibration)."""
-    graph = gtsam.GaussianFactorGraph()
-    noise = gtsam.noiseModel.Unit.Create(residual.shape[1])
-    if static is None:
-        for t, r in enumerate(residual):
-            A = [block[t] for block in blocks]
-            graph.push_back(
-                gtsam.JacobianFactor(
-                    frame_keys[t], A[0], frame_keys[t + 1], A[1], frame_keys[t + 2], A[2], -r, noise
-                )
-            )
-        return graph
-    # gtsam's Python constructors take three keys at most; a custom factor takes any number.
-    width = static.shape[2]
-    zeros = gtsam.Values()
-    for key in frame_keys:
-        zeros.insert(key, np.zeros(FRAME))
-    zeros.insert(static_key, np.zeros(width))
-    nonlinear = gtsam.NonlinearFactorGraph()
-    for t in range(len(residual)):
-        A = [*(block[t] for block in blocks), static[t]]
-        keys = [frame_keys[t], frame_keys[t + 1], frame_keys[t + 2], static_key]
-        nonlinear.push_back(custom_factor("motion", noise, keys, [FRAME] * 3 + [width], _constant(residual[t], A)))
-    return nonlinear.linearize(zeros)
-
-
-def _constant(residual: Array, jacobians: list[Array]) -> Evaluate:
-    return lambda _: (residual, jacobians)
+def _point_jacobians(model: InertialModel, body: BodyState, terms: list[MotionTerm]) -> Array:
+    """Derivatives ``(T, 3 m, 75)`` of the points of all motion terms by their frame's tangent."""
+    points = [*model.sensors, *model.contacts]
+    rows = np.zeros((len(body.p_world_joint), 3 * len(terms), FRAME))
+    for index, term in enumerate(terms):
+        point = points[term.point]
+        chain, J = body.point_jacobian(point.bone, point.p_bone_point)
+        for number, joint in enumerate(chain):
+            rows[:, 3 * index : 3 * index + 3, 3 * joint : 3 * joint + 3] = J[:, number]
+        rows[:, 3 * index : 3 * index + 3, ROOT:] = np.eye(3)
+    return rows

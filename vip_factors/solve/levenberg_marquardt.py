@@ -14,22 +14,13 @@ import numpy as np
 
 from vip_factors.errors import SolveError
 from vip_factors.estimate import Iteration, SolveReport
+from vip_factors.solve.chain import LinearSystem, eliminate
 
 State = TypeVar("State")
 
 
-class LinearSystem(Protocol):
-    """A linearisation that can be damped again and again without being made again."""
-
-    def damped(self, damping: float) -> gtsam.GaussianFactorGraph:
-        """The factors with ``damping`` times their diagonal added."""
-        ...
-
-
 class Objective(Protocol[State]):
     """A least-squares problem over some state."""
-
-    ordering: gtsam.Ordering
 
     def cost(self, state: State) -> Mapping[str, float]:
         """Half the sum of squares (robust losses applied), by factor kind."""
@@ -86,7 +77,7 @@ def levenberg_marquardt(
         system = objective.linearise(state)
         clock.lap("linearise")
         while True:
-            delta = _eliminate(system.damped(damping), objective.ordering)
+            delta = _step(system, damping)
             clock.lap("eliminate")
             candidate, trial = state, costs
             if delta is not None:
@@ -113,15 +104,12 @@ def levenberg_marquardt(
     return state, report
 
 
-def _eliminate(graph: gtsam.GaussianFactorGraph, ordering: gtsam.Ordering) -> gtsam.VectorValues | None:
-    """The minimum of a linear problem, or None where it is not determined."""
+def _step(system: LinearSystem, damping: float) -> gtsam.VectorValues | None:
+    """The minimum of the damped linear problem, or None where it is not determined."""
     try:
-        delta = graph.eliminateSequential(ordering).optimize()
-    except RuntimeError as error:  # gtsam's IndeterminantLinearSystemException arrives as this
-        if "ndeterminant" in str(error):
-            return None
-        raise
-    return delta
+        return eliminate(system.stretches(damping)).optimize()
+    except SolveError:
+        return None
 
 
 class _Clock:

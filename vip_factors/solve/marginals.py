@@ -4,20 +4,19 @@ GTSAM's own ``marginalCovariance`` walks from a clique to the root of the tree e
 of frames that is quadratic. The sweep below visits every conditional once.
 """
 
-import gtsam
 import numpy as np
 
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
+from vip_factors.solve.chain import LinearSystem, eliminate
 
 
-def chain_marginals(graph: gtsam.GaussianFactorGraph, ordering: gtsam.Ordering) -> dict[int, Array]:
+def chain_marginals(system: LinearSystem) -> dict[int, Array]:
     """Marginal covariance of every variable, by key.
 
     Args:
-        graph: an undamped linearisation at the solution.
-        ordering: along the chain, what is shared by all last: the parents of each conditional must be among the next
-            conditional's variables.
+        system: the linearisation at the solution, eliminated along the chain, what is shared by all last: the
+            parents of each conditional must be among the next conditional's variables.
 
     A conditional says ``R x = d − S y`` with unit noise, so ``cov(x, y) = −R⁻¹ S cov(y)`` and
     ``cov(x) = R⁻¹ (I + S cov(y) Sᵀ) R⁻ᵀ``.
@@ -25,10 +24,7 @@ def chain_marginals(graph: gtsam.GaussianFactorGraph, ordering: gtsam.Ordering) 
     Raises:
         SolveError: if a variable is not determined, or the ordering is not along a chain.
     """
-    try:
-        net = graph.eliminateSequential(ordering)
-    except RuntimeError as error:
-        raise SolveError("covariance: the problem does not determine all of its variables") from error
+    net = eliminate(system.stretches(0.0))
     marginals: dict[int, Array] = {}
     active: dict[int, slice] = {}
     joint = np.zeros((0, 0))

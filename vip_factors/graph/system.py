@@ -1,0 +1,184 @@
+"""Normal equations of a chain of frames that all touch the calibration, as stretches of GTSAM Hessian factors."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from vip_factors.geometry.rotations import Array
+from vip_factors.graph.terms import FRAME, MotionTerm
+
+STRETCH = 100  # frames handed to GTSAM at once: its factors take more room than the arrays they are made from
+
+
+@dataclass
+class ChainSystem:
+    """A linearisation: blocks of the Hessian, and the gradient.
+
+    Attributes:
+        frame_keys, static_key: GTSAM's names of the blocks.
+        columns: which of all columns are free; the first 75 are the frame's.
+        damping: ``(n,)`` what one unit of damping adds to the diagonal.
+        own: ``(T, n, n)`` of a frame with itself and with the calibration (and what the frame adds to that).
+        gradient: ``(T, n)``.
+        following: ``(T, 2, 75, 75)`` of a frame with the next and the one after, or None if frames are independent.
+    """
+
+    frame_keys: Sequence[int]
+    static_key: int
+    columns: Array
+    damping: Array
+    own: Array
+    gradient: Array
+    following: Array | None
+
+    @classmethod
+    def empty(
+        cls, frame_keys: Sequence[int], static_key: int, columns: Array, damping: Array, tied: bool, width: int
+    ) -> "ChainSystem":
+        """Zeros, for as many frames as there are keys."""
+        T, n = len(frame_keys), len(columns)
+        following = np.zeros((T, 2, FRAME, FRAME)) if tied else None
+        return cls(frame_keys, static_key, columns, damping, np.zeros((T, n, n)), np.zeros((T, n)), following)
+
+    # Filling
+
+    def add_frames(self, frames: slice, hessian: Array, gradient: Array) -> None:
+        """Add ``(t, width, width)`` and ``(t, width)`` over all columns to a stretch of frames."""
+        if len(self.columns) == hessian.shape[1]:
+            self.own[frames] += hessian
+        elif len(self.columns) == FRAME:
+            self.own[frames] += hessian[:, :FRAME, :FRAME]
+        else:
+            self.own[frames] += hessian[:, self.columns[:, None], self.columns]
+        self.gradient[frames] += gradient[:, self.columns]
+
+    def add_first(self, columns: Array, hessian: Array, gradient: Array) -> None:
+        """Add to the first frame's block; ``columns`` are of all, and those that are not free are passed over."""
+        place = np.searchsorted(self.columns, columns)
+        self.own[0][np.ix_(place, place)] += hessian
+        self.gradient[0][place] += gradient
+
+    def add_motion(
+        self, frames: slice, jacobian: Array, terms: Sequence[MotionTerm], hessian: Array, gradient: Array
+    ) -> None:
+        """Add the factors over three frames to a stretch.
+
+        Each such factor sees one point at three frames, with fixed coefficients ``c``: between frames ``i`` and ``j``
+        its Hessian is ``J_iᵀ (Σ w c_i c_j) J_j``, summed over the centres that see both.
+
+        Args:
+            frames: the stretch.
+            jacobian: ``(t + 2, 3 m, 75)`` of the terms' points in the stretch and the two frames after it.
+            terms: the ``m`` terms of the whole recording.
+            hessian, gradient: of the stretch, over all columns; added to in place.
+        """
+        assert self.following is not None
+        T, count = len(self.frame_keys), frames.stop - frames.start
+        weights = _padded([term.weight for term in terms], T)
+        residuals = _padded([term.residual for term in terms], T)
+        c = np.stack([term.coefficients for term in terms], axis=1)  # (3, m)
+        rows = np.arange(frames.start, frames.stop)
+
+        def centres(offset: int) -> Array:
+            """Weights ``(t, m)`` of the factors centred ``offset`` frames after each."""
+            inside = (rows + offset >= 0) & (rows + offset < T)
+            return weights[np.clip(rows + offset, 0, T - 1)] * inside[:, None]
+
+        now = jacobian[:count]
+        before, here, after = centres(1), centres(0), centres(-1)  # this frame is first, middle, last of three
+        transposed = now.swapaxes(1, 2)
+        same = before * c[0] ** 2 + here * c[1] ** 2 + after * c[2] ** 2
+        hessian[:, :FRAME, :FRAME] += (transposed * _rows(same)) @ now
+        pairs = (before * c[0] * c[1] + here * c[1] * c[2], before * c[0] * c[2])
+        for ahead, scale in enumerate(pairs, start=1):
+            there = jacobian[ahead : ahead + count]
+            n = len(there)
+            self.following[frames.start : frames.start + n, ahead - 1] = (transposed[:n] * _rows(scale)[:n]) @ there
+        self._add_motion_gradient(rows, transposed, (before, here, after), c, residuals, terms, hessian, gradient)
+
+    def _add_motion_gradient(
+        self, rows: Array, transposed: Array, weights: tuple[Array, ...], c: Array, residuals: Array,
+        terms: Sequence[MotionTerm], hessian: Array, gradient: Array,
+    ) -> None:  # fmt: skip
+        """The right-hand side of the motion factors, and their coupling with the headings."""
+        T = len(self.frame_keys)
+        force = np.zeros((len(rows), 3 * len(terms)))
+        by_heading = _padded([_heading_rows(term) for term in terms], T)
+        coupling = np.zeros((len(rows), len(terms), 3))
+        for k, (weight, offset) in enumerate(zip(weights, (1, 0, -1), strict=True)):
+            centre = np.clip(rows + offset, 0, T - 1)
+            force += ((weight * c[k])[:, :, None] * residuals[centre]).reshape(len(rows), -1)
+            coupling += (weight * c[k])[:, :, None] * by_heading[centre]
+        gradient[:, :FRAME] += (transposed @ force[:, :, None])[:, :, 0]
+        here = weights[1]
+        for index, term in enumerate(terms):
+            if term.by_heading is None:
+                continue
+            column, own = FRAME + term.point, by_heading[rows, index]
+            block = (transposed[:, :, 3 * index : 3 * index + 3] @ coupling[:, index, :, None])[:, :, 0]
+            hessian[:, :FRAME, column] += block
+            hessian[:, column, :FRAME] += block
+            hessian[:, column, column] += here[:, index] * np.sum(own**2, axis=1)
+            gradient[:, column] += here[:, index] * np.sum(own * residuals[rows, index], axis=1)
+
+    # Handing over
+
+    def stretches(self, damping: float) -> Iterator[tuple[gtsam.GaussianFactorGraph, gtsam.Ordering]]:
+        """The factors with ``damping`` units on the diagonal, with the keys to eliminate, stretch by stretch."""
+        T, zero, none = len(self.frame_keys), np.zeros((FRAME, FRAME)), np.zeros(FRAME)
+        extra = damping * self.damping
+        static = len(self.columns) > FRAME
+        total, pull = np.diag(extra[FRAME:]), np.zeros(len(self.columns) - FRAME)
+        for start in range(0, T, STRETCH):
+            graph, ordering = gtsam.GaussianFactorGraph(), gtsam.Ordering()
+            stop = min(start + STRETCH, T)
+            for t in range(start, stop):
+                key, G, g = self.frame_keys[t], self.own[t, :FRAME, :FRAME] + np.diag(extra[:FRAME]), self.gradient[t]
+                ordering.push_back(key)
+                if self.following is None or t == T - 1:
+                    graph.push_back(gtsam.HessianFactor(key, G, -g[:FRAME], 0.0))
+                elif t == T - 2:
+                    next_key, G12 = self.frame_keys[t + 1], self.following[t, 0]
+                    graph.push_back(gtsam.HessianFactor(key, next_key, G, G12, -g[:FRAME], zero, none, 0.0))
+                else:
+                    keys, (G12, G13) = self.frame_keys[t : t + 3], self.following[t]
+                    graph.push_back(
+                        gtsam.HessianFactor(*keys, G, G12, G13, -g[:FRAME], zero, zero, none, zero, none, 0.0)
+                    )
+            if static:
+                self._couple(graph, range(start, stop))
+                total = total + self.own[start:stop, FRAME:, FRAME:].sum(axis=0)
+                pull = pull + self.gradient[start:stop, FRAME:].sum(axis=0)
+                if stop == T:
+                    graph.push_back(gtsam.HessianFactor(self.static_key, total, -pull, 0.0))
+                    ordering.push_back(self.static_key)
+            yield graph, ordering
+
+    def _couple(self, graph: gtsam.GaussianFactorGraph, frames: range) -> None:
+        """Blocks of frames with the calibration: factors without a diagonal, which only the sum makes definite."""
+        n = len(self.columns) - FRAME
+        zero, none, zero_static, none_static = np.zeros((FRAME, FRAME)), np.zeros(FRAME), np.zeros((n, n)), np.zeros(n)
+        for t in frames:
+            block = self.own[t, :FRAME, FRAME:]
+            graph.push_back(
+                gtsam.HessianFactor(
+                    self.frame_keys[t], self.static_key, zero, block, none, zero_static, none_static, 0.0
+                )
+            )
+
+
+def _rows(scale: Array) -> Array:
+    """Scales ``(t, m)`` of terms as scales ``(t, 1, 3 m)`` of their rows."""
+    return np.repeat(scale, 3, axis=1)[:, None, :]
+
+
+def _padded(parts: list[Array], T: int) -> Array:
+    """Values of the inner frames, ``(T − 2, …)`` each, as ``(T, m, …)`` with zeros at both ends."""
+    stacked = np.stack(parts, axis=1)
+    return np.pad(stacked, [(1, T - 1 - len(stacked)), *[(0, 0)] * (stacked.ndim - 1)])
+
+
+def _heading_rows(term: MotionTerm) -> Array:
+    return np.zeros_like(term.residual) if term.by_heading is None else term.by_heading

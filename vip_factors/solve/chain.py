@@ -1,0 +1,36 @@
+"""Eliminating a chain of variables stretch by stretch, so that only the result grows with its length."""
+
+from collections.abc import Iterable, Iterator
+from typing import Protocol
+
+import gtsam
+
+from vip_factors.errors import SolveError
+
+
+class LinearSystem(Protocol):
+    """A linearisation that can be damped again and again without being made again."""
+
+    def stretches(self, damping: float) -> Iterator[tuple[gtsam.GaussianFactorGraph, gtsam.Ordering]]:
+        """Graphs and the keys to eliminate from each; a key appears in no stretch after its own."""
+        ...
+
+
+def eliminate(stretches: Iterable[tuple[gtsam.GaussianFactorGraph, gtsam.Ordering]]) -> gtsam.GaussianBayesNet:
+    """Eliminate the stretches in order.
+
+    Raises:
+        SolveError: if a variable is not determined.
+    """
+    net, rest = gtsam.GaussianBayesNet(), gtsam.GaussianFactorGraph()
+    for graph, ordering in stretches:
+        rest.push_back(graph)
+        try:
+            part, rest = rest.eliminatePartialSequential(ordering)
+        except RuntimeError as error:  # gtsam's IndeterminantLinearSystemException arrives as this
+            if "ndeterminant" not in str(error):
+                raise
+            raise SolveError("the linear system is not determined") from error
+        for index in range(part.size()):
+            net.push_back(part.at(index))
+    return net

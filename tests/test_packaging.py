@@ -57,6 +57,11 @@ def test_console_script_resolves() -> None:
     assert callable(getattr(importlib.import_module(module), attribute))
 
 
+def test_readme_names_every_command() -> None:
+    commands = importlib.import_module("vip_factors.cli.main").COMMANDS
+    assert set(re.findall(r"^\| `vip-factors (\w+)` \|", README, flags=re.MULTILINE)) == set(commands)
+
+
 @pytest.mark.parametrize("document", DOCUMENTS)
 def test_links_to_files_lead_somewhere(document: str) -> None:
     text = (ROOT / document).read_text(encoding="utf-8")

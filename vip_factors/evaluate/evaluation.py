@@ -65,7 +65,7 @@ class Evaluation:
 
 
 def evaluate(estimate: Estimate, truth: Truth) -> Evaluation:
-    """Every metric of ``reference/metrics`` that the truth allows.
+    """Every metric that the truth allows.
 
     Raises:
         InputError: if the two share no frame, or no sensor though both carry a calibration.

@@ -1,0 +1,91 @@
+"""Errors of headings and mountings, and whether covariances are honest."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vip_factors.errors import InputError
+from vip_factors.evaluate.calibration import calibration_error, mean_and_95th
+from vip_factors.evaluate.consistency import heading_nees, mounting_nees, nees, summarise
+from vip_factors.geometry.rotations import exp
+from vip_factors.sensors.calibration import SensorCalibration
+
+NAMES = ("head", "pelvis", "left_foot", "right_foot")
+
+
+def calibrated(headings: np.ndarray, turns: np.ndarray, sigma: float = 0.1) -> dict[str, SensorCalibration]:
+    return {
+        name: SensorCalibration(float(heading), exp(turn), sigma, np.full(3, sigma))
+        for name, heading, turn in zip(NAMES, headings, turns, strict=True)
+    }
+
+
+@given(st.floats(-10, 10))
+def test_a_common_yaw_is_no_error_even_across_the_wrap(yaw: float) -> None:
+    headings = np.array([-3.0, -1.0, 2.0, 3.1])
+    errors = np.array([0.02, -0.02, 0.01, -0.01])
+    result = calibration_error(
+        calibrated(headings + errors + yaw, np.zeros((4, 3))), calibrated(headings, np.zeros((4, 3)))
+    )
+    assert list(result.heading.values()) == pytest.approx(errors, abs=1e-6)
+    assert np.cos(result.gauge - yaw) == pytest.approx(1.0)
+
+
+def test_one_sensor_the_wrong_way_round_stands_out() -> None:
+    result = calibration_error(
+        calibrated(np.array([0, 0, 0, np.pi - 0.1]), np.zeros((4, 3))), calibrated(np.zeros(4), np.zeros((4, 3)))
+    )
+    magnitude = np.rad2deg(result.heading_magnitude)
+    assert magnitude[3] > 150
+    assert magnitude[:3].max() < 5
+
+
+def test_mounting_errors_are_about_the_axes_of_the_sensor() -> None:
+    random = np.random.default_rng(0)
+    true, error = random.standard_normal((2, 4, 3))
+    error *= 0.1
+    estimate = {name: SensorCalibration(0.0, exp(t) @ exp(-e)) for name, t, e in zip(NAMES, true, error, strict=True)}
+    result = calibration_error(estimate, calibrated(np.zeros(4), true))
+    assert np.stack(list(result.mounting.values())) == pytest.approx(error)
+    assert result.mounting_magnitude == pytest.approx(np.linalg.norm(error, axis=1))
+
+
+def test_only_shared_sensors_count() -> None:
+    truth = calibrated(np.zeros(4), np.zeros((4, 3)))
+    one = {"pelvis": truth["pelvis"], "spare": truth["head"]}
+    assert list(calibration_error(one, truth).heading) == ["pelvis"]
+    with pytest.raises(InputError, match="share no sensor"):
+        calibration_error({"spare": truth["head"]}, truth)
+
+
+def test_mean_and_95th_are_in_degrees() -> None:
+    assert mean_and_95th(np.deg2rad(np.arange(101.0))) == pytest.approx((50.0, 95.0))
+
+
+def test_nees_by_hand() -> None:
+    assert nees(np.array([2.0, 0.0]), np.diag([4.0, 1.0])) == pytest.approx(0.5)
+    assert np.isnan(nees(np.array([1.0, 0.0]), np.diag([1.0, 0.0])))
+    assert np.isnan(nees(np.array([1.0, 0.0]), np.full((2, 2), np.nan)))
+
+
+def test_honest_errors_have_nees_one_and_95_percent_coverage() -> None:
+    random = np.random.default_rng(0)
+    root = random.standard_normal((3, 3))
+    error = random.standard_normal((20_000, 3)) @ root.T
+    honest = summarise(nees(error, np.broadcast_to(root @ root.T, (20_000, 3, 3))), 3)
+    assert honest.nees == pytest.approx(1.0, abs=0.03)
+    assert honest.coverage_95 == pytest.approx(0.95, abs=0.01)
+    too_sure = summarise(nees(error, np.broadcast_to(root @ root.T / 4, (20_000, 3, 3))), 3)
+    assert too_sure.nees == pytest.approx(4.0, abs=0.1)
+
+
+def test_calibration_nees_uses_the_reported_sigmas() -> None:
+    headings = np.array([0.2, -0.2, 0.1, -0.1])
+    estimate = calibrated(headings, np.full((4, 3), 0.0), sigma=0.1)
+    truth = calibrated(np.zeros(4), np.full((4, 3), 0.1 / np.sqrt(3)))
+    error = calibration_error(estimate, truth)
+    assert heading_nees(error, estimate) == pytest.approx([4.0, 4.0, 1.0, 1.0], rel=1e-6)
+    assert mounting_nees(error, estimate) == pytest.approx([1 / 3] * 4)
+    unknown = {name: SensorCalibration(one.heading, one.R_bone_sensor) for name, one in estimate.items()}
+    assert np.all(np.isnan(mounting_nees(calibration_error(unknown, truth), unknown)))

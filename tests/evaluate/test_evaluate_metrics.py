@@ -1,0 +1,129 @@
+"""Pose metrics: zero for the truth, blind to what they should be blind to, right on cases done by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.calibration_pose import calibration_pose
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
+from vip_factors.errors import InputError
+from vip_factors.evaluate import metrics
+from vip_factors.geometry.rotations import exp, rotation_x, rotation_z
+
+SKELETON = skeleton_from_stature(1.75)
+T = 6
+
+
+def random_motion(seed: int, sigma: float = 0.4) -> Motion:
+    random = np.random.default_rng(seed)
+    return Motion(SKELETON, exp(sigma * random.standard_normal((T, 24, 3))), random.standard_normal((T, 3)), 60.0)
+
+
+def bent_by(motion: Motion, joint: str, turn: np.ndarray) -> Motion:
+    R = motion.R_parent_child.copy()
+    R[:, joint_index(joint)] = R[:, joint_index(joint)] @ turn
+    return replace(motion, R_parent_child=R)
+
+
+def moved(motion: Motion, turn: np.ndarray, shift: np.ndarray) -> Motion:
+    R = motion.R_parent_child.copy()
+    R[:, 0] = turn @ R[:, 0]
+    return replace(motion, R_parent_child=R, p_world_pelvis=motion.p_world_pelvis @ turn.T + shift)
+
+
+def scaled(motion: Motion, factor: float) -> Motion:
+    skeleton = Skeleton(factor * motion.skeleton.p_parent_joint)
+    return replace(motion, skeleton=skeleton, p_world_pelvis=factor * motion.p_world_pelvis)
+
+
+vectors = arrays(float, 3, elements=st.floats(-3, 3))
+seeds = st.integers(0, 1000)
+
+
+@pytest.mark.parametrize(
+    "metric",
+    [
+        metrics.mpjpe, metrics.pa_mpjpe, metrics.mpjae, metrics.local_mpjae, metrics.root_relative_mpjpe,
+        metrics.global_position_error,
+    ],
+)  # fmt: skip
+def test_the_truth_has_no_error(metric) -> None:
+    assert metric(random_motion(0), random_motion(0)) == pytest.approx(0.0, abs=1e-6)
+    assert metric(random_motion(0), random_motion(1)) > 1.0
+
+
+@given(seeds, vectors, vectors)
+def test_aligned_errors_do_not_see_a_rigid_motion(seed: int, turn: np.ndarray, shift: np.ndarray) -> None:
+    estimate, truth = random_motion(seed), random_motion(seed + 1)
+    elsewhere = moved(estimate, exp(turn), shift)
+    for metric in (metrics.mpjpe, metrics.pa_mpjpe, metrics.mpjae):
+        assert metric(elsewhere, truth) == pytest.approx(metric(estimate, truth), abs=1e-6)
+
+
+@given(seeds, st.floats(0.5, 2.0))
+def test_only_the_similarity_is_blind_to_scale(seed: int, factor: float) -> None:
+    estimate, truth = random_motion(seed), random_motion(seed + 1)
+    assert metrics.pa_mpjpe(scaled(estimate, factor), truth) == pytest.approx(metrics.pa_mpjpe(estimate, truth))
+    assert metrics.pa_mpjpe(scaled(truth, factor), truth) == pytest.approx(0.0, abs=1e-6)
+    if abs(factor - 1) > 0.01:
+        assert metrics.mpjpe(scaled(truth, factor), truth) > 1.0
+
+
+@given(seeds)
+def test_errors_are_symmetric(seed: int) -> None:
+    a, b = random_motion(seed), random_motion(seed + 1)
+    for metric in (metrics.mpjpe, metrics.mpjae, metrics.root_relative_mpjpe):
+        assert metric(a, b) == pytest.approx(metric(b, a), rel=1e-9)
+
+
+def test_root_relative_error_ignores_shifts_but_not_turns() -> None:
+    truth = random_motion(3)
+    assert metrics.root_relative_mpjpe(moved(truth, np.eye(3), np.ones(3)), truth) == pytest.approx(0.0, abs=1e-9)
+    assert metrics.root_relative_mpjpe(moved(truth, rotation_z(0.3), np.zeros(3)), truth) > 10.0
+
+
+def test_global_error_of_a_shift_is_its_length() -> None:
+    truth = random_motion(3)
+    estimate = moved(truth, np.eye(3), np.array([0.03, 0.0, 0.04]))
+    assert metrics.global_position_error(estimate, truth) == pytest.approx(5.0)
+
+
+def test_a_turned_joint_by_hand() -> None:
+    """The head's bone turned by 0.2 rad: no joint of the 14 lies beyond it, no bone of the 9 hangs from it."""
+    truth = random_motion(5)
+    estimate = bent_by(truth, "head", rotation_x(0.2))
+    assert metrics.mpjpe(estimate, truth) == pytest.approx(0.0, abs=1e-9)
+    assert metrics.mpjae(estimate, truth) == pytest.approx(0.0, abs=1e-5)
+    # An elbow moves the wrist and the hand; joint rotations see one joint of nine, world orientations too.
+    estimate = bent_by(truth, "left_elbow", rotation_x(0.2))
+    assert metrics.local_mpjae(estimate, truth) == pytest.approx(np.rad2deg(0.2) / 9)
+    # A hip takes hip and knee along in the world, and so counts twice there (but for the alignment) and once locally.
+    estimate = bent_by(truth, "left_hip", rotation_x(0.01))
+    assert metrics.local_mpjae(estimate, truth) == pytest.approx(np.rad2deg(0.01) / 9)
+    world = metrics.orientation_error(estimate, truth)
+    assert world[:, [joint_index("left_hip"), joint_index("left_knee"), joint_index("left_foot")]] == pytest.approx(
+        0.01
+    )
+    assert world[:, joint_index("right_hip")] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_position_error_by_hand() -> None:
+    """The right shank straightened by a right angle: ankle and foot move by √2 of their distance from the knee."""
+    pose = np.broadcast_to(calibration_pose("t-pose"), (T, JOINT_COUNT, 3, 3))
+    truth = Motion(SKELETON, pose, np.zeros((T, 3)), 60.0)
+    error = metrics.position_error(bent_by(truth, "right_knee", rotation_x(np.pi / 2)), truth)
+    shank = SKELETON.bone_length("right_ankle")
+    assert error[:, joint_index("right_ankle")] == pytest.approx(np.sqrt(2) * shank)
+    assert error[:, joint_index("right_knee")] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_different_frames_are_refused() -> None:
+    truth = random_motion(1)
+    with pytest.raises(InputError, match="same frames"):
+        metrics.mpjpe(truth.frames(slice(0, 3)), truth)

@@ -20,8 +20,12 @@ FORMAT = "opensense_sto"
 
 
 def matches(path: Path) -> bool:
-    """Whether the file is a table of quaternions, by its header."""
-    return path.is_file() and bool(re.search(r"^DataType=Quaternion\s*$", peek(path)[:2000], re.MULTILINE))
+    """Whether the file, or one in the folder, is a table of quaternions, by its header."""
+    return any(_is_table(file) for file in candidates(path, (".sto",)))
+
+
+def _is_table(path: Path) -> bool:
+    return bool(re.search(r"^DataType=Quaternion\s*$", peek(path)[:2000], re.MULTILINE))
 
 
 def read(path: Path) -> ImportedLog:
@@ -33,7 +37,7 @@ def read(path: Path) -> ImportedLog:
     Raises:
         FileFormatError: for other files, malformed cells, or a table without rows.
     """
-    files = [file for file in candidates(path, (".sto",)) if matches(file)]
+    files = [file for file in candidates(path, (".sto",)) if _is_table(file)]
     if len(files) != 1:
         found = ", ".join(file.name for file in files) or "none"
         raise FileFormatError(f"{path}: expected one .sto table of quaternions, found {found}")

@@ -1,0 +1,259 @@
+"""From a foreign sensor log to a recording: which format it is, who wore it, where each sensor sits."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vip_factors.errors import FileFormatError, InputError, RecordingError
+from vip_factors.io.import_notes import coverage_notes
+from vip_factors.io.import_placement import place_sensors
+from vip_factors.io.imported import ImportedLog
+from vip_factors.io.mcap_contents import MAGIC
+from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, nearest, placement_from_file
+from vip_factors.sensors.attitude import with_orientation
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.recording import DEFAULT_STATURE_M, Recording, Subject, Truth
+
+__all__ = ["FORMATS", "ImportOptions", "detect_format", "import_recording", "placement_from_file", "read_log"]
+
+# Format → module. The first that matches wins, so formats with a signature come before tables of numbers.
+FORMATS: dict[str, str] = {
+    "recording": "vip_factors.io.mcap_recording",
+    "ros2": "vip_factors.io.ros2",
+    "mvnx": "vip_factors.io.importers.mvnx",
+    "qmt_mat": "vip_factors.io.importers.qmt_mat",
+    "opensense_sto": "vip_factors.io.importers.opensense_sto",
+    "dip_imu": "vip_factors.io.importers.dip_imu",
+    "totalcapture": "vip_factors.io.importers.totalcapture",
+    "apdm": "vip_factors.io.importers.apdm",
+    "xsens_dot": "vip_factors.io.importers.xsens_dot",
+    "xsens_txt": "vip_factors.io.importers.xsens_txt",
+}
+_MCAP_FORMATS = ("recording", "ros2")  # told apart by their channels, and read by functions of their own
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """What the user knows beyond the log; everything is optional, and wins over what the log says.
+
+    Attributes:
+        format: one of :data:`FORMATS`; found by content if None.
+        placement: name of a preset, path of a placement file, or site → sensor name.
+        stature_m, mass_kg, sex, segment_lengths_m: of the wearer, as in
+            :class:`~vip_factors.sensors.recording.Subject`.
+        subject: the wearer's name.
+        initial_pose: ``"t-pose"``, ``"n-pose"`` or ``"none"``: what was held at the first moment kept.
+        start_s, end_s: seconds of the log to keep; the recording's time 0 is at ``start_s``.
+        name: of the recording; the path's own if None.
+    """
+
+    format: str | None = None
+    placement: str | Path | Mapping[str, str] | None = None
+    stature_m: float | None = None
+    mass_kg: float | None = None
+    sex: str | None = None
+    segment_lengths_m: Mapping[str, float] = field(default_factory=dict)
+    subject: str | None = None
+    initial_pose: str | None = None
+    start_s: float | None = None
+    end_s: float | None = None
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.format is not None and self.format not in FORMATS:
+            raise InputError(f"unknown format '{self.format}'{nearest(self.format, FORMATS)}")
+        if self.initial_pose is not None and self.initial_pose not in INITIAL_POSES:
+            raise InputError(f"initial pose '{self.initial_pose}'{nearest(self.initial_pose, INITIAL_POSES)}")
+        if self.start_s is not None and self.end_s is not None and not self.start_s < self.end_s:
+            raise InputError(f"start {self.start_s:g} s and end {self.end_s:g} s: expected the start before the end")
+
+
+def detect_format(path: str | Path) -> str:
+    """The format of a log, one of :data:`FORMATS`, by its content.
+
+    Raises:
+        InputError: if there is nothing at the path.
+        FileFormatError: if no format matches.
+    """
+    path = Path(path)
+    if not path.exists() and not (path.name and path.parent.is_dir() and list(path.parent.glob(f"{path.name}*"))):
+        raise InputError(f"{path}: no such file or folder, and no file whose name begins so")
+    if path.is_file():
+        with path.open("rb") as file:
+            start = file.read(len(MAGIC))
+        if not start:
+            raise FileFormatError(f"{path} is empty (0 bytes)")
+        if start == MAGIC:
+            return _mcap_format(path)
+    for name in FORMATS:
+        if name not in _MCAP_FORMATS and (module := _reader(name)) is not None and module.matches(path):
+            return name
+    raise FileFormatError(f"{path}: not a sensor log of a known format; known are {', '.join(FORMATS)}")
+
+
+def _mcap_format(path: Path) -> str:
+    from vip_factors.io.mcap_contents import read_contents
+    from vip_factors.io.ros2 import is_imu
+
+    channels = [one.channel for one in read_contents(path, lambda channel: False).messages.values()]
+    return "ros2" if any(is_imu(channel) for channel in channels) else "recording"
+
+
+def _reader(name: str) -> Any:
+    """The format's module, imported late; None if this build does not have it."""
+    try:
+        return import_module(FORMATS[name])
+    except ModuleNotFoundError as error:
+        if error.name != FORMATS[name]:
+            raise
+        return None
+
+
+def read_log(path: str | Path, format_name: str | None = None) -> ImportedLog:
+    """Read a log of any format except our own recordings.
+
+    Raises:
+        InputError: as :func:`detect_format` and the format's reader.
+    """
+    path = Path(path)
+    format_name = format_name or detect_format(path)
+    if format_name == "ros2":
+        from vip_factors.io.importers.site_names import default_sites
+        from vip_factors.io.ros2 import read_ros2_recording
+        from vip_factors.sensors.placement import Placement
+
+        found = read_ros2_recording(path, Subject(), Placement())
+        return ImportedLog("ros2", found.imus, default_sites(list(found.imus)), start_ns=found.start_ns)
+    module = _reader(format_name)
+    if module is None:
+        raise InputError(f"{path}: the reader of format '{format_name}' is not part of this installation")
+    log: ImportedLog = module.read(path)
+    return log
+
+
+def import_recording(path: str | Path, options: ImportOptions | None = None) -> Recording:
+    """A recording from a sensor log of any known format; one of ours comes back as it is, cut if asked.
+
+    Sensors with acceleration and angular rate but no orientation get theirs by an attitude filter. Sensors without a
+    known site are kept but not placed. What was assumed, dropped or odd stands in the recording's notes.
+
+    Raises:
+        InputError: if nothing is at the path, no sensor can be placed, or an option does not fit the log.
+        FileFormatError: if the log is malformed.
+        RecordingError: if its samples are unusable.
+    """
+    path, options = Path(path), options or ImportOptions()
+    format_name = options.format or detect_format(path)
+    if format_name == "recording":
+        return _own(path, options)
+    log = read_log(path, format_name)
+    given = _given(options)
+    notes = [f"imported from {path.name} ({log.format})", *log.notes]
+    log = replace(log, imus=_cut(log.imus, options, notes))
+    notes += coverage_notes(log.imus)
+    stature = given.stature_m or log.stature_m
+    if stature is None:
+        stature = DEFAULT_STATURE_M
+        notes.append(f"no stature given: {stature:g} m assumed, and every length follows from it")
+    subject = Subject(
+        given.subject or "subject", stature, given.mass_kg, given.sex, dict(given.segment_lengths_m), None
+    )
+    log = replace(log, imus=_oriented(log.imus, notes))
+    rule = options.placement if isinstance(options.placement, Mapping) else given.sensors or _preset_name(options)
+    placement = place_sensors(log, subject.body(), rule, notes)
+    start = options.start_s or 0.0
+    return Recording(
+        name=options.name or path.stem,
+        subject=subject,
+        imus=log.imus,
+        placement=placement,
+        initial_pose=given.initial_pose or "none",
+        truth=_truth(log, options),
+        notes="\n".join(notes),
+        start_ns=log.start_ns + round(start * 1e9) if log.start_ns else 0,
+    )
+
+
+def _own(path: Path, options: ImportOptions) -> Recording:
+    """One of our recordings, as it is: what it says of wearer and placement is not to be overruled in passing."""
+    if options != ImportOptions(format=options.format):
+        raise InputError(f"{path} is a recording of this package already: it can be read, but takes no import options")
+    from vip_factors.io.mcap_recording import read_recording
+
+    return read_recording(path)
+
+
+def _preset_name(options: ImportOptions) -> str | None:
+    return options.placement if isinstance(options.placement, str) and not _is_file(options.placement) else None
+
+
+def _is_file(placement: str | Path) -> bool:
+    return isinstance(placement, Path) or placement.lower().endswith((".toml", ".json"))
+
+
+def _given(options: ImportOptions) -> PlacementFile:
+    """What the user said: the placement file's content with the options' values over it."""
+    content = PlacementFile()
+    if isinstance(options.placement, str | Path) and _is_file(options.placement):
+        content = placement_from_file(options.placement)
+    named = ("subject", "stature_m", "mass_kg", "sex", "initial_pose")
+    over = {name: getattr(options, name) for name in named if getattr(options, name) is not None}
+    lengths = {**content.segment_lengths_m, **options.segment_lengths_m}
+    return replace(content, **over, segment_lengths_m=lengths)
+
+
+def _cut(imus: Mapping[str, ImuStream], options: ImportOptions, notes: list[str]) -> dict[str, ImuStream]:
+    """The streams between start and end, on a clock that begins at start."""
+    if options.start_s is None and options.end_s is None:
+        return dict(imus)
+    start, end = options.start_s or 0.0, float("inf") if options.end_s is None else options.end_s
+    kept = {}
+    for name, stream in imus.items():
+        if np.any((stream.time >= start) & (stream.time <= end)):
+            part = stream.cut(start, end)
+            kept[name] = replace(part, time=part.time - start)
+        else:
+            notes.append(f"sensor '{name}' has no sample between {start:g} s and {end:g} s: left out")
+    if not kept:
+        last = max(stream.time[-1] for stream in imus.values())
+        raise InputError(f"no sensor has a sample between {start:g} s and {end:g} s: the log ends at {last:.2f} s")
+    return kept
+
+
+def _truth(log: ImportedLog, options: ImportOptions) -> Truth | None:
+    """The log's own motion between start and end."""
+    motion = log.truth_motion
+    if motion is None:
+        return None
+    start = options.start_s or 0.0
+    if options.start_s is not None or options.end_s is not None:
+        end = float("inf") if options.end_s is None else options.end_s
+        inside = np.flatnonzero((motion.time >= start) & (motion.time <= end))
+        if not len(inside):
+            return None
+        motion = motion.frames(slice(int(inside[0]), int(inside[-1]) + 1))
+    return Truth(replace(motion, start=motion.start - start))
+
+
+def _oriented(imus: Mapping[str, ImuStream], notes: list[str]) -> dict[str, ImuStream]:
+    """The streams, those with acceleration and angular rate only having their orientation filled in."""
+    done, filtered = {}, []
+    for name, stream in imus.items():
+        done[name] = stream
+        if stream.R_inertial_sensor is not None:
+            continue
+        if stream.angular_rate is None or stream.specific_force is None:
+            notes.append(f"sensor '{name}' has no orientation and no angular rate to find it from: it cannot be used")
+            continue
+        try:
+            done[name] = with_orientation(stream)
+            filtered.append(name)
+        except RecordingError as error:
+            notes.append(f"sensor '{name}' has no orientation, and none can be found: {error}")
+    if filtered:
+        notes.append(f"orientation from acceleration and angular rate (VQF), heading arbitrary: {', '.join(filtered)}")
+    return done

@@ -7,9 +7,10 @@ from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import InputError
 
 # Without these there is no body to speak of; any other joint can be filled in from human proportions.
-REQUIRED = ("pelvis", "neck") + tuple(
-    f"{side}_{joint}" for side in ("left", "right") for joint in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
-)
+REQUIRED = (
+    "pelvis", "neck", "left_hip", "left_knee", "left_ankle", "left_shoulder", "left_elbow", "left_wrist",
+    "right_hip", "right_knee", "right_ankle", "right_shoulder", "right_elbow", "right_wrist",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,24 @@
+"""One door to motion files, by their suffix."""
+
+from pathlib import Path
+
+from vip_factors.body.motion import Motion
+from vip_factors.errors import InputError
+from vip_factors.io.motions.bvh import read_bvh
+
+READERS = {".bvh": read_bvh}
+MOTION_SUFFIXES = tuple(READERS)
+
+
+def read_motion(path: str | Path) -> Motion:
+    """A motion file of any known kind on our skeleton, Z up, metres.
+
+    Raises:
+        InputError: for an unknown suffix.
+        FileFormatError: for a malformed file.
+    """
+    path = Path(path)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(f"{path}: expected a motion file that ends in {', '.join(MOTION_SUFFIXES)}")
+    return reader(path)

@@ -1,0 +1,98 @@
+"""``vip-factors``: finds the command, runs it, and turns what the user can mend into one line and exit code 2."""
+
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib import import_module
+
+from vip_factors import __version__
+from vip_factors.errors import VipFactorsError
+
+PROGRAM = "vip-factors"
+BAD_INPUT, INTERRUPTED = 2, 130  # 130: what shells report for a program stopped by Ctrl-C
+# Name → one line. The module of the same name holds ``main(prog, arguments)`` and is imported only when asked for.
+COMMANDS = {
+    "demo": "reconstruct a recording that the package makes itself, and draw it",
+    "convert": "bring foreign sensor logs into one recording (MCAP)",
+    "info": "say what a recording or an estimate holds",
+    "simulate": "make a recording with known truth from a motion",
+    "smooth": "reconstruct a recording: motion, headings, mountings",
+    "evaluate": "compare an estimate with the truth",
+    "view": "look at recordings and estimates in Rerun",
+    "train": "learn the pose prior from motions",
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: without the program's name; those of the process if None.
+
+    Returns:
+        The exit code: 0, 2 for what the user can mend (bad options, files or recordings), 130 after Ctrl-C.
+        Anything unforeseen is raised, with its traceback.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if not given or given[0] in ("-h", "--help", "help"):
+        print(_help())
+        return 0 if given else BAD_INPUT
+    if given[0] == "--version":
+        print(f"{PROGRAM} {__version__}")
+        return 0
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = _tell_warning
+            command = _command(given[0])
+            import_module(f"vip_factors.cli.{command}").main(f"{PROGRAM} {command}", given[1:])
+    except BrokenPipeError:  # the reader of our output, ``head`` say, has seen enough
+        sys.stderr.close()
+        return 0
+    except (VipFactorsError, OSError) as error:
+        print(f"{PROGRAM}: {_sentence(error)}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print(f"{PROGRAM}: interrupted; nothing half-written is left", file=sys.stderr)
+        return INTERRUPTED
+    except SystemExit as stop:  # how the parser of options ends, after help or a complaint
+        return stop.code if isinstance(stop.code, int) else BAD_INPUT if stop.code else 0
+    return 0
+
+
+def _command(name: str) -> str:
+    from difflib import get_close_matches
+
+    from vip_factors.errors import InputError
+
+    if name in COMMANDS:
+        return name
+    near = get_close_matches(name, COMMANDS, n=1)
+    hint = f", did you mean '{near[0]}'" if near else ""
+    raise InputError(f"unknown command '{name}'{hint}; commands are {', '.join(COMMANDS)}")
+
+
+def _tell_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+    """A warning as one line: what was left out of a file, say; where in our code it arose helps nobody."""
+    print(f"{PROGRAM}: note: {' '.join(str(message).split())}", file=sys.stderr)
+
+
+def _sentence(error: Exception) -> str:
+    """The message on one line; of an OSError the file first."""
+    if isinstance(error, OSError) and error.strerror:
+        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    else:
+        text = str(error) or type(error).__name__
+    return " ".join(text.split())
+
+
+def _help() -> str:
+    width = max(map(len, COMMANDS))
+    lines = [f"usage: {PROGRAM} COMMAND [OPTIONS]", "", "Body-worn inertial sensors in, 3D human motion out.", ""]
+    lines += [f"  {name:<{width}}  {line}" for name, line in COMMANDS.items()]
+    return "\n".join(
+        [*lines, "", f"{PROGRAM} COMMAND --help tells a command's options; {PROGRAM} --version the version."]
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,5 +1,6 @@
 """Estimates come back from MCAP files as they were, alone or appended to their recording."""
 
+import sys
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -87,16 +88,22 @@ def test_a_damaged_recording_is_not_replaced(tmp_path: Path) -> None:
 
 
 def test_viewers_get_transforms_that_chain_to_every_joint(tmp_path: Path) -> None:
+    pytest.importorskip("foxglove_schemas_protobuf")
     estimate = replace(example(), motion=replace(motion(np.random.default_rng(1), 8), rate=60.0))
     write_estimate(replace(estimate, residuals={}), tmp_path / "e.mcap", scene=True)
     with open(tmp_path / "e.mcap", "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         frames = [m for *_, m in reader.iter_decoded_messages("/estimate/tf")]
+        points = [m for *_, m in reader.iter_decoded_messages("/estimate/points")]
         [scene] = [m for *_, m in reader.iter_decoded_messages("/estimate/skeleton")]
     assert len(frames) == 4  # thinned to 30 Hz
     for shown, expected in zip(frames, estimate.motion.state.p_world_joint[::2], strict=True):
         for joint, name in enumerate(JOINT_NAMES):
             np.testing.assert_allclose(position(shown, f"me/{name}"), expected[joint], atol=1e-9)
+    for shown, expected in zip(points, estimate.motion.state.p_world_joint[::2], strict=True):
+        cloud = np.frombuffer(shown.data, "<f4").reshape(-1, 3)
+        distance = np.linalg.norm(cloud[:, None] - expected, axis=-1).min(axis=0)
+        assert distance[1:].max() < 1e-5  # all joints but the root end a bone
     known = {transform.child_frame_id for transform in frames[0].transforms}
     assert {entity.frame_id for entity in scene.entities} <= known
 
@@ -112,6 +119,16 @@ def position(message, frame: str) -> np.ndarray:
         p = p + np.array([one.translation.x, one.translation.y, one.translation.z])
         frame = one.parent_frame_id
     return p
+
+
+def test_a_scene_is_left_out_without_foxglove_messages_unless_it_was_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "foxglove_schemas_protobuf", None)
+    write_estimate(example(3), tmp_path / "e.mcap")
+    with pytest.raises(InputError, match="pip install foxglove-schemas-protobuf"):
+        write_estimate(example(3), tmp_path / "scene.mcap", scene=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["e.mcap"]
 
 
 def test_without_a_scene_only_our_messages_are_written(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from vip_factors.io.mcap_messages import (
     tell_lost_frames,
     time_ns_of,
 )
-from vip_factors.io.mcap_scene import scene_wanted, skeleton_scene, transform_messages
+from vip_factors.io.mcap_scene import point_messages, scene_wanted, skeleton_scene, transform_messages
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
@@ -36,7 +36,7 @@ from vip_factors.io.schemas.solve_report_pb2 import SolveReport as SolveReportMe
 ESTIMATE = "/estimate/"
 INFO, CALIBRATION, REPORT = ESTIMATE + "info", ESTIMATE + "calibration", ESTIMATE + "report"
 MOTION, POSE, RESIDUALS = ESTIMATE + "motion", ESTIMATE + "pose", ESTIMATE + "residuals"
-TRANSFORMS, SCENE = ESTIMATE + "tf", ESTIMATE + "skeleton"
+TRANSFORMS, SCENE, POINTS = ESTIMATE + "tf", ESTIMATE + "skeleton", ESTIMATE + "points"
 RECORDING_INFO = "/recording/info"
 
 
@@ -92,6 +92,7 @@ def _write(estimate: Estimate, writer: MessageWriter, start_ns: int, scene: bool
     if scene:
         writer.write(SCENE, skeleton_scene(motion), start_ns)
         streams.append(transform_messages(writer, TRANSFORMS, motion, start_ns))
+        streams.append(point_messages(writer, POINTS, motion, start_ns))
     writer.flush()
     writer.add_in_order(*streams)
 

@@ -1,25 +1,30 @@
 """A motion as Foxglove's own messages, so that viewers of MCAP files show a moving skeleton. Never read back.
 
-The transforms of all joints move frame by frame; the bones are lines fixed to them, sent once.
+The transforms of all joints move frame by frame; the bones are lines fixed to them, sent once. Rerun does not draw
+such lines (0.41), so points along the bones are written for it as well.
 """
 
 from collections.abc import Iterator
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from vip_factors.body.motion import Motion
-from vip_factors.body.skeleton import JOINT_NAMES, PARENTS
+from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Skeleton
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
+from vip_factors.io.mcap_writer import NS_PER_S, MessageWriter, TimedMessage, nanoseconds
 
 if TYPE_CHECKING:
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
 WORLD = "world"
-SHOWN_HZ = 30.0  # enough for the eye; every frame's transforms take about 1 kB compressed
-MODEST_FRAMES = 20_000  # eleven minutes of shown frames, some 20 MB: beyond it only on request
+FLOAT32_BYTES = 4
+SHOWN_HZ = 30.0  # enough for the eye; every shown frame takes about 2 kB compressed
+MODEST_FRAMES = 20_000  # eleven minutes of shown frames, some 40 MB: beyond it only on request
+POINTS_PER_BONE = 3
 BONE_THICKNESS_M = 0.025
 BONE_COLOUR = (0.95, 0.55, 0.15, 1.0)  # an orange that shows on Foxglove's dark and light grounds
 
@@ -49,10 +54,7 @@ def skeleton_scene(motion: Motion) -> Any:
     from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
     scene = SceneUpdate()
-    offsets = motion.skeleton.p_parent_joint
-    ends = [(name, PARENTS[joint], offsets[joint]) for joint, name in enumerate(JOINT_NAMES) if PARENTS[joint] >= 0]
-    ends += [(name, one.bone, one.p_bone_point) for name, one in motion.skeleton.landmarks.items()]
-    for name, bone, p_bone_end in ends:
+    for name, bone, p_bone_end in _bone_ends(motion.skeleton):
         entity = scene.entities.add(id=f"{motion.name}/to_{name}", frame_id=_frame(motion, bone), frame_locked=True)
         line = entity.lines.add(type=LinePrimitive.LINE_LIST, thickness=BONE_THICKNESS_M, scale_invariant=False)
         line.pose.orientation.w = 1.0
@@ -82,8 +84,45 @@ def transform_messages(writer: MessageWriter, topic: str, motion: Motion, start_
         yield time_ns, channel, message.SerializeToString()
 
 
+def point_messages(writer: MessageWriter, topic: str, motion: Motion, start_ns: int) -> Iterator[TimedMessage]:
+    """``foxglove.PointCloud`` of points along all bones, serialised, in the order of time, thinned likewise."""
+    from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+    from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+
+    channel = writer.channel(topic, PointCloud)
+    step = _step(motion)
+    message = PointCloud(frame_id=WORLD, point_stride=3 * FLOAT32_BYTES)
+    message.pose.orientation.w = 1.0
+    for axis, name in enumerate("xyz"):
+        message.fields.add(name=name, offset=axis * FLOAT32_BYTES, type=PackedElementField.FLOAT32)
+    for time_ns, points in zip(
+        nanoseconds(motion.time[::step], start_ns), _points(motion.frames(slice(None, None, step))), strict=True
+    ):
+        message.timestamp.seconds, message.timestamp.nanos = divmod(time_ns, NS_PER_S)
+        message.data = points.astype("<f4").tobytes()
+        yield time_ns, channel, message.SerializeToString()
+
+
+def _points(motion: Motion) -> Array:
+    """World positions ``(T, points, 3)`` along all bones, in metres."""
+    ends = _bone_ends(motion.skeleton)
+    bones = [bone for _, bone, _ in ends]
+    p_bone_end = np.array([end for _, _, end in ends])
+    p_world_joint = motion.state.p_world_joint[:, bones]
+    along = (motion.state.R_world_bone[:, bones] @ p_bone_end[..., None])[..., 0]
+    shares = np.arange(1, POINTS_PER_BONE + 1) / POINTS_PER_BONE
+    return np.concatenate([p_world_joint + share * along for share in shares], axis=1)
+
+
+def _bone_ends(skeleton: Skeleton) -> list[tuple[str, int, Array]]:
+    """Name, bone and position on the bone of the next joints and the landmarks: where the drawn bones end."""
+    offsets = skeleton.p_parent_joint
+    ends = [(name, PARENTS[joint], offsets[joint]) for joint, name in enumerate(JOINT_NAMES) if PARENTS[joint] >= 0]
+    return ends + [(name, one.bone, one.p_bone_point) for name, one in skeleton.landmarks.items()]
+
+
 def _set_rotations(message: "FrameTransforms", rotations: list[list[float]], time_ns: int) -> None:
-    seconds, nanos = divmod(time_ns, 1_000_000_000)
+    seconds, nanos = divmod(time_ns, NS_PER_S)
     for transform, xyzw in zip(message.transforms, rotations, strict=True):
         q = transform.rotation
         q.x, q.y, q.z, q.w = xyzw

@@ -1,7 +1,7 @@
 """Regenerate vip_factors/io/schemas from the .proto files beside this script; needs grpcio-tools (extra ``dev``).
 
-Generated modules run with the protobuf they were made for and later ones, so the oldest grpcio-tools that pyproject.toml
-allows is the one to commit from: ``pip install grpcio-tools==1.66.2`` in an environment of its own.
+Generated modules run with the protobuf they were made for and later ones, so the oldest grpcio-tools that
+pyproject.toml allows is the one to commit from: ``pip install grpcio-tools==1.66.2`` in an environment of its own.
 """
 
 import re

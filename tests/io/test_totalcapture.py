@@ -1,0 +1,283 @@
+"""TotalCapture: sequences of that form written here, from a motion that is known."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.kinematics import BodyState, forward_kinematics
+from vip_factors.body.skeleton import joint_index
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import angle_between, exp, rotation_x, rotation_z, transpose
+from vip_factors.io.importers import totalcapture
+from vip_factors.io.importers.totalcapture_files import read_sensors, read_truth
+
+# Joints of the truth in the files' order, with the bone of ours that they are; the second vertebra is between ours.
+JOINTS = {
+    "Hips": "pelvis", "Spine": "spine1", "Spine1": "spine1", "Spine2": "spine2", "Spine3": "spine3",
+    "Neck": "neck", "Head": "head",
+    "RightShoulder": "right_collar", "RightArm": "right_shoulder", "RightForeArm": "right_elbow",
+    "RightHand": "right_wrist", "LeftShoulder": "left_collar", "LeftArm": "left_shoulder",
+    "LeftForeArm": "left_elbow", "LeftHand": "left_wrist", "RightUpLeg": "right_hip", "RightLeg": "right_knee",
+    "RightFoot": "right_ankle", "LeftUpLeg": "left_hip", "LeftLeg": "left_knee", "LeftFoot": "left_ankle",
+}  # fmt: skip
+SENSORS = {
+    "Head": "head", "Sternum": "spine3", "Pelvis": "pelvis", "L_UpArm": "left_shoulder", "R_UpArm": "right_shoulder",
+    "L_LowArm": "left_elbow", "R_LowArm": "right_elbow", "L_UpLeg": "left_hip", "R_UpLeg": "right_hip",
+    "L_LowLeg": "left_knee", "R_LowLeg": "right_knee", "L_Foot": "left_ankle", "R_Foot": "right_ankle",
+}  # fmt: skip
+FRAMES = 40
+UP = rotation_x(-np.pi / 2)  # our z becomes their y
+BODY = skeleton_from_stature(1.8)
+
+
+@dataclass
+class Session:
+    """What the files were made from."""
+
+    folder: Path
+    R: np.ndarray
+    state: BodyState
+    mountings: dict[str, np.ndarray]
+    streams: dict[str, np.ndarray]
+    force: np.ndarray
+
+
+def smooth_pose() -> np.ndarray:
+    rng, t = np.random.default_rng(1), np.arange(FRAMES)[:, None, None] / 60
+    base, speed, phase = (rng.normal(size=(1, 24, 3)) for _ in range(3))
+    v = 0.3 * base + 0.5 * np.sin(6 * speed * t + phase)
+    for name in ("left_wrist", "right_wrist", "left_ankle", "right_ankle"):  # its far end is not in the files
+        v[:, joint_index(name.replace("wrist", "hand").replace("ankle", "foot"))] = 0
+    R = exp(v)
+    R[:, 0] = rotation_z(0.4) @ rotation_x(np.pi / 2) @ R[:, 0]
+    return R
+
+
+def cells(rows: np.ndarray) -> str:
+    return "\t".join(" ".join(f"{value:.9g}" for value in row) for row in rows) + "\t"
+
+
+def write(
+    folder: Path,
+    R_joint_bone: np.ndarray | None = None,
+    prefix: str = "s1_walking2_",
+    aux: bool = False,
+    lost_head: int = 0,
+) -> Session:
+    """A sequence; ``lost_head`` first frames are missing in the sensors' file, as if they had started late."""
+    axes = np.eye(3) if R_joint_bone is None else R_joint_bone
+    rng, R = np.random.default_rng(2), smooth_pose()
+    state = forward_kinematics(BODY, R, np.tile([0.3, -0.2, 1.0], (FRAMES, 1)) + np.linspace(0, 0.2, FRAMES)[:, None])
+    rows = [joint_index(bone) for bone in JOINTS.values()]
+    p = state.p_world_joint[:, rows] @ UP.T
+    p[:, 2] = (p[:, 1] + p[:, 3]) / 2
+    q = quaternion_from_matrix(UP @ state.R_world_bone[:, rows] @ axes.T, Order.XYZW)
+    header = "\t".join(JOINTS) + "\t"
+    for name, values in (("pos", p / 0.0254), ("ori", q)):
+        lines = [header, *(cells(frame) for frame in values)]
+        (folder / f"gt_skel_gbl_{name}.txt").write_text("\n".join(lines) + "\n")
+    mountings, streams, force = {}, {}, rng.normal(size=(FRAMES, 13, 3)) * 0.3
+    calibration = {"bone": ["13"], "ref": ["13"]}
+    for k, (sensor, bone) in enumerate(SENSORS.items()):
+        R_bone_sensor = exp(rng.normal(size=3))
+        R_world_inertial = rotation_z(rng.uniform(-3, 3))
+        streams[sensor] = R_world_inertial.T @ state.R_world_bone[:, joint_index(bone)] @ R_bone_sensor
+        force[:, k] = np.einsum("tji,tj->ti", streams[sensor], force[:, k] + np.array([0, 0, 9.81]))
+        mountings[sensor] = R_bone_sensor
+        for kind, matrix in (("bone", axes @ R_bone_sensor), ("ref", UP @ R_world_inertial)):
+            numbers = " ".join(f"{x:.9f}" for x in quaternion_from_matrix(matrix, Order.XYZW))
+            calibration[kind].append(f"{sensor} {numbers}")
+    for kind, lines in calibration.items():
+        (folder / f"{prefix}calib_imu_{kind}.txt").write_text("\n".join(lines) + "\n")
+    lines = [f"13\t{FRAMES - lost_head}"]
+    for t in range(lost_head, FRAMES):
+        lines.append(str(t + 1 - lost_head))
+        for k, sensor in enumerate(SENSORS):
+            numbers = [
+                *quaternion_from_matrix(streams[sensor][t], Order.WXYZ),
+                *force[t, k],
+                *([0.5] * 6 if aux else []),
+            ]
+            lines.append(f"{sensor}\t" + " ".join(f"{x:.9g}" for x in numbers))
+    (folder / f"{prefix}Xsens{'_AuxFields' if aux else ''}.sensors").write_text("\n".join(lines) + "\n")
+    return Session(folder, R, state, mountings, streams, force)
+
+
+AXES = {
+    "body axes": np.eye(3),
+    "facing backwards": np.diag([-1.0, 1.0, -1.0]),
+    "z up": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),
+}
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_truth_and_mountings_arrive_in_our_axes(tmp_path: Path, axes: str) -> None:
+    made = write(tmp_path, AXES[axes])
+    assert totalcapture.matches(tmp_path)
+    log = totalcapture.read(tmp_path)
+    truth = log.truth_motion
+    assert truth is not None
+    seen = [joint_index(bone) for bone in JOINTS.values()]
+    np.testing.assert_allclose(truth.state.p_world_joint[:, seen], made.state.p_world_joint[:, seen], atol=1e-6)
+    assert np.max(angle_between(truth.R_parent_child, made.R)) < 1e-6
+    np.testing.assert_allclose(truth.skeleton.p_parent_joint, BODY.p_parent_joint, atol=1e-6)
+    assert np.isclose(log.stature_m, 1.8, atol=1e-5)
+    assert log.placement is not None
+    for sensor, bone in SENSORS.items():
+        site = log.placement.site(sensor)
+        assert site.bone == bone
+        assert angle_between(site.R_bone_sensor, made.mountings[sensor]) < 1e-6
+    assert "calibrated sensors turn their bones 0.0° (median) from the optical ones" in log.notes
+
+
+def test_streams_are_as_recorded(tmp_path: Path) -> None:
+    made = write(tmp_path)
+    log = totalcapture.read(tmp_path / "s1_walking2_Xsens.sensors")
+    assert list(log.imus) == list(SENSORS)
+    for k, (name, stream) in enumerate(log.imus.items()):
+        np.testing.assert_allclose(stream.time, np.arange(FRAMES) / 60)
+        assert stream.R_inertial_sensor is not None
+        assert np.max(angle_between(stream.R_inertial_sensor, made.streams[name])) < 1e-6
+        np.testing.assert_allclose(stream.specific_force, made.force[:, k], atol=1e-6)
+        assert stream.angular_rate is None
+    assert set(log.default_sites) == set(SENSORS)
+
+
+def test_the_file_with_angular_rates_is_preferred(tmp_path: Path) -> None:
+    write(tmp_path)
+    write(tmp_path, aux=True, prefix="walking2_")
+    for kind in ("bone", "ref"):  # as published: the calibration has one prefix only
+        (tmp_path / f"walking2_calib_imu_{kind}.txt").unlink()
+    log = totalcapture.read(tmp_path)
+    assert log.imus["Head"].angular_rate is not None
+    assert log.placement is not None
+
+
+@pytest.mark.parametrize("align", ["head", "tail"])
+def test_alignment_is_chosen_and_both_residuals_are_told(tmp_path: Path, align: str) -> None:
+    made = write(tmp_path, lost_head=3)
+    log = totalcapture.read(tmp_path, align)  # type: ignore[arg-type]
+    note = next(note for note in log.notes if note.startswith("aligned at"))
+    residual = {name: float(value) for name, value in re.findall(r"(head|tail) ([\d.]+) rad/s", note)}
+    assert note.startswith(f"aligned at the {align}")
+    assert residual["tail"] < 0.01 < residual["head"]
+    truth = log.truth_motion
+    assert truth is not None
+    assert np.isclose(truth.start, 0.0 if align == "head" else -3 / 60)
+    if align == "tail":
+        k = joint_index("left_elbow")
+        stream, site = log.imus["L_LowArm"], made.mountings["L_LowArm"]
+        assert stream.R_inertial_sensor is not None
+        apart = truth.state.R_world_bone[3:, k] @ site @ transpose(stream.R_inertial_sensor)
+        assert np.max(angle_between(apart[:1], apart)) < 1e-5  # a heading, the same in all frames
+
+
+def test_without_its_companions_a_log_still_gives_streams(tmp_path: Path) -> None:
+    write(tmp_path)
+    for file in (*tmp_path.glob("gt_*"), *tmp_path.glob("*calib*")):
+        file.unlink()
+    log = totalcapture.read(tmp_path)
+    assert len(log.imus) == 13
+    assert log.truth_motion is None
+    assert log.placement is None
+    assert any("no optical truth" in note for note in log.notes)
+
+
+def test_numbers_without_a_point_are_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "gt_skel_gbl_pos.txt"
+    path.write_text("Hips\tSpine\t\n1 -2 1e-05\t0 3.5 4\t\n1 2 3\t4 5 6\t\n1 2")
+    names, values = read_truth(path, 3)
+    assert names == ("Hips", "Spine")
+    np.testing.assert_allclose(values, [[[1, -2, 1e-5], [0, 3.5, 4]], [[1, 2, 3], [4, 5, 6]]])
+
+
+def test_a_sensors_file_that_breaks_off_gives_its_whole_frames(tmp_path: Path) -> None:
+    write(tmp_path)
+    path = tmp_path / "s1_walking2_Xsens.sensors"
+    lines = path.read_text().split("\n")
+    path.write_text("\n".join(lines[: 1 + 14 * 10 + 5]))
+    log = totalcapture.read(tmp_path)
+    assert len(log.imus["Head"]) == 10
+    assert any("announces 40 frames and holds 10 whole ones" in note for note in log.notes)
+    assert log.truth_motion is not None
+
+
+def test_missing_frame_numbers_are_gaps_and_zero_quaternions_lost_samples(tmp_path: Path) -> None:
+    write(tmp_path)
+    path = tmp_path / "s1_walking2_Xsens.sensors"
+    lines = path.read_text().split("\n")
+    lines[1 + 14 * 5 + 1] = "Head\t0 0 0 0 0 0 0"
+    del lines[1 + 14 * 20 : 1 + 14 * 21]
+    path.write_text("\n".join(lines))
+    log = totalcapture.read(tmp_path)
+    np.testing.assert_allclose(log.imus["Head"].gaps, [[4 / 60, 6 / 60], [19 / 60, 21 / 60]])
+    np.testing.assert_allclose(log.imus["R_Foot"].gaps, [[19 / 60, 21 / 60]])
+
+
+def test_truth_without_rotations_at_its_end_is_trimmed(tmp_path: Path) -> None:
+    write(tmp_path)
+    path = tmp_path / "gt_skel_gbl_ori.txt"
+    lines = path.read_text().rstrip().split("\n")
+    lines[-1] = "\t".join(["0 0 0 0"] * 21)
+    lines[1] = lines[-1]
+    path.write_text("\n".join(lines))
+    truth = totalcapture.read(tmp_path).truth_motion
+    assert truth is not None
+    assert len(truth) == FRAMES - 2
+    assert np.isclose(truth.start, 1 / 60)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "sentence"),
+    [
+        ("s1_walking2_Xsens.sensors", "13\t40", "40", "line 1 is '40': expected the numbers of sensors and of frames"),
+        ("s1_walking2_Xsens.sensors", "\nHead\t", "\nHut\t", None),
+        ("s1_walking2_Xsens.sensors", "\n7\n", "\nx\n", "line 86 is 'x': expected a frame's number"),
+        ("s1_walking2_calib_imu_bone.txt", "Pelvis ", "Pelvis x", "line 4 .*expected Name qx qy qz qw"),
+        ("gt_skel_gbl_pos.txt", "Hips\t", "Hip\t", "its joints are not those of gt_skel_gbl_pos.txt"),
+        ("gt_skel_gbl_pos.txt", "Neck\t", "", "expected 60 numbers"),
+    ],
+)
+def test_mistakes_are_named(tmp_path: Path, file: str, old: str, new: str, sentence: str | None) -> None:
+    write(tmp_path)
+    path = tmp_path / file
+    path.write_text(path.read_text().replace(old, new))
+    if sentence is None:  # every line of the sensor alike: a name of its own, without a usual place
+        assert "Hut" in totalcapture.read(tmp_path).imus
+        return
+    with pytest.raises(FileFormatError, match=sentence):
+        totalcapture.read(tmp_path / "s1_walking2_Xsens.sensors")
+
+
+def test_sensors_out_of_order_are_refused(tmp_path: Path) -> None:
+    write(tmp_path)
+    path = tmp_path / "s1_walking2_Xsens.sensors"
+    lines = path.read_text().split("\n")
+    lines[16], lines[17] = lines[17], lines[16]
+    path.write_text("\n".join(lines))
+    with pytest.raises(FileFormatError, match="line 17 begins with 'Sternum': expected sensor Head"):
+        read_sensors(path)
+
+
+def test_several_sequences_in_a_folder_need_a_choice(tmp_path: Path) -> None:
+    write(tmp_path)
+    write(tmp_path, prefix="s1_acting3_")
+    with pytest.raises(FileFormatError, match="holds several sequences"):
+        totalcapture.read(tmp_path)
+    log = totalcapture.read(tmp_path / "s1_acting3_Xsens.sensors")
+    assert log.placement is not None
+
+
+def test_other_things_are_refused(tmp_path: Path) -> None:
+    assert not totalcapture.matches(tmp_path)
+    with pytest.raises(FileFormatError, match=r"no \.sensors file"):
+        totalcapture.read(tmp_path)
+    (tmp_path / "a.sensors").write_text("time,x\n0,1\n1,2\n")
+    assert not totalcapture.matches(tmp_path / "a.sensors")
+    with pytest.raises(InputError, match="align 'middle': expected head or tail"):
+        totalcapture.read(tmp_path, "middle")  # type: ignore[arg-type]

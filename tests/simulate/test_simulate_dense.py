@@ -107,3 +107,7 @@ def test_times_outside_and_short_motions_are_refused(motion: Motion, dense: Dens
         dense.bone(0, np.array([4.5]))
     with pytest.raises(InputError, match="at least 8"):
         dense_motion(motion.frames(slice(0, 5)))
+    root = motion.p_world_pelvis.copy()
+    root[7, 1] = np.nan
+    with pytest.raises(InputError, match="frame 7 is not finite"):
+        dense_motion(Motion(motion.skeleton, motion.R_parent_child, root, motion.rate))

@@ -25,7 +25,6 @@ from vip_factors.io.importers.xsens_channels import channels
 from vip_factors.sensors.imu_stream import ImuStream
 
 DEFAULT_RATE_HZ = 100.0  # of an MTw Awinda with up to nine sensors, and of every export seen without a rate
-SHARED_CLOCK_S = 3600.0  # synchronised sensors start within the hour; clocks further apart were never set together
 
 
 def import_tables(path: Path, format_name: str, files: dict[str, Path], gyr_unit: float) -> ImportedLog:
@@ -114,7 +113,8 @@ def _clock_times(
         return None
     tick = ticks.pop()
     aligned = common_base(clocks, CLOCK_MODULUS)
-    if max(clock[0] for clock in aligned) * tick > SHARED_CLOCK_S:
+    # A sensor that starts after the longest recording could have ended was never on the others' clock.
+    if max(clock[0] for clock in aligned) > max(clock[-1] - clock[0] for clock in aligned):
         notes.append("the sensors' clocks (SampleTimeFine) were not set together; packet counters are used instead")
         return None
     notes += said

@@ -1,0 +1,136 @@
+"""APDM csv exports in both layouts: side-by-side sensors, units, and an inertial frame whose z may point down."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vip_factors.errors import FileFormatError
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array, exp
+from vip_factors.io.importers import apdm
+from vip_factors.io.importers.inertial_frame import mean_force_inertial
+
+GRAVITY = np.array([0.0, 0.0, 9.81])
+R_DOWN = np.diag([1.0, -1.0, -1.0])
+
+
+def sample(seed: int, count: int = 6) -> tuple[Array, Array, Array]:
+    rng = np.random.default_rng(seed)
+    rate = rng.normal(size=3)
+    R = exp(rng.normal(size=3)) @ exp(np.arange(count)[:, None] / 128 * rate)
+    return R, np.einsum("nji,j->ni", R, GRAVITY), np.tile(rate, (count, 1))
+
+
+def write_format7(path: Path, sensors: dict[str, tuple[Array, Array, Array]]) -> Path:
+    first, quantities, axes = ["Format=7"], ["Time"], [""]
+    for i, name in enumerate(sensors):
+        first += [str(5700 + i), "", "", name, *[""] * 10]
+        quantities += ["Accelerometer", "", "", "Gyroscope", "", "", "Magnetometer", "", "", "Barometer", "Orientation"]
+        quantities += [""] * 3
+        axes += [*"XYZXYZXYZ", "", "S", "X", "Y", "Z"]
+    lines = [",".join(cells) for cells in (first, quantities, axes)]
+    for row in range(6):
+        cells = [str(1550879504438281 + round(row * 1e6 / 128))]
+        for R, force, rate in sensors.values():
+            values = [*force[row], *rate[row], 0.1, 0.2, 0.3, 4.6e18, *quaternion_from_matrix(R[row], Order.WXYZ)]
+            cells += [f"{value:.6f}" for value in values]
+        lines.append(",".join(cells))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def write_named(path: Path, sensors: dict[str, tuple[Array, Array, Array]], units: tuple[str, str]) -> Path:
+    names, kinds = ["Time"], ["s"]
+    for name in sensors:
+        names += [f"{name}/Acceleration/{axis}" for axis in "XYZ"] + [
+            f"{name}/Angular Velocity/{axis}" for axis in "XYZ"
+        ]
+        names += [f"{name}/Orientation/{axis}" for axis in ("Scalar", "X", "Y", "Z")] + [f"{name}/Temperature/Scalar"]
+        kinds += [units[0]] * 3 + [units[1]] * 3 + [""] * 4 + ["deg C"]
+    lines = ["Test Name:,Swing", "Sample Rate:,128,Hz", ",".join(names), ",".join(kinds)]
+    for row in range(6):
+        cells = [f"{0.25 + row / 128:.9f}"]
+        for R, force, rate in sensors.values():
+            values = [*force[row], *rate[row], *quaternion_from_matrix(R[row], Order.WXYZ), 21.5]
+            cells += [f"{value:.9f}" for value in values]
+        lines.append(",".join(cells))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_format_7(tmp_path: Path) -> None:
+    sensors = {"Lumbar": sample(1), "Right Ankle": sample(2)}
+    path = write_format7(tmp_path / "log.csv", sensors)
+    assert apdm.matches(path)
+    assert apdm.matches(tmp_path)
+    log = apdm.read(path)
+    assert log.start_ns == 1550879504438281000
+    assert log.default_sites == {"Lumbar": "lower_back", "Right Ankle": "right_ankle"}
+    for name, (R, force, rate) in sensors.items():
+        np.testing.assert_allclose(log.imus[name].time, np.arange(6) / 128, atol=1e-6)
+        np.testing.assert_allclose(log.imus[name].R_inertial_sensor, R, atol=1e-5)
+        np.testing.assert_allclose(log.imus[name].specific_force, force, atol=1e-5)
+        np.testing.assert_allclose(log.imus[name].angular_rate, rate, atol=1e-5)
+
+
+def test_named_columns_and_other_units(tmp_path: Path) -> None:
+    R, force, rate = sample(3)
+    path = write_named(tmp_path / "log.csv", {"Chest": (R, force / 9.80665, np.rad2deg(rate))}, ("g", "deg/s"))
+    assert apdm.matches(path)
+    stream = apdm.read(path).imus["Chest"]
+    np.testing.assert_allclose(stream.specific_force, force, atol=1e-6)
+    np.testing.assert_allclose(stream.angular_rate, rate, atol=1e-6)
+    np.testing.assert_allclose(stream.time, np.arange(6) / 128, atol=1e-8)
+
+
+def test_a_frame_with_z_down_is_turned_over(tmp_path: Path) -> None:
+    R, force, rate = sample(4)
+    log = apdm.read(write_named(tmp_path / "log.csv", {"Chest": (R_DOWN @ R, force, rate)}, ("m/s^2", "rad/s")))
+    np.testing.assert_allclose(log.imus["Chest"].R_inertial_sensor, R, atol=1e-6)
+    assert any("z down" in note for note in log.notes)
+
+
+def test_orientation_that_gravity_contradicts_is_told(tmp_path: Path) -> None:
+    R, force, rate = sample(5)
+    sideways = exp(np.array([np.pi / 2, 0, 0]))
+    log = apdm.read(write_named(tmp_path / "log.csv", {"Chest": (sideways @ R, force, rate)}, ("m/s^2", "rad/s")))
+    assert any("90° off" in note for note in log.notes)
+
+
+def test_broken_files(tmp_path: Path) -> None:
+    path = write_format7(tmp_path / "log.csv", {"Lumbar": sample(1)})
+    whole = path.read_text()
+    path.write_text(whole[:-60])
+    log = apdm.read(path)
+    assert len(log.imus["Lumbar"]) == 5
+    assert any("breaks off" in note for note in log.notes)
+    path.write_text("\n".join(whole.splitlines()[:3]) + "\n")
+    with pytest.raises(FileFormatError, match="no samples"):
+        apdm.read(path)
+    path.write_text(whole.replace("0.200000", "red", 1))
+    with pytest.raises(FileFormatError, match=r"sample 1: .*red"):
+        apdm.read(path)
+    path.write_text("a,b\n1,2\n")
+    assert not apdm.matches(path)
+    with pytest.raises(FileFormatError, match="found none"):
+        apdm.read(path)
+
+
+@pytest.mark.data
+def test_real_exports(data_folder: Path) -> None:
+    folder = data_folder / "opensense" / "reader_fixtures" / "APDM"
+    pendulum = apdm.read(folder / "imuData01.csv")
+    assert {name: len(stream) for name, stream in pendulum.imus.items()} == dict.fromkeys(
+        ("Static", "Upper", "Middle", "Lower"), 1024
+    )
+    assert pendulum.imus["Static"].rate == pytest.approx(128)
+    for stream in pendulum.imus.values():
+        rest = stream.cut(0, 1)
+        assert np.linalg.norm(rest.specific_force, axis=1).mean() == pytest.approx(9.8, abs=0.15)
+        force = mean_force_inertial(rest.R_inertial_sensor, rest.specific_force)
+        np.testing.assert_allclose(force, GRAVITY, atol=0.3)
+    assert not pendulum.notes
+    body = apdm.read(folder / "apdm_format7.csv")
+    assert list(body.imus) == ["Lumbar", "Right Ankle", "Left Ankle", "Left Foot", "Chest", "Right Foot"]
+    assert all(len(stream) == 3 for stream in body.imus.values())

@@ -1,0 +1,285 @@
+"""From a log to a recording: detection, what the user adds, cutting, and errors that say what to do."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from vip_factors.body.skeleton import joint_index
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array, exp, log, rotation_z
+from vip_factors.io import convert
+from vip_factors.io.convert import ImportOptions, detect_format, import_recording, placement_from_file
+from vip_factors.sensors.placement import CARELESS_MOUNTING_SIGMA, SITES, place
+
+RATE = 100.0
+
+
+def write_mtw(
+    folder: Path, sensors: dict[str, range], orientation: bool = True, gyro: bool = True, lost: range = range(0)
+) -> Path:
+    """A folder with one MTw export per sensor, each with the packets of its range but for the lost ones."""
+    folder.mkdir(exist_ok=True)
+    names = [*(f"Acc_{axis}" for axis in "XYZ"), *(f"Gyr_{axis}" for axis in "XYZ" if gyro)]
+    names += [f"Quat_q{i}" for i in range(4) if orientation]
+    for sensor, packets in sensors.items():
+        rows = [packet for packet in packets if packet not in lost]
+        lines = ["// Update Rate: 100.0Hz", "\t".join(["PacketCounter", *names])]
+        R = exp(np.stack([np.full(len(rows), 0.3), np.full(len(rows), 0.1), 0.002 * np.array(rows)], axis=1))
+        columns = [np.einsum("nji,j->ni", R, [0, 0, 9.81])]
+        columns += [np.tile([0.0, 0.0, 0.2], (len(rows), 1))] if gyro else []
+        columns += [quaternion_from_matrix(R, Order.WXYZ)] if orientation else []
+        for packet, values in zip(rows, np.concatenate(columns, axis=1), strict=True):
+            lines.append("\t".join([str(packet), *(f"{value:.6f}" for value in values)]))
+        (folder / f"walk-1_{sensor}.txt").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+@pytest.fixture
+def walk(tmp_path: Path) -> Path:
+    return write_mtw(tmp_path / "walk", {"Pelvis": range(500), "LFemur": range(500), "00B4": range(500)})
+
+
+def write_toml(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_sites_from_names_and_notes_on_the_rest(walk: Path) -> None:
+    recording = import_recording(walk)
+    assert set(recording.placed) == {"LFemur", "Pelvis"}
+    assert set(recording.imus) == {"Pelvis", "LFemur", "00B4"}
+    assert recording.name == "walk"
+    assert "not placed on the body, and so not used: 00B4" in recording.notes
+    assert "no stature given: 1.72 m" in recording.notes
+    assert recording.truth is None
+    assert recording.initial_pose == "none"
+
+
+def test_options_win_over_the_placement_file_and_that_over_the_log(walk: Path, tmp_path: Path) -> None:
+    file = write_toml(
+        tmp_path / "who.toml",
+        'subject = "S02"\nstature_m = 1.80\nsex = "female"\ninitial_pose = "n-pose"\n'
+        '[segment_lengths_m]\nthigh = 0.45\n[sensors]\n00B4 = "right_shank"\n'
+        'Pelvis = { site = "pelvis", sigma_deg = 10 }\n',
+    )
+    recording = import_recording(walk, ImportOptions(placement=file, stature_m=1.60, name="first"))
+    assert (recording.name, recording.subject.name, recording.subject.sex) == ("first", "S02", "female")
+    assert recording.subject.stature_m == 1.60
+    assert recording.initial_pose == "n-pose"
+    assert recording.subject.body().bone_length("left_knee") == pytest.approx(0.45)
+    assert set(recording.placed) == {"00B4", "Pelvis"}
+    assert recording.placement.site("Pelvis").mounting_sigma == pytest.approx(np.deg2rad(10))
+    expected = place("right_shank", recording.subject.body(), "00B4")
+    np.testing.assert_allclose(recording.placement.site("00B4").p_bone_sensor, expected.p_bone_sensor)
+
+
+def test_two_sensors_may_share_a_bone(walk: Path, tmp_path: Path) -> None:
+    file = write_toml(tmp_path / "who.toml", '[sensors]\n00B4 = "left_shank"\nLFemur = "left_ankle"\n')
+    placement = import_recording(walk, ImportOptions(placement=str(file))).placement
+    assert [site.bone_index for site in placement.sites] == [joint_index("left_knee")] * 2
+
+
+def test_free_placement_on_a_bone(walk: Path, tmp_path: Path) -> None:
+    R = exp(np.array([0.1, 0.2, 0.3]))
+    entry = {
+        "bone": "left_thigh",
+        "position_m": [0.01, -0.2, 0.05],
+        "mounting_wxyz": [float(q) for q in quaternion_from_matrix(R, Order.WXYZ)],
+    }
+    file = write_toml(tmp_path / "who.json", json.dumps({"sensors": {"00B4": entry}}))
+    site = import_recording(walk, ImportOptions(placement=file)).placement.site("00B4")
+    assert site.bone == "left_hip"
+    np.testing.assert_allclose(site.p_bone_sensor, entry["position_m"])
+    np.testing.assert_allclose(site.R_bone_sensor, R, atol=1e-12)
+    assert site.mounting_sigma == CARELESS_MOUNTING_SIGMA
+
+
+def test_mapping_of_sites_and_presets(walk: Path) -> None:
+    recording = import_recording(walk, ImportOptions(placement={"sternum": "00B4", "pelvis": "Pelvis"}))
+    assert {site.sensor: site.bone for site in recording.placement.sites} == {"00B4": "spine3", "Pelvis": "pelvis"}
+    recording = import_recording(walk, ImportOptions(placement="tnt10"))
+    assert set(recording.placed) == {"Pelvis", "LFemur"}
+    assert "sites without a sensor" in recording.notes
+
+
+def test_cutting_moves_the_start(walk: Path) -> None:
+    recording = import_recording(walk, ImportOptions(start_s=1.0, end_s=2.0))
+    stream = recording.imus["Pelvis"]
+    assert stream.time[0] == pytest.approx(0)
+    assert stream.time[-1] == pytest.approx(1.0)
+    whole = import_recording(walk).imus["Pelvis"]
+    np.testing.assert_allclose(stream.R_inertial_sensor[0], whole.R_inertial_sensor[100])
+    with pytest.raises(InputError, match=r"log ends at 4\.99 s"):
+        import_recording(walk, ImportOptions(start_s=10.0))
+    with pytest.raises(InputError, match="start before the end"):
+        ImportOptions(start_s=2.0, end_s=1.0)
+
+
+def test_gaps_and_early_ends_are_told(tmp_path: Path) -> None:
+    folder = write_mtw(tmp_path / "w", {"Pelvis": range(900), "LFemur": range(300)}, lost=range(100, 260))
+    notes = import_recording(folder).notes
+    assert "sensor 'LFemur' stops at 3.0 s, 6.0 s before the last one" in notes
+    assert "1 gaps longer than 1 s, the longest of 1.6 s, the first at 1.0 s" in notes
+
+
+def test_orientation_is_filled_in_where_the_sensor_has_none(tmp_path: Path) -> None:
+    recording = import_recording(write_mtw(tmp_path / "w", {"Pelvis": range(500)}, orientation=False))
+    R = recording.imus["Pelvis"].R_inertial_sensor
+    assert R is not None
+    np.testing.assert_allclose(R[:, 2] @ [0, 0, 1], np.cos(np.hypot(0.3, 0.1)), atol=0.1)
+    assert "VQF" in recording.notes
+    with pytest.raises(InputError, match="has an orientation, nor"):
+        import_recording(write_mtw(tmp_path / "w", {"Pelvis": range(500)}, orientation=False, gyro=False))
+
+
+def test_nothing_placed_shows_how_to_say_it(tmp_path: Path) -> None:
+    folder = write_mtw(tmp_path / "w", {"00B4": range(9), "00B5": range(9)})
+    with pytest.raises(InputError) as caught:
+        import_recording(folder)
+    message = str(caught.value)
+    assert "00B4, 00B5" in message
+    assert '[sensors]\n  "00B4" = "pelvis"' in message
+    assert all(site in message for site in SITES)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("statur_m = 1.7", "unknown key 'statur_m'; did you mean 'stature_m'"),
+        ('[sensors]\na = "left_tigh"', "unknown site 'left_tigh'; did you mean 'left_thigh'"),
+        ('[sensors]\na = { sit = "pelvis" }', "unknown key 'sensors.a.sit'; did you mean 'site'"),
+        ('[sensors]\na = { bone = "left_kne", mounting_wxyz = [1, 0, 0, 0] }', "did you mean 'left_knee'"),
+        ('[sensors]\na = { bone = "left_knee" }', "needs mounting_wxyz"),
+        ('[sensors]\na = { site = "pelvis", bone = "pelvis" }', "either a site"),
+        ('[sensors]\na = { site = "pelvis", mounting_wxyz = [2, 0, 0, 0] }', "expected unit length"),
+        ('[sensors]\na = { site = "pelvis", position_m = [1, 2] }', "list of 3 numbers"),
+        ('[sensors]\na = { site = "pelvis", sigma_deg = -3 }', "degrees between"),
+        ('initial_pose = "npose"', "did you mean 'n-pose'"),
+        ('stature_m = "tall"', "expected a number"),
+        ("subject = 7", "expected text"),
+        ("sensors = 3", "expected a table"),
+        ("[sensors", "expected .toml syntax"),
+    ],
+)
+def test_placement_files_name_their_mistakes(tmp_path: Path, text: str, match: str) -> None:
+    with pytest.raises(InputError, match=match.replace(".", r"\.").replace("[", r"\[")):
+        placement_from_file(write_toml(tmp_path / "who.toml", text))
+
+
+def test_absent_placement_file(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match="cannot be read"):
+        placement_from_file(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        (ImportOptions(placement="tnt01"), "did you mean 'tnt10'"),
+        (ImportOptions(placement={"pelvi": "Pelvis"}), "did you mean 'pelvis'"),
+        (ImportOptions(placement={"pelvis": "Nobody"}), "none of the placed sensors"),
+        (ImportOptions(placement={"pelvis": "Pelvis", "sternum": "Pelvis"}), "placed twice"),
+        (ImportOptions(stature_m=175.0), "looks like centimetres"),
+    ],
+)
+def test_options_that_do_not_fit(walk: Path, options: ImportOptions, match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        import_recording(walk, options)
+
+
+def test_unknown_format_names_the_nearest() -> None:
+    with pytest.raises(InputError, match="did you mean 'xsens_txt'"):
+        ImportOptions(format="xsens-txt")
+
+
+def test_detection_is_by_content(walk: Path, tmp_path: Path) -> None:
+    assert detect_format(walk) == "xsens_txt"
+    assert detect_format(walk / "walk-1") == "xsens_txt"
+    savemat(tmp_path / "a.mat", {"t": np.arange(3.0), "hip": {"acc": np.ones((3, 3))}})
+    assert detect_format(tmp_path / "a.mat") == "qmt_mat"
+    (tmp_path / "a.sto").write_text("DataType=Quaternion\nendheader\ntime\tpelvis_imu\n0\t1,0,0,0\n")
+    assert detect_format(tmp_path / "a.sto") == "opensense_sto"
+    (tmp_path / "a.xyz").write_text("hello\n")
+    with pytest.raises(FileFormatError, match="known are recording, ros2, mvnx"):
+        detect_format(tmp_path / "a.xyz")
+    (tmp_path / "empty.txt").touch()
+    with pytest.raises(FileFormatError, match="empty"):
+        detect_format(tmp_path / "empty.txt")
+    with pytest.raises(InputError, match="no such file"):
+        detect_format(tmp_path / "nowhere")
+
+
+def test_our_own_recordings_come_back_as_they_are(walk: Path, tmp_path: Path) -> None:
+    from vip_factors.io.mcap_recording import write_recording
+
+    recording = import_recording(walk)
+    write_recording(recording, tmp_path / "own.mcap")
+    assert detect_format(tmp_path / "own.mcap") == "recording"
+    again = import_recording(tmp_path / "own.mcap")
+    assert again.placed == recording.placed
+    with pytest.raises(InputError, match="takes no import options"):
+        import_recording(tmp_path / "own.mcap", ImportOptions(stature_m=1.8))
+
+
+def test_the_logs_own_mounting_survives_another_choice_of_sites(tmp_path: Path) -> None:
+    t = np.arange(400) / RATE
+    R = rotation_z(np.sin(3 * t)) @ exp(np.stack([np.sin(2 * t), np.cos(3 * t), 0 * t], axis=1))
+    mounting = exp(np.array([0.5, 1.0, -0.5]))
+    path = tmp_path / "a.mat"
+    savemat(path, {"t": t, "hip": _segment(R, mounting), "head": _segment(R, mounting)})
+    told = convert.read_log(path).placement
+    assert told is not None
+    by_log = import_recording(path, ImportOptions(stature_m=1.9))
+    chosen = import_recording(path, ImportOptions(stature_m=1.9, placement={"pelvis": "hip"}))
+    assert chosen.placed == ["hip"]
+    site = chosen.placement.site("hip")
+    np.testing.assert_allclose(site.R_bone_sensor, told.site("hip").R_bone_sensor)
+    # Positions follow the wearer's stature.
+    np.testing.assert_allclose(by_log.placement.site("hip").p_bone_sensor, site.p_bone_sensor, rtol=0.02)
+
+
+def _segment(R: Array, R_segment_sensor: Array) -> dict[str, Array]:
+    step = log(np.swapaxes(R[:-1], 1, 2) @ R[1:]) * RATE
+    rate = np.concatenate([step[:1], (step[:-1] + step[1:]) / 2, step[-1:]])
+    quaternion = quaternion_from_matrix(R @ R_segment_sensor.T, Order.WXYZ)
+    return {"acc": np.einsum("nji,j->ni", R, [0, 0, 9.81]), "gyr": rate, "quat": quaternion}
+
+
+def test_importing_changes_nothing_when_cut_to_the_whole(walk: Path) -> None:
+    whole, cut = import_recording(walk), import_recording(walk, ImportOptions(start_s=0.0, end_s=99.0))
+    np.testing.assert_array_equal(whole.imus["Pelvis"].time, cut.imus["Pelvis"].time)
+    assert replace(whole, imus={}, placement=cut.placement).notes == cut.notes
+
+
+@pytest.mark.data
+def test_real_walk_with_a_placement_file(data_folder: Path, tmp_path: Path) -> None:
+    file = write_toml(
+        tmp_path / "who.toml",
+        'stature_m = 1.75\ninitial_pose = "n-pose"\n[sensors]\n00B40B91 = "pelvis"\n00B40C45 = "left_thigh"\n'
+        '00B40C3C = "right_thigh"\n00B40BA5 = "left_shank"\n00B40C44 = "left_ankle"\n',
+    )
+    recording = import_recording(data_folder / "xsens_vicon_walk" / "raw_mtw", ImportOptions(placement=file))
+    assert len(recording.imus) == 11
+    assert recording.placed == ["00B40B91", "00B40C45", "00B40C3C", "00B40BA5", "00B40C44"]
+
+
+@pytest.mark.data
+def test_every_real_log_is_recognised(data_folder: Path) -> None:
+    expected = {
+        "xsens_vicon_walk/raw_mtw": "xsens_txt",
+        "opensense/example_MT_009-001/IMUData": "xsens_txt",
+        "opensense/reader_fixtures/APDM/imuData01.csv": "apdm",
+        "opensense/reader_fixtures/APDM/apdm_format7.csv": "apdm",
+        "opensense/S07/S07_IMU/imu_walking_25s.sto": "opensense_sto",
+        "xsens_dot/Original_XsensDot_Data_Realtime": "xsens_dot",
+        "full_body_16imu/full_body_example_data.mat": "qmt_mat",
+        "mvnx/upper_body_60hz_v4.mvnx": "mvnx",
+    }
+    assert {path: detect_format(data_folder / path) for path in expected} == expected
+    for other in ("xsens_vicon_walk/vicon", "cmu_bvh/02", "pose2sim", "README.md"):
+        with pytest.raises(FileFormatError):
+            detect_format(data_folder / other)

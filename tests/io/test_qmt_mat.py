@@ -1,0 +1,133 @@
+"""MATLAB recordings of qmt: whose orientation ``quat`` is must be found out from the gyroscope."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from vip_factors.errors import FileFormatError
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array, angle_between, exp, log, mean_rotation, rotation_z, transpose
+from vip_factors.io.importers import qmt_mat
+from vip_factors.sensors.attitude import with_orientation
+
+RATE = 100.0
+GRAVITY = np.array([0.0, 0.0, 9.81])
+
+
+def turning(count: int = 400) -> Array:
+    """A sensor that rocks about all axes."""
+    t = np.arange(count) / RATE
+    angles = np.stack([np.sin(3 * t), 0.7 * np.sin(2 * t + 1), 0.5 * np.sin(4 * t + 2)], axis=1)
+    return exp(np.array([0.2, 0.5, -0.3])) @ exp(angles)
+
+
+def struct_of(R: Array, R_segment_sensor: Array | None = None) -> dict[str, Array]:
+    """acc, gyr and quat of a sensor at R; quat of the segment where a mounting is given."""
+    rate = log(transpose(R[:-1]) @ R[1:]) * RATE
+    rate = np.concatenate([rate[:1], (rate[:-1] + rate[1:]) / 2, rate[-1:]])
+    told = R if R_segment_sensor is None else R @ transpose(R_segment_sensor)
+    quaternion = quaternion_from_matrix(told, Order.WXYZ)
+    return {"acc": np.einsum("nji,j->ni", R, GRAVITY), "gyr": rate, "quat": quaternion}
+
+
+def write(path: Path, **sensors: dict[str, Array]) -> Path:
+    savemat(path, {"t": 40 + np.arange(400) / RATE, **sensors})
+    return path
+
+
+def test_orientation_of_the_sensor_is_kept(tmp_path: Path) -> None:
+    R = turning()
+    path = write(tmp_path / "a.mat", foot_left=struct_of(R))
+    assert qmt_mat.matches(path)
+    imported = qmt_mat.read(path)
+    np.testing.assert_allclose(imported.imus["foot_left"].R_inertial_sensor, R, atol=1e-9)
+    assert imported.imus["foot_left"].time[0] == 0
+    assert imported.default_sites == {"foot_left": "left_foot"}
+    assert imported.placement is None
+
+
+def test_orientation_of_the_segment_becomes_a_mounting(tmp_path: Path) -> None:
+    R, mounting = turning(), exp(np.array([1.0, -2.0, 0.5]))
+    imported = qmt_mat.read(write(tmp_path / "a.mat", hip=struct_of(R, mounting)))
+    assert imported.imus["hip"].R_inertial_sensor is None
+    assert imported.placement is not None
+    site = imported.placement.site("hip")
+    # Segment x is forward, which is z of the bone; segment z is right, which is minus x of the bone.
+    R_bone_segment = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])
+    assert np.rad2deg(angle_between(site.R_bone_sensor, R_bone_segment @ mounting)) < 1
+    assert site.bone == "pelvis"
+    assert any("as the body segment does" in note for note in imported.notes)
+
+
+def test_orientation_that_fits_nothing_is_left_out(tmp_path: Path) -> None:
+    struct = struct_of(turning())
+    struct["quat"] = quaternion_from_matrix(exp(np.random.default_rng(0).normal(size=(400, 3))), Order.WXYZ)
+    imported = qmt_mat.read(write(tmp_path / "a.mat", head=struct))
+    assert imported.imus["head"].R_inertial_sensor is None
+    assert any("left out" in note for note in imported.notes)
+
+
+def test_upper_back_has_a_place_of_its_own(tmp_path: Path) -> None:
+    imported = qmt_mat.read(write(tmp_path / "a.mat", upper_back=struct_of(turning())))
+    site = imported.placement.site("upper_back")
+    assert site.bone == "spine3"
+    assert site.p_bone_sensor[2] < 0  # behind
+    np.testing.assert_allclose(site.R_bone_sensor[:, 2], [0, 0, -1])
+
+
+def test_acceleration_in_g(tmp_path: Path) -> None:
+    struct = struct_of(turning())
+    struct["acc"] = struct["acc"] / 9.80665
+    stream = qmt_mat.read(write(tmp_path / "a.mat", head=struct)).imus["head"]
+    np.testing.assert_allclose(np.linalg.norm(stream.specific_force, axis=1), 9.81, atol=1e-6)
+
+
+def test_broken_files(tmp_path: Path) -> None:
+    path = tmp_path / "a.mat"
+    savemat(path, {"x": np.eye(3)})
+    assert not qmt_mat.matches(path)
+    with pytest.raises(FileFormatError, match="no variable 't'"):
+        qmt_mat.read(path)
+    savemat(path, {"t": np.arange(4.0)})
+    with pytest.raises(FileFormatError, match="no struct"):
+        qmt_mat.read(path)
+    savemat(path, {"t": np.arange(4.0), "hip": {"acc": np.ones((3, 3))}})
+    with pytest.raises(FileFormatError, match=r"hip\.acc has shape \(3, 3\)"):
+        qmt_mat.read(path)
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(FileFormatError, match="not a readable MATLAB file"):
+        qmt_mat.read(path)
+
+
+@pytest.mark.data
+def test_real_full_body_stands_upright(data_folder: Path) -> None:
+    imported = qmt_mat.read(data_folder / "full_body_16imu" / "full_body_example_data.mat")
+    assert len(imported.imus) == 16
+    assert all(len(stream) == 10000 for stream in imported.imus.values())
+    assert imported.placement is not None
+    assert len(imported.placement.sites) == 16
+    for site in imported.placement.sites:
+        stream = imported.imus[site.sensor].cut(0, 3)  # standing, arms hanging
+        force = stream.specific_force.mean(axis=0)
+        assert np.linalg.norm(force) == pytest.approx(9.95, abs=0.25)
+        up = site.R_bone_sensor @ force / np.linalg.norm(force)
+        arm = {"left": -1.0, "right": 1.0}.get(site.bone.split("_")[0], 0.0)
+        hangs = any(joint in site.bone for joint in ("shoulder", "elbow", "wrist"))
+        expected = np.array([arm, 0, 0]) if hangs else np.array([0, 1.0, 0])
+        limit = 30 if hangs else 20  # degrees; arms hang with bent elbows and loose wrists
+        assert np.rad2deg(np.arccos(up @ expected)) < limit, site.sensor
+
+
+@pytest.mark.data
+def test_real_mountings_make_the_trunk_face_one_way(data_folder: Path) -> None:
+    imported = qmt_mat.read(data_folder / "full_body_16imu" / "full_body_example_data.mat")
+    # Hand-tuned headings in degrees, published with the data, good to some 15° each.
+    tuned = {"hip": 0.0, "upper_back": 15.0, "foot_right": -150.0, "upper_arm_right": 60.0, "forearm_left": -95.0}
+    for sensor, heading in tuned.items():
+        stream = with_orientation(imported.imus[sensor].cut(0, 3))
+        R_bone_sensor = imported.placement.site(sensor).R_bone_sensor
+        R_world_bone = rotation_z(np.deg2rad(heading)) @ stream.R_inertial_sensor @ R_bone_sensor.T
+        forward = mean_rotation(R_world_bone)[:, 2]
+        assert abs(np.rad2deg(np.arctan2(forward[1], forward[0]))) < 35, sensor

@@ -1,0 +1,317 @@
+"""Xsens MTw text exports: every dialect, lost packets, wrapping counters, and the ways such files are broken."""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vip_factors.errors import FileFormatError
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_y, rotation_z
+from vip_factors.io.importers import xsens_txt
+from vip_factors.io.importers.inertial_frame import mean_force_inertial
+
+GRAVITY = np.array([0.0, 0.0, 9.81])
+MATRIX = [f"Mat[{row}][{column}]" for column in (1, 2, 3) for row in (1, 2, 3)]  # column-major, as exports have it
+PREAMBLE = "// Start Time: Unknown\n// Update Rate: 100.0Hz\n// Firmware Version: 4.0.2\n"
+
+
+def turning(count: int, seed: int = 0) -> tuple[Array, Array, Array]:
+    """Orientation, specific force and angular rate of a sensor that turns about and feels gravity only."""
+    rng = np.random.default_rng(seed)
+    rate = rng.normal(size=3)
+    R = exp(rng.normal(size=3)) @ exp(0.01 * np.arange(count)[:, None] * rate)
+    return R, np.einsum("nji,j->ni", R, GRAVITY), np.tile(rate, (count, 1))
+
+
+def columns_of(R: Array, force: Array | None, rate: Array | None, kind: str = "quaternion") -> dict[str, Array]:
+    columns: dict[str, Array] = {}
+    for name, values in (("Acc", force), ("Gyr", rate)):
+        if values is not None:
+            columns |= {f"{name}_{axis}": values[:, i] for i, axis in enumerate("XYZ")}
+    if kind == "quaternion":
+        quaternion = quaternion_from_matrix(R, Order.WXYZ)
+        columns |= {f"Quat_q{i}": quaternion[:, i] for i in range(4)}
+    elif kind == "matrix":
+        columns |= {name: R[:, int(name[4]) - 1, int(name[7]) - 1] for name in MATRIX}
+    elif kind == "euler":
+        columns["Roll"] = np.rad2deg(np.arctan2(R[:, 2, 1], R[:, 2, 2]))
+        columns["Pitch"] = np.rad2deg(-np.arcsin(np.clip(R[:, 2, 0], -1, 1)))
+        columns["Yaw"] = np.rad2deg(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
+    return columns
+
+
+def write(
+    path: Path,
+    columns: dict[str, Array],
+    counter: Array | None,
+    separator: str = "\t",
+    preamble: str = PREAMBLE,
+    blank: str = "",
+    order: list[str] | None = None,
+) -> Path:
+    """One sensor's file, with two empty columns as the exports have them."""
+    names = order or list(columns)
+    head = ["PacketCounter", "SampleTimeFine", "Year"] if counter is not None else []
+    lines = [separator.join([*head, *names])]
+    for row in range(len(next(iter(columns.values())))):
+        start = [f"{int(counter[row]):05d}", blank, blank] if counter is not None else []
+        lines.append(separator.join([*start, *(f"{columns[name][row]:.6f}" for name in names)]))
+    path.write_text(preamble + "\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+@given(
+    separator=st.sampled_from(["\t", ",", ";", " "]),
+    kind=st.sampled_from(["quaternion", "matrix", "euler"]),
+    blank=st.sampled_from(["", "NaN"]),
+    first=st.integers(0, 65535),
+    kept=st.lists(st.booleans(), min_size=5, max_size=60).filter(lambda kept: sum(kept) >= 2),
+    data=st.data(),
+)
+@settings(max_examples=40)
+def test_every_dialect_reads_back(
+    separator: str, kind: str, blank: str, first: int, kept: list[bool], data: st.DataObject
+) -> None:
+    R, force, rate = turning(len(kept), seed=first)
+    rows = np.flatnonzero(kept)
+    columns = columns_of(R[rows], force[rows], rate[rows], kind)
+    order = data.draw(st.permutations(list(columns)))
+    with tempfile.TemporaryDirectory() as folder:
+        counter = (first + rows) % 65536
+        path = write(Path(folder) / "walk_00B40000.txt", columns, counter, separator, blank=blank, order=order)
+        assert xsens_txt.matches(path)
+        log = xsens_txt.read(path)
+    stream = log.imus["00B40000"]
+    np.testing.assert_allclose(stream.time, (rows - rows[0]) / 100.0, atol=1e-9)
+    np.testing.assert_allclose(stream.specific_force, force[rows], atol=1e-5)
+    np.testing.assert_allclose(stream.angular_rate, rate[rows], atol=1e-5)
+    np.testing.assert_allclose(stream.R_inertial_sensor, R[rows], atol=2e-5)
+    assert any("packets lost" in note for note in log.notes) == (rows[-1] - rows[0] + 1 > len(rows))
+
+
+@given(first=st.integers(0, 65535), late=st.integers(-500, 500))
+@settings(max_examples=20)
+def test_files_share_the_packet_counter_across_its_wrap(first: int, late: int) -> None:
+    R, force, rate = turning(8)
+    with tempfile.TemporaryDirectory() as folder:
+        for sensor, begin in (("AA", first), ("BB", first + late)):
+            counter = (begin + np.arange(8)) % 65536
+            write(Path(folder) / f"run-1_{sensor}.txt", columns_of(R, force, rate), counter)
+        log = xsens_txt.read(Path(folder) / "run-1")
+    starts = {name: stream.time[0] for name, stream in log.imus.items()}
+    assert min(starts.values()) == 0
+    assert starts["BB"] - starts["AA"] == pytest.approx(late / 100)
+
+
+def test_times_follow_the_sensors_clock_where_all_files_have_it(tmp_path: Path) -> None:
+    R, force, rate = turning(10)
+    for sensor, late in (("A", 0), ("B", 3)):
+        clock = (2**32 - 50000 + 16667 * (np.arange(10) + late)) % 2**32
+        columns = {"SampleTimeFine": clock, **columns_of(R, force, rate)}
+        lines = ["\t".join(["PacketCounter", *columns])]
+        lines += ["\t".join([str(i + 1), *(f"{v[i]:.6f}" for v in columns.values())]) for i in range(10)]
+        (tmp_path / f"run_{sensor}.txt").write_text(PREAMBLE + "\n".join(lines) + "\n")
+    log = xsens_txt.read(tmp_path)
+    np.testing.assert_allclose(log.imus["B"].time, 16667e-6 * (np.arange(10) + 3), atol=1e-9)
+    assert any("100 Hz" in note and "60.00 Hz" in note for note in log.notes)
+
+
+def test_repeated_and_late_packets(tmp_path: Path) -> None:
+    R, force, rate = turning(6)
+    order = [0, 1, 1, 3, 2, 5]
+    log = xsens_txt.read(
+        write(tmp_path / "a_S.txt", columns_of(R[order], force[order], rate[order]), 65533 + np.array(order))
+    )
+    np.testing.assert_allclose(log.imus["S"].time, np.array([0, 1, 2, 3, 5]) / 100)
+    np.testing.assert_allclose(log.imus["S"].specific_force, force[[0, 1, 2, 3, 5]], atol=1e-5)
+    assert any("came twice" in note for note in log.notes)
+    assert any("out of order" in note for note in log.notes)
+
+
+def test_a_restarted_counter_is_an_error(tmp_path: Path) -> None:
+    R, force, rate = turning(4)
+    path = write(tmp_path / "a_S.txt", columns_of(R, force, rate), np.array([5000, 5001, 1, 2]))
+    with pytest.raises(FileFormatError, match="counter falls from 5001 to 1"):
+        xsens_txt.read(path)
+
+
+def test_free_acceleration_gets_gravity_back(tmp_path: Path) -> None:
+    R, _, _ = turning(5)
+    free = np.tile([1.0, -2.0, 0.5], (5, 1))
+    columns = columns_of(R, None, None) | {f"FreeAcc_{axis}": free[:, i] for i, axis in enumerate("XYZ")}
+    stream = xsens_txt.read(write(tmp_path / "a_S.txt", columns, np.arange(5))).imus["S"]
+    np.testing.assert_allclose(
+        np.einsum("nij,nj->ni", R, stream.specific_force), free + np.array([0, 0, 9.80665]), atol=1e-4
+    )
+
+
+def test_acceleration_without_gravity_is_noticed(tmp_path: Path) -> None:
+    R, _, rate = turning(5)
+    log = xsens_txt.read(write(tmp_path / "a_S.txt", columns_of(R, np.full((5, 3), 0.1), rate), np.arange(5)))
+    assert any("gravity had been removed" in note for note in log.notes)
+    np.testing.assert_allclose(np.linalg.norm(log.imus["S"].specific_force, axis=1), 9.9, atol=0.1)
+
+
+@pytest.mark.parametrize("turn", ["comment", "data"])
+def test_a_frame_with_z_down_is_turned_over(tmp_path: Path, turn: str) -> None:
+    R, force, rate = turning(5)
+    R_ned_enu = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    preamble = PREAMBLE + ("// Coordinate system: NED\n" if turn == "comment" else "")
+    log = xsens_txt.read(
+        write(tmp_path / "a_S.txt", columns_of(R_ned_enu @ R, force, rate), np.arange(5), "\t", preamble)
+    )
+    stream = log.imus["S"]
+    assert mean_force_inertial(stream.R_inertial_sensor, stream.specific_force)[2] > 9.7
+    if turn == "comment":
+        np.testing.assert_allclose(stream.R_inertial_sensor, R, atol=1e-5)
+    assert any("down" in note for note in log.notes)
+
+
+def test_euler_angles_turn_about_z_then_y_then_x(tmp_path: Path) -> None:
+    columns = {name: np.full(3, degrees) for name, degrees in (("Roll", 10.0), ("Pitch", 20.0), ("Yaw", 30.0))}
+    stream = xsens_txt.read(write(tmp_path / "a_S.txt", columns, np.arange(3))).imus["S"]
+    expected = rotation_z(np.deg2rad(30)) @ rotation_y(np.deg2rad(20)) @ rotation_x(np.deg2rad(10))
+    np.testing.assert_allclose(stream.R_inertial_sensor[0], expected, atol=1e-9)
+
+
+def test_samples_with_holes_are_dropped_and_counted(tmp_path: Path) -> None:
+    R, force, rate = turning(6)
+    columns = columns_of(R, force, rate)
+    columns["Acc_X"][1] = np.nan
+    columns["Quat_q0"][3], columns["Quat_q1"][3] = 0.0, 3.0
+    log = xsens_txt.read(write(tmp_path / "a_S.txt", columns, np.arange(6)))
+    np.testing.assert_allclose(log.imus["S"].time, [0, 0.02, 0.04, 0.05])
+    assert any("2 samples with missing values" in note for note in log.notes)
+    assert any("not of unit length" in note for note in log.notes)
+
+
+@pytest.mark.parametrize("cut", [3, 20])
+def test_a_truncated_last_line_is_dropped(tmp_path: Path, cut: int) -> None:
+    path = write(tmp_path / "a_S.txt", columns_of(*turning(6)), np.arange(6))
+    path.write_text(path.read_text()[: -cut - 1])
+    log = xsens_txt.read(path)
+    assert len(log.imus["S"]) == 5
+    assert any("breaks off" in note for note in log.notes)
+
+
+def test_a_last_line_without_newline_is_kept(tmp_path: Path) -> None:
+    path = write(tmp_path / "a_S.txt", columns_of(*turning(6)), np.arange(6))
+    path.write_text(path.read_text().rstrip("\n"))
+    assert len(xsens_txt.read(path).imus["S"]) == 6
+
+
+def test_decimal_commas_of_a_semicolon_export(tmp_path: Path) -> None:
+    R, force, rate = turning(4)
+    path = write(tmp_path / "a_S.txt", columns_of(R, force, rate), np.arange(4), ";", preamble="// Rate\n")
+    path.write_text(path.read_text().replace(".", ","))
+    np.testing.assert_allclose(xsens_txt.read(path).imus["S"].specific_force, force, atol=1e-5)
+
+
+def test_without_rate_100_hz_are_assumed_aloud(tmp_path: Path) -> None:
+    log = xsens_txt.read(write(tmp_path / "a_S.txt", columns_of(*turning(3)), np.arange(3), preamble="// General\n"))
+    np.testing.assert_allclose(log.imus["S"].time, [0, 0.01, 0.02])
+    assert any("100 Hz assumed" in note for note in log.notes)
+
+
+def test_rates_that_disagree_are_an_error_with_both(tmp_path: Path) -> None:
+    for sensor, rate in (("A", "100.0"), ("B", "60.0")):
+        preamble = PREAMBLE.replace("100.0", rate)
+        write(tmp_path / f"a_{sensor}.txt", columns_of(*turning(3)), np.arange(3), preamble=preamble)
+    with pytest.raises(FileFormatError, match=r"60 Hz and a_A\.txt 100"):
+        xsens_txt.read(tmp_path)
+
+
+def test_broken_files_say_what_and_where(tmp_path: Path) -> None:
+    R, force, rate = turning(4)
+    columns, counter = columns_of(R, force, rate), np.arange(4)
+    gyro_only = {name: values for name, values in columns.items() if name.startswith("Gyr")}
+    with pytest.raises(FileFormatError, match="neither orientation"):
+        xsens_txt.read(write(tmp_path / "a_S.txt", gyro_only, counter))
+    path = write(tmp_path / "a_S.txt", columns, counter)
+    whole = path.read_text()
+    path.write_text(whole.replace("00002\t\t\t", "00002\t\t\tx"))
+    with pytest.raises(FileFormatError, match="line 7: Acc_X is 'x"):
+        xsens_txt.read(path)
+    path.write_text(whole.replace("00002\t\t\t", "00002\t"))
+    with pytest.raises(FileFormatError, match="line 7: 11 cells"):
+        xsens_txt.read(path)
+    path.write_text(whole.split("00000")[0])
+    with pytest.raises(FileFormatError, match="no samples"):
+        xsens_txt.read(path)
+    write(tmp_path / "a_S.txt", columns | {f"Quat_q{i}": np.full(4, 2.0) for i in range(4)}, counter)
+    with pytest.raises(FileFormatError, match="not of unit length"):
+        xsens_txt.read(path)
+
+
+def test_two_recordings_in_a_folder_must_be_told_apart(tmp_path: Path) -> None:
+    for name in ("walk-1_A", "walk-2_A"):
+        write(tmp_path / f"{name}.txt", columns_of(*turning(3)), np.arange(3))
+    with pytest.raises(FileFormatError, match=r"walk-1.*such as"):
+        xsens_txt.read(tmp_path)
+    assert list(xsens_txt.read(tmp_path / "walk-2").imus) == ["A"]
+
+
+def test_other_texts_do_not_match(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("// a comment\nnothing to see\n")
+    (tmp_path / "other.csv").write_text("a,b\n1,2\n")
+    assert not xsens_txt.matches(tmp_path)
+    with pytest.raises(FileFormatError, match="none of its 2"):
+        xsens_txt.read(tmp_path)
+
+
+@pytest.mark.data
+def test_real_walk_with_eleven_sensors(data_folder: Path) -> None:
+    log = xsens_txt.read(data_folder / "xsens_vicon_walk" / "raw_mtw")
+    assert len(log.imus) == 11
+    for stream in log.imus.values():
+        assert len(stream) == 2503
+        assert stream.rate == pytest.approx(100)
+        assert not len(stream.gaps)
+        rest = stream.cut(0, 1)
+        np.testing.assert_allclose(np.linalg.norm(rest.specific_force, axis=1).mean(), 9.81, atol=0.15)
+        force = mean_force_inertial(rest.R_inertial_sensor, rest.specific_force)
+        np.testing.assert_allclose(force, GRAVITY, atol=0.3)
+
+
+@pytest.mark.data
+def test_real_exports_of_every_dialect(data_folder: Path) -> None:
+    folder = data_folder / "opensense" / "reader_fixtures" / "Xsens"
+    counts = {}
+    for path in sorted(folder.glob("*.txt")):
+        (stream,) = xsens_txt.read(path).imus.values()
+        counts[path.stem] = len(stream)
+        if stream.specific_force is not None and stream.R_inertial_sensor is not None:
+            force = mean_force_inertial(stream.R_inertial_sensor, stream.specific_force)
+            assert force[2] == pytest.approx(9.81, abs=0.25), path.name
+    assert counts["MT2022_ACC_00B42D4B"] == 5
+    assert counts["MT2022_ACC_GYRO_ROT_ALL_TAB_NAN_00B42D4B"] == 4  # one sample has a hole
+    assert counts["MT_012005D6-000_sit_to_stand-000_00B421ED"] == 1459
+    assert counts["MT_012005D6_031-000_00B421AF"] == 3369
+
+
+@pytest.mark.data
+def test_dialects_of_the_same_samples_agree(data_folder: Path) -> None:
+    folder = data_folder / "opensense" / "reader_fixtures" / "Xsens"
+    dialects = ("MAT_COMMA", "MAT_SEMICOLON", "MAT_SPACE")
+    streams = [xsens_txt.read(folder / f"MT2022_ACC_GYRO_ROT_{one}_00B42D4B.txt").imus["00B42D4B"] for one in dialects]
+    quaternions = xsens_txt.read(folder / "MT2022_ACC_GYRO_ROT_ALL_TAB_NAN_00B42D4B.txt").imus["00B42D4B"]
+    for stream in streams[1:]:
+        np.testing.assert_allclose(stream.R_inertial_sensor, streams[0].R_inertial_sensor)
+        np.testing.assert_allclose(stream.specific_force, streams[0].specific_force)
+    np.testing.assert_allclose(quaternions.R_inertial_sensor, streams[0].R_inertial_sensor[1:], atol=1e-5)
+
+
+@pytest.mark.data
+def test_real_walk_of_the_opensense_example(data_folder: Path) -> None:
+    log = xsens_txt.read(data_folder / "opensense" / "example_MT_009-001" / "IMUData")
+    assert {name: len(stream) for name, stream in log.imus.items()} == {
+        "00B421E6": 2432, "00B421ED": 2481, "00B421EE": 2452, "00B421EF": 2469,
+        "00B42268": 2496, "00B42279": 2493, "00B4227C": 2474, "00B4227D": 2505,
+    }  # fmt: skip
+    for stream in log.imus.values():
+        rest = stream.cut(0, 0.5)
+        np.testing.assert_allclose(mean_force_inertial(rest.R_inertial_sensor, rest.specific_force)[2], 9.81, atol=0.15)

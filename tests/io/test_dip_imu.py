@@ -1,15 +1,18 @@
 """DIP-IMU: pickles of that form written here, and pickles that must not be opened."""
 
+import contextlib
 import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import joint_index
-from vip_factors.errors import FileFormatError
+from vip_factors.errors import FileFormatError, VipFactorsError
 from vip_factors.geometry.rotations import angle_between, exp, log, rotation_x, rotation_z
 from vip_factors.io.importers import dip_imu
 from vip_factors.io.importers.numpy_pickle import load_plain_pickle
@@ -176,3 +179,21 @@ def test_a_pickle_that_breaks_off_is_no_pickle(tmp_path: Path) -> None:
         dip_imu.read(path)
     path.write_text("no pickle, but imu_ori and imu_acc")
     assert not dip_imu.matches(path)
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 2**31))
+def test_damage_is_refused_in_words_or_read_past(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+    rng, folder = np.random.default_rng(seed), tmp_path_factory.mktemp("damage")
+    path = write(folder / "a.pkl", content()[0])
+    whole = bytearray(path.read_bytes())
+    at = int(rng.integers(len(whole)))
+    damaged = (
+        whole[:at],
+        whole[:at] + whole[at + int(rng.integers(1, 300)) :],
+        whole[:at] + bytes(rng.integers(0, 256, 2, dtype=np.uint8)) + whole[at + 2 :],
+        whole[:at] + [b"nan ", b"1e999 ", b"\n", b"-", b"\x00"][rng.integers(5)] + whole[at:],
+    )
+    path.write_bytes(damaged[rng.integers(4)])
+    with contextlib.suppress(VipFactorsError):
+        dip_imu.read(path)

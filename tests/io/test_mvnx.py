@@ -1,13 +1,16 @@
 """MVNX: files of that form written here, and the real ones against MVN's own numbers."""
 
+import contextlib
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
-from vip_factors.errors import FileFormatError
+from vip_factors.errors import FileFormatError, VipFactorsError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import angle_between, exp, rotation_x, rotation_z
 from vip_factors.io.importers import mvnx
@@ -296,3 +299,22 @@ def test_the_heading_of_the_file_is_kept(tmp_path: Path) -> None:
     assert truth is not None
     forward = truth.state.R_world_bone[0, 0, :, 2]
     np.testing.assert_allclose(forward, [np.cos(1.2), np.sin(1.2), 0], atol=1e-7)
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 2**31))
+def test_damage_is_refused_in_words_or_read_past(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+    rng, folder = np.random.default_rng(seed), tmp_path_factory.mktemp("damage")
+    path = folder / "walk.mvnx"
+    write(path, motion())
+    content = bytearray(path.read_bytes())
+    at = int(rng.integers(len(content)))
+    damaged = (
+        content[:at],
+        content[:at] + content[at + int(rng.integers(1, 300)) :],
+        content[:at] + bytes(rng.integers(0, 256, 2, dtype=np.uint8)) + content[at + 2 :],
+        content[:at] + [b"nan ", b"1e999 ", b"\n", b"-", b"\x00"][rng.integers(5)] + content[at:],
+    )
+    path.write_bytes(damaged[rng.integers(4)])
+    with contextlib.suppress(VipFactorsError):
+        mvnx.read(path)

@@ -1,16 +1,19 @@
 """TotalCapture: sequences of that form written here, from a motion that is known."""
 
+import contextlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.skeleton import joint_index
-from vip_factors.errors import FileFormatError, InputError
+from vip_factors.errors import FileFormatError, InputError, VipFactorsError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import angle_between, exp, rotation_x, rotation_z, transpose
 from vip_factors.io.importers import totalcapture
@@ -94,6 +97,7 @@ def write(
             calibration[kind].append(f"{sensor} {numbers}")
     for kind, lines in calibration.items():
         (folder / f"{prefix}calib_imu_{kind}.txt").write_text("\n".join(lines) + "\n")
+    q_wxyz = {sensor: quaternion_from_matrix(R_t, Order.WXYZ) for sensor, R_t in streams.items()}
     lines = [f"13\t{FRAMES - lost_head}"]
     for t in range(lost_head, FRAMES):
         lines.append(str(t + 1 - lost_head))
@@ -281,3 +285,22 @@ def test_other_things_are_refused(tmp_path: Path) -> None:
     assert not totalcapture.matches(tmp_path / "a.sensors")
     with pytest.raises(InputError, match="align 'middle': expected head or tail"):
         totalcapture.read(tmp_path, "middle")  # type: ignore[arg-type]
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**31))
+def test_damage_is_refused_in_words_or_read_past(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+    rng, folder = np.random.default_rng(seed), tmp_path_factory.mktemp("damage")
+    write(folder)
+    path = sorted(folder.iterdir())[rng.integers(5)]
+    content = bytearray(path.read_bytes())
+    at = int(rng.integers(len(content)))
+    damaged = (
+        content[:at],
+        content[:at] + content[at + int(rng.integers(1, 300)) :],
+        content[:at] + bytes(rng.integers(0, 256, 2, dtype=np.uint8)) + content[at + 2 :],
+        content[:at] + [b"nan ", b"1e999 ", b"\n", b"-", b"\x00"][rng.integers(5)] + content[at:],
+    )
+    path.write_bytes(damaged[rng.integers(4)])
+    with contextlib.suppress(VipFactorsError):
+        totalcapture.read(folder / "s1_walking2_Xsens.sensors")

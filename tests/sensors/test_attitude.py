@@ -1,10 +1,14 @@
 """Orientation from inertial samples: against a motion whose orientation is known."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import angle_between, exp, log, rotation_z, transpose, yaw_of
+from vip_factors.io.importers import xsens_txt
 from vip_factors.sensors.attitude import with_orientation
 from vip_factors.sensors.imu_stream import ImuStream
 
@@ -81,3 +85,16 @@ def test_an_orientation_that_exists_stays() -> None:
 def test_what_cannot_be_done_is_said(stream: ImuStream, sentence: str) -> None:
     with pytest.raises(RecordingError, match=sentence):
         with_orientation(stream)
+
+
+@pytest.mark.data
+def test_real_sensors_turn_as_their_maker_says(data_folder: Path) -> None:
+    """Against the on-board filter of Xsens MTw on pelvis and thigh, 25 s of walking."""
+    for name in ("00B40B91", "00B40C45"):
+        stream = xsens_txt.read(data_folder / "xsens_vicon_walk" / "raw_mtw").imus[name]
+        assert stream.R_inertial_sensor is not None
+        found = with_orientation(replace(stream, R_inertial_sensor=None))
+        assert found.R_inertial_sensor is not None
+        error = error_but_for_heading(stream.R_inertial_sensor, found.R_inertial_sensor)
+        assert np.median(error) < 2.0
+        assert np.max(error) < 5.0

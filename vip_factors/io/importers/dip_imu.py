@@ -104,7 +104,7 @@ def _arrays(path: Path) -> tuple[Array, Array, Array | None]:
 def _rotations(path: Path, matrices: Array) -> Array:
     """The matrices cleaned of rounding; rows with NaN stay so."""
     finite = np.all(np.isfinite(matrices), axis=(-1, -2))
-    M = matrices[finite]
+    M = np.clip(matrices[finite], -2, 2)  # no rotation is changed by that, and no product overflows
     wrong = np.abs(np.swapaxes(M, -1, -2) @ M - np.eye(3)).max(axis=(-1, -2)) > ROUNDING
     wrong |= np.linalg.det(M) < 0
     if np.any(wrong):

@@ -7,7 +7,7 @@ from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import InputError
-from vip_factors.geometry.rotations import angle_between, log, rotation_z, transpose
+from vip_factors.geometry.rotations import angle_between, log, rotation_x, rotation_z, transpose
 from vip_factors.simulate.dense import dense_motion
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.stance import floor_height, with_initial_pose
@@ -55,6 +55,19 @@ def test_the_blend_has_no_jolt(motion: Motion) -> None:
     time = np.linspace(1.5, 3.5, 800)
     acceleration = dense_motion(posed).bone(joint_index("left_wrist"), time).acceleration
     assert np.linalg.norm(acceleration, axis=1).max() < 25.0  # raising arms within a second; a jolt gives hundreds
+
+
+def test_feet_stay_on_the_floor_through_the_blend() -> None:
+    """Even from a squat, where slerped legs would push the feet through the floor."""
+    walk = gestures(3.0)
+    R = walk.R_parent_child.copy()
+    for side in ("left", "right"):
+        R[:, joint_index(f"{side}_hip")] = rotation_x(-1.6)
+        R[:, joint_index(f"{side}_knee")] = rotation_x(2.0)
+    p = walk.p_world_pelvis.copy()
+    p[:, 2] -= floor_height(walk.skeleton, Motion(walk.skeleton, R, p, walk.rate).state)
+    posed = with_initial_pose(Motion(walk.skeleton, R, p, walk.rate), hold_s=1.0, blend_s=1.0)
+    assert np.abs(floor_height(posed.skeleton, posed.state)).max() < 0.01
 
 
 def test_an_imperfect_wearer_differs_by_the_sigma_asked_for(motion: Motion) -> None:

@@ -113,9 +113,7 @@ def dense_motion(motion: Motion, lowpass_hz: float | None = None) -> DenseMotion
         raise InputError(f"motion '{motion.name}' has {len(motion)} frames: expected at least {LEAST_FRAMES}")
     finite = np.isfinite(motion.R_parent_child).all(axis=(1, 2, 3)) & np.isfinite(motion.p_world_pelvis).all(axis=1)
     if not np.all(finite):
-        raise InputError(
-            f"motion '{motion.name}': frame {int(np.argmin(finite))} is not finite: cut the motion or fill its gaps first"
-        )
+        raise InputError(f"motion '{motion.name}': frame {int(np.argmin(finite))} is not finite: cut the motion there")
     q = _continuous_quaternions(motion.R_parent_child)
     root = motion.p_world_pelvis
     if lowpass_hz is not None and lowpass_hz < 0.45 * motion.rate:

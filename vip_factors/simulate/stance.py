@@ -82,9 +82,18 @@ def with_initial_pose(
     turn = log(transpose(R_held) @ R[:blended])
     R[:blended] = R_held @ exp(weight[:, None, None] * turn)
     p[:blended] = p_held + weight[:, None] * (p[:blended] - p_held)
+    p[:blended, 2] += _lift(motion, R[:blended], p[:blended], p_held, R_held, weight)
     R = np.concatenate([np.repeat(R_held[None], held, axis=0), R])
     p = np.concatenate([np.repeat(p_held[None], held, axis=0), p])
     return replace(motion, R_parent_child=R, p_world_pelvis=p)
+
+
+def _lift(motion: Motion, R: Array, p: Array, p_held: Array, R_held: Array, weight: Array) -> Array:
+    """How far to raise the root of blended frames ``(B,)``: between two stances the feet must not dip or float."""
+    skeleton, B = motion.skeleton, len(R)
+    before = floor_height(skeleton, forward_kinematics(skeleton, R_held[None], p_held[None]))
+    after = floor_height(skeleton, motion.frames(slice(0, max(B, 1))).state)[:B]
+    return before + weight * (after - before) - floor_height(skeleton, forward_kinematics(skeleton, R, p))
 
 
 def _held_pose(motion: Motion, pose: str, pose_error_deg: float, seed: int) -> tuple[Array, Array]:

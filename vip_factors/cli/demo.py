@@ -21,6 +21,8 @@ class DemoOptions:
     """Length of the walk, after a calibration pose of two seconds."""
     seed: int = 0
     """Of the sensors' errors."""
+    frame_rate: float = 60.0
+    """Frames per second of the reconstruction."""
     overwrite: Flag = False
     """Replace files of an earlier demo."""
 
@@ -39,6 +41,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.io.mcap_estimate import write_estimate
     from vip_factors.io.mcap_recording import write_recording
     from vip_factors.pipeline import smooth
+    from vip_factors.settings import Settings
     from vip_factors.simulate.settings import SimulateSettings
     from vip_factors.viz.picture import filmstrip
     from vip_factors.viz.rerun_view import SaveTo, show
@@ -59,7 +62,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
             SimulateOptions(GESTURES, Path(), options.placement, options.seed, seconds=options.seconds, errors=errors)
         )
         write_recording(recording, files["recording.mcap"], options.overwrite)
-        estimate = smooth(recording, progress=tell)
+        estimate = smooth(recording, Settings(frame_rate=options.frame_rate), tell)
         write_estimate(estimate, files["estimate.mcap"], options.overwrite)
         tell("drawing", 0.0)
         truth = recording.truth
@@ -81,4 +84,4 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 
 
 def _title(method: str) -> str:
-    return f"A simulated walk, reconstructed from body-worn sensors ({method})"
+    return f"A simulated walk, reconstructed from body-worn sensors, {method}"

@@ -29,8 +29,8 @@ class SimulateOptions:
     """Of all errors: the same seed gives the same recording."""
     initial_pose: Literal["none", "n-pose", "t-pose"] = "n-pose"
     """Calibration pose that the person holds before the motion."""
-    pose_error_deg: float = 6.0
-    """How imperfectly that pose is held, sigma of each joint and axis; 5 to 10 for someone told to stand straight."""
+    pose_error_deg: float = 3.0
+    """How imperfectly that pose is held, sigma of each joint and axis; 3 add up to 10 to 15 at the hands."""
     seconds: float = 20.0
     """Length of the package's own motion."""
     noise_free: Flag = False

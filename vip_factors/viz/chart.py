@@ -56,7 +56,7 @@ def draw_chart(
         canvas.ellipse(point, 6.0, 6.0, (255, 255, 255))
         canvas.ellipse(point, 4.4, 4.4, LINE)
     second = tick_step(last - first, 10)
-    for t in np.arange(np.ceil(first / second - 1e-9) * second, last + 1e-9, second):
+    for t in np.arange(np.ceil(first / second - 0.01) * second, last + 1e-9, second):
         x = left + (right - left) * (t - first) / max(last - first, 1e-9)
         text = f"{abs(t) if abs(t) < 1e-9 else t:g} s"
         canvas.text((x - canvas.text_width(text, 17) / 2, bottom + 24), text, LABEL, 17)

@@ -37,7 +37,7 @@ def filmstrip(
     truth: Motion | None,
     path: Path,
     *,
-    poses: int = 7,
+    poses: int = 6,
     title: str | None = None,
     overwrite: bool = False,
 ) -> None:

@@ -57,7 +57,7 @@ def _recording_lines(recording: Recording) -> list[str]:
     subject, (start, end) = recording.subject, recording.interval
     lines = [
         f"Recording: {end - start:.1f} s, {len(recording.imus)} IMUs ({len(recording.placed)} placed, "
-        f"{recording.placement.name}), subject {subject.name}, {subject.stature_m:.2f} m, "
+        f"{recording.placement.name}), worn by {subject.name}, {subject.stature_m:.2f} m, "
         f"initial pose {recording.initial_pose}.",
         "",
     ]

@@ -283,7 +283,7 @@ def test_other_things_are_refused(tmp_path: Path) -> None:
         totalcapture.read(tmp_path, "middle")  # type: ignore[arg-type]
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(st.integers(0, 2**31))
 def test_damage_is_refused_in_words_or_read_past(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
     rng, folder = np.random.default_rng(seed), tmp_path_factory.mktemp("damage")

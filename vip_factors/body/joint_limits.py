@@ -25,7 +25,8 @@ RANGES_DEG: dict[str, tuple[Range, Range, Range]] = {
     "left_hip": ((-125, 35), (-50, 60), (-35, 60)),
     # x: flexion positive 140, hyperextension 10; a hinge otherwise, the shank turning a little on a bent knee
     "left_knee": ((-10, 150), (-25, 25), (-15, 15)),
-    # x: plantar flexion positive 50, dorsiflexion 20 to 30 with a bent knee; y: toes out; z: eversion positive 20, inversion 35
+    # x: plantar flexion positive 50, dorsiflexion 20 to 30 with a bent knee; y: toes out; z: eversion positive 20,
+    # inversion 35
     "left_ankle": ((-40, 55), (-30, 45), (-40, 30)),
     # x: toes bend up (negative) by 70 when the heel lifts
     "left_foot": ((-75, 45), (-15, 15), (-15, 15)),

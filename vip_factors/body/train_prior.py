@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.motion import Motion
 from vip_factors.body.pose_prior import POSE_SIZE, PosePrior, joint_vector, mirror_joint_vector
 from vip_factors.body.skeleton import JOINT_NAMES
@@ -23,7 +24,7 @@ class PriorTraining:
     minimum_toe_sigma_deg: float = 10.0  # few sources move the toes, which bend at every step
     minimum_collar_sigma_deg: float = 8.0  # nor the clavicles, which rise with a lifted arm by up to 30 degrees
     shrinkage: float = 0.1  # correlations shrink by this, so that no combination is forbidden for not having been seen
-    largest_angle_deg: float = 170.0  # beyond, Log flips its sign, and no joint but a broken one goes there
+    largest_violation_deg: float = 15.0  # of a joint limit: a frame beyond is a conversion gone wrong, and is dropped
 
 
 def train_pose_prior(motions: Iterable[Motion], settings: PriorTraining | None = None) -> PosePrior:
@@ -36,14 +37,15 @@ def train_pose_prior(motions: Iterable[Motion], settings: PriorTraining | None =
         InputError: if there are too few frames.
     """
     settings = settings or PriorTraining()
+    limits = load_joint_limits()
     samples: dict[str, list[Array]] = defaultdict(list)
     weights: dict[str, list[Array]] = defaultdict(list)
     clips = 0
     for motion in motions:
         step = max(1, round(motion.rate / settings.rate))
         x = joint_vector(motion.R_parent_child[::step])
-        angle = np.linalg.norm(x.reshape(len(x), -1, 3), axis=-1)
-        x = x[np.max(angle, axis=1, initial=0.0) < np.radians(settings.largest_angle_deg)]
+        violation = np.max(np.abs(limits.violation(x)), axis=1, initial=0.0)
+        x = x[violation < np.radians(settings.largest_violation_deg)]
         if not len(x):
             continue
         subject = motion.name.partition("_")[0]

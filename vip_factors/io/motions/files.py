@@ -1,12 +1,14 @@
 """One door to motion files, by their suffix."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
+from vip_factors.io.motions.asf_amc import read_amc
 from vip_factors.io.motions.bvh import read_bvh
 
-READERS = {".bvh": read_bvh}
+READERS: dict[str, Callable[[Path], Motion]] = {".bvh": read_bvh, ".amc": read_amc}
 MOTION_SUFFIXES = tuple(READERS)
 
 

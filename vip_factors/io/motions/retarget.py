@@ -2,7 +2,10 @@
 
 Each bone keeps the world direction it has in the source: with ``C`` the constant rotation that takes our T-pose
 direction of a bone onto the source's rest direction, ``R_world_bone = R_world_node C``. Our skeleton gets the
-source's own offsets, so the joints stay where they were.
+source's own offsets, so the joints stay where they were. Where a source's rest pose stands for straight limbs
+without having them (``SkeletonMap.straight``) the joint angles are kept instead: one ``C`` for all bones of a limb,
+the limbs of our skeleton are straight, and elbows, knees and what follows come to lie some centimetres from the
+figure's.
 """
 
 import numpy as np
@@ -145,13 +148,19 @@ def _rest_corrections(clip: SourceClip, table: SkeletonMap, A: Array) -> Array:
             nodes[f"{side}_hand"] = table.landmarks[f"{side}_fingertip"]
     for joint, name in enumerate(JOINT_NAMES):
         end, ours = AIMS.get(name, ("", DOWN))
-        if end in nodes and name in nodes:
-            bone = A @ (clip.p_rest[clip.node(nodes[end])] - clip.p_rest[clip.node(nodes[name])])
+        start = name
+        if table.straight and end in nodes:  # one direction for the whole limb
+            limb = name.partition("_")[0] + ("_knee" if ours == DOWN else "_shoulder")
+            start, end = limb, AIMS[limb][0]
+        if end in nodes and start in nodes:
+            bone = A @ (clip.p_rest[clip.node(nodes[end])] - clip.p_rest[clip.node(nodes[start])])
             C[joint] = _between(np.array(ours), bone)
-        elif name.endswith("_ankle") and f"{name[:-6]}_foot" in nodes:
-            # The rest pose stands flat on the floor, so a foot's slope is its shape; only its toeing-out is a turn.
+        elif name.endswith("_ankle") and f"{name[:-6]}_foot" in nodes and not table.straight:
+            # The foot stands flat on the floor at rest, so its slope is its shape; only its toeing-out is a turn.
+            spread = C[PARENTS[joint]] if table.feet_follow_legs else np.eye(3)
             foot = A @ (clip.p_rest[clip.node(nodes[f"{name[:-6]}_foot"])] - clip.p_rest[clip.node(nodes[name])])
-            C[joint] = _between(np.array([0.0, 0.0, 1.0]), np.array([foot[0], 0.0, foot[2]]))
+            foot = spread.T @ foot
+            C[joint] = spread @ _between(np.array([0.0, 0.0, 1.0]), np.array([foot[0], 0.0, foot[2]]))
         elif name.endswith(("_wrist", "_hand", "_foot")):
             C[joint] = C[PARENTS[joint]]
     return C
@@ -217,6 +226,9 @@ def _skeleton(
     arms = p_world_joint[:, 1:] - p_world_joint[:, parents[1:]]
     offsets = np.zeros((JOINT_COUNT, 3))
     offsets[1:] = np.einsum("tjba,tjb->ja", R_world_bone[:, parents[1:]], arms) / len(clip)
+    if table.straight:
+        for end, direction in AIMS.values():
+            offsets[joint_index(end)] = np.linalg.norm(offsets[joint_index(end)]) * np.array(direction)
     A, unit = axes
     landmarks = dict(skeleton_from_stature(stature).landmarks)
     for name, node in table.landmarks.items():

@@ -1,0 +1,129 @@
+"""ASF/AMC: a skeleton in one file, its motion in another (Acclaim; the originals of the CMU database)."""
+
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.body.motion import Motion
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.motions.asf import AsfBone, AsfSkeleton, read_asf, rotation_in_order
+from vip_factors.io.motions.retarget import retarget
+from vip_factors.io.motions.skeleton_maps import SkeletonMap
+from vip_factors.io.motions.source_clip import SourceClip, rest_positions, source_kinematics
+
+CMU_RATE = 120.0  # an AMC file does not say its rate; the CMU database's is this
+
+
+def read_amc(
+    path: str | Path,
+    asf: str | Path | None = None,
+    rate: float = CMU_RATE,
+    skeleton_map: SkeletonMap | None = None,
+    unit_m: float | None = None,
+) -> Motion:
+    """An AMC file as a motion of our skeleton, with the bone lengths of its ASF: Z up, metres.
+
+    Args:
+        path: the AMC file. A file cut short gives the frames it holds whole.
+        asf: its skeleton; if not given, the file beside it that is named after the subject (``07.asf`` for
+            ``07_01.amc``), or the only one there.
+        rate: frames per second, which the file does not say.
+        skeleton_map: which bone is which joint, where the names are not CMU's.
+        unit_m: the skeleton's unit in metres, where its ``:units`` is not to be trusted.
+
+    Raises:
+        FileFormatError: for a malformed file.
+        InputError: if no skeleton is found, or it is not a known one.
+    """
+    path = Path(path)
+    skeleton = read_asf(Path(asf) if asf else _find_asf(path))
+    clip = _clip(skeleton, _read_frames(path, skeleton), rate, path)
+    return retarget(clip, skeleton_map, unit_m or skeleton.unit_m)
+
+
+def _find_asf(path: Path) -> Path:
+    named = path.with_name(path.stem.partition("_")[0] + ".asf")
+    if named.is_file():
+        return named
+    beside = sorted(path.parent.glob("*.asf"))
+    if len(beside) != 1:
+        raise InputError(
+            f"{path}: {len(beside)} ASF skeletons beside it and none named {named.name}: give the skeleton's file"
+        )
+    return beside[0]
+
+
+def _read_frames(path: Path, skeleton: AsfSkeleton) -> dict[str, Array]:
+    """Channel values ``(T, channels)`` of each bone, in the file's unit; the frames that are whole."""
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read ({error.strerror}); expected an AMC motion") from error
+    moving = {name: bone.dof for name, bone in skeleton.bones.items() if bone.dof}
+    rows: dict[str, list[list[float]]] = {name: [] for name in moving}
+    frames = 0
+    for number, line in enumerate(lines, start=1):
+        words = line.split()
+        if not words or words[0][0] in "#:":
+            continue
+        if len(words) == 1 and words[0].isdigit():
+            short = [name for name, found in rows.items() if len(found) != frames]
+            if short:
+                raise FileFormatError(
+                    f"{path}, line {number}: the frame before lacks {', '.join(short[:4])}, or has it twice"
+                )
+            frames += 1
+            continue
+        if words[0] not in moving or not frames:
+            raise FileFormatError(
+                f"{path}, line {number}: '{line.strip()[:60]}': expected a frame number or a moving bone of the skeleton"
+            )
+        values = _numbers(words[1:])
+        if len(values) != len(moving[words[0]]):
+            if number == len(lines):
+                break  # a last line cut off in writing
+            raise FileFormatError(
+                f"{path}, line {number}: '{line.strip()[:60]}': expected {len(moving[words[0]])} numbers for {words[0]}"
+            )
+        rows[words[0]].append(values)
+    whole = min(map(len, rows.values()))
+    if not whole:
+        raise FileFormatError(f"{path}: not one whole frame; expected an AMC motion of the skeleton's bones")
+    return {name: np.array(found[:whole]) for name, found in rows.items()}
+
+
+def _numbers(words: list[str]) -> list[float]:
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        return []
+    return values if np.all(np.isfinite(values)) else []
+
+
+def _clip(skeleton: AsfSkeleton, frames: dict[str, Array], rate: float, path: Path) -> SourceClip:
+    """A node per bone, at the bone's start, and one at the free end of each last bone."""
+    order = ["root", *skeleton.parents]
+    leaves = [name for name in order[1:] if name not in skeleton.parents.values()]
+    names = [*order, *(f"{name}/end" for name in leaves)]
+    parents = [-1] + [order.index(skeleton.parents[name]) for name in order[1:]] + [order.index(one) for one in leaves]
+    offsets = np.array([np.zeros(3)] + [skeleton.bones[names[parent]].vector for parent in parents[1:]])
+    T = len(next(iter(frames.values())))
+    R = np.broadcast_to(np.eye(3), (T, len(names), 3, 3)).copy()
+    p = np.broadcast_to(offsets, (T, *offsets.shape)).copy()
+    for name, values in frames.items():
+        if name in order:
+            R[:, order.index(name)] = _turns(skeleton.bones[name], values, skeleton.degrees)
+    for column, channel in enumerate(skeleton.bones["root"].dof):
+        if channel in ("tx", "ty", "tz"):
+            p[:, 0, "xyz".index(channel[1])] = frames["root"][:, column]
+    R_world, p_world = source_kinematics(parents, p, R)
+    return SourceClip(tuple(names), rest_positions(parents, offsets), R_world, p_world, rate, path.stem, str(path))
+
+
+def _turns(bone: AsfBone, values: Array, degrees: bool) -> Array:
+    """How a bone turns from rest on its parent, ``(T, 3, 3)``: its channels, about its own axes."""
+    columns = [column for column, channel in enumerate(bone.dof) if channel in ("rx", "ry", "rz")]
+    angles = np.radians(values[:, columns]) if degrees else values[:, columns]
+    M = rotation_in_order(angles, "".join(bone.dof[column][1] for column in columns))
+    return bone.axis @ M @ bone.axis.T

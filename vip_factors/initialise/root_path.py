@@ -48,4 +48,5 @@ def contact_confidence(body: BodyState, points: tuple[tuple[int, Array], ...], s
     speed = np.linalg.norm(velocity, axis=2)
     height = p[:, :, 2] - p[:, :, 2].min(axis=1, keepdims=True)
     confidence = np.exp(-0.5 * (speed / SPEED_SCALE) ** 2 - 0.5 * (height / HEIGHT_BAND) ** 2)
-    return uniform_filter1d(confidence, max(1, round(SMOOTHING / step)), axis=0)
+    averaged = uniform_filter1d(confidence, max(1, round(SMOOTHING / step)), axis=0)
+    return np.clip(averaged, 0.0, 1.0)  # the running sum rounds to slightly below zero

@@ -27,8 +27,8 @@ def eliminate(stretches: Iterable[tuple[gtsam.GaussianFactorGraph, gtsam.Orderin
         rest.push_back(graph)
         try:
             part, rest = rest.eliminatePartialSequential(ordering)
-        except RuntimeError as error:  # gtsam's IndeterminantLinearSystemException arrives as this
-            if "ndeterminant" not in str(error):
+        except RuntimeError as error:  # gtsam's IndeterminateSystemException arrives as this
+            if "ndeterminate" not in str(error):
                 raise
             raise SolveError("the linear system is not determined") from error
         for index in range(part.size()):

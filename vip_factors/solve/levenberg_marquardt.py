@@ -42,8 +42,9 @@ class SolveSettings:
     max_iterations: int = 30  # IT and SIP settle in 5–20; the thesis used 20
     relative_decrease: float = 1e-4  # a step that lowers the cost by less than this changes joints by microns
     initial_damping: float = 1e-3  # of the diagonal: near Gauss–Newton, for starts are good
-    damping_factor: float = 8.0  # up on a rejected step, down on a good one
-    max_damping: float = 1e8  # beyond it the step has no length left
+    damping_factor: float = 5.0  # up on a rejected step, down on a good one
+    min_damping: float = 1e-4  # small against every measurement, and quick to climb back from
+    max_damping: float = 1e6  # beyond it the step has no length left
 
 
 def levenberg_marquardt(
@@ -72,8 +73,10 @@ def levenberg_marquardt(
         raise SolveError(f"{stage}: the cost at the start is not finite: {costs}")
     iterations: list[Iteration] = []
     converged = False
+    rejected = False
     while len(iterations) < settings.max_iterations and not converged:
-        clock = _Clock()
+        clock, bold = _Clock(), not rejected
+        rejected = False
         system = objective.linearise(state)
         clock.lap("linearise")
         while True:
@@ -87,9 +90,14 @@ def levenberg_marquardt(
             before, after = sum(costs.values()), sum(trial.values())
             accepted = delta is not None and np.isfinite(after) and after <= before
             used = damping
-            damping = damping / settings.damping_factor if accepted else damping * settings.damping_factor
-            if accepted or damping > settings.max_damping:
+            if accepted:
                 break
+            rejected = True
+            damping *= settings.damping_factor
+            if damping > settings.max_damping:
+                break
+        if bold and not rejected:  # after a rejection the damping rests for one step: no up and down in turn
+            damping = max(damping / settings.damping_factor, settings.min_damping)
         iterations.append(Iteration(after if accepted else before, used, accepted, clock.seconds))
         if not accepted:
             if delta is None:

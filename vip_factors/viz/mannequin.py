@@ -31,6 +31,20 @@ TRUTH_COLOUR: Colour = (176, 180, 186)
 SENSOR_COLOUR: Colour = (246, 222, 120)  # pale yellow: seen against both limbs and background
 
 
+def side_of(bone: int) -> Side:
+    """The side of a limb's bone; the collars belong to the trunk."""
+    first, _, joint = JOINT_NAMES[bone].partition("_")
+    return Side(first) if first in ("left", "right") and joint != "collar" else Side.MIDDLE
+
+
+def part_of(bone: int) -> str:
+    """The larger piece of the body that a bone belongs to: ``head``, ``trunk``, ``left_arm``, ``right_leg`` …"""
+    first, _, joint = JOINT_NAMES[bone].partition("_")
+    if side_of(bone) is Side.MIDDLE:
+        return "head" if first in ("neck", "head") else "trunk"
+    return f"{first}_{'arm' if joint in ('shoulder', 'elbow', 'wrist', 'hand') else 'leg'}"
+
+
 @dataclass(frozen=True)
 class Segment:
     """A rounded, tapered piece of the body, fixed to one bone.
@@ -50,16 +64,12 @@ class Segment:
     @property
     def side(self) -> Side:
         """Of the wearer."""
-        first, _, joint = JOINT_NAMES[self.bone].partition("_")
-        return Side(first) if first in ("left", "right") and joint != "collar" else Side.MIDDLE
+        return side_of(self.bone)
 
     @property
     def part(self) -> str:
-        """The larger piece of the body that it belongs to: ``head``, ``trunk``, ``left_arm``, ``right_leg`` …"""
-        first, _, joint = JOINT_NAMES[self.bone].partition("_")
-        if self.side is Side.MIDDLE:
-            return "head" if first in ("neck", "head") else "trunk"
-        return f"{first}_{'arm' if joint in ('shoulder', 'elbow', 'wrist', 'hand') else 'leg'}"
+        """The larger piece of the body that it belongs to."""
+        return part_of(self.bone)
 
 
 # Bone, far end (a joint or a landmark), radii at both ends as fractions of stature. They are there to be looked at:

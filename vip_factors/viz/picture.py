@@ -15,7 +15,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.viz.canvas import Canvas, Rod, mixed
 from vip_factors.viz.chart import draw_chart
 from vip_factors.viz.compare import Compare, common_frames, floor_height, onto_truth, position_error_mm
-from vip_factors.viz.mannequin import ESTIMATE_COLOURS, SENSOR_COLOUR, TRUTH_COLOUR, Colour, Side, mannequin
+from vip_factors.viz.mannequin import ESTIMATE_COLOURS, SENSOR_COLOUR, TRUTH_COLOUR, Colour, Side, mannequin, part_of
 
 INK, SOFT_INK, WHITE = (40, 46, 58), (120, 128, 140), (255, 255, 255)
 GHOST = mixed(TRUTH_COLOUR, WHITE, 0.35)
@@ -127,18 +127,18 @@ def _strip(
     recording: Recording | None,
 ) -> None:
     cell = (WIDTH - 2 * MARGIN) / len(frames)
-    floor = floor_height(ghost if ghost is not None else shown)
-    highest = float(shown.state.p_world_joint[frames, :, 2].max()) - floor
+    # Without the truth the height of an inertial reconstruction drifts: then every pose stands on its own lower foot.
+    floors = [floor_height(ghost if ghost is not None else shown.frames(slice(f, f + 1))) for f in frames]
+    highest = float((shown.state.p_world_joint[frames, :, 2].max(axis=1) - floors).max())
     scale = STRIP_HEIGHT / float(np.clip(highest + HEADROOM_M, *BODY_HEIGHTS))
-    for index, frame in enumerate(frames):
+    for index, (frame, floor) in enumerate(zip(frames, floors, strict=True)):
         foot = np.array([MARGIN + cell * (index + 0.5), STRIP_TOP + STRIP_HEIGHT - 28.0])
         view = _view(ghost if ghost is not None else shown, int(frame), floor, foot, scale)
         canvas.ellipse(foot, 0.40 * scale, 0.085 * scale, SHADOW)
         if ghost is not None:
             _draw(canvas, ghost, int(frame), view, dict.fromkeys(Side, GHOST))
-        _draw(canvas, shown, int(frame), view, ESTIMATE_COLOURS)
-        if recording is not None:
-            _sensors(canvas, shown.state, int(frame), view, recording, estimate)
+        sensors = _sensors(shown.state, int(frame), view, recording, estimate)
+        _draw(canvas, shown, int(frame), view, ESTIMATE_COLOURS, sensors)
 
 
 @dataclass(frozen=True)
@@ -166,8 +166,15 @@ def _view(motion: Motion, frame: int, floor: float, anchor: Array, scale: float)
     return _View(R_view_world, np.array([pelvis[0], pelvis[1], floor]), anchor, scale)
 
 
-def _draw(canvas: Canvas, motion: Motion, frame: int, view: _View, colours: Mapping[Side, Colour]) -> None:
-    """Limbs, trunk and head, the farthest first and a little paler, as air makes them."""
+def _draw(
+    canvas: Canvas,
+    motion: Motion,
+    frame: int,
+    view: _View,
+    colours: Mapping[Side, Colour],
+    sensors: Mapping[str, list[Array]] | None = None,
+) -> None:
+    """Limbs, trunk and head with their sensors, the farthest first and a little paler, as air makes them."""
     state = motion.state
     parts: dict[str, list[tuple[Rod, float, Colour]]] = {}
     for segment in mannequin(motion.skeleton):
@@ -184,14 +191,17 @@ def _draw(canvas: Canvas, motion: Motion, frame: int, view: _View, colours: Mapp
     for part in sorted(depths, key=lambda part: -depths[part]):
         pale = min(PALER_PER_M * (depths[part] - nearest), 0.25)
         canvas.limb([rod for rod, _, _ in parts[part]], mixed(parts[part][0][2], WHITE, pale))
+        for plate in (sensors or {}).get(part, ()):
+            _box(canvas, plate)
 
 
 def _sensors(
-    canvas: Canvas, state: BodyState, frame: int, view: _View, recording: Recording, estimate: Estimate | None
-) -> None:
-    """The front or back plate of each sensor's box, as far as the eye sees it."""
+    state: BodyState, frame: int, view: _View, recording: Recording | None, estimate: Estimate | None
+) -> dict[str, list[Array]]:
+    """Corners ``(4, 2)`` of each sensor's plate, by the part of the body it sits on, if it faces the eye."""
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array([0.030, 0.021])
-    for site in recording.placement.sites:
+    plates: dict[str, list[Array]] = {}
+    for site in recording.placement.sites if recording is not None else ():
         known = estimate.calibration.get(site.sensor) if estimate is not None else None
         R_bone_sensor = known.R_bone_sensor if known is not None else site.R_bone_sensor
         R = state.R_world_bone[frame, site.bone_index]
@@ -199,7 +209,8 @@ def _sensors(
             continue  # on the far side of its limb
         plate = np.pad(corners, ((0, 0), (0, 1))) @ (R @ R_bone_sensor).T
         centre = state.p_world_joint[frame, site.bone_index] + R @ site.p_bone_sensor
-        _box(canvas, view.project(centre + plate)[0])
+        plates.setdefault(part_of(site.bone_index), []).append(view.project(centre + plate)[0])
+    return plates
 
 
 def _box(canvas: Canvas, corners: Array) -> None:

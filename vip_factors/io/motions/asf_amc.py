@@ -77,7 +77,7 @@ def _read_frames(path: Path, skeleton: AsfSkeleton) -> dict[str, Array]:
             continue
         if words[0] not in moving or not frames:
             raise FileFormatError(
-                f"{path}, line {number}: '{line.strip()[:60]}': expected a frame number or a moving bone of the skeleton"
+                f"{path}, line {number}: '{line.strip()[:60]}': expected a frame number or a moving bone of its ASF"
             )
         values = _numbers(words[1:])
         if len(values) != len(moving[words[0]]):

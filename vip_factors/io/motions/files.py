@@ -5,10 +5,11 @@ from pathlib import Path
 
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
+from vip_factors.io.motions.amass import read_amass
 from vip_factors.io.motions.asf_amc import read_amc
 from vip_factors.io.motions.bvh import read_bvh
 
-READERS: dict[str, Callable[[Path], Motion]] = {".bvh": read_bvh, ".amc": read_amc}
+READERS: dict[str, Callable[[Path], Motion]] = {".bvh": read_bvh, ".amc": read_amc, ".npz": read_amass}
 MOTION_SUFFIXES = tuple(READERS)
 
 
@@ -24,3 +25,9 @@ def read_motion(path: str | Path) -> Motion:
     if reader is None:
         raise InputError(f"{path}: expected a motion file that ends in {', '.join(MOTION_SUFFIXES)}")
     return reader(path)
+
+
+def motion_files(folder: str | Path) -> list[Path]:
+    """All motion files in a folder and below, sorted; AMASS's files of a shape without a motion are not among them."""
+    found = (path for path in Path(folder).rglob("*") if path.suffix.lower() in MOTION_SUFFIXES)
+    return sorted(path for path in found if not (path.suffix == ".npz" and path.stem.endswith(("shape", "stagei"))))

@@ -8,7 +8,7 @@ from vip_factors.body.motion import Motion
 from vip_factors.body.pose_prior import PosePrior
 from vip_factors.body.train_prior import PriorTraining, train_pose_prior
 from vip_factors.errors import InputError
-from vip_factors.io.motions.files import MOTION_SUFFIXES, read_motion
+from vip_factors.io.motions.files import MOTION_SUFFIXES, motion_files, read_motion
 
 
 def train_prior_from_folder(
@@ -26,7 +26,7 @@ def train_prior_from_folder(
     """
     held_out = tuple(held_out_names() if hold_out is None else hold_out)
     folder = Path(folder)
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in MOTION_SUFFIXES)
+    paths = motion_files(folder)
     chosen = [path for path in paths if path.stem not in held_out + DAMAGED_CLIPS]
     if not chosen:
         raise InputError(f"{folder}: no motion file to train on; expected files ending in {', '.join(MOTION_SUFFIXES)}")

@@ -33,6 +33,8 @@ for _side, _x in (("left", 1.0), ("right", -1.0)):
         for bone, end in (("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "hand"))
     }
 
+STRANGE_HAND = np.radians(45.0)  # a hand further than this from its forearm at rest is an exporter's dummy end
+
 # A rest pose before the take: this near to the T-pose, and left faster than any joint turns.
 REST_TOLERANCE = np.radians(15.0)  # exporters' rest poses bend the forearms a little
 IMPOSSIBLE_SPEED = 10.0  # rad/s: a person who stands in a T-pose does not leave it like a pitcher's arm
@@ -154,7 +156,9 @@ def _rest_corrections(clip: SourceClip, table: SkeletonMap, A: Array) -> Array:
             start, end = limb, AIMS[limb][0]
         if end in nodes and start in nodes:
             bone = A @ (clip.p_rest[clip.node(nodes[end])] - clip.p_rest[clip.node(nodes[start])])
-            C[joint] = _between(np.array(ours), bone)
+            C[joint] = _between(np.array(ours), bone) if np.linalg.norm(bone) > 0 else C[PARENTS[joint]]
+            if name.endswith("_wrist") and angle_between(C[joint], C[PARENTS[joint]]) > STRANGE_HAND:
+                C[joint] = C[PARENTS[joint]]
         elif name.endswith("_ankle") and f"{name[:-6]}_foot" in nodes and not table.straight:
             # The foot stands flat on the floor at rest, so its slope is its shape; only its toeing-out is a turn.
             spread = C[PARENTS[joint]] if table.feet_follow_legs else np.eye(3)

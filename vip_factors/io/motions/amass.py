@@ -1,0 +1,93 @@
+"""AMASS npz: SMPL-H or SMPL-X pose vectors and root path, Z up."""
+
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import JOINT_COUNT, Skeleton
+from vip_factors.body.smpl_file import smpl_body
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.rotations import Array, exp
+
+BODY_JOINTS = 22  # pelvis and joints 1 … 21 are the same in SMPL, SMPL-H and SMPL-X
+POSE_WIDTHS = (72, 156, 165)
+RATE_NAMES = ("mocap_framerate", "mocap_frame_rate", "fps")
+# Where no model file tells: round statures of European adults, and the pelvis of the mean SMPL shape.
+STATURE_M = {"male": 1.78, "female": 1.65, None: 1.71}
+P_MODEL_PELVIS = np.array([0.0, -0.23, 0.03])
+
+
+def read_amass(
+    path: str | Path,
+    model: str | Path | None = None,
+    stature_m: float | None = None,
+    rate: float | None = None,
+) -> Motion:
+    """An AMASS file as a motion of our skeleton. Hands are kept rigid with the wrists.
+
+    Args:
+        path: npz with ``poses`` ``(T, 156)`` or ``(T, 165)`` (or SMPL's 72), ``trans`` and a frame rate.
+        model: a SMPL model file, from which with the file's ``betas`` the skeleton is made exactly.
+        stature_m: the person's height, where no model file is at hand; else a round figure by the file's ``gender``.
+        rate: frames per second, where the file does not say.
+
+    Raises:
+        FileFormatError: if the file is not of that form.
+        InputError: for a file without a frame rate and none given.
+    """
+    path = Path(path)
+    content = _read(path)
+    poses, trans = content["poses"], content["trans"]
+    T = len(poses)
+    if poses.ndim != 2 or poses.shape[1] not in POSE_WIDTHS or trans.shape != (T, 3) or not T:
+        raise FileFormatError(
+            f"{path}: poses {poses.shape} and trans {trans.shape}: expected (T, 156) or (T, 165), and (T, 3)"
+        )
+    if not (np.all(np.isfinite(poses)) and np.all(np.isfinite(trans))):
+        raise FileFormatError(f"{path}: poses or trans hold numbers that are not finite")
+    rate = rate or content["rate"]
+    if rate is None:
+        raise InputError(f"{path}: none of {', '.join(RATE_NAMES)} in the file: give the rate")
+    R_parent_child = np.broadcast_to(np.eye(3), (T, JOINT_COUNT, 3, 3)).copy()
+    R_parent_child[:, :BODY_JOINTS] = exp(poses[:, : 3 * BODY_JOINTS].reshape(T, BODY_JOINTS, 3))
+    skeleton, p_model_pelvis = _body(content, model, stature_m)
+    return Motion(skeleton, R_parent_child, trans + p_model_pelvis, rate, name=path.stem)
+
+
+def _body(content: dict[str, Any], model: str | Path | None, stature_m: float | None) -> tuple[Skeleton, Array]:
+    if model is not None:
+        body = smpl_body(model, content["betas"])
+        return body.skeleton, body.p_model_pelvis
+    sex = content["gender"] if content["gender"] in ("male", "female") else None
+    return skeleton_from_stature(stature_m or STATURE_M[sex], sex), P_MODEL_PELVIS
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            missing = [name for name in ("poses", "trans") if name not in file]
+            if missing:
+                raise FileFormatError(f"{path}: lacks {', '.join(missing)}; expected a motion file of AMASS")
+            rates = [float(file[name].ravel()[0]) for name in RATE_NAMES if name in file]
+            return {
+                "poses": np.asarray(file["poses"], dtype=float),
+                "trans": np.asarray(file["trans"], dtype=float),
+                "betas": np.asarray(file["betas"], dtype=float).ravel() if "betas" in file else None,
+                "gender": _text(file["gender"]) if "gender" in file else "",
+                "rate": rates[0] if rates else None,
+            }
+    except FileFormatError:
+        raise
+    except (OSError, ValueError, TypeError, IndexError, EOFError, BadZipFile) as error:
+        raise FileFormatError(f"{path}: not an AMASS npz ({error})") from error
+
+
+def _text(value: Array) -> str:
+    """``male``, however the file stores it: text, bytes, or the text of bytes."""
+    item = np.asarray(value).ravel()[0]
+    text = item.decode() if isinstance(item, bytes) else str(item)
+    return text.removeprefix("b'").strip("'").lower()

@@ -136,17 +136,23 @@ def test_messages_say_where_and_what(tmp_path: Path) -> None:
 
 
 @pytest.mark.data
-def test_the_bvh_of_a_clip_has_the_joint_angles_of_its_original(data_folder: Path) -> None:
-    original = read_amc(data_folder / "cmu_asfamc/02/02_05.amc")
-    converted = read_bvh(data_folder / "cmu_bvh/02/02_05.bvh")
+@pytest.mark.parametrize(("clip", "hips_within"), [("02/02_05", 3.0), ("02/02_10", 3.0), ("03/03_01", 14.0)])
+def test_the_bvh_of_a_clip_has_the_joint_angles_of_its_original(
+    data_folder: Path, clip: str, hips_within: float
+) -> None:
+    original, converted = (
+        read_amc(data_folder / f"cmu_asfamc/{clip}.amc"),
+        read_bvh(data_folder / f"cmu_bvh/{clip}.bvh"),
+    )
     original = original.frames(slice(len(original) - len(converted), None))
     difference = np.degrees(joint_vector(converted.R_parent_child) - joint_vector(original.R_parent_child))
-    mean = np.mean(difference, axis=0).reshape(-1, 3)
-    for bone in ("hip", "knee", "ankle", "elbow"):
+    mean = np.abs(np.mean(difference, axis=0)).reshape(-1, 3)
+    # The figure's own offset of hips and ankles differs between subjects; knees and elbows do not suffer from it.
+    for bone, limit in (("hip", hips_within), ("ankle", hips_within), ("knee", 3.0), ("elbow", 7.0)):
         for side in ("left", "right"):
-            assert np.abs(mean[joint_index(f"{side}_{bone}") - 1]).max() < 7, bone
-    # The figure of the BVH has other proportions than the subject: joints lie some centimetres apart.
+            assert mean[joint_index(f"{side}_{bone}") - 1].max() < limit, bone
+    # It has other proportions than the subject, too: joints lie some centimetres apart.
     chosen = [joint_index(f"{side}_{one}") for side in ("left", "right") for one in ("hip", "knee", "ankle", "wrist")]
     ours, theirs = (motion.state.p_world_joint[:, chosen] for motion in (converted, original))
     apart = np.linalg.norm(align_rigid(ours, theirs).apply(ours) - theirs, axis=-1)
-    assert apart.mean() < 0.06
+    assert apart.mean() < 0.09

@@ -16,6 +16,7 @@ ROWS = [
     {"graph"},
     {"solve"},
     {"settings", "pipeline"},
+    {"benchmark"},
     {"cli"},
 ]
 ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}

@@ -20,6 +20,7 @@ COMMANDS = {
     "evaluate": "compare an estimate with the truth",
     "view": "look at recordings and estimates in Rerun",
     "train": "learn the pose prior from motions",
+    "benchmark": "measure accuracy on motions with known truth, or speed and memory",
 }
 
 

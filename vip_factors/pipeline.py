@@ -1,16 +1,19 @@
 """The pipeline on one page: recording → calibration → inertial tracker → sparse inertial poser → estimate."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, SolveReport
+from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.graph.batch import BatchObjective
 from vip_factors.graph.decode import decode, pose_covariance
 from vip_factors.graph.model import BodyPoint, InertialModel, InitialPose
@@ -20,7 +23,7 @@ from vip_factors.initialise.pose import first_poses
 from vip_factors.initialise.root_path import contact_confidence, contact_points, standing_path
 from vip_factors.sensors.frames import ImuFrames, resample
 from vip_factors.sensors.recording import Recording
-from vip_factors.settings import Settings
+from vip_factors.settings import Settings, flatten
 from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
 from vip_factors.solve.marginals import chain_marginals
 
@@ -32,6 +35,10 @@ DEFAULT = Settings()
 def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progress | None = None) -> Estimate:
     """Reconstruct a whole recording from its IMUs.
 
+    First coarsely: the inertial tracker (IT; thesis eq. 4.10) starts the sparse inertial poser (SIP; thesis 3.3) on
+    every n-th frame, with headings, mountings and the mean pose free. Then at the full rate, with those kept. The
+    acceleration factor is exact at either rate.
+
     Args:
         recording: with at least one placed sensor.
         settings: of all rooms.
@@ -41,29 +48,68 @@ def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progres
         InputError, RecordingError: for a recording that cannot be used.
         SolveError: if the problem is not determined.
     """
-    told = progress or (lambda stage, fraction: None)
-    told("resample", 0.0)
-    frames = resample(recording, settings.frame_rate)
+    run = _Run(settings, progress or (lambda stage, fraction: None))
+    coarse = settings.coarse_factor if settings.acceleration else 1
+    frames = resample(recording, settings.frame_rate / coarse)
     calibration = _first_calibration(recording, frames, settings)
-    reports: list[SolveReport] = []
     model = _model(recording, frames, calibration, settings)
-
-    tracker = replace(model, use_acceleration=False, free_headings=False, free_mountings=False)
-    state = _start(tracker, calibration)
-    state, report = levenberg_marquardt(
-        BatchObjective(tracker), state, settings.solve, "inertial tracker", lambda done: told("inertial tracker", done)
-    )
-    reports.append(report)
-    state = _placed_on_floor(tracker, state)
-    solved = tracker
+    state = run.track(model, _start(model, calibration))
     if settings.acceleration:
-        solved = _with_contacts(model, state)
+        for _ in range(settings.calibration.passes):
+            model, state = run.pose(model, state, "calibration")
+        model, state = _at_full_rate(recording, settings, model, state)
+        model, state = run.pose(model, state, "sparse inertial poser")
+    covariance = _covariance(model, state) if settings.covariance else None
+    return decode(
+        recording.name, _method(model, settings), model, state, covariance, tuple(run.reports), flatten(settings)
+    )
+
+
+@dataclass
+class _Run:
+    """The solves of one recording, and what they report."""
+
+    settings: Settings
+    told: Progress
+    reports: list[SolveReport] = field(default_factory=list)
+
+    def track(self, model: InertialModel, state: GraphState) -> GraphState:
+        """Orientations and priors alone, every frame by itself; then the root, from the standing foot."""
+        alone = replace(model, use_acceleration=False, free_headings=False, free_mountings=False, free_pose_mean=False)
+        return _placed_on_floor(model, self._solve(alone, state, "inertial tracker"))
+
+    def pose(self, model: InertialModel, state: GraphState, stage: str) -> tuple[InertialModel, GraphState]:
+        """All factors, with the foot contacts that the state shows."""
+        model = _with_contacts(model, state)
+        return model, self._solve(model, state, stage)
+
+    def _solve(self, model: InertialModel, state: GraphState, stage: str) -> GraphState:
+        objective = BatchObjective(model)
         state, report = levenberg_marquardt(
-            BatchObjective(solved), state, settings.solve, "sparse inertial poser", lambda done: told("poser", done)
+            objective, state, self.settings.solve, stage, lambda done: self.told(stage, done)
         )
-        reports.append(report)
-    covariance = _covariance(solved, state) if settings.covariance else None
-    return decode(recording.name, _method(solved, settings), solved, state, covariance, tuple(reports))
+        self.reports.append(report)
+        return state
+
+
+def _at_full_rate(
+    recording: Recording, settings: Settings, model: InertialModel, state: GraphState
+) -> tuple[InertialModel, GraphState]:
+    """The model at the full frame rate with headings, mountings and mean pose kept, and where to start from."""
+    frames = resample(recording, settings.frame_rate)
+    R = np.stack(
+        [
+            interpolate_rotations(model.frames.time, state.R_parent_child[:, joint], frames.time)
+            for joint in range(JOINT_COUNT)
+        ],
+        axis=1,
+    )
+    path = make_interp_spline(model.frames.time, state.p_world_pelvis, k=min(3, len(model.frames) - 1))
+    p = path(np.clip(frames.time, model.frames.time[0], model.frames.time[-1]))
+    fine = replace(
+        model, frames=frames, free_headings=False, free_mountings=False, free_pose_mean=False, initial_pose=None
+    )
+    return fine, replace(state, R_parent_child=R, p_world_pelvis=p)
 
 
 def _first_calibration(recording: Recording, frames: ImuFrames, settings: Settings) -> InitialCalibration:
@@ -82,7 +128,7 @@ def _model(
     declared = recording.initial_pose != "none"
     free = not settings.calibration.from_truth
     pose = calibration_pose(recording.initial_pose) if declared else None
-    held = max(1, round(settings.factors.initial_pose.seconds * settings.frame_rate))
+    held = max(1, round(settings.factors.initial_pose.seconds / frames.step))
     return InertialModel(
         skeleton=recording.subject.body(),
         prior=load_pose_prior(),
@@ -96,6 +142,7 @@ def _model(
         initial_pose=InitialPose(pose, min(held, len(frames))) if pose is not None else None,
         free_headings=free and settings.calibration.estimate_headings,
         free_mountings=free and settings.calibration.estimate_mountings,
+        free_pose_mean=True,
         gauge_sensor=_gauge_sensor([site.bone_index for site in sites]),
     )
 
@@ -107,7 +154,7 @@ def _gauge_sensor(bones: list[int]) -> int:
 
 def _start(model: InertialModel, calibration: InitialCalibration) -> GraphState:
     R = first_poses(model.frames, [sensor.bone for sensor in model.sensors], calibration, model.prior)
-    return GraphState(R, np.zeros((len(R), 3)), calibration.headings, calibration.R_bone_sensor)
+    return GraphState(R, np.zeros((len(R), 3)), calibration.headings, calibration.R_bone_sensor, model.prior.mean)
 
 
 def _placed_on_floor(model: InertialModel, state: GraphState) -> GraphState:

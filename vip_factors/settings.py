@@ -1,6 +1,8 @@
 """Every room's settings in one tree. The command line and the settings files are made from it."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any
 
 from vip_factors.graph.model import FactorSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
@@ -12,6 +14,7 @@ class CalibrationSettings:
 
     estimate_headings: bool = True  # sensors drift apart by tens of degrees; off where they are known
     estimate_mountings: bool = True  # a calibration pose is held 10–15° off; off where they are known
+    passes: int = 2  # coarse solves: foot contacts found with the first headings are found again with better ones
     from_truth: bool = False  # start from (and keep to) the recording's true calibration: for experiments
 
 
@@ -26,3 +29,17 @@ class Settings:
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     factors: FactorSettings = field(default_factory=FactorSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
+
+
+def flatten(settings: Settings) -> dict[str, str]:
+    """Dotted name and text of every effective setting, to be written beside every result."""
+    return dict(_flat(settings, ""))
+
+
+def _flat(settings: Any, prefix: str) -> Iterator[tuple[str, str]]:
+    for one in fields(settings):
+        value = getattr(settings, one.name)
+        if is_dataclass(value):
+            yield from _flat(value, f"{prefix}{one.name}.")
+        else:
+            yield f"{prefix}{one.name}", str(value)

@@ -13,7 +13,7 @@ from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import exp, rotation_z
 from vip_factors.graph.batch import BatchObjective
 from vip_factors.graph.frame import nonlinear_graph
-from vip_factors.graph.keys import heading_key, joint_key, mounting_key, root_key
+from vip_factors.graph.keys import heading_key, joint_key, mounting_key, pose_mean_key, root_key
 from vip_factors.graph.model import BodyPoint, InertialModel, InitialPose
 from vip_factors.graph.state import GraphState
 from vip_factors.sensors.frames import resample
@@ -44,13 +44,14 @@ def small_model(free: bool = True) -> tuple[InertialModel, GraphState]:
         initial_pose=InitialPose(calibration_pose("n-pose"), 2),
         contacts=(BodyPoint(ankle, np.array([0, -0.05, 0.1])),),
         contact_confidence=random.uniform(0, 1, (T, 1)),
-        free_headings=free, free_mountings=free,
+        free_headings=free, free_mountings=free, free_pose_mean=free,
     )  # fmt: skip
     state = GraphState(
         exp(0.7 * random.standard_normal((T, 24, 3))),
         0.1 * random.standard_normal((T, 3)),
         random.standard_normal(S),
         model.prior_R_bone_sensor @ exp(0.2 * random.standard_normal((S, 3))),
+        0.1 * random.standard_normal(69),
     )
     return model, state
 
@@ -64,6 +65,8 @@ def batch_columns(model: InertialModel) -> list[tuple[int, int]]:
         blocks += [(heading_key(s), 1) for s in range(S)]
     if model.free_mountings:
         blocks += [(mounting_key(s), 3) for s in range(S)]
+    if model.free_pose_mean:
+        blocks += [(pose_mean_key(), 69)]
     return blocks
 
 
@@ -106,7 +109,7 @@ def test_retract_is_the_graphs_own() -> None:
     delta = gtsam.VectorValues()
     for key in objective.frame_keys:
         delta.insert(key, 0.1 * random.standard_normal(75))
-    delta.insert(objective.static_key, 0.1 * random.standard_normal(4 * S))
+    delta.insert(objective.static_key, 0.1 * random.standard_normal(4 * S + 69))
     by_key = gtsam.VectorValues()
     for t, key in enumerate(objective.frame_keys):
         for j in range(24):
@@ -116,10 +119,12 @@ def test_retract_is_the_graphs_own() -> None:
     for s in range(S):
         by_key.insert(heading_key(s), static[s : s + 1])
         by_key.insert(mounting_key(s), static[S + 3 * s : S + 3 * s + 3])
+    by_key.insert(pose_mean_key(), static[4 * S :])
     moved = GraphState.from_values(state.to_values().retract(by_key), T, S)
     ours = objective.retract(state, delta)
     np.testing.assert_allclose(ours.R_parent_child, moved.R_parent_child, atol=1e-12)
     np.testing.assert_allclose(ours.R_bone_sensor, moved.R_bone_sensor, atol=1e-12)
+    np.testing.assert_allclose(ours.pose_mean, moved.pose_mean, atol=1e-12)
     np.testing.assert_allclose(ours.headings, moved.headings, atol=1e-12)
     np.testing.assert_allclose(ours.p_world_pelvis, moved.p_world_pelvis, atol=1e-12)
 
@@ -130,6 +135,6 @@ def test_turning_the_world_leaves_the_cost_alone() -> None:
     R = state.R_parent_child.copy()
     R[:, 0] = turn @ R[:, 0]
     model = replace(model, settings=replace(model.settings), p_world_start=np.zeros(3))
-    turned = GraphState(R, state.p_world_pelvis @ turn.T, state.headings + 1.1, state.R_bone_sensor)
+    turned = GraphState(R, state.p_world_pelvis @ turn.T, state.headings + 1.1, state.R_bone_sensor, state.pose_mean)
     costs, turned_costs = BatchObjective(model).cost(state), BatchObjective(model).cost(turned)
     assert turned_costs == pytest.approx(costs, rel=1e-9)

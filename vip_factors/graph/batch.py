@@ -5,20 +5,32 @@ The factors of :mod:`vip_factors.graph.frame` stay the definition, and a test ho
 """
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import gtsam
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState, forward_kinematics
+from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.factors.gauge_prior import gauge_prior_residual
 from vip_factors.factors.heading_prior import heading_prior_residual
+from vip_factors.factors.pose_prior import pose_mean_residual
 from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian
 from vip_factors.graph.model import InertialModel
 from vip_factors.graph.state import GraphState
 from vip_factors.graph.system import ChainSystem
-from vip_factors.graph.terms import FRAME, ROOT, MotionTerm, PoseTerm, motion_terms, pose_terms
+from vip_factors.graph.terms import (
+    FRAME,
+    ROOT,
+    MotionTerm,
+    PoseTerm,
+    motion_terms,
+    pose_mean_columns,
+    pose_terms,
+    width,
+)
 
 CHUNK = 250  # frames evaluated together: enough to amortise NumPy's calls, few enough to stay in cache and memory
 # One unit of damping, in physical units, is a prior of this size on every step.
@@ -32,8 +44,8 @@ class BatchObjective:
     def __init__(self, model: InertialModel) -> None:
         self.model = model
         S = len(model.sensors)
-        free = [*[model.free_headings] * S, *[model.free_mountings] * (3 * S)]
-        self._static = np.flatnonzero(free) + FRAME  # columns of the calibration that move
+        free = [*[model.free_headings] * S, *[model.free_mountings] * (3 * S), *[model.free_pose_mean] * POSE_SIZE]
+        self._static = np.flatnonzero(free) + FRAME  # columns of what all frames share that move
         self._columns = np.concatenate([np.arange(FRAME), self._static])
         self.frame_keys = [gtsam.symbol("x", t) for t in range(len(model.frames))]
         self.static_key = gtsam.symbol("z", 0)
@@ -73,6 +85,10 @@ class BatchObjective:
                 J[3 * s : 3 * s + 3, 3 * s : 3 * s + 3] = block
             residual = (error / model.mounting_sigma[:, None]).ravel()
             rows.append(("mounting prior", residual, list(range(FRAME + S, FRAME + 4 * S)), J))
+        if model.free_pose_mean:
+            residual = pose_mean_residual(state.pose_mean, model.prior, model.settings.pose_prior)
+            J = model.settings.pose_prior.mean_scale * model.prior.whitening
+            rows.append(("pose mean", residual, list(pose_mean_columns(S)), J))
         if model.use_acceleration:
             sigma = model.settings.gauge_prior.position_sigma
             residual = gauge_prior_residual(state.p_world_pelvis[0], model.p_world_start) / sigma
@@ -86,15 +102,13 @@ class BatchObjective:
         T, S = len(self.model.frames), len(self.model.sensors)
         body = self._body(state)
         terms = list(motion_terms(self.model, state, body, jacobians=True))
-        system = ChainSystem.empty(
-            self.frame_keys, self.static_key, self._columns, self._damping(), tied=bool(terms), width=FRAME + 4 * S
-        )
+        system = ChainSystem.empty(self.frame_keys, self.static_key, self._columns, self._damping(), tied=bool(terms))
         for frames in self._chunks():
             part = slice(frames.start, min(frames.stop + 2, T))  # two frames on, for the blocks off the diagonal
             H, g = _pose_equations(
                 pose_terms(self.model, *_stretch(state, body, frames), frames, jacobians=True),
                 frames.stop - frames.start,
-                FRAME + 4 * S,
+                width(S),
             )
             if terms:
                 jacobian = _point_jacobians(self.model, _stretch(state, body, part)[1], terms)
@@ -105,7 +119,7 @@ class BatchObjective:
         return system
 
     def _damping(self) -> Array:
-        scale = np.full(FRAME + 4 * len(self.model.sensors), STEP_ANGLE**-2.0)
+        scale = np.full(width(len(self.model.sensors)), STEP_ANGLE**-2.0)
         scale[ROOT:FRAME] = STEP_LENGTH**-2.0
         return scale[self._columns]
 
@@ -114,22 +128,22 @@ class BatchObjective:
     def retract(self, state: GraphState, delta: gtsam.VectorValues) -> GraphState:
         """The state moved by a solution of the linear system."""
         T, S = len(self.model.frames), len(self.model.sensors)
-        static = np.zeros(4 * S)
+        static = np.zeros(width(S) - FRAME)
         if len(self._static):
             static[self._static - FRAME] = delta.at(self.static_key)
         steps = np.array([delta.at(key) for key in self.frame_keys])
         joints = steps[:, :ROOT].reshape(T, JOINT_COUNT, 3)
-        return state.retract(joints, steps[:, ROOT:], static[:S], static[S:].reshape(S, 3))
+        return state.retract(joints, steps[:, ROOT:], static)
 
 
 def _stretch(state: GraphState, body: BodyState, frames: slice) -> tuple[GraphState, BodyState]:
-    part = GraphState(state.R_parent_child[frames], state.p_world_pelvis[frames], state.headings, state.R_bone_sensor)
+    part = replace(state, R_parent_child=state.R_parent_child[frames], p_world_pelvis=state.p_world_pelvis[frames])
     return part, BodyState(body.R_world_bone[frames], body.p_world_joint[frames])
 
 
-def _pose_equations(terms: Iterable[PoseTerm], frames: int, width: int) -> tuple[Array, Array]:
-    """Hessians ``(T, width, width)`` and gradients ``(T, width)`` of the factors on single frames."""
-    H, g = np.zeros((frames, width, width)), np.zeros((frames, width))
+def _pose_equations(terms: Iterable[PoseTerm], frames: int, columns: int) -> tuple[Array, Array]:
+    """Hessians ``(T, columns, columns)`` and gradients ``(T, columns)`` of the factors on single frames."""
+    H, g = np.zeros((frames, columns, columns)), np.zeros((frames, columns))
     scattered = []
     for term in terms:
         first, last = term.columns[0], term.columns[-1] + 1
@@ -140,12 +154,14 @@ def _pose_equations(terms: Iterable[PoseTerm], frames: int, width: int) -> tuple
         weighted = (term.weight[:, None, None] * term.jacobian).swapaxes(1, 2)
         H[:, first:last, first:last] += weighted @ term.jacobian
         g[:, first:last] += (weighted @ term.residual[:, :, None])[:, :, 0]
-    rows = np.zeros((frames, 3 * len(scattered), width))
-    residual = np.zeros((frames, 3 * len(scattered), 1))
-    for index, term in enumerate(scattered):
-        root = np.sqrt(term.weight)
-        rows[:, 3 * index : 3 * index + 3, term.columns] = root[:, None, None] * term.jacobian
-        residual[:, 3 * index : 3 * index + 3, 0] = root[:, None] * term.residual
+    count = sum(term.residual.shape[1] for term in scattered)
+    rows, residual = np.zeros((frames, count, columns)), np.zeros((frames, count, 1))
+    start = 0
+    for term in scattered:
+        here, root = slice(start, start + term.residual.shape[1]), np.sqrt(term.weight)
+        rows[:, here, term.columns] = root[:, None, None] * term.jacobian
+        residual[:, here, 0] = root[:, None] * term.residual
+        start = here.stop
     transposed = rows.swapaxes(1, 2)
     H += transposed @ rows
     g += (transposed @ residual)[:, :, 0]

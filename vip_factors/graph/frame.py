@@ -10,9 +10,9 @@ from vip_factors.factors.gauge_prior import gauge_prior_factor
 from vip_factors.factors.heading_prior import heading_prior_factor
 from vip_factors.factors.joint_limit import joint_limit_factor
 from vip_factors.factors.orientation import orientation_factor
-from vip_factors.factors.pose_prior import pose_prior_factor
+from vip_factors.factors.pose_prior import pose_mean_factor, pose_prior_factor
 from vip_factors.factors.rotation_prior import rotation_prior_factor
-from vip_factors.graph.keys import frame_keys, heading_key, joint_key, mounting_key, root_key
+from vip_factors.graph.keys import frame_keys, heading_key, joint_key, mounting_key, pose_mean_key, root_key
 from vip_factors.graph.model import InertialModel
 
 LAST_JOINT = 23
@@ -25,10 +25,8 @@ def pose_factors(model: InertialModel, t: int) -> Iterator[gtsam.NonlinearFactor
         if frames.orientation_valid[t, s]:
             R = frames.R_inertial_sensor[t, s]
             orientation = settings.orientation
-            yield orientation_factor(
-                model.skeleton, keys, heading_key(s), mounting_key(s), sensor.bone, R, orientation
-            )
-    yield pose_prior_factor(keys, model.prior, settings.pose_prior)
+            yield orientation_factor(model.skeleton, keys, heading_key(s), mounting_key(s), sensor.bone, R, orientation)
+    yield pose_prior_factor(keys, pose_mean_key(), model.prior, settings.pose_prior)
     for joint in range(1, LAST_JOINT + 1):
         yield joint_limit_factor(keys, joint, model.limits, settings.joint_limit)
     if model.initial_pose is not None and t < model.initial_pose.frames:
@@ -66,6 +64,8 @@ def static_factors(model: InertialModel) -> Iterator[gtsam.NonlinearFactor]:
         if model.free_mountings:
             R = model.prior_R_bone_sensor[s]
             yield rotation_prior_factor("mounting prior", mounting_key(s), R, float(model.mounting_sigma[s]))
+    if model.free_pose_mean:
+        yield pose_mean_factor(pose_mean_key(), model.prior, model.settings.pose_prior)
     if model.use_acceleration:
         yield gauge_prior_factor(root_key(0), model.p_world_start, model.settings.gauge_prior)
 

@@ -29,6 +29,11 @@ def mounting_key(sensor: int) -> int:
     return gtsam.symbol("b", sensor)
 
 
+def pose_mean_key() -> int:
+    """Key of the ``Vector`` of 69: the recording's mean joint vector."""
+    return gtsam.symbol("m", 0)
+
+
 def frame_keys(frame: int) -> FrameKeys:
     """All keys of one frame."""
     return FrameKeys({joint: joint_key(frame, joint) for joint in range(JOINT_COUNT)}, root_key(frame))

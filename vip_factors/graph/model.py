@@ -71,7 +71,8 @@ class InertialModel:
         contacts: points of the feet that may bear the body.
         contact_confidence: ``(T, C)`` in [0, 1], whether each contact holds from its frame to the next.
         use_acceleration: False leaves acceleration, contact and gauge factors out: frames decouple (IT, SOP).
-        free_headings, free_mountings: whether those variables move; the first sensor's heading is the gauge.
+        free_headings, free_mountings, free_pose_mean: whether those variables move.
+        gauge_sensor: whose heading defines the world's.
     """
 
     skeleton: Skeleton
@@ -90,6 +91,7 @@ class InertialModel:
     use_acceleration: bool = True
     free_headings: bool = False
     free_mountings: bool = False
+    free_pose_mean: bool = False
     gauge_sensor: int = 0
 
     @property

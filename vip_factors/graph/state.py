@@ -7,7 +7,7 @@ import numpy as np
 
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.geometry.rotations import Array, exp
-from vip_factors.graph.keys import heading_key, joint_key, mounting_key, root_key
+from vip_factors.graph.keys import heading_key, joint_key, mounting_key, pose_mean_key, root_key
 
 
 @dataclass(frozen=True)
@@ -19,20 +19,28 @@ class GraphState:
         p_world_pelvis: ``(T, 3)`` metres.
         headings: ``(S,)`` radians.
         R_bone_sensor: ``(S, 3, 3)`` mountings.
+        pose_mean: ``(69,)`` the recording's mean joint vector, radians.
     """
 
     R_parent_child: Array
     p_world_pelvis: Array
     headings: Array
     R_bone_sensor: Array
+    pose_mean: Array
 
-    def retract(self, joints: Array, root: Array, headings: Array, mountings: Array) -> "GraphState":
-        """Move by tangent steps ``(T, 24, 3)``, ``(T, 3)``, ``(S,)`` and ``(S, 3)``, as GTSAM does: on the right."""
+    def retract(self, joints: Array, root: Array, static: Array) -> "GraphState":
+        """Move by tangent steps, as GTSAM does: on the right.
+
+        ``joints`` ``(T, 24, 3)``, ``root`` ``(T, 3)``, and ``static``: headings, then mountings, then the pose mean.
+        """
+        S = len(self.headings)
+        headings, mountings, mean = np.split(static, [S, 4 * S])
         return GraphState(
             self.R_parent_child @ exp(joints),
             self.p_world_pelvis + root,
             self.headings + headings,
-            self.R_bone_sensor @ exp(mountings),
+            self.R_bone_sensor @ exp(mountings.reshape(S, 3)),
+            self.pose_mean + mean,
         )
 
     def to_values(self) -> gtsam.Values:
@@ -45,6 +53,7 @@ class GraphState:
         for s, (heading, R) in enumerate(zip(self.headings, self.R_bone_sensor, strict=True)):
             values.insert(heading_key(s), float(heading))
             values.insert(mounting_key(s), gtsam.Rot3(R))
+        values.insert(pose_mean_key(), self.pose_mean)
         return values
 
     @classmethod
@@ -56,4 +65,5 @@ class GraphState:
             np.array([values.atPoint3(root_key(t)) for t in range(frames)]),
             np.array([values.atDouble(heading_key(s)) for s in range(sensors)]),
             np.array([values.atRot3(mounting_key(s)).matrix() for s in range(sensors)]).reshape(-1, 3, 3),
+            values.atVector(pose_mean_key()),
         )

@@ -35,7 +35,7 @@ class ChainSystem:
 
     @classmethod
     def empty(
-        cls, frame_keys: Sequence[int], static_key: int, columns: Array, damping: Array, tied: bool, width: int
+        cls, frame_keys: Sequence[int], static_key: int, columns: Array, damping: Array, tied: bool
     ) -> "ChainSystem":
         """Zeros, for as many frames as there are keys."""
         T, n = len(frame_keys), len(columns)

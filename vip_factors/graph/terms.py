@@ -1,7 +1,8 @@
 """The factors evaluated for all frames at once: whitened residuals and, if asked, their Jacobians.
 
 A term is one kind of factor, of one sensor where it belongs to one. Columns number a frame's own tangent: three for
-each of 24 joints, three for the root, then the calibration: one for each heading and three for each mounting.
+each of 24 joints, three for the root, then what all frames share: one for each heading, three for each mounting, and
+69 for the mean pose.
 """
 
 from collections.abc import Iterator
@@ -10,12 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState
+from vip_factors.body.pose_prior import POSE_SIZE, joint_vector
 from vip_factors.body.skeleton import JOINT_COUNT, ancestors
 from vip_factors.factors.acceleration import acceleration_by_heading, acceleration_residual
 from vip_factors.factors.foot_contact import foot_contact_residual
 from vip_factors.factors.joint_limit import joint_limit_residual
 from vip_factors.factors.orientation import orientation_jacobians, orientation_residual
-from vip_factors.factors.pose_prior import joint_vector, joint_vector_jacobian, pose_prior_residual
+from vip_factors.factors.pose_prior import joint_vector_jacobian, pose_prior_residual
 from vip_factors.factors.robust import RobustLoss
 from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian
@@ -25,6 +27,16 @@ from vip_factors.graph.state import GraphState
 ROOT = 3 * JOINT_COUNT  # first column of the root translation
 FRAME = ROOT + 3  # width of a frame's tangent
 SQUARE = RobustLoss()
+
+
+def width(sensors: int) -> int:
+    """Number of all columns."""
+    return FRAME + 4 * sensors + POSE_SIZE
+
+
+def pose_mean_columns(sensors: int) -> range:
+    """Columns of the mean pose."""
+    return range(width(sensors) - POSE_SIZE, width(sensors))
 
 
 def heading_column(sensor: int) -> int:
@@ -125,7 +137,7 @@ def pose_terms(
     yield from _orientation_terms(model, state, body, frames, jacobians)
     x = joint_vector(state.R_parent_child)
     D = joint_vector_jacobian(x) if jacobians else None
-    yield _prior_term(model, x, D)
+    yield _prior_term(model, x, state.pose_mean, D)
     yield from _limit_terms(model, x, D)
     if model.initial_pose is not None and frames.start < model.initial_pose.frames:
         mask = (np.arange(T) + frames.start < model.initial_pose.frames).astype(float)
@@ -159,14 +171,18 @@ def _orientation_terms(
         yield PoseTerm("orientation", residual / settings.sigma, mask, settings.loss, columns, J)
 
 
-def _prior_term(model: InertialModel, x: Array, D: Array | None) -> PoseTerm:
+def _prior_term(model: InertialModel, x: Array, mean: Array, D: Array | None) -> PoseTerm:
     settings = model.settings.pose_prior
-    residual = pose_prior_residual(x, model.prior, settings)
+    residual = pose_prior_residual(x, mean, model.prior, settings)
+    columns = list(range(3, ROOT))
     J = None
     if D is not None:
         L = settings.scale * model.prior.whitening.reshape(69, 23, 3)
         J = np.einsum("mja,tjab->tmjb", L, D, optimize=True).reshape(len(x), 69, 69)
-    return PoseTerm("pose prior", residual, np.ones(len(x)), SQUARE, list(range(3, ROOT)), J)
+        if model.free_pose_mean:
+            by_mean = np.broadcast_to(-L.reshape(69, 69), J.shape)
+            J, columns = np.concatenate([J, by_mean], axis=2), [*columns, *pose_mean_columns(len(model.sensors))]
+    return PoseTerm("pose prior", residual, np.ones(len(x)), SQUARE, columns, J)
 
 
 def _limit_terms(model: InertialModel, x: Array, D: Array | None) -> Iterator[PoseTerm]:

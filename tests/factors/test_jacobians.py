@@ -19,6 +19,7 @@ from vip_factors.factors.orientation import OrientationSettings, orientation_fac
 from vip_factors.factors.pose_prior import PosePriorSettings, pose_mean_factor, pose_prior_factor
 from vip_factors.factors.robust import RobustLoss
 from vip_factors.factors.rotation_prior import rotation_prior_factor
+from vip_factors.factors.smoothness import SmoothnessSettings, smoothness_factor
 from vip_factors.geometry.rotations import exp
 from vip_factors.graph.keys import frame_keys, heading_key, joint_key, mounting_key, pose_mean_key, root_key
 from vip_factors.graph.state import GraphState
@@ -43,6 +44,7 @@ FACTORS: dict[str, Callable[[], gtsam.NonlinearFactor]] = {
     ),
     "pose prior": lambda: pose_prior_factor(KEYS[0], pose_mean_key(), load_pose_prior(), PosePriorSettings(0.5)),
     "pose mean": lambda: pose_mean_factor(pose_mean_key(), load_pose_prior(), PosePriorSettings()),
+    "smoothness": lambda: smoothness_factor(KEYS[0], KEYS[1], 0.1, load_pose_prior(), SmoothnessSettings()),
     "joint limit": lambda: joint_limit_factor(
         KEYS[0], joint_index("left_knee"), load_joint_limits(), JointLimitSettings(loss=SQUARE)
     ),

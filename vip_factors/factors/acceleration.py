@@ -19,7 +19,7 @@ GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s², world
 class AccelerationSettings:
     """How far a model point's acceleration is from its sensor's."""
 
-    sigma: float = 1.0  # m/s², each row: soft tissue wobbles by 1–3 at the limbs in brisk motion, less at rest
+    sigma: float = 0.5  # m/s², each row: soft tissue wobbles by 1–3 at the limbs in brisk motion, less at rest
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # foot strikes ring the straps
 
 

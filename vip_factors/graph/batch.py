@@ -19,6 +19,7 @@ from vip_factors.factors.pose_prior import pose_mean_residual
 from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian
 from vip_factors.graph.model import InertialModel
+from vip_factors.graph.smooth import add_smoothness, is_smoothed, smoothness_cost
 from vip_factors.graph.state import GraphState
 from vip_factors.graph.system import ChainSystem
 from vip_factors.graph.terms import (
@@ -63,6 +64,8 @@ class BatchObjective:
             costs[term.kind] = costs.get(term.kind, 0.0) + term.cost
         for kind, residual, _, _ in self._static_rows(state):
             costs[kind] = costs.get(kind, 0.0) + 0.5 * float(residual @ residual)
+        if is_smoothed(self.model):
+            costs["smoothness"] = smoothness_cost(self.model, state)
         return costs
 
     def _body(self, state: GraphState) -> BodyState:
@@ -114,6 +117,8 @@ class BatchObjective:
                 jacobian = _point_jacobians(self.model, _stretch(state, body, part)[1], terms)
                 system.add_motion(frames, jacobian, terms, H, g)
             system.add_frames(frames, H, g)
+            if is_smoothed(self.model):
+                add_smoothness(system, self.model, state, frames)
         for _, residual, columns, J in self._static_rows(state):
             system.add_first(np.array(columns), J.T @ J, J.T @ residual)
         return system

@@ -12,6 +12,7 @@ from vip_factors.factors.joint_limit import joint_limit_factor
 from vip_factors.factors.orientation import orientation_factor
 from vip_factors.factors.pose_prior import pose_mean_factor, pose_prior_factor
 from vip_factors.factors.rotation_prior import rotation_prior_factor
+from vip_factors.factors.smoothness import smoothness_factor
 from vip_factors.graph.keys import frame_keys, heading_key, joint_key, mounting_key, pose_mean_key, root_key
 from vip_factors.graph.model import InertialModel
 
@@ -56,6 +57,13 @@ def motion_factors(model: InertialModel, t: int) -> Iterator[gtsam.NonlinearFact
             )
 
 
+def pair_factors(model: InertialModel, t: int) -> Iterator[gtsam.NonlinearFactor]:
+    """Factors that tie frames ``t`` and ``t + 1`` together."""
+    if model.use_acceleration and model.settings.smoothness.use:
+        now, after = frame_keys(t), frame_keys(t + 1)
+        yield smoothness_factor(now, after, model.frames.step, model.prior, model.settings.smoothness)
+
+
 def static_factors(model: InertialModel) -> Iterator[gtsam.NonlinearFactor]:
     """Priors on headings, mountings and on the root of the first frame."""
     for s, sigma in enumerate(model.heading_sigmas):
@@ -79,6 +87,9 @@ def nonlinear_graph(model: InertialModel) -> gtsam.NonlinearFactorGraph:
             graph.push_back(factor)
         if 0 < t < T - 1:
             for factor in motion_factors(model, t):
+                graph.push_back(factor)
+        if t < T - 1:
+            for factor in pair_factors(model, t):
                 graph.push_back(factor)
     for factor in static_factors(model):
         graph.push_back(factor)

@@ -16,6 +16,7 @@ from vip_factors.factors.joint_limit import JointLimitSettings
 from vip_factors.factors.orientation import OrientationSettings
 from vip_factors.factors.pose_prior import PosePriorSettings
 from vip_factors.factors.rotation_prior import InitialPoseSettings
+from vip_factors.factors.smoothness import SmoothnessSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.frames import ImuFrames
 
@@ -30,6 +31,7 @@ class FactorSettings:
     joint_limit: JointLimitSettings = field(default_factory=JointLimitSettings)
     heading_prior: HeadingPriorSettings = field(default_factory=HeadingPriorSettings)
     initial_pose: InitialPoseSettings = field(default_factory=InitialPoseSettings)
+    smoothness: SmoothnessSettings = field(default_factory=SmoothnessSettings)
     foot_contact: FootContactSettings = field(default_factory=FootContactSettings)
     gauge_prior: GaugePriorSettings = field(default_factory=GaugePriorSettings)
 

@@ -1,0 +1,50 @@
+"""The smoothness factors of all frames at once: their cost, and their share of the normal equations."""
+
+import numpy as np
+
+from vip_factors.factors.smoothness import smoothness_residual, turn_jacobians
+from vip_factors.geometry.rotations import Array, log, transpose
+from vip_factors.graph.model import InertialModel
+from vip_factors.graph.state import GraphState
+from vip_factors.graph.system import ChainSystem
+from vip_factors.graph.terms import ROOT
+
+JOINTS = slice(3, ROOT)  # columns of joints 1 … 23 in a frame's tangent
+
+
+def is_smoothed(model: InertialModel) -> bool:
+    """Whether the model has smoothness factors; where frames are independent it has none."""
+    return model.use_acceleration and model.settings.smoothness.use and len(model.frames) > 1
+
+
+def smoothness_cost(model: InertialModel, state: GraphState) -> float:
+    """Half the sum of squared whitened residuals."""
+    R, settings = state.R_parent_child[:, 1:], model.settings.smoothness
+    residual = smoothness_residual(R[:-1], R[1:], model.frames.step, model.prior, settings)
+    return 0.5 * float(np.sum(residual**2))
+
+
+def add_smoothness(system: ChainSystem, model: InertialModel, state: GraphState, frames: slice) -> None:
+    """Add the factors between each of a stretch of frames and its next one."""
+    assert system.following is not None
+    start, stop = frames.start, min(frames.stop, len(model.frames) - 1)
+    R = state.R_parent_child[start : stop + 1, 1:]
+    turn = log(transpose(R[:-1]) @ R[1:])
+    now, after = turn_jacobians(turn)
+    weighted = model.settings.smoothness.time / model.frames.step * model.prior.whitening
+    information = weighted.T @ weighted
+    force = (turn.reshape(len(turn), -1) @ information).reshape(turn.shape)
+    own, next_one = slice(start, stop), slice(start + 1, stop + 1)
+    system.own[own, JOINTS, JOINTS] += _between(now, information, now)
+    system.own[next_one, JOINTS, JOINTS] += _between(after, information, after)
+    system.following[own, 0, JOINTS, JOINTS] += _between(now, information, after)
+    for part, J in ((own, now), (next_one, after)):
+        system.gradient[part, JOINTS] += (transpose(J) @ force[..., None]).reshape(len(turn), -1)
+
+
+def _between(left: Array, information: Array, right: Array) -> Array:
+    """``Jₗᵀ Λ Jᵣ`` ``(T, 69, 69)`` for block-diagonal Jacobians ``(T, 23, 3, 3)``."""
+    joints = left.shape[1]
+    blocks = information.reshape(joints, 3, joints, 3).swapaxes(1, 2)  # (23, 23, 3, 3)
+    product = transpose(left)[:, :, None] @ blocks @ right[:, None]
+    return product.swapaxes(2, 3).reshape(len(left), 3 * joints, 3 * joints)

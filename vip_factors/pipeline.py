@@ -14,6 +14,7 @@ from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, SolveReport
 from vip_factors.geometry.quaternions import interpolate_rotations
+from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.graph.batch import BatchObjective
 from vip_factors.graph.decode import decode, pose_covariance
 from vip_factors.graph.model import BodyPoint, InertialModel, InitialPose
@@ -30,6 +31,10 @@ from vip_factors.solve.marginals import chain_marginals
 Progress = Callable[[str, float], None]
 FEW_SENSORS = 6  # with so few, the papers call the orientation-only tracker SOP instead of IT
 DEFAULT = Settings()
+# Which way the wearer faces at the start, relative to what the straps say.
+FACINGS = np.deg2rad([0, 45, -45, 90, -90, 135, -135, 180])  # the solve itself turns by half a step
+FACING_RATE, FACING_FRAMES, FACING_ITERATIONS = 5.0, 150, 4  # Hz; a choice of eight needs no more
+FACING_SIGMA = np.deg2rad(45.0)  # of a strap put on by eye: decides where the motion does not
 
 
 def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progress | None = None) -> Estimate:
@@ -51,7 +56,7 @@ def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progres
     run = _Run(settings, progress or (lambda stage, fraction: None))
     coarse = settings.coarse_factor if settings.acceleration else 1
     frames = resample(recording, settings.frame_rate / coarse)
-    calibration = _first_calibration(recording, frames, settings)
+    calibration = run.face(recording, _first_calibration(recording, frames, settings))
     model = _model(recording, frames, calibration, settings)
     state = run.track(model, _start(model, calibration))
     if settings.acceleration:
@@ -72,6 +77,28 @@ class _Run:
     settings: Settings
     told: Progress
     reports: list[SolveReport] = field(default_factory=list)
+
+    def face(self, recording: Recording, calibration: InitialCalibration) -> InitialCalibration:
+        """Which way the wearer faced in the declared pose: the way in which the motion bends the joints least badly.
+
+        A sensor strapped on back to front would have the wearer walk backwards on knees that bend forwards.
+        """
+        if calibration.R_world_bone is None:
+            return calibration
+        start, end = recording.interval
+        frames = resample(recording, min(FACING_RATE, FACING_FRAMES / (end - start)))
+        least, best = np.inf, calibration
+        for number, angle in enumerate(FACINGS):
+            self.told("facing", number / len(FACINGS))
+            turned = calibration.facing(float(angle))
+            model = replace(_model(recording, frames, turned, self.settings), use_acceleration=False, initial_pose=None)
+            model = replace(model, free_headings=False, free_mountings=False, free_pose_mean=False)
+            objective, solve = BatchObjective(model), replace(self.settings.solve, max_iterations=FACING_ITERATIONS)
+            _, report = levenberg_marquardt(objective, _start(model, turned), solve, "facing")
+            cost = sum(report.final_cost.values()) + 0.5 * (wrap_angle(angle) / FACING_SIGMA) ** 2
+            if cost < least:
+                least, best = cost, turned
+        return best
 
     def track(self, model: InertialModel, state: GraphState) -> GraphState:
         """Orientations and priors alone, every frame by itself; then the root, from the standing foot."""
@@ -118,7 +145,8 @@ def _first_calibration(recording: Recording, frames: ImuFrames, settings: Settin
             raise InputError(f"recording '{recording.name}' has no true calibration: leave calibration.from_truth off")
         return known_calibration(frames, dict(recording.truth.calibration))
     body, seconds = recording.subject.body(), settings.factors.initial_pose.seconds
-    return initial_calibration(frames, recording.placement, body, recording.initial_pose, seconds)
+    reference = _gauge_sensor([recording.placement.site(name).bone_index for name in frames.sensors])
+    return initial_calibration(frames, recording.placement, body, recording.initial_pose, seconds, reference)
 
 
 def _model(
@@ -136,7 +164,8 @@ def _model(
         frames=frames,
         sensors=tuple(BodyPoint(site.bone_index, site.p_bone_sensor) for site in sites),
         prior_headings=calibration.headings,
-        prior_R_bone_sensor=np.stack([site.R_bone_sensor for site in sites]) if declared else calibration.R_bone_sensor,
+        heading_sigma=calibration.heading_sigma,
+        prior_R_bone_sensor=calibration.R_bone_sensor,
         mounting_sigma=np.array([site.mounting_sigma for site in sites]),
         settings=settings.factors,
         initial_pose=InitialPose(pose, min(held, len(frames))) if pose is not None else None,
@@ -166,7 +195,8 @@ def _placed_on_floor(model: InertialModel, state: GraphState) -> GraphState:
 def _with_contacts(model: InertialModel, state: GraphState) -> InertialModel:
     """The model with the foot contacts that a first motion shows."""
     points = contact_points(model.skeleton) if model.settings.foot_contact.use else ()
-    body = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis)
+    grounded = _placed_on_floor(model, state)  # contact shows in the pose; a path that has drifted would hide it
+    body = forward_kinematics(model.skeleton, state.R_parent_child, grounded.p_world_pelvis)
     confidence = contact_confidence(body, points, model.frames.step) if points else np.zeros((len(model.frames), 0))
     return replace(
         model,

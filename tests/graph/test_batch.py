@@ -40,7 +40,7 @@ def small_model(free: bool = True) -> tuple[InertialModel, GraphState]:
     model = InertialModel(
         motion.skeleton, load_pose_prior(), load_joint_limits(), frames,
         tuple(BodyPoint(site.bone_index, site.p_bone_sensor) for site in sites),
-        np.zeros(S), np.stack([site.R_bone_sensor for site in sites]), np.full(S, 0.5),
+        np.zeros(S), np.full(S, 0.3), np.stack([site.R_bone_sensor for site in sites]), np.full(S, 0.5),
         initial_pose=InitialPose(calibration_pose("n-pose"), 2),
         contacts=(BodyPoint(ankle, np.array([0, -0.05, 0.1])),),
         contact_confidence=random.uniform(0, 1, (T, 1)),

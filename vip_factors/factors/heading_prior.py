@@ -13,13 +13,13 @@ from vip_factors.geometry.rotations import Array, wrap_angle
 class HeadingPriorSettings:
     """How far the initial headings may be off."""
 
-    sigma_deg: float = 20.0  # a strap turned by eye; thesis 4.4.2 calls ±25° careful and ±45° imprecise
+    least_sigma_deg: float = 10.0  # of the initial headings, however sure they claim to be
     gauge_sigma_deg: float = 0.1  # of the reference sensor, whose heading defines the world's
 
     @property
-    def sigma(self) -> float:
-        """Standard deviation in radians."""
-        return float(np.deg2rad(self.sigma_deg))
+    def least_sigma(self) -> float:
+        """Least standard deviation in radians."""
+        return float(np.deg2rad(self.least_sigma_deg))
 
     @property
     def gauge_sigma(self) -> float:

@@ -64,7 +64,7 @@ class InertialModel:
         skeleton, prior, limits: the body.
         frames: the measurements.
         sensors: ``S`` points where the sensors sit, in the order of ``frames.sensors``.
-        prior_headings: ``(S,)`` radians.
+        prior_headings, heading_sigma: ``(S,)`` radians.
         prior_R_bone_sensor: ``(S, 3, 3)``.
         mounting_sigma: ``(S,)`` radians.
         p_world_start: root position of the first frame, metres.
@@ -83,6 +83,7 @@ class InertialModel:
     frames: ImuFrames
     sensors: tuple[BodyPoint, ...]
     prior_headings: Array
+    heading_sigma: Array
     prior_R_bone_sensor: Array
     mounting_sigma: Array
     p_world_start: Array = field(default_factory=lambda: np.zeros(3))
@@ -98,9 +99,9 @@ class InertialModel:
 
     @property
     def heading_sigmas(self) -> Array:
-        """``(S,)`` radians: tight for the gauge sensor, loose for the others."""
+        """``(S,)`` radians, as used: tight for the gauge sensor, not too tight for the others."""
         prior = self.settings.heading_prior
-        sigmas = np.full(len(self.sensors), prior.sigma)
+        sigmas = np.maximum(self.heading_sigma, prior.least_sigma)
         sigmas[self.gauge_sensor] = prior.gauge_sigma
         return sigmas
 

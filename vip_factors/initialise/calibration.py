@@ -1,6 +1,6 @@
-"""First headings and mountings: from the rough placement and the declared initial pose (thesis 4.3.1, eq. 4.7)."""
+"""First headings and mountings: from rough placement, initial pose (thesis 4.3.1, eq. 4.7) and motion."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array, mean_rotation, rotation_z, transpose, yaw_of
+from vip_factors.initialise.headings import HeadingEvidence, headings_from_acceleration
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.placement import Placement
@@ -16,20 +17,40 @@ from vip_factors.sensors.placement import Placement
 
 @dataclass(frozen=True)
 class InitialCalibration:
-    """Headings ``(S,)`` radians and mountings ``R_bone_sensor`` ``(S, 3, 3)``, in the order of the frames' sensors."""
+    """What the graph starts from, in the order of the frames' sensors.
+
+    Attributes:
+        headings: ``(S,)`` radians, with standard deviations ``heading_sigma``.
+        R_bone_sensor: ``(S, 3, 3)`` mountings.
+        R_world_bone: ``(S, 3, 3)`` bones in the declared initial pose, facing the world's x axis; None without one.
+    """
 
     headings: Array
+    heading_sigma: Array
     R_bone_sensor: Array
+    R_world_bone: Array | None = None
+
+    def facing(self, angle: float) -> "InitialCalibration":
+        """The same, had the wearer faced ``angle`` radians further to the right in the initial pose.
+
+        Relative to one another the headings stay; only which way the wearer's front is changes.
+        """
+        if self.R_world_bone is None:
+            return self
+        R_world_sensor = rotation_z(angle) @ self.R_world_bone @ self.R_bone_sensor
+        mountings = transpose(self.R_world_bone) @ R_world_sensor
+        return replace(self, headings=self.headings + angle, R_bone_sensor=mountings)
 
 
 def initial_calibration(
-    frames: ImuFrames, placement: Placement, skeleton: Skeleton, initial_pose: str, seconds: float
+    frames: ImuFrames, placement: Placement, skeleton: Skeleton, initial_pose: str, seconds: float, reference: int
 ) -> InitialCalibration:
-    """Headings and mountings from the first ``seconds`` of a recording.
+    """Headings and mountings from the first ``seconds`` of a recording, and headings from all of its motion.
 
     The wearer is taken to face the world's x axis at the start. Each heading makes the rough mounting agree with the
-    initial pose about the vertical. With a declared pose the mounting is then read off that pose; without one the
-    rough mounting stays, and the headings suppose that the wearer starts upright with the arms hanging.
+    initial pose about the vertical, and the motion with that of the reference sensor, each as far as it is sure. With
+    a declared pose the mounting is then read off that pose; without one the rough mounting stays, and the headings
+    suppose that the wearer starts upright with the arms hanging.
 
     Raises:
         RecordingError: if a sensor has no orientation in that time.
@@ -39,10 +60,14 @@ def initial_calibration(
     R_inertial_sensor = _at_start(frames, seconds)
     rough = np.stack([placement.site(name).R_bone_sensor for name in frames.sensors])
     bones = R_world_bone[[placement.site(name).bone_index for name in frames.sensors]]
-    headings = yaw_of(bones @ rough @ transpose(R_inertial_sensor))
+    sigma = np.array([placement.site(name).mounting_sigma for name in frames.sensors])
+    straps = HeadingEvidence(yaw_of(bones @ rough @ transpose(R_inertial_sensor)), sigma)
+    motion = headings_from_acceleration(frames, reference)
+    evidence = straps.combined(replace(motion, headings=motion.headings + straps.headings[reference]))
     if not declared:
-        return InitialCalibration(headings, rough)
-    return InitialCalibration(headings, transpose(bones) @ rotation_z(headings) @ R_inertial_sensor)
+        return InitialCalibration(evidence.headings, evidence.sigma, rough)
+    mountings = transpose(bones) @ rotation_z(evidence.headings) @ R_inertial_sensor
+    return InitialCalibration(evidence.headings, evidence.sigma, mountings, bones)
 
 
 def known_calibration(frames: ImuFrames, calibrations: dict[str, SensorCalibration]) -> InitialCalibration:
@@ -55,9 +80,8 @@ def known_calibration(frames: ImuFrames, calibrations: dict[str, SensorCalibrati
     if missing:
         raise RecordingError(f"no known calibration of sensor '{missing[0]}': known are {', '.join(calibrations)}")
     chosen = [calibrations[name] for name in frames.sensors]
-    return InitialCalibration(
-        np.array([one.heading for one in chosen]), np.stack([one.R_bone_sensor for one in chosen])
-    )
+    headings = np.array([one.heading for one in chosen])
+    return InitialCalibration(headings, np.full(len(chosen), np.inf), np.stack([one.R_bone_sensor for one in chosen]))
 
 
 def _bones_in_pose(skeleton: Skeleton, pose: str) -> Array:

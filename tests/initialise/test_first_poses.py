@@ -1,0 +1,66 @@
+"""The start of the inertial tracker: what sensors say, shared among the joints between them."""
+
+import numpy as np
+import pytest
+
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.pose_prior import PosePrior, load_pose_prior
+from vip_factors.body.skeleton import ancestors, joint_index
+from vip_factors.geometry.rotations import angle_between, exp, rotation_y, rotation_z, transpose
+from vip_factors.initialise.calibration import InitialCalibration
+from vip_factors.initialise.pose import first_poses
+from vip_factors.sensors.frames import ImuFrames
+from vip_factors.simulate.gestures import gestures
+
+T = 4
+
+
+def frames_of(R_inertial_sensor: np.ndarray) -> ImuFrames:
+    T, S = R_inertial_sensor.shape[:2]
+    names = tuple(f"s{s}" for s in range(S))
+    everywhere = np.ones((T, S), bool)
+    return ImuFrames(names, np.arange(T) / 10, R_inertial_sensor, everywhere, np.zeros((T, S, 3)), everywhere)
+
+
+def calibration_of(sensors: int, seed: int = 0) -> InitialCalibration:
+    random = np.random.default_rng(seed)
+    headings, mountings = random.uniform(-3, 3, sensors), exp(random.standard_normal((sensors, 3)))
+    return InitialCalibration(headings, np.ones(sensors), mountings)
+
+
+def measured(R_world_bone: np.ndarray, calibration: InitialCalibration) -> np.ndarray:
+    """``R_inertial_sensor`` ``(T, S, 3, 3)`` of perfect sensors on the bones."""
+    return transpose(rotation_z(calibration.headings)) @ R_world_bone @ calibration.R_bone_sensor
+
+
+def test_instrumented_bones_are_as_their_sensors_say() -> None:
+    motion = gestures(2.0).frames(slice(0, 200, 50))
+    bones = [joint_index(name) for name in ("left_elbow", "head", "pelvis", "right_knee", "spine3", "left_shoulder")]
+    R_true, calibration = motion.state.R_world_bone[:, bones], calibration_of(len(bones))
+    R = first_poses(frames_of(measured(R_true, calibration)), bones, calibration, load_pose_prior())
+    found = forward_kinematics(motion.skeleton, R, np.zeros((len(R), 3))).R_world_bone[:, bones]
+    assert np.max(angle_between(found, R_true)) < 1e-6
+
+
+def test_joints_between_two_sensors_share_the_turning() -> None:
+    prior = PosePrior(np.zeros(69), np.eye(69))
+    bones = [joint_index("pelvis"), joint_index("head")]
+    R_world_bone = np.stack([np.broadcast_to(np.eye(3), (T, 3, 3)), np.tile(rotation_y(1.0), (T, 1, 1))], axis=1)
+    calibration = calibration_of(2)
+    R = first_poses(frames_of(measured(R_world_bone, calibration)), bones, calibration, prior)
+    chain = ancestors(joint_index("head"))[1:]
+    angles = angle_between(R[:, chain], np.eye(3))
+    assert angles == pytest.approx(np.full((T, len(chain)), 1.0 / len(chain)))
+
+
+def test_a_bone_whose_sensor_is_silent_stays_at_the_mean() -> None:
+    prior = load_pose_prior()
+    bones = [joint_index("pelvis"), joint_index("left_knee")]
+    calibration = calibration_of(2)
+    frames = frames_of(measured(exp(np.random.default_rng(1).standard_normal((T, 2, 3))), calibration))
+    frames.orientation_valid[2, 1] = False
+    R = first_poses(frames, bones, calibration, prior)
+    mean = exp(prior.mean.reshape(-1, 3))
+    knee, hip = joint_index("left_knee"), joint_index("left_hip")
+    assert np.max(angle_between(R[2, [hip, knee]], mean[[hip - 1, knee - 1]])) < 1e-6
+    assert np.min(angle_between(R[0, [hip, knee]], mean[[hip - 1, knee - 1]])) > 0.01

@@ -60,8 +60,9 @@ def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progres
     model = _model(recording, frames, calibration, settings)
     state = run.track(model, _start(model, calibration))
     if settings.acceleration:
+        free = _inflated(model, settings.calibration.inflation)
         for _ in range(settings.calibration.passes):
-            model, state = run.pose(model, state, "calibration")
+            _, state = run.pose(free, state, "calibration")
         model, state = _at_full_rate(recording, settings, model, state)
         model, state = run.pose(model, state, "sparse inertial poser")
     covariance = _covariance(model, state) if settings.covariance else None
@@ -117,6 +118,14 @@ class _Run:
         )
         self.reports.append(report)
         return state
+
+
+def _inflated(model: InertialModel, factor: float) -> InertialModel:
+    """The model with its sigmas of acceleration and contact ``factor`` times as large."""
+    factors = model.settings
+    acceleration = replace(factors.acceleration, sigma=factor * factors.acceleration.sigma)
+    contact = replace(factors.foot_contact, sigma=factor * factors.foot_contact.sigma)
+    return replace(model, settings=replace(factors, acceleration=acceleration, foot_contact=contact))
 
 
 def _at_full_rate(

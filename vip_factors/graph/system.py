@@ -143,9 +143,12 @@ class ChainSystem:
                     next_key, G12 = self.frame_keys[t + 1], self.following[t, 0]
                     graph.push_back(gtsam.HessianFactor(key, next_key, G, G12, -g[:FRAME], zero, none, 0.0))
                 else:
-                    keys, (G12, G13) = self.frame_keys[t : t + 3], self.following[t]
+                    next_key, last_key = self.frame_keys[t + 1], self.frame_keys[t + 2]
+                    G12, G13 = self.following[t]
                     graph.push_back(
-                        gtsam.HessianFactor(*keys, G, G12, G13, -g[:FRAME], zero, zero, none, zero, none, 0.0)
+                        gtsam.HessianFactor(
+                            key, next_key, last_key, G, G12, G13, -g[:FRAME], zero, zero, none, zero, none, 0.0
+                        )
                     )
             if static:
                 self._couple(graph, range(start, stop))

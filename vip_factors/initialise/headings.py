@@ -42,9 +42,9 @@ def headings_from_acceleration(frames: ImuFrames, reference: int) -> HeadingEvid
     S = len(frames.sensors)
     none = HeadingEvidence(np.zeros(S), np.full(S, np.inf))
     whole = frames.acceleration_valid
-    use = whole.any(axis=0)
-    rows = whole[:, use].all(axis=1)
-    duration = np.count_nonzero(rows) * frames.step
+    use = np.any(whole, axis=0)
+    rows = np.flatnonzero(np.all(whole[:, use], axis=1))
+    duration = len(rows) * frames.step
     if not use[reference] or duration * CUTOFF_HZ < PAD_PERIODS or 2 * CUTOFF_HZ * frames.step >= 1:
         return none
     force = frames.specific_force_inertial[rows]

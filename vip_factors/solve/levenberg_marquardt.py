@@ -40,7 +40,7 @@ class SolveSettings:
     """When to stop, and how far to trust the linearisation."""
 
     max_iterations: int = 30  # IT and SIP settle in 5–20; the thesis used 20
-    relative_decrease: float = 1e-4  # a step that lowers the cost by less than this changes joints by microns
+    relative_decrease: float = 1e-3  # steps below it move joints by a millimetre in all and take half of the time
     initial_damping: float = 1e-3  # of the diagonal: near Gauss–Newton, for starts are good
     damping_factor: float = 5.0  # up on a rejected step, down on a good one
     min_damping: float = 1e-4  # small against every measurement, and quick to climb back from

@@ -28,6 +28,8 @@ def add_smoothness(system: ChainSystem, model: InertialModel, state: GraphState,
     """Add the factors between each of a stretch of frames and its next one."""
     assert system.following is not None
     start, stop = frames.start, min(frames.stop, len(model.frames) - 1)
+    if start == stop:  # the last frame, alone in its stretch
+        return
     R = state.R_parent_child[start : stop + 1, 1:]
     turn = log(transpose(R[:-1]) @ R[1:])
     now, after = turn_jacobians(turn)

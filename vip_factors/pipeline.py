@@ -29,7 +29,7 @@ from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
 from vip_factors.solve.marginals import chain_marginals
 
 Progress = Callable[[str, float], None]
-FEW_SENSORS = 6  # with so few, the papers call the orientation-only tracker SOP instead of IT
+FEW_SENSORS = 6  # with so few, acceleration is all that some limbs have, and the papers' IT is called SOP
 DEFAULT = Settings()
 # Which way the wearer faces at the start, relative to what the straps say.
 FACINGS = np.deg2rad([0, 45, -45, 90, -90, 135, -135, 180])  # the solve itself turns by half a step
@@ -60,7 +60,8 @@ def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progres
     model = _model(recording, frames, calibration, settings)
     state = run.track(model, _start(model, calibration))
     if settings.acceleration:
-        free = _inflated(model, settings.calibration.inflation)
+        least = settings.calibration.acceleration_sigma
+        free = _with_acceleration_sigma(model, max(least, model.settings.acceleration.sigma))
         for _ in range(settings.calibration.passes):
             _, state = run.pose(free, state, "calibration")
         model, state = _at_full_rate(recording, settings, model, state)
@@ -120,14 +121,6 @@ class _Run:
         return state
 
 
-def _inflated(model: InertialModel, factor: float) -> InertialModel:
-    """The model with its sigmas of acceleration and contact ``factor`` times as large."""
-    factors = model.settings
-    acceleration = replace(factors.acceleration, sigma=factor * factors.acceleration.sigma)
-    contact = replace(factors.foot_contact, sigma=factor * factors.foot_contact.sigma)
-    return replace(model, settings=replace(factors, acceleration=acceleration, foot_contact=contact))
-
-
 def _at_full_rate(
     recording: Recording, settings: Settings, model: InertialModel, state: GraphState
 ) -> tuple[InertialModel, GraphState]:
@@ -165,6 +158,10 @@ def _model(
     declared = recording.initial_pose != "none"
     free = not settings.calibration.from_truth
     pose = calibration_pose(recording.initial_pose) if declared else None
+    factors = settings.factors
+    if len(sites) <= FEW_SENSORS:
+        sparse = replace(factors.acceleration, sigma=factors.acceleration.sparse_sigma)
+        factors = replace(factors, acceleration=sparse)
     held = max(1, round(settings.factors.initial_pose.seconds / frames.step))
     return InertialModel(
         skeleton=recording.subject.body(),
@@ -176,13 +173,18 @@ def _model(
         heading_sigma=calibration.heading_sigma,
         prior_R_bone_sensor=calibration.R_bone_sensor,
         mounting_sigma=np.array([site.mounting_sigma for site in sites]),
-        settings=settings.factors,
+        settings=factors,
         initial_pose=InitialPose(pose, min(held, len(frames))) if pose is not None else None,
         free_headings=free and settings.calibration.estimate_headings,
         free_mountings=free and settings.calibration.estimate_mountings,
         free_pose_mean=True,
         gauge_sensor=_gauge_sensor([site.bone_index for site in sites]),
     )
+
+
+def _with_acceleration_sigma(model: InertialModel, sigma: float) -> InertialModel:
+    acceleration = replace(model.settings.acceleration, sigma=sigma)
+    return replace(model, settings=replace(model.settings, acceleration=acceleration))
 
 
 def _gauge_sensor(bones: list[int]) -> int:

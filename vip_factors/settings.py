@@ -14,9 +14,9 @@ class CalibrationSettings:
 
     estimate_headings: bool = True  # sensors drift apart by tens of degrees; off where they are known
     estimate_mountings: bool = True  # a calibration pose is held 10–15° off; off where they are known
-    # How many times looser acceleration and foot contact are while the calibration is free: bone lengths and strap
-    # positions are a few centimetres off in the same way in every frame, and mountings would bend to make up for it.
-    inflation: float = 5.0
+    # m/s², least sigma of acceleration while the calibration is free: bone lengths and strap positions are a few
+    # centimetres off in the same way in every frame, and mountings would bend to make up for it.
+    acceleration_sigma: float = 2.0
     passes: int = 2  # coarse solves: foot contacts found with the first headings are found again with better ones
     from_truth: bool = False  # start from (and keep to) the recording's true calibration: for experiments
 

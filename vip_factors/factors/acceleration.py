@@ -19,7 +19,12 @@ GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s², world
 class AccelerationSettings:
     """How far a model point's acceleration is from its sensor's."""
 
-    sigma: float = 0.5  # m/s², each row: soft tissue wobbles by 1–3 at the limbs in brisk motion, less at rest
+    # m/s², each row: soft tissue wobbles by 1–3 at the limbs in brisk motion (1.3–2.5 below 8 Hz on a walk with optical
+    # reference), less at rest.
+    sigma: float = 2.0
+    # With six sensors acceleration alone tells where thighs and upper arms are, and is worth its bias: as in the
+    # thesis, whose weight of it is larger for SIP (3.4.1) than for VIP (4.4.1).
+    sparse_sigma: float = 0.5
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # foot strikes ring the straps
 
 

@@ -13,7 +13,7 @@ from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, t
 class InitialPoseSettings:
     """How well a declared T- or N-pose is held."""
 
-    sigma_deg: float = 8.0  # per joint and axis; a pose held by eye turns bones by 10–15° (design: careless T-pose)
+    sigma_deg: float = 6.0  # per joint and axis; a pose held by eye turns bones by 10–15° (design: careless T-pose)
     seconds: float = 1.0  # of holding still at the start; people do so for a breath at least
 
     @property

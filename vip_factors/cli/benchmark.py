@@ -44,11 +44,25 @@ class SpeedOptions:
 
 
 @dataclass(frozen=True)
+class WalkOptions:
+    """Seven real sensors on a walk with optical reference, beside Xsens MVN."""
+
+    folder: Path
+    """The folder xsens_vicon_walk, with raw_mtw, vicon and mvn in it."""
+    json: Path | None = None
+    """Also write everything to this file, as JSON."""
+    overwrite: Flag = False
+    """Replace the JSON file if it exists."""
+
+
+@dataclass(frozen=True)
 class BenchmarkOptions:
     """Measure accuracy on motions with known truth, or speed and memory."""
 
     what: Annotated[
-        Annotated[SipOptions, tyro.conf.subcommand("sip")] | Annotated[SpeedOptions, tyro.conf.subcommand("speed")],
+        Annotated[SipOptions, tyro.conf.subcommand("sip")]
+        | Annotated[SpeedOptions, tyro.conf.subcommand("speed")]
+        | Annotated[WalkOptions, tyro.conf.subcommand("walk")],
         tyro.conf.arg(name=""),
     ]
 
@@ -61,11 +75,26 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     if options.json is not None:
         check_target(options.json, options.overwrite)
     with progress_bar() as tell:
-        table, content = _sip(options, tell) if isinstance(options, SipOptions) else _speed(options, tell)
+        table, content = _run(options, tell)
     print(table, end="")
     if options.json is not None:
         with atomic_open(options.json, "w", options.overwrite) as file:
             file.write(content)
+
+
+def _run(options: SipOptions | SpeedOptions | WalkOptions, tell: Tell) -> tuple[str, str]:
+    """The table to print and the JSON to write."""
+    if isinstance(options, SipOptions):
+        return _sip(options, tell)
+    return _speed(options, tell) if isinstance(options, SpeedOptions) else _walk(options, tell)
+
+
+def _walk(options: WalkOptions, tell: Tell) -> tuple[str, str]:
+    from vip_factors.benchmark.walk import run_walk
+    from vip_factors.settings import Settings
+
+    result = run_walk(options.folder, Settings(), tell)
+    return result.to_table(), result.to_json()
 
 
 def _sip(options: SipOptions, tell: Tell) -> tuple[str, str]:

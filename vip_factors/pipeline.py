@@ -24,7 +24,7 @@ from vip_factors.initialise.pose import first_poses
 from vip_factors.initialise.root_path import contact_confidence, contact_points, standing_path
 from vip_factors.sensors.frames import ImuFrames, resample
 from vip_factors.sensors.recording import Recording
-from vip_factors.settings import Settings, flatten
+from vip_factors.settings import CalibrationSettings, Settings, flatten
 from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
 from vip_factors.solve.marginals import chain_marginals
 
@@ -59,9 +59,10 @@ def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progres
     calibration = run.face(recording, _first_calibration(recording, frames, settings))
     model = _model(recording, frames, calibration, settings)
     state = run.track(model, _start(model, calibration))
-    if settings.acceleration:
-        least = settings.calibration.acceleration_sigma
-        free = _with_acceleration_sigma(model, max(least, model.settings.acceleration.sigma))
+    if not settings.acceleration:
+        model = _alone(model)
+    else:
+        free = _loosened(model, settings.calibration)
         for _ in range(settings.calibration.passes):
             _, state = run.pose(free, state, "calibration")
         model, state = _at_full_rate(recording, settings, model, state)
@@ -93,8 +94,7 @@ class _Run:
         for number, angle in enumerate(FACINGS):
             self.told("facing", number / len(FACINGS))
             turned = calibration.facing(float(angle))
-            model = replace(_model(recording, frames, turned, self.settings), use_acceleration=False, initial_pose=None)
-            model = replace(model, free_headings=False, free_mountings=False, free_pose_mean=False)
+            model = replace(_alone(_model(recording, frames, turned, self.settings)), initial_pose=None)
             objective, solve = BatchObjective(model), replace(self.settings.solve, max_iterations=FACING_ITERATIONS)
             _, report = levenberg_marquardt(objective, _start(model, turned), solve, "facing")
             cost = sum(report.final_cost.values()) + 0.5 * (wrap_angle(angle) / FACING_SIGMA) ** 2
@@ -182,9 +182,23 @@ def _model(
     )
 
 
-def _with_acceleration_sigma(model: InertialModel, sigma: float) -> InertialModel:
-    acceleration = replace(model.settings.acceleration, sigma=sigma)
-    return replace(model, settings=replace(model.settings, acceleration=acceleration))
+def _alone(model: InertialModel) -> InertialModel:
+    """The model of the inertial tracker: every frame by itself, the calibration kept."""
+    return replace(model, use_acceleration=False, free_headings=False, free_mountings=False, free_pose_mean=False)
+
+
+def _loosened(model: InertialModel, calibration: CalibrationSettings) -> InertialModel:
+    """The model for finding headings and mountings: less is believed that is wrong in every frame alike."""
+    factors, k = model.settings, calibration.loosening
+    sigma = max(calibration.acceleration_sigma, factors.acceleration.sigma)
+    loose = replace(
+        factors,
+        acceleration=replace(factors.acceleration, sigma=sigma),
+        foot_contact=replace(factors.foot_contact, sigma=k * factors.foot_contact.sigma),
+        pose_prior=replace(factors.pose_prior, scale=factors.pose_prior.scale / k),
+        smoothness=replace(factors.smoothness, time=factors.smoothness.time / k),
+    )
+    return replace(model, settings=loose)
 
 
 def _gauge_sensor(bones: list[int]) -> int:

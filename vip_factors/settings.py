@@ -17,6 +17,9 @@ class CalibrationSettings:
     # m/s², least sigma of acceleration while the calibration is free: bone lengths and strap positions are a few
     # centimetres off in the same way in every frame, and mountings would bend to make up for it.
     acceleration_sigma: float = 2.0
+    # How many times looser all that is assumed (contacts, prior, smoothness) is while the calibration is free: it is
+    # off in the same way in every frame too, and a mounting is there for the whole recording to lean on.
+    loosening: float = 3.0
     passes: int = 2  # coarse solves: foot contacts found with the first headings are found again with better ones
     from_truth: bool = False  # start from (and keep to) the recording's true calibration: for experiments
 

@@ -21,6 +21,7 @@ from vip_factors.sensors.placement import preset
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.solve.marginals import chain_marginals
 
 T, S = 5, 6
 
@@ -138,3 +139,15 @@ def test_turning_the_world_leaves_the_cost_alone() -> None:
     turned = GraphState(R, state.p_world_pelvis @ turn.T, state.headings + 1.1, state.R_bone_sensor, state.pose_mean)
     costs, turned_costs = BatchObjective(model).cost(state), BatchObjective(model).cost(turned)
     assert turned_costs == pytest.approx(costs, rel=1e-9)
+
+
+def test_marginals_of_all_frames() -> None:
+    """Against the inverse of the whole information matrix."""
+    model, state = small_model()
+    objective = BatchObjective(model)
+    H, _ = batched_hessian(model, state)
+    covariance = np.linalg.inv(H)
+    marginals = chain_marginals(objective.linearise(state))
+    for t, key in enumerate(objective.frame_keys):
+        block = covariance[75 * t : 75 * t + 75, 75 * t : 75 * t + 75]
+        np.testing.assert_allclose(marginals[key], block, atol=1e-6 * np.abs(block).max())

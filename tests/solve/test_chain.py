@@ -1,0 +1,126 @@
+"""Elimination stretch by stretch, and marginals in one sweep, against plain dense algebra."""
+
+import gtsam
+import numpy as np
+import pytest
+
+from vip_factors.errors import SolveError
+from vip_factors.solve.chain import eliminate
+from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.solve.marginals import chain_marginals
+
+T, D, S = 7, 3, 2
+
+
+class RandomChain:
+    """A positive definite chain: every frame with the next two and with one shared variable."""
+
+    def __init__(self, determined: bool = True) -> None:
+        random = np.random.default_rng(0)
+        self.keys = [gtsam.symbol("x", t) for t in range(T)]
+        self.shared = gtsam.symbol("z", 0)
+        self.factors = []
+        for t in range(T - 2):
+            A = [random.standard_normal((4, D)) for _ in range(3)]
+            for block in A:
+                block[:, 0] *= determined
+            b = random.standard_normal(4)
+            unit = gtsam.noiseModel.Unit.Create(4)
+            self.factors.append(
+                (t, gtsam.JacobianFactor(self.keys[t], A[0], self.keys[t + 1], A[1], self.keys[t + 2], A[2], b, unit))
+            )
+        for t in range(T):
+            A, B, b = random.standard_normal((4, D)), random.standard_normal((4, S)), random.standard_normal(4)
+            unit = gtsam.noiseModel.Unit.Create(4)
+            A[:, 0] *= determined  # a direction that nothing sees
+            self.factors.append((t, gtsam.JacobianFactor(self.keys[t], A, self.shared, B, b, unit)))
+
+    def stretches(self, damping: float):
+        for start, stop in ((0, 3), (3, 5), (5, T)):
+            graph, ordering = gtsam.GaussianFactorGraph(), gtsam.Ordering()
+            for t, factor in self.factors:
+                if start <= t < stop:
+                    graph.push_back(factor)
+            for key in self.keys[start:stop]:
+                ordering.push_back(key)
+            if stop == T:
+                ordering.push_back(self.shared)
+            yield graph, ordering
+
+    def dense(self) -> tuple[np.ndarray, np.ndarray]:
+        whole, order = gtsam.GaussianFactorGraph(), gtsam.Ordering()
+        for _, factor in self.factors:
+            whole.push_back(factor)
+        for key in [*self.keys, self.shared]:
+            order.push_back(key)
+        return whole.hessian(order)
+
+
+def test_stretches_give_the_same_minimum() -> None:
+    chain = RandomChain()
+    H, g = chain.dense()
+    delta = eliminate(chain.stretches(0.0)).optimize()
+    found = np.concatenate([delta.at(key) for key in [*chain.keys, chain.shared]])
+    np.testing.assert_allclose(found, np.linalg.solve(H, g), atol=1e-9)
+
+
+def test_marginals_are_the_blocks_of_the_inverse() -> None:
+    chain = RandomChain()
+    covariance = np.linalg.inv(chain.dense()[0])
+    marginals = chain_marginals(chain)
+    for t, key in enumerate(chain.keys):
+        np.testing.assert_allclose(marginals[key], covariance[D * t : D * t + D, D * t : D * t + D], atol=1e-9)
+    np.testing.assert_allclose(marginals[chain.shared], covariance[-S:, -S:], atol=1e-9)
+
+
+def test_an_undetermined_chain_is_said_to_be() -> None:
+    with pytest.raises(SolveError, match="not determined"):
+        eliminate(RandomChain(determined=False).stretches(0.0))
+
+
+class Rosenbrock:
+    """The banana valley as two residuals of one vector variable."""
+
+    def __init__(self) -> None:
+        self.key = gtsam.symbol("x", 0)
+
+    @staticmethod
+    def residual(x: np.ndarray) -> np.ndarray:
+        return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
+
+    def cost(self, x: np.ndarray) -> dict[str, float]:
+        r = self.residual(x)
+        return {"valley": 0.5 * float(r @ r)}
+
+    def linearise(self, x: np.ndarray) -> "Linear":
+        return Linear(self.key, np.array([[-20 * x[0], 10.0], [-1.0, 0.0]]), self.residual(x))
+
+    def retract(self, x: np.ndarray, delta: gtsam.VectorValues) -> np.ndarray:
+        return x + delta.at(self.key)
+
+
+class Linear:
+    def __init__(self, key: int, J: np.ndarray, r: np.ndarray) -> None:
+        self.key, self.J, self.r = key, J, r
+
+    def stretches(self, damping: float):
+        graph, ordering = gtsam.GaussianFactorGraph(), gtsam.Ordering()
+        graph.push_back(gtsam.HessianFactor(self.key, self.J.T @ self.J + damping * np.eye(2), -self.J.T @ self.r, 0.0))
+        ordering.push_back(self.key)
+        yield graph, ordering
+
+
+def test_the_banana_valley_is_walked_to_its_end() -> None:
+    told: list[float] = []
+    settings = SolveSettings(max_iterations=200, relative_decrease=0.0)
+    x, report = levenberg_marquardt(Rosenbrock(), np.array([-1.2, 1.0]), settings, "valley", told.append)
+    np.testing.assert_allclose(x, 1.0, atol=1e-6)
+    costs = [iteration.cost for iteration in report.iterations]
+    assert costs == sorted(costs, reverse=True)
+    assert report.final_cost["valley"] < 1e-12 < report.initial_cost["valley"]
+    assert told == sorted(told)
+
+
+def test_a_cost_that_is_not_finite_is_refused() -> None:
+    with pytest.raises(SolveError, match="not finite"):
+        levenberg_marquardt(Rosenbrock(), np.array([np.nan, 1.0]), SolveSettings())

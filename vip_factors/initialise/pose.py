@@ -8,6 +8,7 @@ import numpy as np
 from vip_factors.body.kinematics import local_rotations
 from vip_factors.body.pose_prior import PosePrior
 from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, ancestors
+from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.sensors.frames import ImuFrames
@@ -20,12 +21,13 @@ def first_poses(frames: ImuFrames, bones: Sequence[int], calibration: InitialCal
 
     Between two instrumented bones the joints start at the prior's mean and share what is left, a like angle each: a
     trunk whose neck alone did all the turning would start beyond its limits, in another valley than the solution's.
-    Where several sensors share a bone the first one decides; where none is valid the bone follows its parent at the
-    mean pose. A pelvis without a sensor follows the first bone up the spine that has one.
+    Where several sensors share a bone the first one decides; what it missed is interpolated, and one that measured
+    nothing is passed over. A pelvis without a sensor follows the first bone up the spine that has one.
     """
     measured: dict[int, int] = {}
     for s, bone in enumerate(bones):
-        measured.setdefault(bone, s)
+        if frames.orientation_valid[:, s].any():
+            measured.setdefault(bone, s)
     mean = np.concatenate([np.eye(3)[None], exp(prior.mean.reshape(-1, 3))])
     R_world_bone = np.empty((len(frames), JOINT_COUNT, 3, 3))
     R_world_bone[:, 0] = _pelvis(frames, measured, calibration)
@@ -38,7 +40,6 @@ def first_poses(frames: ImuFrames, bones: Sequence[int], calibration: InitialCal
         followed = start[:, None] @ np.stack(list(accumulate(mean[chain], np.matmul)))
         R = _bone_orientation(frames, measured[bone], calibration)
         left = log(transpose(start) @ R @ transpose(followed[:, -1]) @ start)
-        left[~frames.orientation_valid[:, measured[bone]]] = 0.0
         shares = np.arange(1, len(chain) + 1) / len(chain)
         turned = exp(shares[:, None] * left[:, None])
         R_world_bone[:, chain] = start[:, None] @ turned @ transpose(start)[:, None] @ followed
@@ -55,9 +56,10 @@ def _trunk_first(bone: int) -> tuple[bool, int]:
 
 
 def _bone_orientation(frames: ImuFrames, s: int, calibration: InitialCalibration) -> Array:
-    """``R_world_bone`` ``(T, 3, 3)`` of the bone that carries a sensor (thesis eq. 4.8)."""
-    R_world_sensor = rotation_z(calibration.headings[s]) @ frames.R_inertial_sensor[:, s]
-    return R_world_sensor @ transpose(calibration.R_bone_sensor[s])
+    """``R_world_bone`` ``(T, 3, 3)`` of the bone that carries a sensor (thesis eq. 4.8), gaps interpolated."""
+    seen = frames.orientation_valid[:, s]
+    R_inertial_sensor = interpolate_rotations(frames.time[seen], frames.R_inertial_sensor[seen, s], frames.time)
+    return rotation_z(calibration.headings[s]) @ R_inertial_sensor @ transpose(calibration.R_bone_sensor[s])
 
 
 def _pelvis(frames: ImuFrames, measured: dict[int, int], calibration: InitialCalibration) -> Array:

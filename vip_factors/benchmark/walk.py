@@ -94,8 +94,8 @@ def read_vicon(path: Path) -> Vicon:
 
     points = ["PELV", *(f"{side}{name}" for side in "LR" for name in ("FEP", "FEO", "TIO", "TOE"))]
     segments = ["RPV", *(f"{side}{name}" for side in "LR" for name in ("TH", "SK", "FT"))]
-    quaternions = {name: matrix_from_quaternion(columns(f"q{name}", 4), Order.WXYZ) for name in segments}
-    return Vicon({name: columns(name, 3) for name in points}, quaternions)
+    centres = {name: columns(name, 3) for name in points}
+    return Vicon(centres, {name: matrix_from_quaternion(columns(f"q{name}", 4), Order.WXYZ) for name in segments})
 
 
 @dataclass(frozen=True)

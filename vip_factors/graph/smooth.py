@@ -34,19 +34,18 @@ def add_smoothness(system: ChainSystem, model: InertialModel, state: GraphState,
     turn = log(transpose(R[:-1]) @ R[1:])
     now, after = turn_jacobians(turn)
     weighted = model.settings.smoothness.time / model.frames.step * model.prior.whitening
-    information = weighted.T @ weighted
-    force = (turn.reshape(len(turn), -1) @ information).reshape(turn.shape)
+    now_rows, after_rows = _rows(weighted, now), _rows(weighted, after)
+    residual = turn.reshape(len(turn), -1) @ weighted.T
     own, next_one = slice(start, stop), slice(start + 1, stop + 1)
-    system.own[own, JOINTS, JOINTS] += _between(now, information, now)
-    system.own[next_one, JOINTS, JOINTS] += _between(after, information, after)
-    system.following[own, 0, JOINTS, JOINTS] += _between(now, information, after)
-    for part, J in ((own, now), (next_one, after)):
-        system.gradient[part, JOINTS] += (transpose(J) @ force[..., None]).reshape(len(turn), -1)
+    system.own[own, JOINTS, JOINTS] += transpose(now_rows) @ now_rows
+    system.own[next_one, JOINTS, JOINTS] += transpose(after_rows) @ after_rows
+    system.following[own, 0, JOINTS, JOINTS] += transpose(now_rows) @ after_rows
+    for part, rows in ((own, now_rows), (next_one, after_rows)):
+        system.gradient[part, JOINTS] += (transpose(rows) @ residual[..., None])[..., 0]
 
 
-def _between(left: Array, information: Array, right: Array) -> Array:
-    """``Jₗᵀ Λ Jᵣ`` ``(T, 69, 69)`` for block-diagonal Jacobians ``(T, 23, 3, 3)``."""
-    joints = left.shape[1]
-    blocks = information.reshape(joints, 3, joints, 3).swapaxes(1, 2)  # (23, 23, 3, 3)
-    product = transpose(left)[:, :, None] @ blocks @ right[:, None]
-    return product.swapaxes(2, 3).reshape(len(left), 3 * joints, 3 * joints)
+def _rows(weighted: Array, blocks: Array) -> Array:
+    """``L J`` ``(T, 69, 69)`` for block-diagonal Jacobians ``(T, 23, 3, 3)``, one stack of blocks after the other."""
+    joints = blocks.shape[1]
+    columns = weighted.reshape(len(weighted), joints, 3).swapaxes(0, 1)  # (23, 69, 3)
+    return np.ascontiguousarray((columns @ blocks).swapaxes(1, 2)).reshape(len(blocks), len(weighted), 3 * joints)

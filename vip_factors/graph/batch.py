@@ -111,7 +111,7 @@ class BatchObjective:
             H, g = _pose_equations(
                 pose_terms(self.model, *_stretch(state, body, frames), frames, jacobians=True),
                 frames.stop - frames.start,
-                width(S),
+                width(S) if len(self._static) else FRAME,
             )
             if terms:
                 jacobian = _point_jacobians(self.model, _stretch(state, body, part)[1], terms)
@@ -164,7 +164,9 @@ def _pose_equations(terms: Iterable[PoseTerm], frames: int, columns: int) -> tup
     start = 0
     for term in scattered:
         here, root = slice(start, start + term.residual.shape[1]), np.sqrt(term.weight)
-        rows[:, here, term.columns] = root[:, None, None] * term.jacobian
+        assert term.jacobian is not None
+        inside = [place for place, column in enumerate(term.columns) if column < columns]
+        rows[:, here, [term.columns[place] for place in inside]] = root[:, None, None] * term.jacobian[:, :, inside]
         residual[:, here, 0] = root[:, None] * term.residual
         start = here.stop
     transposed = rows.swapaxes(1, 2)

@@ -114,7 +114,7 @@ class ChainSystem:
         gradient[:, :FRAME] += (transposed @ force[:, :, None])[:, :, 0]
         here = weights[1]
         for index, term in enumerate(terms):
-            if term.by_heading is None:
+            if term.by_heading is None or hessian.shape[2] == FRAME:
                 continue
             column, own = FRAME + term.point, by_heading[rows, index]
             block = (transposed[:, :, 3 * index : 3 * index + 3] @ coupling[:, index, :, None])[:, :, 0]

@@ -12,7 +12,7 @@ ROWS = [
     {"body"},
     {"sensors"},
     {"estimate"},
-    {"simulate", "initialise", "evaluate", "io", "viz", "factors"},
+    {"simulate", "associate", "initialise", "evaluate", "io", "viz", "factors"},
     {"graph"},
     {"solve"},
     {"settings", "pipeline"},

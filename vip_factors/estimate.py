@@ -7,7 +7,9 @@ import numpy as np
 
 from vip_factors.body.motion import Motion
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.calibration import Calibration
+from vip_factors.sensors.calibration import Calibration, SensorCalibration
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera_path import CameraPath
 
 
 @dataclass(frozen=True)
@@ -83,4 +85,53 @@ class Estimate:
     residuals: Mapping[str, Array] = field(default_factory=dict)
     sensors: tuple[str, ...] = ()
     reports: tuple[SolveReport, ...] = ()
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class CameraEstimate:
+    """Where the camera was.
+
+    Attributes:
+        name: of the camera.
+        model: its intrinsics.
+        path: its poses, at the frames of the motions (one instant if it stood still).
+        calibration: heading and mounting (``R_camera_imu``) of the IMU on it, if it has one.
+        covariance: ``(T, 6, 6)`` on request, of right perturbations of ``T_world_camera``: rotation, then translation
+            in the camera's axes; rad and m.
+        residual_px: ``(T, wearers)`` root mean square reprojection error of each wearer in pixels, NaN where unseen.
+        time_offset: seconds added to the video's times to get the IMUs'.
+    """
+
+    name: str
+    model: CameraModel
+    path: CameraPath
+    calibration: SensorCalibration | None = None
+    covariance: Array | None = None
+    residual_px: Array | None = None
+    time_offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class SceneEstimate:
+    """A reconstructed scene: all wearers in one world.
+
+    Attributes:
+        name: of the scene.
+        method: name of the variant (``"VIP"``, ``"SIP"`` …).
+        wearers: one estimate each, in the scene's order.
+        camera: if the scene had one.
+        wearer_of_detection: ``(N,)`` index of the wearer that each detection was given to, −1 for nobody.
+        reports: of the solves over all wearers, in order.
+        findings: sentences about what is odd or not determined: to be shown to the user.
+        settings: the effective settings, flattened to text.
+    """
+
+    name: str
+    method: str
+    wearers: tuple[Estimate, ...]
+    camera: CameraEstimate | None = None
+    wearer_of_detection: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    reports: tuple[SolveReport, ...] = ()
+    findings: tuple[str, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)

@@ -1,0 +1,178 @@
+"""2D keypoint sets: their orders, where each keypoint sits on the body, and how exactly people can point at it.
+
+A detector's "hip" or "shoulder" is not the joint centre of a kinematic model, and its nose is a point on the head:
+every keypoint is a point fixed to a bone. Offsets are ours, from the proportions of Drillis & Contini (eyes at 0.936
+of stature) and from looking at annotated pictures; a detector's own habits show as a bias of a centimetre or two.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.body.skeleton import Landmark, Skeleton, joint_index
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array
+
+
+@dataclass(frozen=True)
+class _Place:
+    """On ``bone``, from its joint (or from the middle of ``joints`` at rest, or a skeleton's landmark) by ``offset``.
+
+    ``offset`` is in fractions of stature, bone axes: x left, y up, z forward.
+    """
+
+    bone: str
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    joints: tuple[str, ...] = ()
+    landmark: str = ""
+
+
+def _both_sides(places: Mapping[str, _Place]) -> dict[str, _Place]:
+    def right(place: _Place) -> _Place:
+        x, y, z = place.offset
+        return _Place(
+            place.bone.replace("left_", "right_"), (-x, y, z), place.joints, place.landmark.replace("left_", "right_")
+        )
+
+    return {
+        f"{side}_{name}": place if side == "left" else right(place)
+        for name, place in places.items()
+        for side in ("left", "right")
+    }
+
+
+_PLACES: dict[str, _Place] = {
+    "nose": _Place("head", (0.0, 0.010, 0.062)),
+    "head_top": _Place("head", landmark="head_top"),
+    "neck": _Place("spine3", joints=("left_shoulder", "right_shoulder")),  # detectors learn the shoulders' middle
+    "mid_hip": _Place("pelvis", joints=("left_hip", "right_hip")),
+    **_both_sides(
+        {
+            "eye": _Place("head", (0.018, 0.028, 0.050)),
+            "ear": _Place("head", (0.042, 0.020, 0.0)),
+            "shoulder": _Place("left_shoulder", (0.0, 0.005, 0.0)),  # annotators point at the skin above the joint
+            "elbow": _Place("left_elbow"),
+            "wrist": _Place("left_wrist"),
+            "hip": _Place("left_hip", (0.008, 0.008, 0.0)),  # and towards the trochanter, wider than the joint
+            "knee": _Place("left_knee"),
+            "ankle": _Place("left_ankle"),
+            "heel": _Place("left_ankle", landmark="left_heel"),
+            "big_toe": _Place("left_foot", landmark="left_toe_tip"),
+            "small_toe": _Place("left_foot", (0.022, 0.0, 0.004)),
+        }
+    ),
+}
+
+# Standard deviation of where people point, over the square root of the person's area (COCO's OKS sigmas); the last
+# rows are ours: soft points like shoulders, feet like ankles.
+_FACE = {"nose": 0.026, "left_eye": 0.025, "right_eye": 0.025, "left_ear": 0.035, "right_ear": 0.035}
+_LIMB = {"shoulder": 0.079, "elbow": 0.072, "wrist": 0.062, "hip": 0.107, "knee": 0.087, "ankle": 0.089}
+OKS_SIGMA: dict[str, float] = {
+    **_FACE,
+    **{f"{side}_{name}": sigma for name, sigma in _LIMB.items() for side in ("left", "right")},
+    **{f"{side}_{name}": 0.089 for name in ("heel", "big_toe", "small_toe") for side in ("left", "right")},
+    "neck": 0.079,
+    "mid_hip": 0.107,
+    "head_top": 0.079,
+}
+
+_COCO17 = (
+    "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow",
+    "right_elbow", "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle",
+    "right_ankle",
+)  # fmt: skip
+_OPENPOSE_ARMS = (
+    "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",
+)  # fmt: skip
+_OPENPOSE_LEGS = ("right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle")
+_OPENPOSE_FACE = ("right_eye", "left_eye", "right_ear", "left_ear")
+_FEET = ("left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe", "right_heel")
+_BLAZEPOSE = (
+    "nose", "left_eye_inner", "left_eye", "left_eye_outer", "right_eye_inner", "right_eye", "right_eye_outer",
+    "left_ear", "right_ear", "mouth_left", "mouth_right", "left_shoulder", "right_shoulder", "left_elbow",
+    "right_elbow", "left_wrist", "right_wrist", "left_pinky", "right_pinky", "left_index", "right_index",
+    "left_thumb", "right_thumb", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
+    "left_heel", "right_heel", "left_big_toe", "right_big_toe",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class KeypointSet:
+    """An order of keypoints, as a detector writes them. Names that are not on our body are carried but not used."""
+
+    name: str
+    keypoints: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.keypoints)
+
+    @property
+    def sigmas(self) -> Array:
+        """OKS sigma ``(K,)`` of each keypoint, a fraction of the square root of the person's area in the image."""
+        return np.array([OKS_SIGMA.get(name, 0.1) for name in self.keypoints])
+
+    @property
+    def mirrored(self) -> np.ndarray:
+        """``(K,)`` index of each keypoint's twin on the other side (its own, if it has none)."""
+
+        def twin(name: str) -> str:
+            swap = {"left": "right", "right": "left"}
+            return "_".join(swap.get(word, word) for word in name.split("_"))
+
+        return np.array([self.keypoints.index(twin(name)) for name in self.keypoints])
+
+    def on_body(self, skeleton: Skeleton) -> tuple[Landmark | None, ...]:
+        """Where each keypoint sits on a skeleton; None where it is not on our body."""
+        return tuple(_placed(_PLACES[name], skeleton) if name in _PLACES else None for name in self.keypoints)
+
+
+def _placed(place: _Place, skeleton: Skeleton) -> Landmark | None:
+    rest, bone = skeleton.p_pelvis_joint, joint_index(place.bone)
+    if place.landmark:
+        return skeleton.landmarks.get(place.landmark)
+    centre = np.zeros(3)
+    if place.joints:
+        centre = np.mean([rest[joint_index(name)] for name in place.joints], axis=0) - rest[bone]
+    height = skeleton.stature if {"head_top", "left_heel"} <= set(skeleton.landmarks) else 1.72
+    return Landmark(bone, centre + height * np.array(place.offset))
+
+
+KEYPOINT_SETS: dict[str, KeypointSet] = {
+    one.name: one
+    for one in (
+        KeypointSet("coco17", _COCO17),
+        KeypointSet("openpose18", (*_OPENPOSE_ARMS, *_OPENPOSE_LEGS, *_OPENPOSE_FACE)),
+        KeypointSet("body25", (*_OPENPOSE_ARMS, "mid_hip", *_OPENPOSE_LEGS, *_OPENPOSE_FACE, *_FEET)),
+        KeypointSet("body25b", (*_COCO17, "neck", "head_top", *_FEET)),
+        KeypointSet(
+            "halpe26",
+            (
+                *_COCO17, "head_top", "neck", "mid_hip", "left_big_toe", "right_big_toe", "left_small_toe",
+                "right_small_toe", "left_heel", "right_heel",
+            ),
+        ),
+        KeypointSet("blazepose33", _BLAZEPOSE),
+    )
+}  # fmt: skip
+
+# Pairs of keypoints that a drawn skeleton joins, where a set has both.
+LIMBS = (
+    ("nose", "left_eye"), ("nose", "right_eye"), ("left_eye", "left_ear"), ("right_eye", "right_ear"),
+    ("left_shoulder", "right_shoulder"), ("left_shoulder", "left_elbow"), ("left_elbow", "left_wrist"),
+    ("right_shoulder", "right_elbow"), ("right_elbow", "right_wrist"), ("left_shoulder", "left_hip"),
+    ("right_shoulder", "right_hip"), ("left_hip", "right_hip"), ("left_hip", "left_knee"),
+    ("left_knee", "left_ankle"), ("right_hip", "right_knee"), ("right_knee", "right_ankle"),
+    ("left_ankle", "left_big_toe"), ("right_ankle", "right_big_toe"),
+)  # fmt: skip
+
+
+def keypoint_set(name: str) -> KeypointSet:
+    """One of the :data:`KEYPOINT_SETS`.
+
+    Raises:
+        InputError: for an unknown name.
+    """
+    if name not in KEYPOINT_SETS:
+        raise InputError(f"unknown keypoint set '{name}': expected one of {', '.join(KEYPOINT_SETS)}")
+    return KEYPOINT_SETS[name]

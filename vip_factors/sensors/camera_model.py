@@ -1,0 +1,103 @@
+"""A pinhole camera with OpenCV's distortion: from points in the camera's frame to pixels, with derivatives."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array
+
+UNDISTORT_STEPS = 6  # Newton's: four reach 1e-12 on strong wide-angle lenses
+NEAREST_M = 0.1  # points nearer than this, or behind the camera, are projected as if at this depth
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """Intrinsics of a camera (thesis eqs. 4.1–4.3), all in pixels.
+
+    Attributes:
+        width, height: of the image.
+        focal: ``(fx, fy)``.
+        centre: ``(cx, cy)``, the principal point.
+        distortion: OpenCV's ``k1, k2, p1, p2[, k3[, k4, k5, k6]]``; empty for none.
+    """
+
+    width: int
+    height: int
+    focal: tuple[float, float]
+    centre: tuple[float, float]
+    distortion: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (self.width > 0 and self.height > 0):
+            raise InputError(f"camera image of {self.width} by {self.height} pixels: expected positive numbers")
+        if not all(np.isfinite(f) and f > 0 for f in self.focal):
+            raise InputError(f"camera focal lengths {self.focal}: expected two positive numbers of pixels")
+        if not np.all(np.isfinite(self.centre)):
+            raise InputError(f"camera principal point {self.centre}: expected two finite numbers of pixels")
+        if len(self.distortion) not in (0, 4, 5, 8) or not np.all(np.isfinite(self.distortion)):
+            raise InputError(f"camera distortion {self.distortion}: expected 0, 4, 5 or 8 finite numbers, as OpenCV's")
+
+    @property
+    def K(self) -> Array:
+        """The ``(3, 3)`` camera matrix."""
+        return np.array([[self.focal[0], 0, self.centre[0]], [0, self.focal[1], self.centre[1]], [0, 0, 1.0]])
+
+    def project(self, p_camera: Array) -> Array:
+        """Pixels ``(..., 2)`` of points ``(..., 3)`` in metres, camera axes (x right, y down, z forward)."""
+        pixels, _ = self._project(p_camera, jacobian=False)
+        return pixels
+
+    def project_with_jacobian(self, p_camera: Array) -> tuple[Array, Array]:
+        """Pixels ``(..., 2)`` and their derivative ``(..., 2, 3)`` by the point."""
+        pixels, J = self._project(p_camera, jacobian=True)
+        assert J is not None
+        return pixels, J
+
+    def _project(self, p_camera: Array, jacobian: bool) -> tuple[Array, Array | None]:
+        p = np.asarray(p_camera, dtype=float)
+        in_front = p[..., 2] > NEAREST_M
+        z = np.where(in_front, p[..., 2], NEAREST_M)
+        flat = p[..., :2] / z[..., None]
+        bent, D = self._distort(flat, jacobian)
+        focal, centre = np.array(self.focal), np.array(self.centre)
+        if D is None:
+            return bent * focal + centre, None
+        by_point = np.zeros((*p.shape[:-1], 2, 3))
+        by_point[..., 0, 0] = by_point[..., 1, 1] = 1 / z
+        by_point[..., 2] = -flat * (in_front / z)[..., None]
+        return bent * focal + centre, focal[:, None] * (D @ by_point)
+
+    def _distort(self, flat: Array, jacobian: bool) -> tuple[Array, Array | None]:
+        """Distorted normalised coordinates ``(..., 2)`` and their derivative ``(..., 2, 2)``."""
+        if not self.distortion:
+            return flat, np.broadcast_to(np.eye(2), (*flat.shape, 2)) if jacobian else None
+        k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, *[0.0] * (8 - len(self.distortion)))
+        x, y = flat[..., 0], flat[..., 1]
+        r2 = x**2 + y**2
+        top, bottom = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        radial = top / bottom
+        bent = flat * radial[..., None]
+        bent = bent + np.stack([2 * p1 * x * y + p2 * (r2 + 2 * x**2), p1 * (r2 + 2 * y**2) + 2 * p2 * x * y], axis=-1)
+        if not jacobian:
+            return bent, None
+        slope = (k1 + r2 * (2 * k2 + 3 * k3 * r2) - radial * (k4 + r2 * (2 * k5 + 3 * k6 * r2))) / bottom
+        D = np.empty((*flat.shape, 2))
+        D[..., 0, 0] = radial + 2 * x**2 * slope + 2 * p1 * y + 6 * p2 * x
+        D[..., 0, 1] = D[..., 1, 0] = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
+        D[..., 1, 1] = radial + 2 * y**2 * slope + 6 * p1 * y + 2 * p2 * x
+        return bent, D
+
+    def inside(self, pixels: Array) -> np.ndarray:
+        """Whether pixels ``(..., 2)`` lie in the image."""
+        return np.all((pixels >= 0) & (pixels < [self.width, self.height]), axis=-1)
+
+    def normalise(self, pixels: Array) -> Array:
+        """Undistorted coordinates ``(..., 2)`` at depth one, of pixels ``(..., 2)``; NaN stays NaN."""
+        bent = (np.asarray(pixels, dtype=float) - np.array(self.centre)) / np.array(self.focal)
+        flat = bent
+        for _ in range(UNDISTORT_STEPS if self.distortion else 0):
+            there, D = self._distort(flat, jacobian=True)
+            assert D is not None
+            flat = flat + np.linalg.solve(D, (bent - there)[..., None])[..., 0]
+        return flat

@@ -1,0 +1,120 @@
+"""A scene: one or more wearers of sensors, and the camera that filmed them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.errors import RecordingError
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.recording import Recording
+
+CAMERA_MOUNTING_SIGMA = np.deg2rad(10.0)  # an IMU taped to a phone along its edges
+
+
+@dataclass(frozen=True)
+class CameraMount:
+    """The IMU on the camera.
+
+    Attributes:
+        imu: its stream.
+        R_camera_imu: ``(3, 3)`` rough mounting.
+        p_camera_imu: ``(3,)`` metres, its position in the camera's frame.
+        mounting_sigma: radians, of the rough mounting about each axis.
+    """
+
+    imu: ImuStream
+    R_camera_imu: Array = field(default_factory=lambda: np.eye(3))
+    p_camera_imu: Array = field(default_factory=lambda: np.zeros(3))
+    mounting_sigma: float = CAMERA_MOUNTING_SIGMA
+
+
+@dataclass(frozen=True)
+class Video:
+    """Frames to look at: a file beside the recording, or frames embedded in it.
+
+    Attributes:
+        path: of the video file, or None.
+        images: encoded images (JPEG, PNG) by index of the video frame, if embedded.
+    """
+
+    path: Path | None = None
+    images: Mapping[int, bytes] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """One camera and what a detector found in its frames.
+
+    Attributes:
+        name: of the camera.
+        model: its intrinsics.
+        detections: with times on the video's own clock.
+        moving: False for a camera that stands still: one pose for the whole recording.
+        mount: the IMU on it, if any.
+        known_path: poses to be believed instead of estimated, if any.
+        time_offset: seconds to add to the video's times to get the IMUs'.
+        video: to look at.
+    """
+
+    name: str
+    model: CameraModel
+    detections: Detections
+    moving: bool = True
+    mount: CameraMount | None = None
+    known_path: CameraPath | None = None
+    time_offset: float = 0.0
+    video: Video | None = None
+
+
+@dataclass(frozen=True)
+class SceneTruth:
+    """What a simulator knows of a scene beyond the wearers' own truths (which share one world).
+
+    Attributes:
+        camera: the true path.
+        wearer: ``(N,)`` index of the wearer behind each detection, −1 for bystanders and false detections.
+        pixels: ``(N, K, 2)`` where the keypoints really are in the image (distorted), NaN out of view or unknown.
+        camera_calibration: heading and mounting of the camera's IMU.
+        time_offset: seconds to add to the video's times to get the IMUs'.
+    """
+
+    camera: CameraPath
+    wearer: np.ndarray
+    pixels: Array | None = None
+    camera_calibration: SensorCalibration | None = None
+    time_offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything measured at one time.
+
+    Attributes:
+        name: of the scene.
+        wearers: their recordings, on one clock; subject names are unique.
+        camera: what filmed them, or None.
+        truth: if known.
+    """
+
+    name: str
+    wearers: tuple[Recording, ...]
+    camera: Camera | None = None
+    truth: SceneTruth | None = None
+
+    def __post_init__(self) -> None:
+        if not self.wearers:
+            raise RecordingError(f"scene '{self.name}' has no wearer: expected at least one recording")
+        names = [wearer.subject.name for wearer in self.wearers]
+        if len(set(names)) < len(names):
+            raise RecordingError(
+                f"scene '{self.name}': subjects {', '.join(names)}: give each wearer a name of its own"
+            )
+        if self.truth is not None and (self.camera is None or len(self.truth.wearer) != len(self.camera.detections)):
+            raise RecordingError(f"scene '{self.name}': its truth does not belong to its detections")

@@ -1,0 +1,133 @@
+"""Camera files: what is written is read again, and every mistake is named with its file and field."""
+
+import tomllib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.rotations import exp
+from vip_factors.io.camera_file import read_camera_file, read_floor, write_camera_file
+from vip_factors.sensors.camera_model import CameraModel
+
+GOOD = "width = 640\nheight = 480\nfx = 500\nfy = 500.5\ncx = 320\ncy = 240\n"
+finite = st.floats(-1e4, 1e4)
+
+
+@given(st.integers(1, 10_000), st.floats(1, 1e5), finite, st.sampled_from([0, 4, 5, 8]), st.lists(finite, min_size=11))
+def test_what_is_written_is_read(tmp_path_factory, width, focal, centre, count, numbers) -> None:
+    path = tmp_path_factory.mktemp("camera") / "camera.toml"
+    model = CameraModel(width, width + 1, (focal, 2 * focal), (centre, -centre), tuple(numbers[:count]))
+    R, p = exp(np.array(numbers[8:11]) / 1e4), np.array(numbers[8:11])
+    write_camera_file(path, model, (R, p), {"board": 'a "board"\\', "rms_px": 0.25, "views": 12})
+    assert read_camera_file(path) == model
+    again = read_floor(path)
+    assert again is not None
+    np.testing.assert_allclose(again[0], R, atol=1e-12)
+    np.testing.assert_array_equal(again[1], p)
+    assert tomllib.loads(path.read_text())["calibration"] == {"board": 'a "board"\\', "rms_px": 0.25, "views": 12}
+
+
+def test_floor_and_distortion_are_optional(tmp_path: Path) -> None:
+    path = tmp_path / "camera.toml"
+    path.write_text(GOOD)
+    assert read_camera_file(path) == CameraModel(640, 480, (500, 500.5), (320, 240))
+    assert read_floor(path) is None
+
+
+def test_existing_files_are_kept(tmp_path: Path) -> None:
+    path = tmp_path / "camera.toml"
+    path.write_text("precious")
+    model = CameraModel(640, 480, (500, 500), (320, 240))
+    with pytest.raises(InputError, match="exists"):
+        write_camera_file(path, model)
+    assert path.read_text() == "precious"
+    write_camera_file(path, model, overwrite=True)
+    assert read_camera_file(path) == model
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (GOOD.replace("fy", "fz"), "fz.*fy"),
+        (GOOD.replace("fx = 500\n", ""), "fx is missing"),
+        (GOOD.replace("fx = 500\n", "fx = 'long'\n"), "fx is 'long'.*number"),
+        (GOOD.replace("fx = 500\n", "fx = -3\n"), "focal"),
+        (GOOD.replace("640", "640.5"), "width.*whole"),
+        (GOOD + "distortion = [1, 2, 3]", "distortion.*0, 4, 5 or 8"),
+        (GOOD + "distortion = 3", "distortion.*list"),
+        (GOOD + "distortion = [1, 2, 3, nan]", "distortion.*number"),
+    ],
+)
+def test_mistakes_are_named(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "camera.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=f"camera.toml: .*{words}"):
+        read_camera_file(path)
+
+
+@pytest.mark.parametrize(
+    ("floor", "words"),
+    [
+        ("p_floor_camera = [0, 0, 1]", "incomplete.*R_floor_camera"),
+        ("R_floor_camera = [[1,0,0],[0,1,0],[0,0,-1]]\np_floor_camera = [0, 0, 1]", "not a rotation"),
+        ("R_floor_camera = [[1,0,0],[0,1,0],[0,0]]\np_floor_camera = [0, 0, 1]", "three numbers"),
+        ("R_floor_camera = 3\np_floor_camera = [0, 0, 1]", "three rows"),
+        ("R_floor_camera = [[1,0,0],[0,1,0],[0,0,1]]\np_floor_camera = 2", "p_floor_camera.*three"),
+    ],
+)
+def test_mistakes_in_the_floor_are_named(tmp_path: Path, floor: str, words: str) -> None:
+    path = tmp_path / "camera.toml"
+    path.write_text(f"{GOOD}[floor]\n{floor}\n")
+    with pytest.raises(InputError, match=f"camera.toml: .*{words}"):
+        read_floor(path)
+
+
+def test_files_that_are_none(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match=r"none\.toml"):
+        read_camera_file(tmp_path / "none.toml")
+    (tmp_path / "a.toml").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "a.yaml").write_text("{[")
+    (tmp_path / "a.json").write_text("[3")
+    for name in ("a.toml", "a.yaml", "a.json"):
+        with pytest.raises(FileFormatError, match=name):
+            read_camera_file(tmp_path / name)
+
+
+K, BENT = np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]]), np.array([[0.1, -0.2, 0.001, 0.002, 0.05]])
+EXPECTED = CameraModel(640, 480, (500.0, 510.0), (320.0, 240.0), (0.1, -0.2, 0.001, 0.002, 0.05))
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".json", ".xml"])
+def test_files_of_opencv(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"camera{suffix}"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", 640)
+    storage.write("image_height", 480)
+    storage.write("camera_matrix", K)
+    storage.write("dist_coeffs", BENT)
+    storage.release()
+    assert read_camera_file(path) == EXPECTED
+    assert read_floor(path) is None
+
+
+def test_files_of_ros_and_plain_json(tmp_path: Path) -> None:
+    ros, plain = tmp_path / "ros.yaml", tmp_path / "plain.json"
+    ros.write_text(
+        "image_width: 640\nimage_height: 480\ncamera_name: head\ncamera_matrix:\n  rows: 3\n  cols: 3\n"
+        "  data: [500, 0, 320, 0, 510, 240, 0, 0, 1]\ndistortion_model: plumb_bob\ndistortion_coefficients:\n"
+        "  rows: 1\n  cols: 5\n  data: [0.1, -0.2, 0.001, 0.002, 0.05]\n"
+    )
+    plain.write_text(f'{{"camera_matrix": {K.tolist()}, "dist_coeffs": {BENT.tolist()}, "image_size": [640, 480]}}')
+    assert read_camera_file(ros) == EXPECTED
+    assert read_camera_file(plain) == EXPECTED
+    plain.write_text('{"camera_matrix": [[1, 2]], "image_size": [640, 480]}')
+    with pytest.raises(InputError, match=r"plain\.json: .*camera_matrix"):
+        read_camera_file(plain)
+    plain.write_text(f'{{"camera_matrix": {K.tolist()}}}')
+    with pytest.raises(InputError, match=r"plain\.json: .*size"):
+        read_camera_file(plain)

@@ -1,0 +1,69 @@
+"""Camera velocity: a camera in a hand neither turns nor moves fast. What bridges frames that see nobody."""
+
+from dataclasses import dataclass, field
+
+import gtsam
+import numpy as np
+
+from vip_factors.factors.adapter import custom_factor
+from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.factors.robust import Loss, RobustLoss
+from vip_factors.geometry.rotations import (
+    Array,
+    hat,
+    inverse_left_jacobian,
+    inverse_right_jacobian,
+    log,
+    transpose,
+)
+
+
+@dataclass(frozen=True)
+class CameraVelocitySettings:
+    """How fast a camera moves; a broad prior, which only matters where nothing was measured."""
+
+    turn_sigma_deg_s: float = 60.0  # a pan that keeps a runner in view
+    speed_sigma: float = 1.5  # m/s: who films walks
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 3.0))  # a cut in the video is a jump
+
+    @property
+    def sigmas(self) -> Array:
+        """``(6,)`` standard deviations: rad/s, then m/s."""
+        return np.repeat([np.deg2rad(self.turn_sigma_deg_s), self.speed_sigma], 3)
+
+
+def camera_velocity_residual(now: CameraPoses, after: CameraPoses, step: float) -> Array:
+    """``(Log(R₀ᵀ R₁), R₀ᵀ (p₁ − p₀)) / step`` of successive poses: ``(T, 6)``, rad/s and m/s in the camera's axes."""
+    turn = log(transpose(now.R_world_camera) @ after.R_world_camera)
+    shift = np.einsum("tji,tj->ti", now.R_world_camera, after.p_world_camera - now.p_world_camera)
+    return np.concatenate([turn, shift], axis=1) / step
+
+
+def camera_velocity_jacobians(
+    now: CameraPoses, after: CameraPoses, residual: Array, step: float
+) -> tuple[Array, Array]:
+    """Derivatives ``(T, 6, 6)`` of :func:`camera_velocity_residual` by the tangent of either pose."""
+    T = len(residual)
+    turn, shift = residual[:, :3] * step, residual[:, 3:] * step
+    by_now, by_after = np.zeros((2, T, 6, 6))
+    by_now[:, :3, :3] = -inverse_left_jacobian(turn)
+    by_now[:, 3:, :3] = hat(shift)
+    by_now[:, 3:, 3:] = -np.eye(3)
+    by_after[:, :3, :3] = inverse_right_jacobian(turn)
+    by_after[:, 3:, 3:] = transpose(now.R_world_camera) @ after.R_world_camera
+    return by_now / step, by_after / step
+
+
+def camera_velocity_factor(
+    key_now: int, key_after: int, step: float, settings: CameraVelocitySettings
+) -> gtsam.CustomFactor:
+    """The GTSAM factor between the poses of two successive frames."""
+
+    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
+        now, after = CameraPoses.of(values, key_now), CameraPoses.of(values, key_after)
+        residual = camera_velocity_residual(now, after, step)
+        by_now, by_after = camera_velocity_jacobians(now, after, residual, step)
+        return residual[0], [by_now[0], by_after[0]]
+
+    noise = settings.loss.noise_model(settings.sigmas)
+    return custom_factor("camera velocity", noise, [key_now, key_after], [6, 6], evaluate)

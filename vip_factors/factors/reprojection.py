@@ -1,0 +1,96 @@
+"""Reprojection: where a point of the body appears in the image, against where the detector saw it."""
+
+from dataclasses import dataclass, field
+
+import gtsam
+import numpy as np
+
+from vip_factors.body.skeleton import Skeleton, ancestors
+from vip_factors.factors.adapter import custom_factor
+from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.factors.chain import FrameKeys, chain_state, split_blocks
+from vip_factors.factors.robust import Loss, RobustLoss
+from vip_factors.geometry.rotations import Array, hat, transpose
+from vip_factors.sensors.camera_model import CameraModel
+
+
+@dataclass(frozen=True)
+class ReprojectionSettings:
+    """How exactly a detector sees."""
+
+    # Sigma of a fully confident keypoint, in OKS sigmas of that keypoint times the square root of the person's area.
+    # Errors last for many frames: what one frame says is worth less than its scatter, and this is above 1 for that.
+    spread: float = 1.0
+    least_px: float = 1.0  # detectors answer on a grid of a few pixels
+    least_confidence: float = 0.1  # below it detectors guess
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # left and right swap, limbs hide
+
+
+def reprojection_residual(
+    p_world_point: Array, camera: CameraPoses, model: CameraModel, pixels: Array
+) -> tuple[Array, Array]:
+    """Projected less detected pixels (thesis eqs. 4.6, 4.30).
+
+    Args:
+        p_world_point: ``(T, K, 3)`` metres.
+        camera: at the ``T`` frames.
+        model: its intrinsics.
+        pixels: ``(T, K, 2)`` as detected, in the distorted image.
+
+    Returns:
+        Residuals ``(T, K, 2)`` in pixels, and the points ``(T, K, 3)`` in the camera's frame.
+    """
+    p_camera = (p_world_point - camera.p_world_camera[:, None]) @ camera.R_world_camera  # rows times R are Rᵀ p
+    return model.project(p_camera) - pixels, p_camera
+
+
+def reprojection_jacobians(p_camera: Array, camera: CameraPoses, model: CameraModel) -> tuple[Array, Array]:
+    """Derivatives of :func:`reprojection_residual`.
+
+    Returns:
+        By the point's world position ``(T, K, 2, 3)`` and by the camera's tangent ``(T, K, 2, 6)``.
+    """
+    _, J = model.project_with_jacobian(p_camera)
+    by_point = J @ transpose(camera.R_world_camera)[:, None]
+    return by_point, np.concatenate([J @ hat(p_camera), -J], axis=3)
+
+
+def reprojection_factor(
+    skeleton: Skeleton,
+    keys: FrameKeys,
+    camera_key: int,
+    bone: int,
+    p_bone_point: Array,
+    model: CameraModel,
+    pixel: Array,
+    sigma: float,
+    settings: ReprojectionSettings,
+    clock: tuple[int, Array] | None = None,
+) -> gtsam.CustomFactor:
+    """The GTSAM factor of one keypoint ``pixel`` ``(2,)`` of one wearer in one frame; ``sigma`` in pixels.
+
+    Keys in order: the chain of joints, the root, the camera's pose. With a ``clock``, also the key of the time in
+    seconds by which the video's clock must still be put forward; the detection moves at so many pixels a second.
+    """
+
+    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
+        body = chain_state(skeleton, values, keys, bone, with_root=True)
+        camera = CameraPoses.of(values, camera_key)
+        residual, p_camera = reprojection_residual(body.point(bone, p_bone_point)[:, None], camera, model, pixel)
+        by_point, by_camera = (J[:, 0] for J in reprojection_jacobians(p_camera, camera, model))
+        _, by_joints = body.point_jacobian(bone, p_bone_point)
+        jacobians = [*split_blocks(by_point[:, None] @ by_joints), by_point[0], by_camera[0]]
+        if clock is None:
+            return residual[0, 0], jacobians
+        offset_key, pixels_per_second = clock
+        return residual[0, 0] + pixels_per_second * values.atDouble(offset_key), [
+            *jacobians,
+            pixels_per_second[:, None],
+        ]
+
+    noise = settings.loss.noise_model(np.full(2, sigma))
+    all_keys = [*keys.chain(bone), keys.root, camera_key]
+    dimensions = [*[3] * (len(ancestors(bone)) + 1), 6]
+    if clock is not None:
+        all_keys, dimensions = [*all_keys, clock[0]], [*dimensions, 1]
+    return custom_factor("reprojection", noise, all_keys, dimensions, evaluate)

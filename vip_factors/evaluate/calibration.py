@@ -1,6 +1,6 @@
 """Errors of headings and mountings. Nobody publishes these; the definitions are ours."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,12 +34,17 @@ class CalibrationError:
         """Geodesic mounting errors, radians."""
         return np.linalg.norm(np.array(list(self.mounting.values())), axis=-1)
 
+    def of(self, sensors: Collection[str]) -> "CalibrationError":
+        """The errors of some sensors."""
+        heading = {name: value for name, value in self.heading.items() if name in sensors}
+        return CalibrationError(heading, {name: self.mounting[name] for name in heading}, self.gauge)
 
-def calibration_error(estimate: Calibration, truth: Calibration) -> CalibrationError:
+
+def calibration_error(estimate: Calibration, truth: Calibration, gauge: float | None = None) -> CalibrationError:
     """Errors of the sensors that both know.
 
     Where the estimate's world is turned by a yaw g against the true one, every heading is g larger and no
-    measurement can tell; g is taken as the circular mean of the differences.
+    measurement can tell; g is ``gauge`` if given (that of a whole scene), else the circular mean of the differences.
 
     Raises:
         InputError: if they share no sensor.
@@ -48,7 +53,7 @@ def calibration_error(estimate: Calibration, truth: Calibration) -> CalibrationE
     if not sensors:
         raise InputError(f"calibrations share no sensor: estimated {sorted(estimate)}, true {sorted(truth)}")
     difference = np.array([estimate[name].heading - truth[name].heading for name in sensors])
-    gauge = float(np.angle(np.exp(1j * difference).sum()))
+    gauge = float(np.angle(np.exp(1j * difference).sum())) if gauge is None else gauge
     heading = wrap_angle(difference - gauge)
     R_estimated, R_true = (np.stack([side[name].R_bone_sensor for name in sensors]) for side in (estimate, truth))
     mounting = log(transpose(R_estimated) @ R_true)

@@ -1,6 +1,5 @@
 """All metrics of one estimate against the truth, as one table."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
@@ -10,18 +9,12 @@ from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import Estimate, PoseCovariance
 from vip_factors.evaluate import consistency, joint_angle, metrics, trajectory
-from vip_factors.evaluate.calibration import calibration_error, mean_and_95th
+from vip_factors.evaluate.calibration import calibration_error
+from vip_factors.evaluate.calibration_metrics import calibration_metrics, consistency_metrics, sensor_table
 from vip_factors.evaluate.frames import common_frames
-from vip_factors.sensors.calibration import Calibration
+from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines
+from vip_factors.sensors.placement import Placement
 from vip_factors.sensors.recording import Truth
-
-
-@dataclass(frozen=True)
-class Metric:
-    """A number with its unit (``""`` for a ratio); NaN where it is not defined for this recording."""
-
-    value: float
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -49,23 +42,24 @@ class Evaluation:
 
     def to_table(self) -> str:
         """Markdown: the metrics, then joints, then sensors."""
-        lines = ["| metric | value | unit |", "|---|---:|---|"]
-        lines += [f"| {name} | {_number(m.value)} | {m.unit} |" for name, m in self.metrics.items()]
-        for title, table in (("joint", self.joints), ("sensor", self.sensors)):
-            if not table:
-                continue
-            columns = list(next(iter(table.values())))
-            lines += ["", f"| {title} | {' | '.join(columns)} |", "|---|" + "---:|" * len(columns)]
-            lines += [f"| {name} | {' | '.join(_number(row[c]) for c in columns)} |" for name, row in table.items()]
+        lines = metric_lines(self.metrics) + row_lines("joint", self.joints) + row_lines("sensor", self.sensors)
         return "\n".join(lines) + "\n"
 
     def to_json(self) -> str:
         """Everything, as JSON; what is not defined is null."""
-        return json.dumps(_without_nan(asdict(self)), indent=2) + "\n"
+        return json_text(asdict(self))
 
 
-def evaluate(estimate: Estimate, truth: Truth) -> Evaluation:
+def evaluate(
+    estimate: Estimate, truth: Truth, placement: Placement | None = None, gauge: float | None = None
+) -> Evaluation:
     """Every metric that the truth allows.
+
+    Args:
+        estimate, truth: of one wearer.
+        placement: to tell the sensors of feet and hands from the rest.
+        gauge: radians by which the estimate's world is known to be turned against the true one (that of a whole
+            scene); if None, the mean heading error is taken for it.
 
     Raises:
         InputError: if the two share no frame, or no sensor though both carry a calibration.
@@ -80,13 +74,14 @@ def evaluate(estimate: Estimate, truth: Truth) -> Evaluation:
     if estimate.covariance is not None:
         covariance = PoseCovariance(estimate.covariance.joints[chosen], estimate.covariance.root[chosen])
         values = consistency.joint_nees(motion, reference, covariance)
-        table |= _consistency("joints", consistency.summarise(values[:, 1:], 3))
+        table |= consistency_metrics("joints", values[:, 1:], 3)
         for joint, row in zip(range(len(JOINT_NAMES)), joints.values(), strict=True):
             row["nees"] = consistency.summarise(values[:, joint], 3).nees
-    sensors: dict[str, dict[str, float]] = {}
+    sensors: dict[str, Mapping[str, float]] = {}
     if estimate.calibration and truth.calibration:
-        more, sensors = _calibration_metrics(estimate.calibration, truth.calibration)
-        table |= more
+        error = calibration_error(estimate.calibration, truth.calibration, gauge)
+        table |= calibration_metrics(error, estimate.calibration, placement)
+        sensors = sensor_table(error)
     return Evaluation(estimate.name, estimate.method, len(motion), table, joints, sensors)
 
 
@@ -130,48 +125,3 @@ def _joint_table(motion: Motion, truth: Motion) -> dict[str, dict[str, float]]:
         name: {"position_mm": float(p), "orientation_deg": float(o), "local_deg": float(r)}
         for name, p, o, r in zip(JOINT_NAMES, position, orientation, local, strict=True)
     }
-
-
-def _calibration_metrics(
-    estimate: Calibration, truth: Calibration
-) -> tuple[dict[str, Metric], dict[str, dict[str, float]]]:
-    error = calibration_error(estimate, truth)
-    heading, heading_95 = mean_and_95th(error.heading_magnitude)
-    mounting, mounting_95 = mean_and_95th(error.mounting_magnitude)
-    table = {
-        "heading_error": Metric(heading, "deg"),
-        "heading_error_95th": Metric(heading_95, "deg"),
-        "mounting_error": Metric(mounting, "deg"),
-        "mounting_error_95th": Metric(mounting_95, "deg"),
-        "yaw_gauge": Metric(float(np.rad2deg(error.gauge)), "deg"),
-    }
-    for name, values, dimension in (
-        ("heading", consistency.heading_nees(error, estimate), 1),
-        ("mounting", consistency.mounting_nees(error, estimate), 3),
-    ):
-        if np.any(np.isfinite(values)):
-            table |= _consistency(name, consistency.summarise(values, dimension))
-    sensors = {
-        name: {
-            "heading_deg": float(np.rad2deg(error.heading[name])),
-            "mounting_deg": float(np.rad2deg(np.linalg.norm(error.mounting[name]))),
-        }
-        for name in error.heading
-    }
-    return table, sensors
-
-
-def _consistency(what: str, result: consistency.Consistency) -> dict[str, Metric]:
-    return {f"nees_{what}": Metric(result.nees, ""), f"coverage_95_{what}": Metric(result.coverage_95, "")}
-
-
-def _number(value: float) -> str:
-    return "n/a" if np.isnan(value) else f"{value:.2f}"
-
-
-def _without_nan(value: object) -> object:
-    if isinstance(value, Mapping):
-        return {key: _without_nan(inner) for key, inner in value.items()}
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value

@@ -1,0 +1,110 @@
+"""Errors put into a scene's estimate come out of its evaluation, and the gauge is none of them."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scene_sample import Injected, estimate_of, scene_sample
+
+from vip_factors.errors import InputError
+from vip_factors.evaluate.scene import evaluate_scene
+from vip_factors.sensors.scene import Scene
+
+TURNED = Injected(yaw=1.3, shift=(2.0, -1.0, 0.5))
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return scene_sample(1.0)
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_the_truth_in_another_gauge_is_perfect(moving: bool) -> None:
+    scene = scene_sample(0.5, moving)
+    result = evaluate_scene(estimate_of(scene, TURNED), scene)
+    for name in (
+        "mpjpe", "scene_position_error", "heading_error", "mounting_error", "camera_translation_max",
+        "camera_rotation_max", "camera_heading_error", "camera_mounting_error", "reprojection_rms",
+        "reprojection_from_truth_rms", "time_offset_error", "association_swapped",
+    ):  # fmt: skip
+        assert result[name] == pytest.approx(0.0, abs=1e-4), name
+    assert result["association_precision"] == result["association_recall"] == 100
+    assert result.pairs["ann - bob"] == pytest.approx(dict.fromkeys(result.pairs["ann - bob"], 0.0), abs=1e-6)
+    assert list(result.wearers) == ["ann", "bob"]
+
+
+def test_errors_of_sensors_come_out_feet_and_hands_apart(scene: Scene) -> None:
+    result = evaluate_scene(estimate_of(scene, replace(TURNED, heading=0.13, mounting=0.05)), scene)
+    assert result["heading_error_rest"] == pytest.approx(0.0, abs=1e-6)
+    assert result["heading_error_feet_hands"] == pytest.approx(np.rad2deg(0.13) / 2)  # one of two feet
+    assert result["heading_error"] == pytest.approx(np.rad2deg(0.13) / 13)
+    assert result["mounting_error_rest_95th"] == pytest.approx(np.rad2deg(0.05))
+    assert result["camera_mounting_error"] == pytest.approx(np.rad2deg(0.05))
+    assert result.wearers["bob"].sensors["left_foot"]["heading_deg"] == pytest.approx(np.rad2deg(0.13))
+    assert result["nees_mounting"] == pytest.approx(1 / 3)
+    assert result["nees_heading"] == pytest.approx((0.13 / 0.05) ** 2 * 2 / 25)  # the anchor is not counted
+
+
+def test_camera_error_is_what_was_put_in(scene: Scene) -> None:
+    result = evaluate_scene(estimate_of(scene, replace(TURNED, camera_rad=0.02)), scene)
+    assert result["camera_rotation"] == pytest.approx(np.rad2deg(0.02))
+    assert result["camera_translation"] == pytest.approx(0.0, abs=1e-6)
+    # A camera that is too near also moves the gauge, by its share of the scene: one of three bodies.
+    result = evaluate_scene(estimate_of(scene, replace(TURNED, camera_m=0.03)), scene)
+    assert result["camera_translation"] == pytest.approx(0.02, rel=0.05)
+    assert result["reprojection_rms"] > 1
+
+
+def test_wearers_apart_show_in_pairs_not_in_their_poses(scene: Scene) -> None:
+    result = evaluate_scene(estimate_of(scene, replace(TURNED, apart_m=0.05)), scene)
+    assert result["mpjpe"] == pytest.approx(0.0, abs=1e-5)
+    assert result.pairs["ann - bob"]["relative_mm"] == pytest.approx(50.0, rel=1e-3)
+    assert result.pairs["ann - bob"]["distance_mm"] < 10  # up, across their line
+    assert 1 < result["scene_position_error"] < 5
+
+
+def test_camera_covariance_is_judged_in_the_gauge_of_the_prior(scene: Scene) -> None:
+    estimate = estimate_of(scene, replace(TURNED, camera_m=0.03))
+    covariance = np.tile(np.diag([0.01, 0.01, 0.01, 0.03, 0.03, 0.03]) ** 2, (len(estimate.camera.path), 1, 1))
+    result = evaluate_scene(replace(estimate, camera=replace(estimate.camera, covariance=covariance)), scene)
+    assert result["nees_camera"] == pytest.approx(1 / 6)
+    assert result["coverage_95_camera"] == 1.0
+
+
+def test_without_a_camera_every_wearer_has_a_gauge_of_its_own(scene: Scene) -> None:
+    estimate = estimate_of(scene, replace(TURNED, apart_m=0.5))
+    result = evaluate_scene(replace(estimate, camera=None, wearer_of_detection=np.zeros(0, int)), scene)
+    assert result["scene_position_error"] == pytest.approx(0.0, abs=1e-5)
+    assert not result.pairs
+    assert "camera_translation" not in result.metrics
+    assert "association_recall" not in result.metrics
+
+
+def test_what_does_not_belong_together_is_refused(scene: Scene) -> None:
+    estimate = estimate_of(scene)
+    with pytest.raises(InputError, match="1 wearers for a scene of 2"):
+        evaluate_scene(replace(estimate, wearers=estimate.wearers[:1]), scene)
+    with pytest.raises(InputError, match="labels 3 detections"):
+        evaluate_scene(replace(estimate, wearer_of_detection=np.zeros(3, int)), scene)
+    unknown = tuple(replace(wearer, truth=None) for wearer in scene.wearers)
+    with pytest.raises(InputError, match="no wearer's truth"):
+        evaluate_scene(estimate, replace(scene, wearers=unknown))
+
+
+def test_one_known_wearer_of_two_is_enough(scene: Scene) -> None:
+    partly = replace(scene, wearers=(replace(scene.wearers[0], truth=None), scene.wearers[1]))
+    result = evaluate_scene(estimate_of(scene, TURNED), partly)
+    assert list(result.wearers) == ["bob"]
+    assert result["heading_error"] == pytest.approx(0.0, abs=1e-5)
+
+
+def test_table_and_json_hold_all_of_it(scene: Scene) -> None:
+    result = evaluate_scene(estimate_of(scene), scene)
+    table, parsed = result.to_table(), json.loads(result.to_json())
+    for name in result.metrics:
+        assert f"| {name} |" in table
+    assert "## bob" in table
+    assert "| ann - bob |" in table
+    assert parsed["wearers"]["ann"]["metrics"]["mpjpe"]["unit"] == "mm"
+    assert parsed["pairs"]["ann - bob"]["relative_mm"] == pytest.approx(0.0, abs=1e-6)

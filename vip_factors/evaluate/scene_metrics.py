@@ -1,0 +1,169 @@
+"""The parts of a scene's table that take more than one wearer, or the camera: sensors, honesty, image, labels."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from vip_factors.errors import InputError
+from vip_factors.estimate import SceneEstimate
+from vip_factors.evaluate import consistency
+from vip_factors.evaluate.association import association_score
+from vip_factors.evaluate.calibration import CalibrationError, calibration_error
+from vip_factors.evaluate.calibration_metrics import ENDS, consistency_metrics, error_metrics
+from vip_factors.evaluate.camera import camera_error
+from vip_factors.evaluate.gauge import MotionPair, PathPair, anchored_gauge
+from vip_factors.evaluate.table import Metric
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.reprojection import keypoints_in_image, reprojection_error
+from vip_factors.sensors.scene import Scene
+
+CAMERA = "camera"  # stands for the IMU on the camera where calibrations go by sensor name
+ANCHOR_BONE = "pelvis"  # the sensor there carries the graph's gauge prior, else the camera's IMU does
+
+
+def sensors(estimate: SceneEstimate, scene: Scene, gauge: float | None) -> dict[str, Metric]:
+    """Headings and mountings of all wearers' sensors together; those of feet and hands apart from the rest."""
+    errors = dict(_calibration_errors(estimate, scene, gauge))
+    ends = {i: {site.sensor for site in scene.wearers[i].placement.sites if site.bone in ENDS} for i in errors}
+    at_ends = [error.of(ends[i]) for i, error in errors.items()]
+    rest = [error.of(error.heading.keys() - ends[i]) for i, error in errors.items()]
+    table = error_metrics(list(errors.values()))
+    return table | error_metrics(at_ends, "_feet_hands") | error_metrics(rest, "_rest")
+
+
+def camera_imu(estimate: SceneEstimate, scene: Scene, gauge: float | None) -> dict[str, Metric]:
+    """Heading and mounting of the IMU on the camera, and the clock offset, where estimated and known."""
+    if estimate.camera is None or scene.truth is None:
+        return {}
+    table: dict[str, Metric] = {}
+    found, known = estimate.camera.calibration, scene.truth.camera_calibration
+    if found is not None and known is not None:
+        error = calibration_error({CAMERA: found}, {CAMERA: known}, gauge)
+        table["camera_heading_error"] = Metric(float(np.rad2deg(error.heading_magnitude[0])), "deg")
+        table["camera_mounting_error"] = Metric(float(np.rad2deg(error.mounting_magnitude[0])), "deg")
+    late = estimate.camera.time_offset - scene.truth.time_offset
+    return table | {"time_offset_error": Metric(1e3 * late, "ms")}
+
+
+def honesty(
+    estimate: SceneEstimate,
+    scene: Scene,
+    pairs: Mapping[int, MotionPair],
+    camera: PathPair | None,
+    chosen: np.ndarray,
+) -> dict[str, Metric]:
+    """NEES of headings, mountings and camera, in the gauge of the graph's prior (see :func:`anchored_gauge`).
+
+    The anchoring heading itself is left out: the gauge makes its error zero. Empty where the anchor is not known.
+
+    Args:
+        estimate, scene: what is compared.
+        pairs: motions of the wearers whose truth is known.
+        camera: paths at common instants, if known.
+        chosen: which instants of the estimate those are.
+    """
+    anchor = _anchor(estimate, scene)
+    if estimate.camera is None or anchor is None or not pairs:
+        return {}
+    wearer, sensor, turn = anchor
+    headings, mountings = [], []
+    for i, error in _calibration_errors(estimate, scene, turn):
+        calibration = estimate.wearers[i].calibration
+        free = error.of([name for name in error.heading if (i, name) != (wearer, sensor)])
+        if free.heading:
+            headings.append(consistency.heading_nees(free, calibration))
+        mountings.append(consistency.mounting_nees(error, calibration))
+    table: dict[str, Metric] = {}
+    for name, values, dimension in (("heading", headings, 1), ("mounting", mountings, 3)):
+        if values:
+            table |= consistency_metrics(name, np.concatenate(values), dimension)
+    if camera is not None and estimate.camera.covariance is not None:
+        gauge = anchored_gauge(next(iter(pairs.values())), turn)
+        error_of_camera = camera_error(camera, gauge)
+        of_camera = consistency.camera_nees(error_of_camera.tangent, estimate.camera.covariance[chosen])
+        table |= consistency_metrics("camera", of_camera, 6)
+    return table
+
+
+def reprojection(estimate: SceneEstimate, scene: Scene) -> dict[str, Metric]:
+    """Distance in pixels of the reprojected keypoints: from the detections given to their wearer, and, where known,
+    from where the keypoints of all detections of that wearer really are.
+    """
+    camera = estimate.camera
+    if camera is None or scene.camera is None:
+        return {}
+    detections = scene.camera.detections.shifted(camera.time_offset)
+    table: dict[str, Metric] = {}
+    labels = estimate.wearer_of_detection
+    if len(labels) == len(detections):
+        found = [
+            reprojection_error(one.motion, camera.path, camera.model, detections, np.flatnonzero(labels == i))
+            for i, one in enumerate(estimate.wearers)
+        ]
+        table |= _pixels("reprojection", found)
+    truth = scene.truth
+    if truth is not None and truth.pixels is not None:
+        off = []
+        for i, one in enumerate(estimate.wearers):
+            mine = truth.wearer == i
+            pixels = keypoints_in_image(one.motion, detections.keypoints, camera.path, camera.model, detections.time)
+            off.append(np.linalg.norm(pixels[detections.frame[mine]] - truth.pixels[mine], axis=-1))
+        table |= _pixels("reprojection_from_truth", off)
+    return table
+
+
+def association(estimate: SceneEstimate, scene: Scene) -> dict[str, Metric]:
+    """Precision and recall in percent, and how the wrong labels are wrong.
+
+    Raises:
+        InputError: if the estimate labels other detections than the scene's.
+    """
+    labels, truth = estimate.wearer_of_detection, scene.truth
+    if truth is None or not len(labels):
+        return {}
+    if len(labels) != len(truth.wearer):
+        raise InputError(
+            f"the estimate labels {len(labels)} detections, scene '{scene.name}' holds {len(truth.wearer)}: expected "
+            "one label each; is it the estimate of this scene?"
+        )
+    score = association_score(labels, truth.wearer)
+    return {
+        "association_precision": Metric(100 * score.precision, "%"),
+        "association_recall": Metric(100 * score.recall, "%"),
+        "association_labels": Metric(float(score.given), ""),
+        "association_swapped": Metric(float(score.swapped), ""),
+        "association_strangers": Metric(float(score.strangers), ""),
+        "association_missed": Metric(float(score.missed), ""),
+    }
+
+
+def _calibration_errors(
+    estimate: SceneEstimate, scene: Scene, gauge: float | None
+) -> Iterator[tuple[int, CalibrationError]]:
+    for index, (one, wearer) in enumerate(zip(estimate.wearers, scene.wearers, strict=True)):
+        if one.calibration and wearer.truth is not None and wearer.truth.calibration:
+            yield index, calibration_error(one.calibration, wearer.truth.calibration, gauge)
+
+
+def _anchor(estimate: SceneEstimate, scene: Scene) -> tuple[int, str, float] | None:
+    """Wearer, sensor and raw heading error of what carries the gauge prior; None if that is not known."""
+    for index, error in _calibration_errors(estimate, scene, 0.0):
+        for site in scene.wearers[index].placement.sites:
+            if site.bone == ANCHOR_BONE and site.sensor in error.heading:
+                return index, site.sensor, error.heading[site.sensor]
+    found = estimate.camera.calibration if estimate.camera is not None else None
+    known = scene.truth.camera_calibration if scene.truth is not None else None
+    if found is None or known is None:
+        return None
+    return -1, CAMERA, found.heading - known.heading
+
+
+def _pixels(name: str, distances: list[Array]) -> dict[str, Metric]:
+    values = np.concatenate([one.ravel() for one in distances])
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return {}
+    return {
+        f"{name}_rms": Metric(float(np.sqrt(np.mean(values**2))), "px"),
+        f"{name}_median": Metric(float(np.median(values)), "px"),
+    }

@@ -12,6 +12,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, ancestors
 from vip_factors.errors import InputError
@@ -89,6 +90,11 @@ class DenseMotion:
             angular = state.angular_acceleration + np.cross(state.rate, relative) + _turn(R, alpha)
             state = BoneKinematics(R, state.rate + relative, angular, *joint_point)
         return state
+
+    def state(self, time: Array) -> BodyState:
+        """World poses of all bones at ``time`` ``(N,)`` seconds, within the motion."""
+        R = np.stack([spline(time).as_matrix() for spline in self.joints], axis=1)
+        return forward_kinematics(self.skeleton, R, self.root(time))
 
     def sample(self, rate: float) -> Motion:
         """The motion at evenly spaced frames from its start on."""

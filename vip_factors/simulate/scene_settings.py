@@ -1,0 +1,74 @@
+"""What films a simulated scene, and how well."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from vip_factors.body.keypoints import keypoint_set
+from vip_factors.errors import InputError
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.simulate.detector_settings import DetectorSettings
+from vip_factors.simulate.settings import SimulateSettings
+
+CameraKind = Literal["fixed", "hand-held", "walking"]
+
+
+@dataclass(frozen=True)
+class SceneSettings:
+    """Camera, detector and sensors of a simulated scene."""
+
+    camera: CameraKind = "hand-held"  # on a tripod, in the hands of somebody who stands, or of somebody who follows
+    video_rate: float = 30.0  # Hz: what phones film at, and 3DPW was
+    width: int = 1920  # pixels
+    height: int = 1080
+    fov_deg: float = 60.0  # horizontal: a phone's main camera (65–70) less what filming crops
+    distortion: tuple[float, ...] = ()  # OpenCV's; phones correct theirs
+    azimuth_deg: float | None = None  # direction from the action to the camera, about the vertical; drawn if None
+    distance_m: float | None = None  # from the action to the camera; as its extent asks for if None
+    keypoints: str = "openpose18"  # the thesis's COCO-18
+    time_offset_s: float = 0.0  # to add to the video's times to get the sensors'; the scene itself says 0
+    camera_imu: bool | None = None  # whether the camera carries one; None: if it moves
+    camera_mounting_error_deg: float = 5.0  # of the IMU on the camera, each axis: taped along the edges by eye
+    imu: SimulateSettings = field(default_factory=SimulateSettings)
+    detector: DetectorSettings = field(default_factory=DetectorSettings)
+
+    def __post_init__(self) -> None:
+        keypoint_set(self.keypoints)
+        if self.camera not in ("fixed", "hand-held", "walking"):
+            raise InputError(f"camera '{self.camera}': expected fixed, hand-held or walking")
+        if not self.video_rate > 0:
+            raise InputError(f"video rate {self.video_rate:g} Hz: expected a positive number")
+        if not 5 <= self.fov_deg <= 150:
+            raise InputError(f"field of view of {self.fov_deg:g} degrees: expected 5 to 150")
+        if self.distance_m is not None and not self.distance_m > 0:
+            raise InputError(f"camera distance of {self.distance_m:g} m: expected a positive number")
+        if not self.camera_mounting_error_deg >= 0:
+            raise InputError(f"camera mounting error {self.camera_mounting_error_deg:g}: expected 0 degrees or more")
+        self.model  # its own checks  # noqa: B018
+
+    @property
+    def model(self) -> CameraModel:
+        """Intrinsics with square pixels and the principal point in the middle of the image."""
+        focal = self.width / 2 / np.tan(np.deg2rad(self.fov_deg) / 2)
+        return CameraModel(
+            self.width, self.height, (focal, focal), (self.width / 2, self.height / 2), tuple(self.distortion)
+        )
+
+    @property
+    def has_camera_imu(self) -> bool:
+        """Whether the camera carries an IMU."""
+        return self.camera != "fixed" if self.camera_imu is None else self.camera_imu
+
+    @classmethod
+    def realistic(cls, **changes: Any) -> "SceneSettings":
+        """Sensors and a detector as they are in use."""
+        return cls(**changes)
+
+    @classmethod
+    def noise_free(cls, **changes: Any) -> "SceneSettings":
+        """No error of any sensor, of the camera's mounting, or of the detector; the camera moves all the same."""
+        perfect = cls(
+            camera_mounting_error_deg=0.0, imu=SimulateSettings.noise_free(), detector=DetectorSettings.noise_free()
+        )
+        return replace(perfect, **changes)

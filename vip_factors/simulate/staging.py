@@ -1,0 +1,111 @@
+"""Where people are in a scene: clips laid into one world, lengthened, and told when to start."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.motion import Motion
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, yaw_of
+from vip_factors.simulate.stance import floor_height
+
+BLEND_S = 1.0  # from the end of a clip into its next repetition
+STAGE_M = 1.2  # how far from the stage's middle the middles of clips are: people cross, and hide each other
+
+
+def placed(motion: Motion, yaw: float = 0.0, middle: Sequence[float] = (0.0, 0.0)) -> Motion:
+    """The motion turned about the vertical, with the middle of its ground path at ``middle`` (metres)."""
+    R = rotation_z(yaw)
+    ground = motion.p_world_pelvis[:, :2]
+    centre = np.array([*((ground.min(axis=0) + ground.max(axis=0)) / 2), 0.0])
+    p = (motion.p_world_pelvis - centre) @ R.T + np.array([*middle, 0.0])
+    turned = motion.R_parent_child.copy()
+    turned[:, 0] = R @ turned[:, 0]
+    return replace(motion, R_parent_child=turned, p_world_pelvis=p)
+
+
+def lasting(motion: Motion, seconds: float) -> Motion:
+    """The motion cut or repeated to a length.
+
+    Each repetition starts where the one before ended, turned so that it leads back towards the first one's middle; a
+    blend of one second joins them (feet slide there, as the price).
+
+    Raises:
+        InputError: for a clip that is too short to be repeated.
+    """
+    frames, blend = round(seconds * motion.rate) + 1, round(BLEND_S * motion.rate)
+    if frames <= len(motion):
+        return motion.frames(slice(0, frames))
+    if len(motion) < 3 * blend:
+        raise InputError(
+            f"motion '{motion.name}' lasts {len(motion) / motion.rate:g} s: expected at least {3 * BLEND_S:g} s to "
+            "repeat it"
+        )
+    R, p = motion.R_parent_child, motion.p_world_pelvis
+    home = (p[:, :2].min(axis=0) + p[:, :2].max(axis=0)) / 2
+    while len(p) < frames:
+        R_next, p_next = _turned_home(motion, R[-blend:], p[-blend:], home)
+        weight = _fade(blend)
+        joined_R = R[-blend:] @ exp(weight[:, None, None] * log(transpose(R[-blend:]) @ R_next[:blend]))
+        joined_p = p[-blend:] + weight[:, None] * (p_next[:blend] - p[-blend:])
+        joined_p[:, 2] += _standing(motion, joined_R, joined_p, (R[-blend:], p[-blend:]), (R_next, p_next), weight)
+        R = np.concatenate([R[:-blend], joined_R, R_next[blend:]])
+        p = np.concatenate([p[:-blend], joined_p, p_next[blend:]])
+    return replace(motion, R_parent_child=R[:frames], p_world_pelvis=p[:frames])
+
+
+def _fade(count: int) -> Array:
+    """Weights from 0 to 1 with vanishing first and second derivatives at both ends."""
+    phase = np.arange(count) / max(count, 1)
+    return phase**3 * (10 - 15 * phase + 6 * phase**2)
+
+
+def _turned_home(motion: Motion, R_end: Array, p_end: Array, home: Array) -> tuple[Array, Array]:
+    """The clip once more, from the end's middle on; its net way turned towards home, if it has one."""
+    count = len(p_end)
+    start = motion.p_world_pelvis[:count].mean(axis=0)
+    way = motion.p_world_pelvis[-count:].mean(axis=0) - start
+    back = home - p_end[-1, :2]
+    if np.linalg.norm(way[:2]) > 0.5 and np.linalg.norm(back) > 0.3:
+        turn = np.arctan2(back[1], back[0]) - np.arctan2(way[1], way[0])
+    else:
+        turn = float(yaw_of(R_end[count // 2, 0] @ transpose(motion.R_parent_child[count // 2, 0])))
+    R_turn = rotation_z(turn)
+    shift = np.array([*(p_end.mean(axis=0) - R_turn @ start)[:2], 0.0])
+    R = motion.R_parent_child.copy()
+    R[:, 0] = R_turn @ R[:, 0]
+    return R, motion.p_world_pelvis @ R_turn.T + shift
+
+
+def _standing(
+    motion: Motion, R: Array, p: Array, before: tuple[Array, Array], after: tuple[Array, Array], weight: Array
+) -> Array:
+    """How far to raise the root of blended frames, so that the feet neither dip nor float."""
+    B = len(weight)
+
+    def floor(R: Array, p: Array) -> Array:
+        return floor_height(motion.skeleton, forward_kinematics(motion.skeleton, R[:B], p[:B]))
+
+    return floor(*before) * (1 - weight) + floor(*after) * weight - floor(R, p)
+
+
+def staged(motions: Sequence[Motion], seconds: float | None = None, seed: int = 0) -> tuple[Motion, ...]:
+    """Motions of several people in one world: middles within a metre or so of the origin, turned at random.
+
+    Args:
+        motions: one of each person, all starting at time zero of the scene.
+        seconds: to cut or lengthen all of them to; absent, each keeps its length.
+        seed: of places and turns.
+    """
+    random = np.random.default_rng([seed, 0x57A6E])
+    result = []
+    for number, motion in enumerate(motions):
+        motion = motion if seconds is None else lasting(motion, seconds)
+        # Evenly around the middle, so that nobody stands inside somebody else for long.
+        angle = 2 * np.pi * (number + random.uniform(-0.2, 0.2)) / max(len(motions), 1)
+        radius = 0.0 if len(motions) == 1 else STAGE_M * random.uniform(0.6, 1.3)
+        middle = (radius * np.cos(angle), radius * np.sin(angle))
+        result.append(placed(motion, random.uniform(-np.pi, np.pi), middle))
+    return tuple(result)

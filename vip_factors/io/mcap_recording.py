@@ -1,7 +1,8 @@
 """A recording as an MCAP file: one message a sample, so that Foxglove and Rerun plot it (data_schemas/README.md)."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from vip_factors.errors import FileFormatError
@@ -29,7 +30,7 @@ from vip_factors.io.mcap_messages import (
     vector_message,
     warn,
 )
-from vip_factors.io.mcap_writer import MessageWriter
+from vip_factors.io.mcap_writer import MessageWriter, TimedMessage
 from vip_factors.io.ros2 import is_imu
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
@@ -43,6 +44,8 @@ from vip_factors.sensors.recording import Recording, Subject, Truth
 INFO, SUBJECT, PLACEMENT, IMU = "/recording/info", "/subject", "/placement", "/imu/"
 TRUTH_MOTION, TRUTH_POSE, TRUTH_CALIBRATION = "/truth/motion", "/truth/pose", "/truth/calibration"
 ESTIMATE = "/estimate/"  # the topics of an estimate that was appended
+WEARER = "/wearer/"  # the topics of one of several wearers
+BEYOND = ("/scene/", "/camera/", "/truth/camera/")  # of a scene, beyond the wearers'
 READ = (ImuSample, RecordingInfo, SubjectMessage, SensorPlacement, MotionInfo, BodyPose, CalibrationEstimate)
 
 
@@ -52,20 +55,34 @@ def write_recording(recording: Recording, path: str | os.PathLike[str], overwrit
     Raises:
         InputError: if the file exists and may not be overwritten, or cannot be written there.
     """
-    start_ns = recording.start_ns
     with atomic_open(path, "wb", overwrite) as file, MessageWriter(file) as writer:
-        writer.write(INFO, _info_message(recording), start_ns)
-        writer.write(SUBJECT, _subject_message(recording.subject), start_ns)
-        writer.write(PLACEMENT, _placement_message(recording.placement), start_ns)
-        streams = [sample_messages(writer, IMU + stream.name, stream, start_ns) for stream in recording.imus.values()]
-        truth = recording.truth
-        if truth is not None:
-            writer.write(TRUTH_MOTION, motion_message(truth.motion), start_ns)
-            if truth.calibration is not None:
-                writer.write(TRUTH_CALIBRATION, calibration_message(truth.calibration), start_ns)
-            streams.append(pose_messages(writer, TRUTH_POSE, truth.motion, start_ns))
+        streams = recording_messages(writer, recording)
         writer.flush()
         writer.add_in_order(*streams)
+
+
+def recording_messages(writer: MessageWriter, recording: Recording, prefix: str = "") -> list[Iterable[TimedMessage]]:
+    """Write what comes once; the samples and poses are returned as streams, to be interleaved with others.
+
+    Args:
+        writer: of the file.
+        recording: one wearer's.
+        prefix: what its topics begin with.
+    """
+    start_ns = recording.start_ns
+    writer.write(prefix + INFO, _info_message(recording), start_ns)
+    writer.write(prefix + SUBJECT, _subject_message(recording.subject), start_ns)
+    writer.write(prefix + PLACEMENT, _placement_message(recording.placement), start_ns)
+    streams: list[Iterable[TimedMessage]] = [
+        sample_messages(writer, prefix + IMU + stream.name, stream, start_ns) for stream in recording.imus.values()
+    ]
+    truth = recording.truth
+    if truth is not None:
+        writer.write(prefix + TRUTH_MOTION, motion_message(truth.motion), start_ns)
+        if truth.calibration is not None:
+            writer.write(prefix + TRUTH_CALIBRATION, calibration_message(truth.calibration), start_ns)
+        streams.append(pose_messages(writer, prefix + TRUTH_POSE, truth.motion, start_ns))
+    return streams
 
 
 def _info_message(recording: Recording) -> RecordingInfo:
@@ -102,24 +119,45 @@ def _placement_message(placement: Placement) -> SensorPlacement:
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
-    """Read a recording, with its truth if the file has one.
+    """Read a recording, with its truth if the file has one; of a scene with one wearer, that wearer's.
 
     Channels of other messages are left out and told as a :class:`McapWarning`. Of a file that was cut off, every
     whole message is read; the warning and the recording's notes say up to where.
 
     Raises:
         InputError: if there is no such file.
-        FileFormatError: if it is no MCAP file or holds nothing of a recording.
+        FileFormatError: if it is no MCAP file, holds nothing of a recording, or several wearers.
         RecordingError: if its samples are unusable.
     """
     contents = read_contents(path, lambda channel: is_ours(channel) and not channel.topic.startswith(ESTIMATE))
-    messages = [one for one in contents.messages.values() if not one.channel.topic.startswith(ESTIMATE)]
-    ours = [one for one in messages if any(is_ours(one.channel, kind) for kind in READ)]
-    _tell_foreign(contents, [one.channel for one in messages if one not in ours])
+    wearers = sorted({one.split("/")[2] for one in contents.topics if one.startswith(WEARER)})
+    if wearers:
+        raise FileFormatError(
+            f"{contents.path}: expected the recording of one wearer, found {', '.join(wearers)}: "
+            "read it as a scene (read_scene)"
+        )
+    with naming(contents.path):
+        return recording_of(contents, contents.messages.values())
+
+
+def recording_of(contents: McapContents, messages: Iterable[McapMessages], prefix: str = "") -> Recording:
+    """One wearer's recording, of the messages below the topic ``prefix``; the rest of a scene is passed over.
+
+    Raises:
+        FileFormatError: if there is nothing of a recording.
+        RecordingError: if its samples are unusable.
+    """
+    passed = (ESTIMATE,) if prefix else (ESTIMATE, WEARER, *BEYOND)
+    mine = [
+        replace(one, channel=replace(one.channel, topic=one.channel.topic.removeprefix(prefix)))
+        for one in messages
+        if one.channel.topic.startswith(f"{prefix}/" if prefix else "") and not one.channel.topic.startswith(passed)
+    ]
+    ours = [one for one in mine if any(is_ours(one.channel, kind) for kind in READ)]
+    _tell_foreign(contents, [one.channel for one in mine if one not in ours])
     if not ours:
         raise FileFormatError(_nothing_here(contents))
-    with naming(contents.path):
-        return _recording(contents, ours)
+    return _recording(contents, ours)
 
 
 def _recording(contents: McapContents, ours: Sequence[McapMessages]) -> Recording:

@@ -3,10 +3,10 @@
 import numpy as np
 
 from vip_factors.body.motion import Motion
-from vip_factors.evaluate.gauge import MotionPair
 from vip_factors.evaluate.metrics import MM
 from vip_factors.geometry.alignment import Alignment
 from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.gauge import MotionPair
 
 
 def relative_position_error(one: MotionPair, other: MotionPair, gauge: Alignment) -> dict[str, float]:

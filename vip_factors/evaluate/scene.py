@@ -11,13 +11,13 @@ from vip_factors.estimate import CameraEstimate, SceneEstimate
 from vip_factors.evaluate.camera import camera_error, camera_metrics, common_instants
 from vip_factors.evaluate.evaluation import Evaluation, evaluate
 from vip_factors.evaluate.frames import common_frames
-from vip_factors.evaluate.gauge import MotionPair, PathPair, move_motion, scene_gauge, yaw
 from vip_factors.evaluate.joints import POSITION_JOINTS, indices
 from vip_factors.evaluate.metrics import CM, position_error
 from vip_factors.evaluate.pairs import relative_position_error
 from vip_factors.evaluate.scene_metrics import association, camera_imu, honesty, reprojection, sensors
 from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines
 from vip_factors.geometry.alignment import Alignment
+from vip_factors.sensors.gauge import MotionPair, PathPair, move_motion, scene_gauge, yaw
 from vip_factors.sensors.scene import Scene, SceneTruth
 
 

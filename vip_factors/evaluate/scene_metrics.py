@@ -11,9 +11,9 @@ from vip_factors.evaluate.association import association_score
 from vip_factors.evaluate.calibration import CalibrationError, calibration_error
 from vip_factors.evaluate.calibration_metrics import ENDS, consistency_metrics, error_metrics
 from vip_factors.evaluate.camera import camera_error
-from vip_factors.evaluate.gauge import MotionPair, PathPair, anchored_gauge
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.gauge import MotionPair, PathPair, anchored_gauge
 from vip_factors.sensors.reprojection import keypoints_in_image, reprojection_error
 from vip_factors.sensors.scene import Scene
 

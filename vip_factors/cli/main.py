@@ -10,10 +10,11 @@ from vip_factors.errors import VipFactorsError
 
 PROGRAM = "vip-factors"
 BAD_INPUT, INTERRUPTED = 2, 130  # 130: what shells report for a program stopped by Ctrl-C
-# Name → one line. The module of the same name holds ``main(prog, arguments)`` and is imported only when asked for.
+# Name → one line. The module of the same name (with _ for -) holds ``main(prog, arguments)``, imported when asked for.
 COMMANDS = {
     "demo": "reconstruct a recording that the package makes itself, and draw it",
     "convert": "bring foreign sensor logs into one recording (MCAP)",
+    "calibrate-camera": "find a camera's focal length and distortion, and the floor, from views of a board",
     "info": "say what a recording or an estimate holds",
     "simulate": "make a recording with known truth from a motion",
     "smooth": "reconstruct a recording: motion, headings, mountings",
@@ -45,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with warnings.catch_warnings():
             warnings.showwarning = _tell_warning
             command = _command(given[0])
-            import_module(f"vip_factors.cli.{command}").main(f"{PROGRAM} {command}", given[1:])
+            import_module(f"vip_factors.cli.{command.replace('-', '_')}").main(f"{PROGRAM} {command}", given[1:])
     except BrokenPipeError:  # the reader of our output, ``head`` say, has seen enough
         sys.stderr.close()
         return 0

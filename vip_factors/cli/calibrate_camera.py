@@ -1,0 +1,158 @@
+"""``vip-factors calibrate-camera``: a video or images of a board in, a camera file out."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from vip_factors.cli.options import Flag, parse
+
+if TYPE_CHECKING:
+    from vip_factors.io.calibrate_camera import CameraCalibration
+    from vip_factors.io.calibrate_camera_board import Board, BoardView
+    from vip_factors.sensors.camera_model import CameraModel
+
+
+@dataclass(frozen=True)
+class CalibrateCameraOptions:
+    """Find a camera's focal length, centre and distortion from a video or images of a checkerboard or ChArUco board.
+
+    Film with the zoom, focus and size that you will use. Show the board from many sides, tilted by 30° and more, near
+    enough to fill a third of the image, and in the image's corners too. With --floor, an image in which the board
+    lies on the floor also tells where the camera stood and which way is up.
+    """
+
+    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO|FOLDER")]
+    """Video, or folder of images."""
+    out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAMERA.toml")]
+    """Camera file to write."""
+    checkerboard: str | None = None
+    """Columns and rows of inner corners (one less than squares), such as 9x6."""
+    charuco: str | None = None
+    """Columns and rows of squares of a ChArUco board, such as 7x5, instead."""
+    dictionary: str = "DICT_5X5_100"
+    """Markers of the ChArUco board, by OpenCV's name."""
+    marker_share: float = 0.75
+    """Side of a marker over that of a square."""
+    square_m: float | None = None
+    """Side of a square in metres; needed for the floor only."""
+    floor: str | None = None
+    """Image in which the board lies on the floor: first or last (in which it was seen), or a number from 0."""
+    distortion: Literal[0, 4, 5, 8] = 4
+    """Number of distortion coefficients: 4 for most lenses, 8 for wide-angle ones."""
+    images: int = 150
+    """Images to look at, evenly spread."""
+    views: int = 40
+    """Views to use at most."""
+    overwrite: Flag = False
+    """Replace the camera file if it exists."""
+
+
+def main(prog: str, arguments: Sequence[str]) -> None:
+    """Run the command."""
+    options = parse(CalibrateCameraOptions, prog, arguments)
+    from vip_factors.cli.terminal import note, progress_bar
+    from vip_factors.errors import InputError
+    from vip_factors.io.atomic import check_target
+    from vip_factors.io.calibrate_camera import CameraCalibrationSettings, calibrate, find_views
+    from vip_factors.io.camera_file import write_camera_file
+
+    check_target(options.out, options.overwrite)
+    if options.out.suffix.lower() != ".toml":
+        raise InputError(f"{options.out}: expected a name that ends in .toml")
+    if options.images < 1 or options.views < 1:
+        raise InputError(f"--images {options.images} --views {options.views}: expected numbers above 0")
+    board = _board(options)
+    settings = CameraCalibrationSettings(
+        images=options.images, views=options.views, distortion=options.distortion, few_views=min(10, options.views)
+    )
+    with progress_bar() as tell:
+        views, size = find_views(options.source, board, settings, tell)
+        calibration = calibrate(views, size, settings, tell)
+    print(calibration_text(calibration, len(views)))
+    floor = None
+    if options.floor is not None:
+        floor, text = _floor(options, board, views, calibration.model)
+        print(text)
+    for warning in calibration.warnings:
+        note(f"warning: {warning}")
+    report: dict[str, str | float | int] = {
+        "board": board.text,
+        "rms_px": calibration.rms_px,
+        "views": len(calibration.views),
+        "focal_sigma_px": float(calibration.sigma[:2].max()),
+        "centre_sigma_px": float(calibration.sigma[2:].max()),
+    }
+    write_camera_file(options.out, calibration.model, floor, report, options.overwrite)
+    print(options.out)
+
+
+def calibration_text(calibration: "CameraCalibration", found: int) -> str:
+    """The result with its standard deviations, and the error of every view."""
+    model, sigma = calibration.model, calibration.sigma
+    numbers = zip(("fx", "fy", "cx", "cy"), (*model.focal, *model.centre), sigma, strict=True)
+    lines = [
+        f"{model.width} x {model.height} pixels; board in {found} images, {len(calibration.views)} views used, "
+        f"{100 * calibration.coverage:.0f} % of the image reached",
+        f"reprojection error {calibration.rms_px:.3f} px (root mean square)",
+        "  " + ", ".join(f"{name} {value:.1f} ± {one:.1f}" for name, value, one in numbers),
+    ]
+    if model.distortion:
+        bent = zip(("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), model.distortion, calibration.distortion_sigma)  # noqa: B905
+        lines.append("  " + ", ".join(f"{name} {value:.4f} ± {one:.4f}" for name, value, one in bent))
+    lines += [f"  {name:<24} {error:6.3f} px" for name, error in calibration.views]
+    lines += [
+        f"  {name:<24} {error:6.3f} px, left out: does not fit the others" for name, error in calibration.left_out
+    ]
+    return "\n".join(lines)
+
+
+def _board(options: CalibrateCameraOptions) -> "Board":
+    from vip_factors.errors import InputError
+    from vip_factors.io.calibrate_camera_board import Charuco, Checkerboard
+
+    given = options.checkerboard or options.charuco
+    if given is None or (options.checkerboard and options.charuco):
+        raise InputError("expected either --checkerboard 9x6 (inner corners) or --charuco 7x5 (squares)")
+    if options.floor is not None and options.square_m is None:
+        raise InputError("--floor needs --square-m, the side of a square in metres")
+    parts = re.fullmatch(r"\s*(\d+)\s*[xX,]\s*(\d+)\s*", given)
+    if parts is None:
+        raise InputError(f"board size '{given}': expected columns and rows, such as 9x6")
+    columns, rows, square_m = int(parts[1]), int(parts[2]), 1.0 if options.square_m is None else options.square_m
+    if options.checkerboard:
+        return Checkerboard(columns, rows, square_m)
+    return Charuco(columns, rows, options.dictionary, square_m, options.marker_share)
+
+
+def _floor(
+    options: CalibrateCameraOptions, board: "Board", views: "Sequence[BoardView]", model: "CameraModel"
+) -> tuple[tuple, str]:
+    """The camera's pose over the floor, and what it says in words."""
+    import numpy as np
+
+    from vip_factors.errors import InputError
+    from vip_factors.io.calibrate_camera import floor_pose
+    from vip_factors.io.calibrate_camera_images import one_image
+
+    if options.floor in ("first", "last"):
+        view = views[0 if options.floor == "first" else -1]
+    elif options.floor is not None and options.floor.isdigit():
+        image = one_image(options.source, int(options.floor))
+        found = board.find(image.name, image.grey)
+        if found is None:
+            raise InputError(
+                f"{options.source}: no {board.text} in image {image.name}: --floor needs one that shows it"
+            )
+        view = found
+    else:
+        raise InputError(f"--floor {options.floor}: expected first, last or an image's number, counted from 0")
+    R, p, rms_px = floor_pose(view, model)
+    down = np.rad2deg(np.arcsin(-R[2, 2]))
+    return (R, p), (
+        f"floor from {view.name}: camera {p[2]:.2f} m above it, looking {abs(down):.1f}° "
+        f"{'down' if down >= 0 else 'up'}, error {rms_px:.3f} px"
+    )

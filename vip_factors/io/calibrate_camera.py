@@ -1,0 +1,252 @@
+"""Intrinsics of a camera from views of a flat board (Zhang 2000, as OpenCV does it), and where it stood over the floor.
+
+Which images are used matters more than how many: the sharpest of those that differ. Views that do not fit the rest
+are left out, and what the views cannot determine is said.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array, exp
+from vip_factors.io.calibrate_camera_board import HINT_IMAGES, Board, BoardView
+from vip_factors.io.calibrate_camera_images import calibration_images
+from vip_factors.sensors.camera_model import CameraModel
+
+LEAST_VIEWS = 3  # below, focal lengths and centre are not determined (Zhang 2000, section 3.1)
+ROUNDS = 4  # of leaving out views that do not fit
+
+
+@dataclass(frozen=True)
+class CameraCalibrationSettings:
+    """How views are chosen and judged.
+
+    Attributes:
+        images: looked at, evenly spread over the video.
+        views: used at most; the time of the fit grows with them, and beyond some tens nothing is gained.
+        least_change: mean shift of the board's corners between two used views, as a share of the image's diagonal.
+        distortion: number of coefficients, 0, 4 (k1 k2 p1 p2), 5 (and k3) or 8 (wide-angle lenses).
+        outlier: a view whose error is so many times the median is left out: blur, a bent board, a wrong corner.
+        outlier_px: but not below this error, which good corners have too.
+        few_views: fewer are warned of.
+        least_tilt_deg: if no two views differ by so much in direction, focal length and distance are confused.
+        least_coverage: share of the image that corners should reach, for the distortion near its edges.
+        focal_sigma: relative standard deviation of the focal length that is warned of; 1 % is 3 cm at 3 m.
+    """
+
+    images: int = 150
+    views: int = 40
+    least_change: float = 0.03
+    distortion: int = 4
+    outlier: float = 3.0
+    outlier_px: float = 0.3
+    few_views: int = 10
+    least_tilt_deg: float = 20.0
+    least_coverage: float = 0.5
+    focal_sigma: float = 0.01
+
+
+@dataclass(frozen=True)
+class CameraCalibration:
+    """What was found.
+
+    Attributes:
+        model: the intrinsics.
+        sigma: standard deviations of fx, fy, cx, cy in pixels, ``(4,)``; the distortion's, ``(D,)``.
+        rms_px: root mean square reprojection error of all corners used.
+        views: names of the used views, with their errors in pixels.
+        left_out: names of views that did not fit, with their errors.
+        coverage: share of the image that corners reach.
+        warnings: sentences about what is not well determined.
+    """
+
+    model: CameraModel
+    sigma: Array
+    distortion_sigma: Array
+    rms_px: float
+    views: tuple[tuple[str, float], ...]
+    left_out: tuple[tuple[str, float], ...]
+    coverage: float
+    warnings: tuple[str, ...]
+
+
+def find_views(
+    source: Path,
+    board: Board,
+    settings: CameraCalibrationSettings | None = None,
+    tell: Callable[[str, float], None] = lambda stage, fraction: None,
+) -> tuple[tuple[BoardView, ...], tuple[int, int]]:
+    """Views of a board in a video or a folder of images, in order, and the images' width and height.
+
+    Raises:
+        InputError: if the board is in none of them (what was seen instead is said), and as :func:`calibration_images`.
+    """
+    settings = settings or CameraCalibrationSettings()
+    views: list[BoardView] = []
+    without: list[np.ndarray] = []
+    looked, size = 0, (0, 0)
+    for image in calibration_images(source, settings.images):
+        tell("looking for the board", image.done)
+        looked, size = looked + 1, (image.grey.shape[1], image.grey.shape[0])
+        view = board.find(image.name, image.grey)
+        if view is not None:
+            views.append(view)
+        elif len(without) < 4 * HINT_IMAGES:
+            without.append(image.grey)
+    if not views:
+        raise InputError(
+            f"{source}: no {board.text} in {looked} images{board.hint(without[:: max(1, len(without) // HINT_IMAGES)])}"
+        )
+    return tuple(views), size
+
+
+def calibrate(
+    views: Sequence[BoardView],
+    size: tuple[int, int],
+    settings: CameraCalibrationSettings | None = None,
+    tell: Callable[[str, float], None] = lambda stage, fraction: None,
+) -> CameraCalibration:
+    """Intrinsics from views of a board in images of ``size`` (width, height).
+
+    Raises:
+        InputError: if too few views differ from one another.
+    """
+    settings = settings or CameraCalibrationSettings()
+    chosen = chosen_views(views, size, settings)
+    if len(chosen) < LEAST_VIEWS:
+        alike = f", and only {len(chosen)} of them differ" if len(views) >= LEAST_VIEWS else ""
+        raise InputError(
+            f"{len(views)} view{'s' if len(views) != 1 else ''} of the board{alike}: expected at least {LEAST_VIEWS}, "
+            "better twenty, tilted in several directions and in all parts of the image"
+        )
+    left_out: list[tuple[str, float]] = []
+    for one_round in range(ROUNDS):
+        tell("fitting the camera", one_round / ROUNDS)
+        fit = _fit(chosen, size, settings)
+        errors = fit[-1]
+        bad = errors > max(settings.outlier * np.median(errors), settings.outlier_px)
+        if not np.any(bad) or np.sum(~bad) < LEAST_VIEWS or one_round == ROUNDS - 1:
+            break
+        left_out += [(view.name, float(errors[i])) for i, view in enumerate(chosen) if bad[i]]
+        chosen = [view for i, view in enumerate(chosen) if not bad[i]]
+    tell("fitting the camera", 1.0)
+    rms, K, bent, turns, sigma, errors = fit
+    focal, centre = (float(K[0, 0]), float(K[1, 1])), (float(K[0, 2]), float(K[1, 2]))
+    model = CameraModel(*size, focal, centre, tuple(float(one) for one in bent[: settings.distortion]))
+    coverage = _coverage(chosen, size)
+    named = tuple((view.name, float(error)) for view, error in zip(chosen, errors, strict=True))
+    warnings = _warnings(focal, sigma, _tilt_spread_deg(turns), coverage, len(chosen), settings)
+    return CameraCalibration(
+        model, sigma[:4], sigma[4 : 4 + settings.distortion], rms, named, tuple(left_out), coverage, warnings
+    )
+
+
+def chosen_views(
+    views: Sequence[BoardView], size: tuple[int, int], settings: CameraCalibrationSettings
+) -> list[BoardView]:
+    """Views that differ, the sharper of those alike: farthest first, until all left are near a chosen one.
+
+    Two views of a plane differ as their outlines do. A board that looks the same upside down may be found either way.
+    """
+    outlines = np.stack([view.outline for view in views]) / np.hypot(*size)
+    turned = np.roll(outlines, 2, axis=1)
+    sharpness = np.array([view.sharpness for view in views])
+    nearest = np.full(len(views), np.inf)
+    chosen: list[int] = []
+    for _ in range(min(settings.views, len(views))):
+        far = nearest >= settings.least_change
+        if not np.any(far):
+            break
+        # A blurred view counts as nearer than it is, so that of its neighbours the sharpest comes first.
+        worth = np.where(far, np.minimum(nearest, 1.0) * np.sqrt(sharpness), -1.0)
+        best = int(np.argmax(worth))
+        chosen.append(best)
+        for one in (outlines, turned):
+            nearest = np.minimum(nearest, np.linalg.norm(one[best] - outlines, axis=2).mean(axis=1))
+    return [views[index] for index in sorted(chosen)]
+
+
+def floor_pose(view: BoardView, model: CameraModel) -> tuple[Array, Array, float]:
+    """The camera over a floor on which the board lies: ``R_floor_camera``, ``p_floor_camera``, and the error in pixels.
+
+    The floor's origin is a corner of the board, its x axis the board's, its z axis up, towards the camera.
+    """
+    import cv2
+
+    flat = model.normalise(view.pixels)
+    _, turns, shifts, _ = cv2.solvePnPGeneric(
+        view.points_board, flat, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+    )  # sorted by error; IPPE (Collins & Bartoli 2014) sees both answers that a plane has
+    turn, shift = cv2.solvePnPRefineLM(view.points_board, flat, np.eye(3), None, turns[0], shifts[0])
+    R_camera_board, p_camera_board = exp(turn.ravel()), shift.ravel()
+    error = model.project(view.points_board @ R_camera_board.T + p_camera_board) - view.pixels
+    R_board_camera, p_board_camera = R_camera_board.T, -R_camera_board.T @ p_camera_board
+    up = 1.0 if p_board_camera[2] > 0 else -1.0
+    R_floor_board = np.diag([1.0, up, up])
+    return R_floor_board @ R_board_camera, R_floor_board @ p_board_camera, float(np.sqrt((error**2).sum(1).mean()))
+
+
+def _fit(
+    views: Sequence[BoardView], size: tuple[int, int], settings: CameraCalibrationSettings
+) -> tuple[float, Array, Array, Array, Array, Array]:
+    """RMS, camera matrix, distortion, rotation vectors of the boards, sigmas of the intrinsics, error of each view."""
+    import cv2
+
+    flags = {
+        0: cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST,
+        4: cv2.CALIB_FIX_K3,
+        5: 0,
+        8: cv2.CALIB_RATIONAL_MODEL,
+    }.get(settings.distortion)
+    if flags is None:
+        raise InputError(f"{settings.distortion} distortion coefficients: expected 0, 4, 5 or 8")
+    points = [view.points_board.astype(np.float32) for view in views]
+    pixels = [view.pixels.astype(np.float32) for view in views]
+    rms, K, bent, turns, _, sigma, _, errors = cv2.calibrateCameraExtended(
+        points, pixels, size, np.zeros((3, 3)), np.zeros(8), flags=flags
+    )
+    return float(rms), K, bent.ravel(), np.array(turns).reshape(-1, 3), sigma.ravel(), errors.ravel()
+
+
+def _coverage(views: Sequence[BoardView], size: tuple[int, int]) -> float:
+    """Share of the cells of an 8 by 8 grid over the image that hold a corner."""
+    pixels = np.concatenate([view.pixels for view in views])
+    cells, _, _ = np.histogram2d(pixels[:, 0], pixels[:, 1], bins=8, range=[[0, size[0]], [0, size[1]]])
+    return float(np.mean(cells > 0))
+
+
+def _tilt_spread_deg(turns: Array) -> float:
+    """The largest angle between the normals of two boards, in the camera's frame."""
+    normals = exp(turns)[:, :, 2]
+    cosine = np.abs(normals @ normals.T)
+    return float(np.rad2deg(np.arccos(np.clip(cosine.min(), -1, 1))))
+
+
+def _warnings(
+    focal: tuple[float, float],
+    sigma: Array,
+    tilt_deg: float,
+    coverage: float,
+    count: int,
+    settings: CameraCalibrationSettings,
+) -> tuple[str, ...]:
+    said = []
+    if count < settings.few_views:
+        said.append(f"only {count} views that differ: {2 * settings.few_views} make the result reliable")
+    if tilt_deg < settings.least_tilt_deg:
+        said.append(
+            f"the board was never tilted by more than {tilt_deg:.0f}° between views: focal length and distance are "
+            "confused; tilt it by 30° and more, in several directions"
+        )
+    relative = max(sigma[0] / focal[0], sigma[1] / focal[1])
+    if relative > settings.focal_sigma:
+        said.append(f"the focal length is uncertain by {100 * relative:.1f} %: add tilted views, nearer to the camera")
+    if coverage < settings.least_coverage:
+        said.append(
+            f"the board reached {100 * coverage:.0f} % of the image: near the edges the distortion is a guess; "
+            "show it there too"
+        )
+    return tuple(said)

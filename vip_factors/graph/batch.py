@@ -18,6 +18,8 @@ from vip_factors.factors.heading_prior import heading_prior_residual
 from vip_factors.factors.pose_prior import pose_mean_residual
 from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian
+from vip_factors.graph.evaluated import MotionTerm, PoseTerm
+from vip_factors.graph.keys import WEARER
 from vip_factors.graph.model import InertialModel
 from vip_factors.graph.smooth import add_smoothness, is_smoothed, smoothness_cost
 from vip_factors.graph.state import GraphState
@@ -25,8 +27,6 @@ from vip_factors.graph.system import ChainSystem
 from vip_factors.graph.terms import (
     FRAME,
     ROOT,
-    MotionTerm,
-    PoseTerm,
     motion_terms,
     pose_mean_columns,
     pose_terms,
@@ -42,14 +42,14 @@ STEP_LENGTH = 0.5  # m
 class BatchObjective:
     """Cost, linearisation and retraction of an :class:`~vip_factors.graph.model.InertialModel`."""
 
-    def __init__(self, model: InertialModel) -> None:
+    def __init__(self, model: InertialModel, wearer: int = 0) -> None:
         self.model = model
         S = len(model.sensors)
         free = [*[model.free_headings] * S, *[model.free_mountings] * (3 * S), *[model.free_pose_mean] * POSE_SIZE]
         self._static = np.flatnonzero(free) + FRAME  # columns of what all frames share that move
         self._columns = np.concatenate([np.arange(FRAME), self._static])
-        self.frame_keys = [gtsam.symbol("x", t) for t in range(len(model.frames))]
-        self.static_key = gtsam.symbol("z", 0)
+        self.frame_keys = [gtsam.symbol("x", wearer * WEARER + t) for t in range(len(model.frames))]
+        self.static_key = gtsam.symbol("z", wearer * WEARER)
 
     # Cost
 
@@ -92,7 +92,7 @@ class BatchObjective:
             residual = pose_mean_residual(state.pose_mean, model.prior, model.settings.pose_prior)
             J = model.settings.pose_prior.mean_scale * model.prior.whitening
             rows.append(("pose mean", residual, list(pose_mean_columns(S)), J))
-        if model.use_acceleration:
+        if model.use_acceleration and model.is_gauge:
             sigma = model.settings.gauge_prior.position_sigma
             residual = gauge_prior_residual(state.p_world_pelvis[0], model.p_world_start) / sigma
             rows.append(("gauge prior", residual, list(range(ROOT, FRAME)), np.eye(3) / sigma))
@@ -105,10 +105,12 @@ class BatchObjective:
         T, S = len(self.model.frames), len(self.model.sensors)
         body = self._body(state)
         terms = list(motion_terms(self.model, state, body, jacobians=True))
-        system = ChainSystem.empty(self.frame_keys, self.static_key, self._columns, self._damping(), tied=bool(terms))
+        system = ChainSystem.empty(
+            self.frame_keys, self.static_key, FRAME, self._columns, self._damping(), tied=bool(terms)
+        )
         for frames in self._chunks():
             part = slice(frames.start, min(frames.stop + 2, T))  # two frames on, for the blocks off the diagonal
-            H, g = _pose_equations(
+            H, g = pose_equations(
                 pose_terms(self.model, *_stretch(state, body, frames), frames, jacobians=True),
                 frames.stop - frames.start,
                 width(S) if len(self._static) else FRAME,
@@ -146,7 +148,7 @@ def _stretch(state: GraphState, body: BodyState, frames: slice) -> tuple[GraphSt
     return part, BodyState(body.R_world_bone[frames], body.p_world_joint[frames])
 
 
-def _pose_equations(terms: Iterable[PoseTerm], frames: int, columns: int) -> tuple[Array, Array]:
+def pose_equations(terms: Iterable[PoseTerm], frames: int, columns: int) -> tuple[Array, Array]:
     """Hessians ``(T, columns, columns)`` and gradients ``(T, columns)`` of the factors on single frames."""
     H, g = np.zeros((frames, columns, columns)), np.zeros((frames, columns))
     scattered = []

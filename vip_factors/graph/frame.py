@@ -19,34 +19,36 @@ from vip_factors.graph.model import InertialModel
 LAST_JOINT = 23
 
 
-def pose_factors(model: InertialModel, t: int) -> Iterator[gtsam.NonlinearFactor]:
+def pose_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gtsam.NonlinearFactor]:
     """Factors on the pose of frame ``t`` alone (and on headings and mountings)."""
-    keys, frames, settings = frame_keys(t), model.frames, model.settings
+    keys, frames, settings = frame_keys(t, wearer), model.frames, model.settings
     for s, sensor in enumerate(model.sensors):
         if frames.orientation_valid[t, s]:
             R = frames.R_inertial_sensor[t, s]
-            orientation = settings.orientation
-            yield orientation_factor(model.skeleton, keys, heading_key(s), mounting_key(s), sensor.bone, R, orientation)
-    yield pose_prior_factor(keys, pose_mean_key(), model.prior, settings.pose_prior)
+            yield orientation_factor(
+                model.skeleton, keys, heading_key(s, wearer), mounting_key(s, wearer), sensor.bone, R,
+                settings.orientation,
+            )  # fmt: skip
+    yield pose_prior_factor(keys, pose_mean_key(wearer), model.prior, settings.pose_prior)
     for joint in range(1, LAST_JOINT + 1):
         yield joint_limit_factor(keys, joint, model.limits, settings.joint_limit)
     if model.initial_pose is not None and t < model.initial_pose.frames:
         for joint in range(1, LAST_JOINT + 1):
             R = model.initial_pose.R_parent_child[joint]
-            yield rotation_prior_factor("initial pose", joint_key(t, joint), R, model.initial_pose_sigma)
+            yield rotation_prior_factor("initial pose", joint_key(t, joint, wearer), R, model.initial_pose_sigma)
 
 
-def motion_factors(model: InertialModel, t: int) -> Iterator[gtsam.NonlinearFactor]:
+def motion_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gtsam.NonlinearFactor]:
     """Factors that tie frames ``t − 1``, ``t`` and ``t + 1`` together."""
     if not model.use_acceleration:
         return
-    keys = [frame_keys(frame) for frame in (t - 1, t, t + 1)]
+    keys = [frame_keys(frame, wearer) for frame in (t - 1, t, t + 1)]
     frames, settings, step = model.frames, model.settings, model.frames.step
     for s, sensor in enumerate(model.sensors):
         if frames.acceleration_valid[t, s]:
             force = frames.specific_force_inertial[t, s]
             yield acceleration_factor(
-                model.skeleton, keys, heading_key(s), sensor.bone, sensor.p_bone_point, force, step,
+                model.skeleton, keys, heading_key(s, wearer), sensor.bone, sensor.p_bone_point, force, step,
                 settings.acceleration,
             )  # fmt: skip
     for c, contact in enumerate(model.contacts):
@@ -57,40 +59,40 @@ def motion_factors(model: InertialModel, t: int) -> Iterator[gtsam.NonlinearFact
             )
 
 
-def pair_factors(model: InertialModel, t: int) -> Iterator[gtsam.NonlinearFactor]:
+def pair_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gtsam.NonlinearFactor]:
     """Factors that tie frames ``t`` and ``t + 1`` together."""
     if model.use_acceleration and model.settings.smoothness.use:
-        now, after = frame_keys(t), frame_keys(t + 1)
+        now, after = frame_keys(t, wearer), frame_keys(t + 1, wearer)
         yield smoothness_factor(now, after, model.frames.step, model.prior, model.settings.smoothness)
 
 
-def static_factors(model: InertialModel) -> Iterator[gtsam.NonlinearFactor]:
+def static_factors(model: InertialModel, wearer: int = 0) -> Iterator[gtsam.NonlinearFactor]:
     """Priors on headings, mountings and on the root of the first frame."""
     for s, sigma in enumerate(model.heading_sigmas):
         if model.free_headings:
-            yield heading_prior_factor(heading_key(s), float(model.prior_headings[s]), float(sigma))
+            yield heading_prior_factor(heading_key(s, wearer), float(model.prior_headings[s]), float(sigma))
         if model.free_mountings:
             R = model.prior_R_bone_sensor[s]
-            yield rotation_prior_factor("mounting prior", mounting_key(s), R, float(model.mounting_sigma[s]))
+            yield rotation_prior_factor("mounting prior", mounting_key(s, wearer), R, float(model.mounting_sigma[s]))
     if model.free_pose_mean:
-        yield pose_mean_factor(pose_mean_key(), model.prior, model.settings.pose_prior)
-    if model.use_acceleration:
-        yield gauge_prior_factor(root_key(0), model.p_world_start, model.settings.gauge_prior)
+        yield pose_mean_factor(pose_mean_key(wearer), model.prior, model.settings.pose_prior)
+    if model.use_acceleration and model.is_gauge:
+        yield gauge_prior_factor(root_key(0, wearer), model.p_world_start, model.settings.gauge_prior)
 
 
-def nonlinear_graph(model: InertialModel) -> gtsam.NonlinearFactorGraph:
-    """The whole recording as one GTSAM graph, callback by callback: the slow twin of the batched objective."""
+def nonlinear_graph(model: InertialModel, wearer: int = 0) -> gtsam.NonlinearFactorGraph:
+    """One wearer's whole recording as one GTSAM graph, callback by callback: the slow twin of the batched objective."""
     graph = gtsam.NonlinearFactorGraph()
     T = len(model.frames)
     for t in range(T):
-        for factor in pose_factors(model, t):
+        for factor in pose_factors(model, t, wearer):
             graph.push_back(factor)
         if 0 < t < T - 1:
-            for factor in motion_factors(model, t):
+            for factor in motion_factors(model, t, wearer):
                 graph.push_back(factor)
         if t < T - 1:
-            for factor in pair_factors(model, t):
+            for factor in pair_factors(model, t, wearer):
                 graph.push_back(factor)
-    for factor in static_factors(model):
+    for factor in static_factors(model, wearer):
         graph.push_back(factor)
     return graph

@@ -75,6 +75,7 @@ class InertialModel:
         use_acceleration: False leaves acceleration, contact and gauge factors out: frames decouple (IT, SOP).
         free_headings, free_mountings, free_pose_mean: whether those variables move.
         gauge_sensor: whose heading defines the world's.
+        is_gauge: whether this wearer's first root position and gauge heading define the world.
     """
 
     skeleton: Skeleton
@@ -96,13 +97,15 @@ class InertialModel:
     free_mountings: bool = False
     free_pose_mean: bool = False
     gauge_sensor: int = 0
+    is_gauge: bool = True
 
     @property
     def heading_sigmas(self) -> Array:
         """``(S,)`` radians, as used: tight for the gauge sensor, not too tight for the others."""
         prior = self.settings.heading_prior
         sigmas = np.maximum(self.heading_sigma, prior.least_sigma)
-        sigmas[self.gauge_sensor] = prior.gauge_sigma
+        if self.is_gauge:
+            sigmas[self.gauge_sensor] = prior.gauge_sigma
         return sigmas
 
     @property

@@ -1,12 +1,12 @@
 """The variables of the whole graph as arrays, and as GTSAM values."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
 
 from vip_factors.body.skeleton import JOINT_COUNT
-from vip_factors.geometry.rotations import Array, exp
+from vip_factors.geometry.rotations import Array, exp, rotation_z
 from vip_factors.graph.keys import heading_key, joint_key, mounting_key, pose_mean_key, root_key
 
 
@@ -43,17 +43,24 @@ class GraphState:
             self.pose_mean + mean,
         )
 
-    def to_values(self) -> gtsam.Values:
+    def turned(self, angle: float, shift: Array | None = None) -> "GraphState":
+        """The same motion in a world turned about the vertical by an angle in radians, then shifted ``(3,)``."""
+        turn, R = rotation_z(angle), self.R_parent_child.copy()
+        R[:, 0] = turn @ R[:, 0]
+        p = self.p_world_pelvis @ turn.T + (0.0 if shift is None else shift)
+        return replace(self, R_parent_child=R, p_world_pelvis=p, headings=self.headings + angle)
+
+    def to_values(self, wearer: int = 0) -> gtsam.Values:
         """As GTSAM values, under the keys of :mod:`vip_factors.graph.keys`."""
         values = gtsam.Values()
         for t, (R, p) in enumerate(zip(self.R_parent_child, self.p_world_pelvis, strict=True)):
             for joint in range(JOINT_COUNT):
-                values.insert(joint_key(t, joint), gtsam.Rot3(R[joint]))
-            values.insert(root_key(t), p)
+                values.insert(joint_key(t, joint, wearer), gtsam.Rot3(R[joint]))
+            values.insert(root_key(t, wearer), p)
         for s, (heading, R) in enumerate(zip(self.headings, self.R_bone_sensor, strict=True)):
-            values.insert(heading_key(s), float(heading))
-            values.insert(mounting_key(s), gtsam.Rot3(R))
-        values.insert(pose_mean_key(), self.pose_mean)
+            values.insert(heading_key(s, wearer), float(heading))
+            values.insert(mounting_key(s, wearer), gtsam.Rot3(R))
+        values.insert(pose_mean_key(wearer), self.pose_mean)
         return values
 
     @classmethod

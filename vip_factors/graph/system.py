@@ -1,4 +1,4 @@
-"""Normal equations of a chain of frames that all touch the calibration, as stretches of GTSAM Hessian factors."""
+"""Normal equations of a chain of frames that all touch the same static variables, as GTSAM Hessian factors."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import gtsam
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.terms import FRAME, MotionTerm
+from vip_factors.graph.evaluated import MotionTerm
 
 STRETCH = 100  # frames handed to GTSAM at once: its factors take more room than the arrays they are made from
 
@@ -18,16 +18,18 @@ class ChainSystem:
 
     Attributes:
         frame_keys, static_key: GTSAM's names of the blocks.
-        columns: which of all columns are free; the first 75 are the frame's.
+        frame_width: ``w``, of a frame's tangent; 0 if all variables are static.
+        columns: which of all columns are free; the first ``w`` are the frame's.
         damping: ``(n,)`` what one unit of damping adds to the diagonal.
-        own: ``(T, n, n)`` of a frame with itself and with the calibration (and what the frame adds to that).
+        own: ``(T, n, n)`` of a frame with itself and with the static variables (and what the frame adds to those).
         gradient: ``(T, n)``.
-        following: ``(T, 2, 75, 75)`` of a frame with the next and the one after, or None if frames are independent.
+        following: ``(T, 2, w, w)`` of a frame with the next and the one after, or None if frames are independent.
     """
 
     frame_keys: Sequence[int]
     static_key: int
-    columns: Array
+    frame_width: int
+    columns: np.ndarray
     damping: Array
     own: Array
     gradient: Array
@@ -35,12 +37,23 @@ class ChainSystem:
 
     @classmethod
     def empty(
-        cls, frame_keys: Sequence[int], static_key: int, columns: Array, damping: Array, tied: bool
+        cls,
+        frame_keys: Sequence[int],
+        static_key: int,
+        frame_width: int,
+        columns: np.ndarray,
+        damping: Array,
+        tied: bool,
     ) -> "ChainSystem":
         """Zeros, for as many frames as there are keys."""
-        T, n = len(frame_keys), len(columns)
-        following = np.zeros((T, 2, FRAME, FRAME)) if tied else None
-        return cls(frame_keys, static_key, columns, damping, np.zeros((T, n, n)), np.zeros((T, n)), following)
+        T, n, w = len(frame_keys), len(columns), frame_width
+        following = np.zeros((T, 2, w, w)) if tied and w else None
+        return cls(frame_keys, static_key, w, columns, damping, np.zeros((T, n, n)), np.zeros((T, n)), following)
+
+    @property
+    def static_width(self) -> int:
+        """Number of free static columns."""
+        return len(self.columns) - self.frame_width
 
     # Filling
 
@@ -48,13 +61,13 @@ class ChainSystem:
         """Add ``(t, width, width)`` and ``(t, width)`` over all columns to a stretch of frames."""
         if len(self.columns) == hessian.shape[1]:
             self.own[frames] += hessian
-        elif len(self.columns) == FRAME:
-            self.own[frames] += hessian[:, :FRAME, :FRAME]
+        elif self.static_width == 0:
+            self.own[frames] += hessian[:, : self.frame_width, : self.frame_width]
         else:
             self.own[frames] += hessian[:, self.columns[:, None], self.columns]
         self.gradient[frames] += gradient[:, self.columns]
 
-    def add_first(self, columns: Array, hessian: Array, gradient: Array) -> None:
+    def add_first(self, columns: np.ndarray, hessian: Array, gradient: Array) -> None:
         """Add to the first frame's block; ``columns`` are of all, and those that are not free are passed over."""
         place = np.searchsorted(self.columns, columns)
         self.own[0][np.ix_(place, place)] += hessian
@@ -70,12 +83,12 @@ class ChainSystem:
 
         Args:
             frames: the stretch.
-            jacobian: ``(t + 2, 3 m, 75)`` of the terms' points in the stretch and the two frames after it.
+            jacobian: ``(t + 2, 3 m, w)`` of the terms' points in the stretch and the two frames after it.
             terms: the ``m`` terms of the whole recording.
             hessian, gradient: of the stretch, over all columns; added to in place.
         """
         assert self.following is not None
-        T, count = len(self.frame_keys), frames.stop - frames.start
+        T, w, count = len(self.frame_keys), self.frame_width, frames.stop - frames.start
         weights = _padded([term.weight for term in terms], T)
         residuals = _padded([term.residual for term in terms], T)
         c = np.stack([term.coefficients for term in terms], axis=1)  # (3, m)
@@ -90,7 +103,7 @@ class ChainSystem:
         before, here, after = centres(1), centres(0), centres(-1)  # this frame is first, middle, last of three
         transposed = now.swapaxes(1, 2)
         same = before * c[0] ** 2 + here * c[1] ** 2 + after * c[2] ** 2
-        hessian[:, :FRAME, :FRAME] += (transposed * _rows(same)) @ now
+        hessian[:, :w, :w] += (transposed * _rows(same)) @ now
         pairs = (before * c[0] * c[1] + here * c[1] * c[2], before * c[0] * c[2])
         for ahead, scale in enumerate(pairs, start=1):
             there = jacobian[ahead : ahead + count]
@@ -103,7 +116,7 @@ class ChainSystem:
         terms: Sequence[MotionTerm], hessian: Array, gradient: Array,
     ) -> None:  # fmt: skip
         """The right-hand side of the motion factors, and their coupling with the headings."""
-        T = len(self.frame_keys)
+        T, w = len(self.frame_keys), self.frame_width
         force = np.zeros((len(rows), 3 * len(terms)))
         by_heading = _padded([_heading_rows(term) for term in terms], T)
         coupling = np.zeros((len(rows), len(terms), 3))
@@ -111,15 +124,15 @@ class ChainSystem:
             centre = np.clip(rows + offset, 0, T - 1)
             force += ((weight * c[k])[:, :, None] * residuals[centre]).reshape(len(rows), -1)
             coupling += (weight * c[k])[:, :, None] * by_heading[centre]
-        gradient[:, :FRAME] += (transposed @ force[:, :, None])[:, :, 0]
+        gradient[:, :w] += (transposed @ force[:, :, None])[:, :, 0]
         here = weights[1]
         for index, term in enumerate(terms):
-            if term.by_heading is None or hessian.shape[2] == FRAME:
+            if term.by_heading is None or hessian.shape[2] == w:
                 continue
-            column, own = FRAME + term.point, by_heading[rows, index]
+            column, own = w + term.point, by_heading[rows, index]
             block = (transposed[:, :, 3 * index : 3 * index + 3] @ coupling[:, index, :, None])[:, :, 0]
-            hessian[:, :FRAME, column] += block
-            hessian[:, column, :FRAME] += block
+            hessian[:, :w, column] += block
+            hessian[:, column, :w] += block
             hessian[:, column, column] += here[:, index] * np.sum(own**2, axis=1)
             gradient[:, column] += here[:, index] * np.sum(own * residuals[rows, index], axis=1)
 
@@ -127,49 +140,55 @@ class ChainSystem:
 
     def stretches(self, damping: float) -> Iterator[tuple[gtsam.GaussianFactorGraph, gtsam.Ordering]]:
         """The factors with ``damping`` units on the diagonal, with the keys to eliminate, stretch by stretch."""
-        T, zero, none = len(self.frame_keys), np.zeros((FRAME, FRAME)), np.zeros(FRAME)
-        extra = damping * self.damping
-        static = len(self.columns) > FRAME
-        total, pull = np.diag(extra[FRAME:]), np.zeros(len(self.columns) - FRAME)
+        T = len(self.frame_keys)
         for start in range(0, T, STRETCH):
             graph, ordering = gtsam.GaussianFactorGraph(), gtsam.Ordering()
             stop = min(start + STRETCH, T)
-            for t in range(start, stop):
-                key, G, g = self.frame_keys[t], self.own[t, :FRAME, :FRAME] + np.diag(extra[:FRAME]), self.gradient[t]
+            self.append_frames(graph, start, stop, damping)
+            for key in self.frame_keys[start:stop]:
                 ordering.push_back(key)
-                if self.following is None or t == T - 1:
-                    graph.push_back(gtsam.HessianFactor(key, G, -g[:FRAME], 0.0))
-                elif t == T - 2:
-                    next_key, G12 = self.frame_keys[t + 1], self.following[t, 0]
-                    graph.push_back(gtsam.HessianFactor(key, next_key, G, G12, -g[:FRAME], zero, none, 0.0))
-                else:
-                    next_key, last_key = self.frame_keys[t + 1], self.frame_keys[t + 2]
-                    G12, G13 = self.following[t]
-                    graph.push_back(
-                        gtsam.HessianFactor(
-                            key, next_key, last_key, G, G12, G13, -g[:FRAME], zero, zero, none, zero, none, 0.0
-                        )
-                    )
-            if static:
-                self._couple(graph, range(start, stop))
-                total = total + self.own[start:stop, FRAME:, FRAME:].sum(axis=0)
-                pull = pull + self.gradient[start:stop, FRAME:].sum(axis=0)
-                if stop == T:
-                    graph.push_back(gtsam.HessianFactor(self.static_key, total, -pull, 0.0))
-                    ordering.push_back(self.static_key)
+            if stop == T and self.static_width:
+                self.append_static(graph, damping)
+                ordering.push_back(self.static_key)
             yield graph, ordering
 
-    def _couple(self, graph: gtsam.GaussianFactorGraph, frames: range) -> None:
-        """Blocks of frames with the calibration: factors without a diagonal, which only the sum makes definite."""
-        n = len(self.columns) - FRAME
-        zero, none, zero_static, none_static = np.zeros((FRAME, FRAME)), np.zeros(FRAME), np.zeros((n, n)), np.zeros(n)
-        for t in frames:
-            block = self.own[t, :FRAME, FRAME:]
-            graph.push_back(
-                gtsam.HessianFactor(
-                    self.frame_keys[t], self.static_key, zero, block, none, zero_static, none_static, 0.0
+    def append_frames(self, graph: gtsam.GaussianFactorGraph, start: int, stop: int, damping: float) -> None:
+        """Append the factors of frames ``start`` to ``stop``, and of those with the static variables."""
+        T, w = len(self.frame_keys), self.frame_width
+        if w == 0:
+            return
+        zero, none, extra = np.zeros((w, w)), np.zeros(w), np.diag(damping * self.damping[:w])
+        for t in range(start, stop):
+            key, G, g = self.frame_keys[t], self.own[t, :w, :w] + extra, self.gradient[t, :w]
+            if self.following is None or t == T - 1:
+                graph.push_back(gtsam.HessianFactor(key, G, -g, 0.0))
+            elif t == T - 2:
+                next_key, G12 = self.frame_keys[t + 1], self.following[t, 0]
+                graph.push_back(gtsam.HessianFactor(key, next_key, G, G12, -g, zero, none, 0.0))
+            else:
+                next_key, last_key = self.frame_keys[t + 1], self.frame_keys[t + 2]
+                G12, G13 = self.following[t]
+                graph.push_back(
+                    gtsam.HessianFactor(key, next_key, last_key, G, G12, G13, -g, zero, zero, none, zero, none, 0.0)
                 )
-            )
+        if self.static_width:
+            for t in range(start, stop):
+                graph.push_back(coupling_factor(self.frame_keys[t], self.static_key, self.own[t, :w, w:]))
+
+    def append_static(self, graph: gtsam.GaussianFactorGraph, damping: float) -> None:
+        """Append what all frames together say of the static variables."""
+        w = self.frame_width
+        total = self.own[:, w:, w:].sum(axis=0) + np.diag(damping * self.damping[w:])
+        graph.push_back(gtsam.HessianFactor(self.static_key, total, -self.gradient[:, w:].sum(axis=0), 0.0))
+
+
+def coupling_factor(first_key: int, second_key: int, block: Array) -> gtsam.HessianFactor:
+    """A block off the diagonal: a factor without a diagonal, which only the sum with others makes definite."""
+    rows, columns = block.shape
+    zero, none = np.zeros((rows, rows)), np.zeros(rows)
+    return gtsam.HessianFactor(
+        first_key, second_key, zero, block, none, np.zeros((columns, columns)), np.zeros(columns), 0.0
+    )
 
 
 def _rows(scale: Array) -> Array:

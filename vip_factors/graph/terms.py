@@ -1,12 +1,11 @@
 """The factors evaluated for all frames at once: whitened residuals and, if asked, their Jacobians.
 
-A term is one kind of factor, of one sensor where it belongs to one. Columns number a frame's own tangent: three for
+Columns number a frame's own tangent: three for
 each of 24 joints, three for the root, then what all frames share: one for each heading, three for each mounting, and
 69 for the mean pose.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from vip_factors.factors.pose_prior import joint_vector_jacobian, pose_prior_res
 from vip_factors.factors.robust import RobustLoss
 from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian
+from vip_factors.graph.evaluated import MotionTerm, PoseTerm
 from vip_factors.graph.model import InertialModel
 from vip_factors.graph.state import GraphState
 
@@ -53,80 +53,6 @@ def mounting_columns(sensor: int, sensors: int) -> range:
 def chain_columns(bone: int) -> list[int]:
     """Columns of the joints from the root to a bone."""
     return [3 * joint + axis for joint in ancestors(bone) for axis in range(3)]
-
-
-@dataclass(frozen=True)
-class PoseTerm:
-    """Factors on single frames.
-
-    Attributes:
-        kind: of factor.
-        residual: ``(T, m)``, whitened.
-        mask: ``(T,)`` one where the factor exists, else zero.
-        loss: of the norm of each residual.
-        columns: ``(k,)`` that the residual depends on.
-        jacobian: ``(T, m, k)`` of the whitened residual, or None if not asked for.
-    """
-
-    kind: str
-    residual: Array
-    mask: Array
-    loss: RobustLoss
-    columns: list[int]
-    jacobian: Array | None
-
-    @property
-    def norm(self) -> Array:
-        """Norms ``(T,)`` of the whitened residuals."""
-        return np.linalg.norm(self.residual, axis=1)
-
-    @property
-    def cost(self) -> float:
-        """Sum of the losses."""
-        return float(self.mask @ self.loss.cost(self.norm))
-
-    @property
-    def weight(self) -> Array:
-        """Weights ``(T,)`` on the squared residuals in the normal equations."""
-        return self.mask * self.loss.weight(self.norm)
-
-
-@dataclass(frozen=True)
-class MotionTerm:
-    """Factors on one point over three frames, centred on frames 1 … T − 2.
-
-    Attributes:
-        kind: of factor.
-        residual: ``(T − 2, 3)``, whitened.
-        mask: ``(T − 2,)``, dividing the variance; zero where the factor does not exist.
-        loss: of the norm of each residual.
-        point: index into the sensors, then the contacts.
-        coefficients: ``(3,)`` of the point's position before, now and after, whitened.
-        by_heading: ``(T − 2, 3)`` derivative by the sensor's heading, whitened, or None.
-    """
-
-    kind: str
-    residual: Array
-    mask: Array
-    loss: RobustLoss
-    point: int
-    coefficients: Array
-    by_heading: Array | None
-
-    @property
-    def norm(self) -> Array:
-        """Norms ``(T − 2,)`` of the whitened residuals."""
-        return np.sqrt(self.mask) * np.linalg.norm(self.residual, axis=1)
-
-    @property
-    def cost(self) -> float:
-        """Sum of the losses."""
-        return float(np.sum(self.loss.cost(self.norm)))
-
-    @property
-    def weight(self) -> Array:
-        """Weights ``(T − 2,)`` on the squared residuals in the normal equations."""
-        return self.mask * self.loss.weight(self.norm)
 
 
 def pose_terms(

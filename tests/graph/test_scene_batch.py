@@ -1,0 +1,166 @@
+"""The batched scene and its GTSAM graph are the same problem: moving, standing and known cameras, two wearers."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from test_batch import small_model
+
+from vip_factors.body.keypoints import keypoint_set
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.geometry.rotations import exp, rotation_z
+from vip_factors.graph.keys import (
+    camera_heading_key,
+    camera_key,
+    camera_mounting_key,
+    clock_key,
+    heading_key,
+    joint_key,
+    mounting_key,
+    pose_mean_key,
+    root_key,
+)
+from vip_factors.graph.model import BodyPoint
+from vip_factors.graph.scene_batch import SceneObjective
+from vip_factors.graph.scene_frame import scene_graph
+from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel
+from vip_factors.graph.scene_state import CameraState, SceneState
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.frames import ImuFrames
+from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.solve.marginals import chain_marginals
+
+T, S = 5, 6
+R_WORLD_CAMERA = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # looks along the world's y, four metres away
+KINDS = ["moving", "standing", "known path", "no IMU"]
+
+
+def small_scene(kind: str) -> tuple[SceneModel, SceneState]:
+    """Two wearers, a camera, and detections with noise, at a random state."""
+    random = np.random.default_rng(7)
+    first, state = small_model()
+    second = replace(first, is_gauge=False)
+    other = replace(state, p_world_pelvis=state.p_world_pelvis + np.array([0.8, 0.3, 0.0]))
+    lens = CameraModel(1920, 1080, (1400.0, 1390.0), (950.0, 550.0), (-0.1, 0.02, 0.001, -0.002))
+    count = 1 if kind == "standing" else T
+    poses = CameraPoses(
+        R_WORLD_CAMERA @ exp(0.05 * random.standard_normal((count, 3))),
+        np.array([0.0, -4.0, 0.3]) + 0.05 * random.standard_normal((count, 3)),
+    )
+    measured = random.standard_normal((T, 1, 3))
+    valid = np.ones((T, 1), bool)
+    valid[3] = False
+    imu = ImuFrames(("camera",), first.frames.time, exp(measured), valid, 5 * measured, valid)
+    camera = CameraProblem(
+        lens, kind != "standing", kind != "known path", None if kind == "no IMU" else imu,
+        np.array([0.02, 0.03, -0.01]), 0.3, exp([0.1, 0.2, -0.1]), free_clock=True,
+    )  # fmt: skip
+    views = []
+    for number, wearer in enumerate((state, other)):
+        points = tuple(
+            BodyPoint(place.bone, place.p_bone_point)
+            for place in keypoint_set("coco17").on_body(first.skeleton)
+            if place is not None
+        )
+        body = forward_kinematics(first.skeleton, wearer.R_parent_child, wearer.p_world_pelvis)
+        p = np.stack([point.of(body) for point in points], axis=1)
+        R, centre = poses.R_world_camera, poses.p_world_camera
+        pixels = lens.project((p - centre[:, None]) @ R) + 10 * random.standard_normal((T, len(points), 2))
+        seen = random.uniform(size=pixels.shape[:2]) < 0.8
+        if number:
+            seen[1] = False
+        rate = 100 * random.standard_normal(pixels.shape)
+        views.append(KeypointView(points, pixels, random.uniform(3, 10, seen.shape), seen, rate))
+    model = SceneModel((first, second), camera, tuple(views))
+    return model, SceneState((state, other), CameraState(poses, 0.4, exp([0.2, 0.1, 0.0]), 0.01))
+
+
+def ordering_of(model: SceneModel) -> gtsam.Ordering:
+    """GTSAM's keys in the order of the batched tangents: frame by frame, then what frames share."""
+    keys, camera = [], model.camera
+    for t in range(T):
+        for wearer in range(2):
+            keys += [*[joint_key(t, j, wearer) for j in range(24)], root_key(t, wearer)]
+        if camera.moving and camera.free_pose:
+            keys.append(camera_key(t))
+    for wearer in range(2):
+        keys += [heading_key(s, wearer) for s in range(S)]
+        keys += [*[mounting_key(s, wearer) for s in range(S)], pose_mean_key(wearer)]
+    if not camera.moving and camera.free_pose:
+        keys.append(camera_key(0))
+    if camera.imu is not None:
+        keys += [camera_heading_key(), camera_mounting_key()]
+    keys.append(clock_key())
+    ordering = gtsam.Ordering()
+    for key in keys:
+        ordering.push_back(key)
+    return ordering
+
+
+def batched_hessian(model: SceneModel, state: SceneState) -> tuple[np.ndarray, np.ndarray]:
+    whole, order = gtsam.GaussianFactorGraph(), gtsam.Ordering()
+    for graph, ordering in SceneObjective(model).linearise(state).stretches(0.0):
+        whole.push_back(graph)
+        for index in range(ordering.size()):
+            order.push_back(ordering.at(index))
+    return whole.hessian(order)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_cost_is_the_error_of_the_graph(kind: str) -> None:
+    model, state = small_scene(kind)
+    expected = scene_graph(model).error(state.to_values())
+    assert sum(SceneObjective(model).cost(state).values()) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_normal_equations_are_those_of_the_graph(kind: str) -> None:
+    model, state = small_scene(kind)
+    linear = scene_graph(model).linearize(state.to_values())
+    ordering = ordering_of(model)
+    inside = {ordering.at(index) for index in range(ordering.size())}
+    everything, fixed = gtsam.Ordering(ordering), sorted(set(linear.keyVector()) - inside)
+    for key in fixed:
+        everything.push_back(key)
+    H, g = linear.hessian(everything)
+    ours, our_g = batched_hessian(model, state)
+    n = len(ours)
+    assert len(H) - n == 6 * len(fixed)  # only poses of a known camera may be left out
+    H, g = H[:n, :n], g[:n]
+    scale = np.sqrt(np.outer(np.diag(H), np.diag(H)))
+    np.testing.assert_allclose(ours / scale, H / scale, atol=1e-9)
+    np.testing.assert_allclose(our_g, g, atol=1e-9 * np.abs(g).max())
+
+
+@pytest.mark.parametrize("kind", ["moving", "standing"])
+def test_turning_the_world_leaves_the_cost_alone(kind: str) -> None:
+    model, state = small_scene(kind)
+    wearers = tuple(replace(one, free_headings=False, p_world_start=np.zeros(3)) for one in model.wearers)
+    model = replace(model, wearers=wearers)
+    turn = rotation_z(1.1)
+    costs = dict(SceneObjective(model).cost(state))
+    turned = replace(model, camera=replace(model.camera, prior_heading=model.camera.prior_heading + 1.1))
+    assert dict(SceneObjective(turned).cost(state.turned(turn))) == pytest.approx(costs, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_step_lowers_the_cost_and_moves_what_is_free(kind: str) -> None:
+    model, state = small_scene(kind)
+    solved, report = levenberg_marquardt(SceneObjective(model), state, SolveSettings(max_iterations=5))
+    assert sum(report.final_cost.values()) < 0.8 * sum(report.initial_cost.values())
+    moved = np.abs(solved.camera.poses.p_world_camera - state.camera.poses.p_world_camera).max()
+    assert (moved > 1e-6) == (kind != "known path")
+    assert solved.camera.clock != state.camera.clock
+
+
+def test_marginals_are_those_of_the_whole_problem() -> None:
+    model, state = small_scene("moving")
+    objective = SceneObjective(model)
+    system = objective.linearise(state)
+    H, _ = batched_hessian(model, state)
+    covariance, marginals = np.linalg.inv(H), chain_marginals(system)
+    start = 75 * 2  # the first frame of both wearers stands before the first pose of the camera
+    block = covariance[start : start + 6, start : start + 6]
+    np.testing.assert_allclose(marginals[objective.camera.frame_keys[0]], block, atol=1e-6 * np.abs(block).max())

@@ -1,0 +1,87 @@
+"""A whole scene as one objective: the wearers' own, the camera's own, and the reprojections between them."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+
+from vip_factors.body.kinematics import BodyState, forward_kinematics
+from vip_factors.graph.batch import BatchObjective
+from vip_factors.graph.camera_batch import CameraObjective
+from vip_factors.graph.reprojection_batch import reprojection_cost, reprojection_equations, reprojections
+from vip_factors.graph.scene_model import KeypointView, SceneModel
+from vip_factors.graph.scene_state import SceneState
+from vip_factors.graph.scene_system import SceneSystem
+from vip_factors.graph.terms import FRAME
+
+CHUNK = 250  # frames evaluated together
+
+
+class SceneObjective:
+    """Cost, linearisation and retraction of a :class:`~vip_factors.graph.scene_model.SceneModel`.
+
+    The factors of :mod:`vip_factors.graph.frame` and :mod:`vip_factors.graph.scene_frame` stay the definition.
+    """
+
+    def __init__(self, model: SceneModel) -> None:
+        self.model = model
+        self.wearers = [BatchObjective(wearer, number) for number, wearer in enumerate(model.wearers)]
+        self.camera = CameraObjective(model.camera, model.frames, model.step)
+
+    def cost(self, state: SceneState) -> Mapping[str, float]:
+        """Half the sum of squared whitened residuals, losses applied, by factor kind, of all wearers together."""
+        costs = self.camera.cost(state.camera)
+        for objective, wearer in zip(self.wearers, state.wearers, strict=True):
+            for kind, cost in objective.cost(wearer).items():
+                costs[kind] = costs.get(kind, 0.0) + cost
+        poses = state.camera.at_frames(slice(0, self.model.frames))
+        settings = self.model.camera.settings.reprojection
+        costs["reprojection"] = sum(
+            reprojection_cost(
+                reprojections(view, self.model.camera, poses, state.camera.clock, self._body(state, number))[0],
+                settings,
+            )
+            for number, view in enumerate(self.model.views)
+        )
+        return costs
+
+    def linearise(self, state: SceneState) -> SceneSystem:
+        """The normal equations at a state."""
+        chains = [objective.linearise(wearer) for objective, wearer in zip(self.wearers, state.wearers, strict=True)]
+        camera = self.camera.linearise(state.camera)
+        couplings, T = [], self.model.frames
+        for number, (chain, view) in enumerate(zip(chains, self.model.views, strict=True)):
+            body, coupling = self._body(state, number), np.zeros((T, FRAME, len(camera.columns)))
+            for frames in (slice(start, min(start + CHUNK, T)) for start in range(0, T, CHUNK)):
+                equations = reprojection_equations(
+                    _part(view, frames), self.model.camera, state.camera.at_frames(frames), state.camera.clock,
+                    BodyState(body.R_world_bone[frames], body.p_world_joint[frames]),
+                )  # fmt: skip
+                chain.own[frames, :FRAME, :FRAME] += equations.hessian[:, :FRAME, :FRAME]
+                chain.gradient[frames, :FRAME] += equations.gradient[:, :FRAME]
+                camera.add_frames(frames, equations.hessian[:, FRAME:, FRAME:], equations.gradient[:, FRAME:])
+                coupling[frames] = equations.coupling[:, :, camera.columns]
+            couplings.append(coupling)
+        return SceneSystem(chains, camera, couplings, [np.any(view.seen, axis=1) for view in self.model.views])
+
+    def retract(self, state: SceneState, delta: gtsam.VectorValues) -> SceneState:
+        """The state moved by a solution of the linear system."""
+        wearers = (
+            objective.retract(wearer, delta) for objective, wearer in zip(self.wearers, state.wearers, strict=True)
+        )
+        return SceneState(tuple(wearers), self.camera.retract(state.camera, delta))
+
+    def _body(self, state: SceneState, number: int) -> BodyState:
+        wearer = state.wearers[number]
+        return forward_kinematics(self.model.wearers[number].skeleton, wearer.R_parent_child, wearer.p_world_pelvis)
+
+
+def _part(view: KeypointView, frames: slice) -> KeypointView:
+    return replace(
+        view,
+        pixels=view.pixels[frames],
+        sigma=view.sigma[frames],
+        seen=view.seen[frames],
+        pixels_per_second=view.pixels_per_second[frames],
+    )

@@ -1,0 +1,106 @@
+"""Everything that defines the cost of a filmed scene: the wearers' own problems, the camera's, and what it saw."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vip_factors.factors.camera_acceleration import CameraAccelerationSettings
+from vip_factors.factors.camera_orientation import CameraOrientationSettings
+from vip_factors.factors.camera_velocity import CameraVelocitySettings
+from vip_factors.factors.reprojection import ReprojectionSettings
+from vip_factors.geometry.rotations import Array
+from vip_factors.graph.model import BodyPoint, InertialModel
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.frames import ImuFrames
+
+
+@dataclass(frozen=True)
+class CameraFactorSettings:
+    """The settings of every factor kind that touches the camera."""
+
+    reprojection: ReprojectionSettings = field(default_factory=ReprojectionSettings)
+    orientation: CameraOrientationSettings = field(default_factory=CameraOrientationSettings)
+    acceleration: CameraAccelerationSettings = field(default_factory=CameraAccelerationSettings)
+    velocity: CameraVelocitySettings = field(default_factory=CameraVelocitySettings)
+    heading_sigma_deg: float = 45.0  # of the camera IMU's heading, which nothing but the picture tells
+    # s, of the clock offset where it is a variable: a clap found by eye is good to a video frame or two.
+    clock_sigma: float = 0.05
+
+
+@dataclass(frozen=True)
+class CameraProblem:
+    """The camera's share of a scene.
+
+    Attributes:
+        model: its intrinsics.
+        moving: one pose for each frame, or one for all.
+        free_pose: False keeps the poses of the state.
+        imu: measurements of the sensor on it (one column), or None.
+        p_camera_imu: ``(3,)`` metres.
+        prior_heading: radians, of that sensor.
+        prior_R_camera_imu, mounting_sigma: its rough mounting, and radians about each axis.
+        free_clock: whether the video's clock offset moves.
+        settings: of the factors.
+    """
+
+    model: CameraModel
+    moving: bool
+    free_pose: bool = True
+    imu: ImuFrames | None = None
+    p_camera_imu: Array = field(default_factory=lambda: np.zeros(3))
+    prior_heading: float = 0.0
+    prior_R_camera_imu: Array = field(default_factory=lambda: np.eye(3))
+    mounting_sigma: float = 0.2
+    free_clock: bool = False
+    settings: CameraFactorSettings = field(default_factory=CameraFactorSettings)
+
+    def orientation_weight(self, step: float) -> float:
+        """What divides the variance of one frame's orientation.
+
+        A camera that stands still is told the same, errors included, in every frame: a second of it weighs as one.
+        """
+        return 1.0 if self.moving else min(1.0, step)
+
+
+@dataclass(frozen=True)
+class KeypointView:
+    """Where one wearer's ``K`` keypoints were seen in the ``T`` frames.
+
+    Attributes:
+        points: on the body.
+        pixels: ``(T, K, 2)``; zero where not seen.
+        sigma: ``(T, K)`` pixels; one where not seen.
+        seen: ``(T, K)``.
+        pixels_per_second: ``(T, K, 2)`` how fast the detections move, for the clock offset.
+    """
+
+    points: tuple[BodyPoint, ...]
+    pixels: Array
+    sigma: Array
+    seen: np.ndarray
+    pixels_per_second: Array
+
+
+@dataclass(frozen=True)
+class SceneModel:
+    """The least-squares problem of a scene; all wearers have the same frames.
+
+    Attributes:
+        wearers: their own problems.
+        camera: the camera's.
+        views: of each wearer.
+    """
+
+    wearers: tuple[InertialModel, ...]
+    camera: CameraProblem
+    views: tuple[KeypointView, ...]
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.wearers[0].frames)
+
+    @property
+    def step(self) -> float:
+        """Seconds between frames."""
+        return self.wearers[0].frames.step

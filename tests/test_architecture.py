@@ -15,13 +15,15 @@ ROWS = [
     {"simulate", "associate", "initialise", "evaluate", "io", "viz", "factors"},
     {"graph"},
     {"solve"},
-    {"settings", "pipeline"},
+    {"settings"},
+    {"stages"},
+    {"pipeline"},
     {"benchmark"},
     {"cli"},
 ]
 ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}
-# Within row 0, geometry may raise the package's errors; the top row's pipeline reads the settings.
-NEIGHBOURS = {("geometry", "errors"), ("pipeline", "settings")}
+# Within row 0, geometry may raise the package's errors.
+NEIGHBOURS = {("geometry", "errors")}
 # Third parties that only some rooms may see.
 FENCED = {
     "gtsam": {"factors", "graph", "solve"},

@@ -1,0 +1,102 @@
+"""One wearer's least-squares problem from a recording, and the forms that it takes from stage to stage."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from vip_factors.body.calibration_pose import calibration_pose
+from vip_factors.body.joint_limits import load_joint_limits
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.graph.model import BodyPoint, InertialModel, InitialPose
+from vip_factors.graph.state import GraphState
+from vip_factors.initialise.calibration import InitialCalibration
+from vip_factors.initialise.root_path import contact_confidence, contact_points, standing_path
+from vip_factors.sensors.frames import ImuFrames
+from vip_factors.sensors.recording import Recording
+from vip_factors.settings import CalibrationSettings, Settings
+
+FEW_SENSORS = 6  # with so few, acceleration is all that some limbs have, and the papers' IT is called SOP
+
+
+def inertial_model(
+    recording: Recording, frames: ImuFrames, calibration: InitialCalibration, settings: Settings
+) -> InertialModel:
+    """The whole problem, everything free that the settings free."""
+    sites = [recording.placement.site(name) for name in frames.sensors]
+    declared = recording.initial_pose != "none"
+    free = not settings.calibration.from_truth
+    pose = calibration_pose(recording.initial_pose) if declared else None
+    factors = settings.factors
+    if len(sites) <= FEW_SENSORS:
+        sparse = replace(factors.acceleration, sigma=factors.acceleration.sparse_sigma)
+        factors = replace(factors, acceleration=sparse)
+    held = max(1, round(settings.factors.initial_pose.seconds / frames.step))
+    return InertialModel(
+        skeleton=recording.subject.body(),
+        prior=load_pose_prior(),
+        limits=load_joint_limits(),
+        frames=frames,
+        sensors=tuple(BodyPoint(site.bone_index, site.p_bone_sensor) for site in sites),
+        prior_headings=calibration.headings,
+        heading_sigma=calibration.heading_sigma,
+        prior_R_bone_sensor=calibration.R_bone_sensor,
+        mounting_sigma=np.array([site.mounting_sigma for site in sites]),
+        settings=factors,
+        initial_pose=InitialPose(pose, min(held, len(frames))) if pose is not None else None,
+        free_headings=free and settings.calibration.estimate_headings,
+        free_mountings=free and settings.calibration.estimate_mountings,
+        free_pose_mean=True,
+        gauge_sensor=gauge_sensor([site.bone_index for site in sites]),
+    )
+
+
+def gauge_sensor(bones: list[int]) -> int:
+    """The sensor whose heading defines the world's: the pelvis's, or the first."""
+    return bones.index(0) if 0 in bones else 0
+
+
+def alone(model: InertialModel) -> InertialModel:
+    """The model of the inertial tracker: every frame by itself, the calibration kept."""
+    return replace(model, use_acceleration=False, free_headings=False, free_mountings=False, free_pose_mean=False)
+
+
+def loosened(model: InertialModel, calibration: CalibrationSettings) -> InertialModel:
+    """The model for finding headings and mountings: less is believed that is wrong in every frame alike."""
+    factors, k = model.settings, calibration.loosening
+    sigma = max(calibration.acceleration_sigma, factors.acceleration.sigma)
+    loose = replace(
+        factors,
+        acceleration=replace(factors.acceleration, sigma=sigma),
+        foot_contact=replace(factors.foot_contact, sigma=k * factors.foot_contact.sigma),
+        pose_prior=replace(factors.pose_prior, scale=factors.pose_prior.scale / k),
+        smoothness=replace(factors.smoothness, time=factors.smoothness.time / k),
+    )
+    return replace(model, settings=loose)
+
+
+def kept(model: InertialModel, frames: ImuFrames) -> InertialModel:
+    """The model over other frames, with headings, mountings and mean pose kept as they are."""
+    return replace(
+        model, frames=frames, free_headings=False, free_mountings=False, free_pose_mean=False, initial_pose=None
+    )
+
+
+def placed_on_floor(model: InertialModel, state: GraphState) -> GraphState:
+    """The state with a root path on which whichever foot stands lowest stands still."""
+    body = forward_kinematics(model.skeleton, state.R_parent_child, np.zeros_like(state.p_world_pelvis))
+    return replace(state, p_world_pelvis=standing_path(body, contact_points(model.skeleton)))
+
+
+def with_contacts(model: InertialModel, state: GraphState) -> InertialModel:
+    """The model with the foot contacts that a first motion shows."""
+    points = contact_points(model.skeleton) if model.settings.foot_contact.use else ()
+    grounded = placed_on_floor(model, state)  # contact shows in the pose; a path that has drifted would hide it
+    body = forward_kinematics(model.skeleton, state.R_parent_child, grounded.p_world_pelvis)
+    confidence = contact_confidence(body, points, model.frames.step) if points else np.zeros((len(model.frames), 0))
+    return replace(
+        model,
+        p_world_start=state.p_world_pelvis[0],
+        contacts=tuple(BodyPoint(bone, p) for bone, p in points),
+        contact_confidence=confidence,
+    )

@@ -205,10 +205,9 @@ def _fit(
         raise InputError(f"{settings.distortion} distortion coefficients: expected 0, 4, 5 or 8")
     points = [view.points_board.astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]
-    rms, K, bent, turns, _, sigma, _, errors = cv2.calibrateCameraExtended(
-        points, pixels, size, np.zeros((3, 3)), np.zeros(8), flags=flags
-    )
-    return float(rms), K, bent.ravel(), np.array(turns).reshape(-1, 3), sigma.ravel(), errors.ravel()
+    rms, *found = cv2.calibrateCameraExtended(points, pixels, size, np.zeros((3, 3)), np.zeros(8), flags=flags)
+    K, bent, turns, _, sigma, _, errors = (np.array(one, dtype=float) for one in found)
+    return float(rms), K, bent.ravel(), turns.reshape(-1, 3), sigma.ravel(), errors.ravel()
 
 
 def _coverage(views: Sequence[BoardView], size: tuple[int, int]) -> float:

@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scene_sample import Injected, estimate_of, scene_sample
+from scene_sample import Injected, camera_path, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
+from vip_factors.evaluate.camera import common_instants
 from vip_factors.evaluate.scene import evaluate_scene
+from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.scene import Scene
 
 TURNED = Injected(yaw=1.3, shift=(2.0, -1.0, 0.5))
@@ -54,6 +56,21 @@ def test_camera_error_is_what_was_put_in(scene: Scene) -> None:
     result = evaluate_scene(estimate_of(scene, replace(TURNED, camera_m=0.03)), scene)
     assert result["camera_translation"] == pytest.approx(0.02, rel=0.05)
     assert result["reprojection_rms"] > 1
+
+
+def test_paths_at_other_instants_are_compared_at_the_coarser_ones() -> None:
+    truth = camera_path(1.0)
+    sparse = CameraPath(truth.time[::2], truth.R_world_camera[::2], truth.p_world_camera[::2])
+    short = CameraPath(truth.time[10:41], truth.R_world_camera[10:41], truth.p_world_camera[10:41])
+    for estimate, true, count in ((short, sparse, 16), (sparse, short, 16), (truth, camera_path(1.0, False), 61)):
+        one, other, nearest = common_instants(estimate, true)
+        assert len(one) == len(other) == len(nearest) == count
+        assert estimate.time[nearest] == pytest.approx(one.time)
+    still, _, nearest = common_instants(camera_path(1.0, False), short)
+    assert len(still) == 31
+    assert not nearest.any()
+    with pytest.raises(InputError, match="share no time"):
+        common_instants(CameraPath(truth.time + 9, truth.R_world_camera, truth.p_world_camera), sparse)
 
 
 def test_wearers_apart_show_in_pairs_not_in_their_poses(scene: Scene) -> None:

@@ -38,27 +38,31 @@ class CameraError:
 
 
 def common_instants(estimate: CameraPath, truth: CameraPath) -> tuple[CameraPath, CameraPath, np.ndarray]:
-    """Both paths at the estimate's instants within the truth (at the truth's, if the estimate stands still).
+    """Both paths at the instants of the coarser one, as far as they overlap, so that least is interpolated.
 
     Returns:
-        The estimate, the truth, and which instants of the estimate they are.
+        The estimate, the truth, and which instants of the estimate (the nearest ones) those are.
 
     Raises:
         InputError: if they share no time.
     """
-    if len(estimate) == 1:
-        return estimate.at(truth.time), truth, np.zeros(len(truth), int)
-    chosen = np.arange(len(estimate))
-    if len(truth) > 1:
-        late, early = truth.time[0] - TIME_TOLERANCE, truth.time[-1] + TIME_TOLERANCE
-        chosen = np.flatnonzero((estimate.time >= late) & (estimate.time <= early))
-    if not len(chosen):
+    time = truth.time if _spacing(truth) > _spacing(estimate) else estimate.time
+    for path in (estimate, truth):
+        if len(path) > 1:  # one instant stands for all times
+            time = time[(time >= path.time[0] - TIME_TOLERANCE) & (time <= path.time[-1] + TIME_TOLERANCE)]
+    if not len(time):
         raise InputError(
             f"camera path ({estimate.time[0]:.3f} to {estimate.time[-1]:.3f} s) and its truth ({truth.time[0]:.3f} to "
             f"{truth.time[-1]:.3f} s) share no time: check that both use the recording's clock"
         )
-    part = CameraPath(estimate.time[chosen], estimate.R_world_camera[chosen], estimate.p_world_camera[chosen])
-    return part, truth.at(part.time), chosen
+    after = np.clip(np.searchsorted(estimate.time, time), 1, max(len(estimate) - 1, 1))
+    nearest = after - (time - estimate.time[after - 1] < estimate.time[after % len(estimate)] - time)
+    return estimate.at(time), truth.at(time), nearest if len(estimate) > 1 else np.zeros(len(time), int)
+
+
+def _spacing(path: CameraPath) -> float:
+    """Seconds between instants (median); −1 for a camera that stands still, whose instant is no sample in time."""
+    return float(np.median(np.diff(path.time))) if len(path) > 1 else -1.0
 
 
 def camera_error(pair: PathPair, gauge: Alignment) -> CameraError:

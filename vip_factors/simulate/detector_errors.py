@@ -35,18 +35,21 @@ def single_people(
     """Everybody, as if nobody could be taken for somebody else."""
     P, F, K = view.hidden.shape
     one = keypoints.sigmas * ROOT_AREA_PER_HEIGHT * view.height[..., None]
-    slow = gauss_markov(random, F, step, settings.slow_error, settings.slow_time_s, axes=P * K * 2)
-    error = slow.reshape(F, P, K, 2).swapaxes(0, 1) + settings.white_error * random.standard_normal((P, F, K, 2))
-    unseen = view.hidden | view.behind
-    error *= np.where(unseen, settings.hidden_error, 1.0)[..., None]
-    pixels = view.aimed + error * one[..., None]
 
-    unsure = gauss_markov(random, F, step, settings.confidence_spread, settings.slow_time_s, axes=P * K)
-    confidence = settings.confidence + unsure.reshape(F, P, K).swapaxes(0, 1)
-    confidence = confidence - settings.confidence_slope * np.linalg.norm(error, axis=3)
-    confidence *= np.where(view.hidden, settings.hidden_confidence, 1.0)
-    confidence *= np.where(view.behind, settings.behind_confidence, 1.0)
-    confidence = np.clip(confidence, max(settings.least_confidence, 1e-3), 1.0)
+    def per_point(sigma: float, time_constant: float, axes: int) -> Array:
+        """Gauss–Markov processes ``(P, F, K, axes)``."""
+        return gauss_markov(random, F, step, sigma, time_constant, P * K * axes).reshape(F, P, K, axes).swapaxes(0, 1)
+
+    mean = np.where(view.hidden, settings.hidden_doubt, settings.plain_doubt)
+    mean = np.where(view.behind, settings.behind_doubt, mean)
+    doubt = np.maximum(mean + per_point(settings.doubt_spread, settings.doubt_time_s, 1)[..., 0], 0.0)
+    error = per_point(settings.drift_error, settings.drift_time_s, 2)
+    error += per_point(settings.slow_error, settings.slow_time_s, 2)
+    error += settings.white_error * random.standard_normal((P, F, K, 2))
+    error *= 1 + settings.doubt_error * doubt[..., None]
+    pixels = view.aimed + error * one[..., None]
+    sure = settings.confidence + per_point(settings.confidence_spread, settings.slow_time_s, 1)[..., 0]
+    confidence = np.clip(sure * np.exp(-doubt), 1e-3, 1.0)
 
     share = np.where(view.hidden, settings.hidden_missed, settings.missed)
     share = np.where(view.behind, settings.behind_missed, share)

@@ -1,7 +1,9 @@
 """An estimate as an MCAP file of its own, or together with the recording that it was made from."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,9 +36,9 @@ from vip_factors.io.schemas.residuals_pb2 import Residuals
 from vip_factors.io.schemas.solve_report_pb2 import SolveReport as SolveReportMessage
 
 ESTIMATE = "/estimate/"
-INFO, CALIBRATION, REPORT = ESTIMATE + "info", ESTIMATE + "calibration", ESTIMATE + "report"
-MOTION, POSE, RESIDUALS = ESTIMATE + "motion", ESTIMATE + "pose", ESTIMATE + "residuals"
-TRANSFORMS, SCENE, POINTS = ESTIMATE + "tf", ESTIMATE + "skeleton", ESTIMATE + "points"
+SINGLE = "/estimate"  # what the topics of one wearer's estimate begin with, if there is but one
+INFO, CALIBRATION, REPORT, MOTION, POSE = "/info", "/calibration", "/report", "/motion", "/pose"
+RESIDUALS, TRANSFORMS, SCENE, POINTS = "/residuals", "/tf", "/skeleton", "/points"
 RECORDING_INFO = "/recording/info"
 
 
@@ -64,8 +66,23 @@ def write_estimate(
             have one column per sensor.
         FileFormatError: if the recording to append to is no MCAP file, or is cut off and would be replaced.
     """
+    check_residuals(estimate)
+    with estimate_file(path, overwrite, append_to, start_ns) as (writer, start_ns):
+        streams = estimate_messages(writer, estimate, start_ns, scene)
+        writer.flush()
+        writer.add_in_order(*streams)
+
+
+@contextmanager
+def estimate_file(
+    path: str | os.PathLike[str], overwrite: bool, append_to: str | os.PathLike[str] | None, start_ns: int
+) -> Iterator[tuple[MessageWriter, int]]:
+    """A file to write an estimate into, with the recording in it already; and the absolute time of t = 0.
+
+    Raises:
+        InputError, FileFormatError: as :func:`write_estimate`.
+    """
     target = check_target(path, overwrite)
-    _check_residuals(estimate)
     recording = read_contents(append_to) if append_to is not None else None
     if recording is not None:
         start_ns = _start_of(recording)
@@ -76,28 +93,47 @@ def write_estimate(
     with atomic_open(path, "wb", overwrite) as file, MessageWriter(file) as writer:
         if recording is not None:
             writer.copy(recording, without=(ESTIMATE,))
-        _write(estimate, writer, start_ns, scene_wanted(scene, estimate.motion))
+        yield writer, start_ns
 
 
-def _write(estimate: Estimate, writer: MessageWriter, start_ns: int, scene: bool) -> None:
+def estimate_messages(
+    writer: MessageWriter, estimate: Estimate, start_ns: int, scene: bool | None = None, prefix: str = SINGLE
+) -> list[Iterable[TimedMessage]]:
+    """Write what comes once; what comes with every frame is returned as streams, to be interleaved with others.
+
+    Args:
+        writer: of the file.
+        estimate: of one wearer.
+        start_ns: absolute time of t = 0.
+        scene: as of :func:`write_estimate`.
+        prefix: what the topics begin with.
+    """
     motion = estimate.motion
-    writer.write(INFO, _info_message(estimate, start_ns), start_ns)
-    writer.write(MOTION, motion_message(motion), start_ns)
-    writer.write(CALIBRATION, calibration_message(estimate.calibration), start_ns)
+    writer.write(prefix + INFO, _info_message(estimate, start_ns), start_ns)
+    writer.write(prefix + MOTION, motion_message(motion), start_ns)
+    writer.write(prefix + CALIBRATION, calibration_message(estimate.calibration), start_ns)
     for report in estimate.reports:
-        writer.write(REPORT, _report_message(report), start_ns)
-    streams = [pose_messages(writer, POSE, motion, start_ns, estimate.covariance)]
+        writer.write(prefix + REPORT, report_message(report), start_ns)
+    streams: list[Iterable[TimedMessage]] = [
+        pose_messages(writer, prefix + POSE, motion, start_ns, estimate.covariance)
+    ]
     if estimate.residuals:
-        streams.append(_residual_messages(writer, estimate, start_ns))
-    if scene:
-        writer.write(SCENE, skeleton_scene(motion), start_ns)
-        streams.append(transform_messages(writer, TRANSFORMS, motion, start_ns))
-        streams.append(point_messages(writer, POINTS, motion, start_ns))
-    writer.flush()
-    writer.add_in_order(*streams)
+        streams.append(_residual_messages(writer, prefix + RESIDUALS, estimate, start_ns))
+    if scene_wanted(scene, motion):
+        # Viewers tell frames apart by name only: two wearers' skeletons need names of their own.
+        shown = motion if prefix == SINGLE else replace(motion, name=prefix.rpartition("/")[2])
+        writer.write(prefix + SCENE, skeleton_scene(shown), start_ns)
+        streams.append(transform_messages(writer, prefix + TRANSFORMS, shown, start_ns))
+        streams.append(point_messages(writer, prefix + POINTS, shown, start_ns))
+    return streams
 
 
-def _check_residuals(estimate: Estimate) -> None:
+def check_residuals(estimate: Estimate) -> None:
+    """Refuse residuals of a shape that cannot be written.
+
+    Raises:
+        InputError: naming the kind.
+    """
     expected = (len(estimate.motion), len(estimate.sensors))
     for kind, values in estimate.residuals.items():
         if values.shape != expected:
@@ -105,7 +141,9 @@ def _check_residuals(estimate: Estimate) -> None:
 
 
 def _start_of(recording: McapContents) -> int:
-    infos = of_topic(recording.path, list(recording.messages.values()), RECORDING_INFO, RecordingInfo)
+    messages = list(recording.messages.values())
+    topics = [topic for topic in recording.topics if topic.endswith(RECORDING_INFO)]  # of a scene, one per wearer
+    infos = [info for topic in topics[:1] for info in of_topic(recording.path, messages, topic, RecordingInfo)]
     return time_ns_of(infos[-1].start) if infos else 0
 
 
@@ -121,7 +159,8 @@ def _info_message(estimate: Estimate, start_ns: int) -> EstimateInfo:
     return message
 
 
-def _report_message(report: SolveReport) -> SolveReportMessage:
+def report_message(report: SolveReport) -> SolveReportMessage:
+    """How one solve went."""
     message = SolveReportMessage(
         stage=report.stage,
         initial_cost=dict(report.initial_cost),
@@ -134,8 +173,8 @@ def _report_message(report: SolveReport) -> SolveReportMessage:
     return message
 
 
-def _residual_messages(writer: MessageWriter, estimate: Estimate, start_ns: int) -> Iterator[TimedMessage]:
-    channel = writer.channel(RESIDUALS, Residuals)
+def _residual_messages(writer: MessageWriter, topic: str, estimate: Estimate, start_ns: int) -> Iterator[TimedMessage]:
+    channel = writer.channel(topic, Residuals)
     for frame, time_ns in enumerate(nanoseconds(estimate.motion.time, start_ns)):
         message = Residuals(frame=frame)
         set_timestamp(message.timestamp, time_ns)
@@ -147,40 +186,52 @@ def _residual_messages(writer: MessageWriter, estimate: Estimate, start_ns: int)
 def read_estimate(path: str | os.PathLike[str]) -> Estimate:
     """Read an estimate, from a file of its own or from one that also holds the recording.
 
+    Of the estimate of a scene with one wearer, it is that wearer's.
+
     Of a file that was cut off, every whole frame before the cut is read, and a
     :class:`~vip_factors.io.mcap_contents.McapWarning` says so.
 
     Raises:
         InputError: if there is no such file.
-        FileFormatError: if it is no MCAP file or holds no estimate.
+        FileFormatError: if it is no MCAP file, holds no estimate, or several wearers'.
     """
     contents = read_contents(path, lambda channel: channel.topic.startswith(ESTIMATE) and is_ours(channel))
-    ours = [one for one in contents.messages.values() if one.channel.topic.startswith(ESTIMATE) and one.data]
-    infos = of_topic(contents.path, ours, INFO, EstimateInfo)
-    motions = of_topic(contents.path, ours, MOTION, MotionInfo)
+    with naming(contents.path):
+        return estimate_of(contents, contents.messages.values())
+
+
+def estimate_of(contents: McapContents, messages: Iterable[McapMessages], prefix: str = SINGLE) -> Estimate:
+    """One wearer's estimate, of the messages below the topic ``prefix``.
+
+    Raises:
+        FileFormatError: if it is not there.
+    """
+    path = contents.path
+    ours = [one for one in messages if one.channel.topic.startswith(f"{prefix}/") and one.data]
+    infos = of_topic(path, ours, prefix + INFO, EstimateInfo)
+    motions = of_topic(path, ours, prefix + MOTION, MotionInfo)
     if not infos or not motions:
         topics = ", ".join(contents.topics) or "none"
         damage = f" ({contents.damage[0]})" if contents.damage else ""
+        several = any(topic.startswith(f"{SINGLE}/wearer/") for topic in contents.topics) and prefix == SINGLE
+        advice = "; it holds several wearers: read it as a scene's (read_scene_estimate)" if several else ""
         raise FileFormatError(
-            f"{contents.path}: expected an estimate, with topics {INFO} and {MOTION}; found topics {topics}{damage}"
+            f"{path}: expected an estimate, with topics {prefix + INFO} and {prefix + MOTION}; "
+            f"found topics {topics}{damage}{advice}"
         )
-    with naming(contents.path):
-        return _estimate(contents.path, infos[-1], motions[-1], ours)
-
-
-def _estimate(path: Path, info: EstimateInfo, motion_info: MotionInfo, ours: Sequence[McapMessages]) -> Estimate:
-    motion, covariance = motion_of(motion_info, of_topic(path, ours, POSE, BodyPose))
-    tell_lost_frames(path, motion_info, motion)
-    calibrations = of_topic(path, ours, CALIBRATION, CalibrationEstimate)
+    info = infos[-1]
+    motion, covariance = motion_of(motions[-1], of_topic(path, ours, prefix + POSE, BodyPose))
+    tell_lost_frames(path, motions[-1], motion)
+    calibrations = of_topic(path, ours, prefix + CALIBRATION, CalibrationEstimate)
     return Estimate(
         name=info.name,
         method=info.method,
         motion=motion,
         calibration=calibration_of(calibrations[-1]) if calibrations else {},
         covariance=covariance,
-        residuals=_residuals(info, of_topic(path, ours, RESIDUALS, Residuals), len(motion)),
+        residuals=_residuals(info, of_topic(path, ours, prefix + RESIDUALS, Residuals), len(motion)),
         sensors=tuple(info.sensors),
-        reports=tuple(_report(one) for one in of_topic(path, ours, REPORT, SolveReportMessage)),
+        reports=tuple(report_of(one) for one in of_topic(path, ours, prefix + REPORT, SolveReportMessage)),
         settings=dict(info.settings),
     )
 
@@ -200,7 +251,8 @@ def _residuals(info: EstimateInfo, messages: Sequence[Residuals], frames: int) -
     return residuals
 
 
-def _report(message: SolveReportMessage) -> SolveReport:
+def report_of(message: SolveReportMessage) -> SolveReport:
+    """The report of a message."""
     iterations = tuple(Iteration(one.cost, one.damping, one.accepted, dict(one.seconds)) for one in message.iterations)
     return SolveReport(
         message.stage,

@@ -1,0 +1,214 @@
+"""The association of a whole recording: from detections and inertially tracked motions to who is who."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vip_factors.associate.features import (
+    INTRA,
+    Context,
+    inter_features,
+    intra_features,
+    pairs_of_frame,
+    unary_features,
+    vote_turn,
+)
+from vip_factors.associate.findings import find_oddities
+from vip_factors.associate.hypothesis import hypotheses, keypoint_sigma, used_confidence, wearer_points
+from vip_factors.associate.meta_camera import meta_features
+from vip_factors.associate.programme import Programme, solve_in_windows
+from vip_factors.associate.settings import AssociationSettings
+from vip_factors.associate.tracklets import tracklets
+from vip_factors.associate.weights import AssociationWeights, load_weights
+from vip_factors.body.motion import Motion
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.detections import Detections
+
+NOMINAL_RATE = 30.0  # frames per second that the settings' offsets are meant for
+
+
+@dataclass(frozen=True)
+class Association:
+    """Who is who among ``N`` detections.
+
+    Attributes:
+        wearer: ``(N,)`` index of the wearer that each detection shows, −1 for nobody.
+        confidence: ``(N,)`` probability of that choice, 0 for nobody.
+        R_camera_world: ``(N, 3, 3)`` hypothesis camera of the chosen wearer in the world of that wearer's motion;
+            identity for nobody.
+        p_camera_world: ``(N, 3)`` metres, where that world's origin lies in the camera's frame
+            (``p_camera = R_camera_world @ p_world + p_camera_world``); NaN for nobody.
+        unary: ``(N,)`` cost of the chosen hypothesis on its own (negative log-odds), else of the best; NaN without any.
+        findings: sentences about what is odd.
+    """
+
+    wearer: np.ndarray
+    confidence: Array
+    R_camera_world: Array
+    p_camera_world: Array
+    unary: Array
+    findings: tuple[str, ...] = ()
+
+
+def associate(
+    detections: Detections,
+    model: CameraModel,
+    motions: Sequence[Motion],
+    settings: AssociationSettings | None = None,
+    camera: CameraPath | None = None,
+    gravity_camera: Array | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Association:
+    """Find which detections show which wearers.
+
+    Args:
+        detections: times on the recording's clock.
+        model: of the camera.
+        motions: of the wearers, inertially tracked; each in a world of its own with Z up, unless ``camera`` is given.
+        settings: defaults if None.
+        camera: its path in the world that all motions share (second pass), or None (first pass).
+        gravity_camera: ``(F, 3)`` direction of gravity (down) in the camera's frame by its IMU, of any length; NaN
+            where unknown.
+        progress: told the fraction done.
+
+    Raises:
+        InputError: without motions, or for gravity of another shape.
+    """
+    settings = settings or AssociationSettings()
+    if not motions:
+        raise InputError("association without a wearer's motion: give at least one")
+    weights = load_weights(settings.weights) if settings.weights else load_weights()
+    context = make_context(detections, model, motions, camera, gravity_camera)
+    odds, programme, rows = build_programme(context, weights, settings)
+    rate = context.rate
+    chosen = solve_in_windows(
+        programme, max(2, round(settings.window_s * rate)), max(1, round(settings.overlap_s * rate)), progress
+    )
+    confidence = _confidence(programme, chosen)
+    chosen = chosen & (confidence >= settings.least_confidence)
+    result = _result(context, odds, rows[chosen], confidence[chosen], len(detections))
+    return replace(result, findings=find_oddities(detections, context, odds, motions, result.wearer))
+
+
+def make_context(
+    detections: Detections, model: CameraModel, motions: Sequence[Motion], camera: CameraPath | None,
+    gravity_camera: Array | None,
+) -> Context:  # fmt: skip
+    """Hypothesis cameras and tracklets of a recording. Arguments as :func:`associate`'s."""
+    F = len(detections.time)
+    up = None
+    if gravity_camera is not None:
+        if np.shape(gravity_camera) != (F, 3):
+            raise InputError(f"gravity in the camera {np.shape(gravity_camera)}: expected ({F}, 3), as the video")
+        with np.errstate(invalid="ignore", divide="ignore"):
+            up = -gravity_camera / np.linalg.norm(gravity_camera, axis=1, keepdims=True)
+    rays, weight = model.normalise(detections.pixels), used_confidence(detections)
+    wearers = tuple(wearer_points(motion, detections.keypoints, detections.time) for motion in motions)
+    return Context(
+        hypotheses=hypotheses(detections, rays, wearers),
+        wearers=wearers,
+        names=detections.keypoints.keypoints,
+        rays=rays,
+        weight=weight,
+        track=tracklets(detections.frame, rays, weight, detections.rate or NOMINAL_RATE),
+        time=detections.time,
+        sigma=keypoint_sigma(detections.keypoints),
+        camera=None if camera is None else camera.at(detections.time),
+        up_camera=up,
+    )
+
+
+def build_programme(
+    context: Context, weights: AssociationWeights, settings: AssociationSettings
+) -> tuple[Array, Programme, np.ndarray]:
+    """Log-odds of all hypotheses ``(P,)``, the programme over those within the gate, and their rows ``(H,)``."""
+    h, suffix = context.hypotheses, "" if context.camera is None else "_camera"
+    odds = weights.logistic["unary" + suffix].log_odds(unary_features(context))
+    rows = np.flatnonzero(gated(context, odds, settings))
+    a, b = inter_edges(context, rows, settings)
+    costs = [-settings.inter_weight * weights.logistic["inter" + suffix].log_odds(inter_features(context, a, b))]
+    edges = [np.stack([a, b], axis=1)]
+    for a, b, features in intra_edges(context, rows, odds):
+        edges.append(np.stack([a, b], axis=1))
+        costs.append(-settings.intra_weight * weights.logistic["intra" + suffix].log_odds(features))
+    new = np.full(len(h), -1)
+    new[rows] = np.arange(len(rows))
+    programme = Programme(
+        h.frame[rows], h.wearer[rows], h.detection[rows], -odds[rows], new[np.concatenate(edges)], np.concatenate(costs)
+    )
+    return odds, programme, rows
+
+
+def gated(context: Context, odds: Array, settings: AssociationSettings) -> np.ndarray:
+    """Which hypotheses ``(P,)`` are likely enough, and among the likeliest of their wearer and frame."""
+    h = context.hypotheses
+    group = h.frame * len(context.wearers) + h.wearer
+    order = np.lexsort((-odds, group))
+    first = np.flatnonzero(np.diff(group[order], prepend=-1))
+    rank = np.empty(len(h), int)
+    rank[order] = np.arange(len(h)) - np.repeat(first, np.diff(np.append(first, len(h))))
+    return (odds > settings.gate) & (rank < settings.rivals)
+
+
+def inter_edges(context: Context, rows: np.ndarray, settings: AssociationSettings) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of hypotheses ``(E,)``, ``(E,)`` of one wearer, some frames apart."""
+    h = context.hypotheses
+    offsets = np.unique([max(1, round(offset * context.rate / NOMINAL_RATE)) for offset in settings.offsets])
+    stride = len(context.time) + int(offsets.max()) + 1
+    key = h.wearer[rows] * stride + h.frame[rows]
+    order = np.argsort(key, kind="stable")
+    rows, key = rows[order], key[order]
+    first, second = [], []
+    for offset in offsets:
+        low, high = np.searchsorted(key, key + offset, "left"), np.searchsorted(key, key + offset, "right")
+        count = high - low
+        first.append(np.repeat(np.arange(len(rows)), count))
+        second.append(np.repeat(low - np.cumsum(count) + count, count) + np.arange(count.sum()))
+    return rows[np.concatenate(first)], rows[np.concatenate(second)]
+
+
+def intra_edges(context: Context, rows: np.ndarray, odds: Array) -> list[tuple[np.ndarray, np.ndarray, Array]]:
+    """Pairs of hypotheses of different wearers in one frame, with their features."""
+    which = np.zeros(len(context.hypotheses), bool)
+    which[rows] = True
+    good = np.where(which, 1 / (1 + np.exp(-np.clip(odds, -50, 50))), 0.0)
+    found = []
+    for i in range(len(context.wearers)):
+        for j in range(i + 1, len(context.wearers)):
+            a, b = pairs_of_frame(context, i, j, which)
+            if context.camera is not None:
+                features = meta_features(context, a, b)
+            elif len(a):
+                features = intra_features(context, a, b, vote_turn(context, good, i, j))
+            else:
+                features = np.zeros((0, len(INTRA)))
+            if len(a):
+                found.append((a, b, features))
+    return found
+
+
+def _confidence(programme: Programme, chosen: np.ndarray) -> Array:
+    """Probability ``(H,)`` that each choice is right, by what it is worth on its own and with the others chosen."""
+    a, b = programme.edges.T
+    cost = programme.cost.copy()
+    np.add.at(cost, a, np.where(chosen[b], programme.edge_cost, 0.0))
+    np.add.at(cost, b, np.where(chosen[a], programme.edge_cost, 0.0))
+    return np.where(chosen, 1 / (1 + np.exp(np.clip(cost, -50, 50))), 0.0)
+
+
+def _result(context: Context, odds: Array, rows: np.ndarray, confidence: Array, N: int) -> Association:
+    h = context.hypotheses
+    unary = np.full(N, np.inf)
+    np.minimum.at(unary, h.detection, -odds)
+    unary[~np.isfinite(unary)] = np.nan
+    wearer, sure = np.full(N, -1), np.zeros(N)
+    R, p = np.tile(np.eye(3), (N, 1, 1)), np.full((N, 3), np.nan)
+    there = h.detection[rows]
+    wearer[there], sure[there], unary[there] = h.wearer[rows], confidence, -odds[rows]
+    R[there] = h.R_camera_world[rows]
+    p[there] = -(h.R_camera_world[rows] @ h.p_world_camera[rows][..., None])[..., 0]
+    return Association(wearer, sure, R, p, unary)

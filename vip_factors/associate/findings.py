@@ -1,0 +1,134 @@
+"""What is odd about who is seen: said in sentences, for the user."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vip_factors.associate.camera_fit import fit_cameras
+from vip_factors.associate.features import Context
+from vip_factors.associate.hypothesis import keypoint_sigma, wearer_points
+from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet
+from vip_factors.body.motion import Motion
+from vip_factors.geometry.rotations import Array, rotation_z, yaw_of
+from vip_factors.sensors.detections import Detections
+
+SAMPLE = 300  # detections looked at for the order of keypoints
+MUCH_BETTER = 0.6  # of the cost: what another order must reach; another view of the same body reaches 0.9
+ALIKE_M = 0.08  # mean distance between two wearers' keypoints below which nobody could tell them apart
+ALIKE_SHARE = 0.7  # of the frames
+REFUSED = 20.0  # cost, in squared sigmas, of a detection that no camera explains
+
+
+def find_oddities(
+    detections: Detections, context: Context, odds: Array, motions: Sequence[Motion], wearer: np.ndarray
+) -> tuple[str, ...]:
+    """Sentences about what is odd; none if all is well."""
+    if len(detections) == 0:
+        return (
+            f"nobody is visible in any of the {len(detections.time)} video frames: the camera adds nothing, check the "
+            "detections' file",
+        )
+    if not any(points.covered[detections.frame].any() for points in context.wearers):
+        return (
+            "the video and the sensors do not overlap in time: nobody could be found, check the camera's time offset",
+        )
+    found = [*_order_finding(detections, context, motions), *_alike(context, motions)]
+    for w, motion in enumerate(motions):
+        if not np.any(wearer == w):
+            found.append(_never_found(context, odds, w, motion))
+    return tuple(found)
+
+
+def _never_found(context: Context, odds: Array, w: int, motion: Motion) -> str:
+    mine = odds[context.hypotheses.wearer == w]
+    if len(mine) == 0:
+        return f"no detection shows enough keypoints to be compared with wearer '{motion.name}'"
+    return (
+        f"people are visible, but none moves as the sensors of wearer '{motion.name}' say: either that wearer is not "
+        "in the picture, or the video's clock, its keypoints' order or the sensors' places are wrong"
+    )
+
+
+def _alike(context: Context, motions: Sequence[Motion]) -> list[str]:
+    """Pairs of wearers who move alike, seen from wherever."""
+    found = []
+    for i in range(len(motions)):
+        for j in range(i + 1, len(motions)):
+            gap = _distance_up_to_heading(context, i, j)
+            if len(gap) and np.mean(gap < ALIKE_M) > ALIKE_SHARE:
+                found.append(
+                    f"wearers '{motions[i].name}' and '{motions[j].name}' move nearly alike (keypoints within "
+                    f"{100 * np.median(gap):.0f} cm): they cannot be told apart in the video"
+                )
+    return found
+
+
+def _distance_up_to_heading(context: Context, i: int, j: int) -> Array:
+    """Mean keypoint distance of two wearers in metres, each about the own root and turned alike, per frame."""
+    a, b = context.wearers[i], context.wearers[j]
+    both = a.covered & b.covered
+    first, second = (
+        (one.p_world_keypoint[both] - one.p_world_pelvis[both][:, None])
+        @ rotation_z(yaw_of(one.R_world_pelvis[both] @ _UPRIGHT_PELVIS))
+        for one in (a, b)
+    )
+    known = np.all(np.isfinite(first) & np.isfinite(second), axis=(0, 2)) if both.any() else np.zeros(0, bool)
+    if not known.any():
+        return np.zeros(0)
+    return np.linalg.norm(first[:, known] - second[:, known], axis=-1).mean(axis=1)
+
+
+# R_pelvis_upright: a pelvis at rest has y up and z forward; turned by this its z is up.
+_UPRIGHT_PELVIS = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
+
+
+def _order_finding(detections: Detections, context: Context, motions: Sequence[Motion]) -> list[str]:
+    """Whether another known order of keypoints explains the detections much better."""
+    given = detections.keypoints
+    usable = np.flatnonzero((context.weight > 0).sum(axis=1) >= max(8, 0.6 * len(given)))
+    if len(usable) < 5:
+        return []
+    sample = usable[np.linspace(0, len(usable) - 1, min(SAMPLE, len(usable))).astype(int)]
+    costs = {
+        name: _best_costs(detections, context, motions, sample, keypoints, mirrored)
+        for name, keypoints, mirrored in _orders(given)
+    }
+    reference = costs[given.name]
+    found = []
+    for name, cost in costs.items():
+        share = np.mean(cost < reference)
+        if name != given.name and np.nanmedian(cost) < MUCH_BETTER * np.nanmedian(reference) and share > 0.75:
+            found.append((float(np.nanmedian(cost)), name))
+    if not found:
+        return []
+    return [
+        f"the keypoints fit the wearers much better in another order: expected '{given.name}', but '{min(found)[1]}' "
+        "is what they look like; name the right keypoint set when reading the detections"
+    ]
+
+
+def _orders(given: KeypointSet) -> list[tuple[str, KeypointSet, bool]]:
+    same = [given, *(one for one in KEYPOINT_SETS.values() if len(one) == len(given) and one.name != given.name)]
+    plain = [(one.name, one, False) for one in same]
+    return plain + [(f"{one.name} with left and right exchanged", one, True) for one in same]
+
+
+def _best_costs(
+    detections: Detections,
+    context: Context,
+    motions: Sequence[Motion],
+    sample: np.ndarray,
+    keypoints: KeypointSet,
+    mirrored: bool,
+) -> Array:
+    """Least cost ``(S,)`` over the wearers of some detections read in another order; a high one where none fits."""
+    order = keypoints.mirrored if mirrored else np.arange(len(keypoints))
+    sigma, time = keypoint_sigma(keypoints)[order], detections.time[detections.frame[sample]]
+    best = np.full(len(sample), REFUSED)
+    for motion in motions:
+        points = wearer_points(motion, keypoints, time)
+        local = (points.p_world_keypoint - points.p_world_pelvis[:, None])[:, order]
+        known = np.all(np.isfinite(local), axis=-1)
+        fit = fit_cameras(local, context.rays[sample], np.where(known, context.weight[sample], 0.0), sigma)
+        best = np.fmin(best, fit.cost)
+    return best

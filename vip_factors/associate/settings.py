@@ -1,0 +1,39 @@
+"""Settings of the association, with reasons."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from vip_factors.errors import InputError
+
+
+@dataclass(frozen=True)
+class AssociationSettings:
+    """How detections are given to wearers."""
+
+    gate: float = -5.0
+    """Log-odds below which a hypothesis is not considered at all: one in 150."""
+    rivals: int = 3
+    """Hypotheses kept per wearer and frame, the likeliest: the right one is hardly ever fourth."""
+    inter_weight: float = 0.08
+    """Weight of each edge between two frames: edges to neighbours tell nearly the same, so all of them together count
+    like one."""
+    intra_weight: float = 0.5
+    """Weight of the edges between two wearers in a frame."""
+    offsets: tuple[int, ...] = (1, 2, 4, 8, 16, 30)
+    """Frames, at 30 per second, that edges span: up to a second (thesis 4.4.1), thinned as neighbours are alike."""
+    window_s: float = 4.0
+    """Seconds decided at once."""
+    overlap_s: float = 1.2
+    """Seconds decided again by the next window: more than the longest edge."""
+    least_confidence: float = 0.9
+    """Choices less sure are dropped: a frame without a person costs little, a wrong person much."""
+    weights: Path | None = None
+    """Weights to use instead of the shipped ones."""
+
+    def __post_init__(self) -> None:
+        if self.rivals < 1 or not self.offsets or min(self.offsets) < 1:
+            raise InputError("association: rivals and offsets must be at least 1")
+        if not self.window_s > self.overlap_s >= 0:
+            raise InputError(
+                f"association: window of {self.window_s:g} s with overlap {self.overlap_s:g} s: must be longer"
+            )

@@ -1,23 +1,64 @@
-"""``vip-factors simulate``: a recording with known truth from a motion."""
+"""``vip-factors simulate``: a recording with known truth from a motion, or a filmed scene of several people."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from vip_factors.cli.options import Flag, parse
+from vip_factors.errors import InputError
 from vip_factors.sensors.recording import Recording
+from vip_factors.simulate.detector_settings import DetectorSettings
 from vip_factors.simulate.settings import SimulateSettings
 
+if TYPE_CHECKING:
+    from vip_factors.body.motion import Motion
+    from vip_factors.sensors.scene import Scene
+    from vip_factors.simulate.scene_settings import SceneSettings
+
+SECONDS = 20.0  # of the package's own motion
 GESTURES = "gestures"  # in place of a file: the package's own motion
+OUT_OF_STEP_S = 3.7  # between people who show the package's own motion; no multiple of its periods
+BYSTANDER_REACH_M = 3.0  # from the middle: some pass between camera and wearers, some leave the image
 PresetName = Literal["sip6", "tnt10", "totalcapture13", "mvn17"]
+CameraName = Literal["none", "fixed", "hand-held", "walking"]
+
+
+@dataclass(frozen=True)
+class VideoOptions:
+    """What films the people, if anything does."""
+
+    camera: CameraName = "none"
+    """On a tripod, in the hands of somebody who stands, or of somebody who walks along; none makes no scene."""
+    also: tuple[str, ...] = ()
+    """Motions of further wearers, as MOTION."""
+    bystanders: int = 0
+    """People without sensors in the scene; they repeat the motions of the wearers, elsewhere and out of step."""
+    video_rate: float = 30.0
+    """Frames per second."""
+    image: tuple[int, int] = (1920, 1080)
+    """Width and height in pixels."""
+    fov_deg: float = 60.0
+    """Horizontal field of view; a phone's when filming."""
+    distance_m: float | None = None
+    """From the action to the camera; absent, as far as it takes to see it."""
+    keypoints: str = "openpose18"
+    """Keypoint set of the simulated detector: coco17, openpose18, body25, body25b, halpe26 …"""
+    time_offset_s: float = 0.0
+    """To be added to the video's times to get the sensors'; what is written says 0."""
+    camera_mounting_error_deg: float = 5.0
+    """Of the IMU on the camera, each axis."""
 
 
 @dataclass(frozen=True)
 class SimulateOptions:
-    """Make a recording with known truth from a motion: what sensors on that person would have measured."""
+    """Make a recording with known truth from a motion: what sensors on that person would have measured.
+
+    With --camera it becomes a scene: one or more wearers, bystanders, a camera, and what a 2D pose detector would
+    have found in its video.
+    """
 
     motion: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION")]
     """Motion file (.bvh …), or the word gestures for a motion that the package makes."""
@@ -31,8 +72,8 @@ class SimulateOptions:
     """Calibration pose that the person holds before the motion."""
     pose_error_deg: float = 3.0
     """How imperfectly that pose is held, sigma of each joint and axis; 3 add up to 10 to 15 at the hands."""
-    seconds: float = 20.0
-    """Length of the package's own motion."""
+    seconds: float | None = None
+    """Length of the package's own motion (20 if absent); in a scene, files are repeated or cut to it too."""
     noise_free: Flag = False
     """Perfect sensors instead of realistic ones; error options given besides are ignored."""
     overwrite: Flag = False
@@ -40,38 +81,127 @@ class SimulateOptions:
     errors: Annotated[SimulateSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
         default_factory=SimulateSettings
     )
+    video: Annotated[VideoOptions, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=VideoOptions)
+    detector: DetectorSettings = field(default_factory=DetectorSettings)
 
 
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(SimulateOptions, prog, arguments, none_is_a_value=True)
+    if options.video.camera == "none" and (options.video.also or options.video.bystanders):
+        raise InputError("--also and --bystanders make a scene: expected a --camera as well")
     from vip_factors.io.atomic import check_target
-    from vip_factors.io.mcap_recording import write_recording
 
     check_target(options.out, options.overwrite)
+    told = _write_recording(options) if options.video.camera == "none" else _write_scene(options)
+    print(told)
+    print(options.out)
+
+
+def _write_recording(options: SimulateOptions) -> str:
     from vip_factors.cli.terminal import waiting
+    from vip_factors.io.mcap_recording import write_recording
 
     with waiting("simulating"):
         recording = simulated(options)
         write_recording(recording, options.out, overwrite=options.overwrite)
     start, end = recording.interval
-    print(f"{len(recording.imus)} sensors, {end - start:.1f} s")
-    print(options.out)
+    return f"{len(recording.imus)} sensors, {end - start:.1f} s"
+
+
+def _write_scene(options: SimulateOptions) -> str:
+    from vip_factors.cli.terminal import waiting
+    from vip_factors.io.mcap_scene_recording import write_scene
+
+    with waiting("simulating"):
+        scene = simulated_scene(options)
+        write_scene(scene, options.out, overwrite=options.overwrite)
+    assert scene.camera is not None
+    found = scene.camera.detections
+    sensors = sum(len(wearer.imus) for wearer in scene.wearers)
+    return (
+        f"{len(scene.wearers)} wearers with {sensors} sensors, {options.video.camera} camera, "
+        f"{len(found.time)} video frames, {len(found)} detections"
+    )
 
 
 def simulated(options: SimulateOptions) -> Recording:
     """The recording that the options ask for."""
-    from vip_factors.io.motions.files import read_motion
     from vip_factors.sensors.placement import preset
-    from vip_factors.simulate.gestures import gestures
     from vip_factors.simulate.recording import simulate_recording
-    from vip_factors.simulate.stance import with_initial_pose
 
-    motion = gestures(options.seconds) if options.motion == GESTURES else read_motion(Path(options.motion))
-    if options.initial_pose != "none":
-        motion = with_initial_pose(
-            motion, options.initial_pose, pose_error_deg=options.pose_error_deg, seed=options.seed
-        )
+    motion = _posed(_motion(options.motion, options, 0), options, 0)
     settings = SimulateSettings.noise_free() if options.noise_free else options.errors
     placement = preset(options.placement, motion.skeleton)
     return simulate_recording(motion, placement, settings, options.seed, motion.name, options.initial_pose)
+
+
+def simulated_scene(options: SimulateOptions) -> "Scene":
+    """The scene that the options ask for."""
+    from vip_factors.sensors.placement import preset
+    from vip_factors.simulate.scene import Performer, simulate_scene
+    from vip_factors.simulate.staging import from_time, lasting, staged
+
+    if options.video.bystanders < 0:
+        raise InputError(f"{options.video.bystanders} bystanders: expected 0 or more")
+    sources = (options.motion, *options.video.also)
+    clips = [_motion(source, options, number) for number, source in enumerate(sources)]
+    if options.seconds is not None:
+        clips = [lasting(clip, options.seconds) for clip in clips]
+    wearers = staged([_posed(clip, options, number) for number, clip in enumerate(clips)], options.seed)
+    length = max(wearer.time[-1] for wearer in wearers)
+    passing = []
+    for number in range(options.video.bystanders):
+        shift = OUT_OF_STEP_S * (number + 1)
+        passing.append(from_time(lasting(clips[number % len(clips)], length + shift), shift))
+    passing = list(staged(passing, options.seed + 1, wearers, BYSTANDER_REACH_M))
+    performers = [
+        Performer(f"wearer_{number}", motion, preset(options.placement, motion.skeleton), options.initial_pose)
+        for number, motion in enumerate(wearers, start=1)
+    ]
+    performers += [Performer(f"bystander_{number}", motion) for number, motion in enumerate(passing, start=1)]
+    return simulate_scene(performers, _scene_settings(options), options.seed, options.out.stem)
+
+
+def _scene_settings(options: SimulateOptions) -> "SceneSettings":
+    from vip_factors.simulate.scene_settings import SceneSettings
+
+    video = options.video
+    perfect = options.noise_free
+    return SceneSettings(
+        camera=video.camera,  # type: ignore[arg-type]  # "none" makes no scene
+        video_rate=video.video_rate,
+        width=video.image[0],
+        height=video.image[1],
+        fov_deg=video.fov_deg,
+        distance_m=video.distance_m,
+        keypoints=video.keypoints,
+        time_offset_s=video.time_offset_s,
+        camera_mounting_error_deg=0.0 if perfect else video.camera_mounting_error_deg,
+        imu=SimulateSettings.noise_free() if perfect else options.errors,
+        detector=DetectorSettings.noise_free() if perfect else options.detector,
+    )
+
+
+def _motion(source: str, options: SimulateOptions, number: int) -> "Motion":
+    """A motion file, or the package's own motion, out of step with that of others."""
+    from vip_factors.io.motions.files import read_motion
+    from vip_factors.simulate.gestures import gestures
+    from vip_factors.simulate.staging import from_time
+
+    if source != GESTURES:
+        return read_motion(Path(source))
+    shift = OUT_OF_STEP_S * number
+    seconds = SECONDS if options.seconds is None else options.seconds
+    return from_time(gestures(seconds + shift), shift)
+
+
+def _posed(motion: "Motion", options: SimulateOptions, number: int) -> "Motion":
+    """The motion after the calibration pose that was asked for, held in each wearer's own way."""
+    from vip_factors.simulate.stance import with_initial_pose
+
+    if options.initial_pose == "none":
+        return motion
+    return with_initial_pose(
+        motion, options.initial_pose, pose_error_deg=options.pose_error_deg, seed=options.seed + number
+    )

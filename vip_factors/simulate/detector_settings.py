@@ -52,7 +52,7 @@ class DetectorSettings:
     missed: float = 0.005  # share of keypoints in plain sight not found; measured 0 to 2 % by camera, all keypoints
     hidden_missed: float = 0.05  # behind the person's own body: an open side of the trial's cameras
     behind_missed: float = 0.6  # behind somebody else; ours: detectors mostly leave them out
-    # Left for right, arms or legs. Measured for one person on a beam: 0.5 % of limb keypoints, nearly all knees. PoseFix
+    # Left for right, arms or legs. Measured: 0.5 % of limb keypoints, nearly all knees. PoseFix
     # (Moon et al. 2019) trains with 3 % at arms and 6 % at legs for COCO's pictures. Between the two; by view is ours.
     swap_front: float = 0.005
     swap_side: float = 0.04
@@ -90,7 +90,7 @@ class DetectorSettings:
         """Every keypoint inside the image, hidden or not, exactly where it is, with confidence one."""
         right = dict.fromkeys((*ERRORS, *SHARES), 0.0) | {"confidence": 1.0}
         right |= dict.fromkeys(("plain_doubt", "hidden_doubt", "behind_doubt"), 0.0)
-        return replace(cls(**right, least_keypoints=1), **changes)  # type: ignore[arg-type]
+        return replace(cls(**right, least_keypoints=1), **changes)
 
 
 SHARES = (

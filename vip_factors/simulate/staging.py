@@ -12,7 +12,9 @@ from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpos
 from vip_factors.simulate.stance import floor_height
 
 BLEND_S = 1.0  # from the end of a clip into its next repetition
-STAGE_M = 1.2  # how far from the stage's middle the middles of clips are: people cross, and hide each other
+STAGE_M = 1.8  # how far from the stage's middle the middles of paths are: people cross, and hide each other
+APART_M = 0.6  # of two people's pelves who pass each other without touching
+TRIES = 30  # of places, before people come nearer than that
 
 
 def placed(motion: Motion, yaw: float = 0.0, middle: Sequence[float] = (0.0, 0.0)) -> Motion:
@@ -91,21 +93,50 @@ def _standing(
     return floor(*before) * (1 - weight) + floor(*after) * weight - floor(R, p)
 
 
-def staged(motions: Sequence[Motion], seconds: float | None = None, seed: int = 0) -> tuple[Motion, ...]:
-    """Motions of several people in one world: middles within a metre or so of the origin, turned at random.
+def from_time(motion: Motion, seconds: float) -> Motion:
+    """The motion from a moment on, starting at time zero: people who do the same thing should not do it in step."""
+    return replace(motion.frames(slice(round(seconds * motion.rate), None)), start=0.0)
+
+
+def staged(
+    motions: Sequence[Motion], seed: int = 0, others: Sequence[Motion] = (), reach_m: float = STAGE_M
+) -> tuple[Motion, ...]:
+    """Motions of several people in one world, turned and placed at random so that they cross but do not collide.
 
     Args:
-        motions: one of each person, all starting at time zero of the scene.
-        seconds: to cut or lengthen all of them to; absent, each keeps its length.
+        motions: one of each person, all on the clock of the scene.
         seed: of places and turns.
+        others: who is in that world already.
+        reach_m: how far from the origin the middles of their paths may be; a person alone is in the middle.
     """
     random = np.random.default_rng([seed, 0x57A6E])
-    result = []
-    for number, motion in enumerate(motions):
-        motion = motion if seconds is None else lasting(motion, seconds)
-        # Evenly around the middle, so that nobody stands inside somebody else for long.
-        angle = 2 * np.pi * (number + random.uniform(-0.2, 0.2)) / max(len(motions), 1)
-        radius = 0.0 if len(motions) == 1 else STAGE_M * random.uniform(0.6, 1.3)
-        middle = (radius * np.cos(angle), radius * np.sin(angle))
-        result.append(placed(motion, random.uniform(-np.pi, np.pi), middle))
-    return tuple(result)
+    there = list(others)
+    for motion in motions:
+        tries = TRIES if there else 1
+        best, room = None, -1.0
+        for _ in range(tries):
+            angle, yaw = random.uniform(-np.pi, np.pi, 2)
+            radius = reach_m * np.sqrt(random.random()) if there else 0.0
+            candidate = placed(motion, yaw, (radius * np.cos(angle), radius * np.sin(angle)))
+            free = min((_nearest(candidate, other) for other in there), default=np.inf)
+            if free > room:
+                best, room = candidate, free
+            if free > APART_M:
+                break
+        assert best is not None
+        there.append(best)
+    return tuple(there[len(others) :])
+
+
+def _nearest(one: Motion, other: Motion) -> float:
+    """Least distance in metres of two people's pelves, on the ground, at common times."""
+    start, end = max(one.start, other.start), min(one.time[-1], other.time[-1])
+    time = np.arange(start, end, 0.1)
+    if not len(time):
+        return np.inf
+    apart = [
+        np.interp(time, one.time, one.p_world_pelvis[:, axis])
+        - np.interp(time, other.time, other.p_world_pelvis[:, axis])
+        for axis in (0, 1)
+    ]
+    return float(np.hypot(*apart).min())

@@ -98,6 +98,13 @@ class Canvas:
         probe = Canvas(1, 1)
         return probe.text((0.0, 0.0), text, (0, 0, 0), size, weight)
 
+    def paste(self, picture: np.ndarray, left: int, top: int) -> None:
+        """Lay a picture ``(height, width, 3)``, blue green red, on the canvas; what sticks out is cut off."""
+        x, y = left * OVERSAMPLING, top * OVERSAMPLING
+        room = self._image[y : y + picture.shape[0] * OVERSAMPLING, x : x + picture.shape[1] * OVERSAMPLING]
+        large = cv2.resize(picture, None, fx=OVERSAMPLING, fy=OVERSAMPLING, interpolation=cv2.INTER_NEAREST)
+        room[:] = large[: room.shape[0], : room.shape[1]]
+
     def pixels(self) -> np.ndarray:
         """The picture ``(height, width, 3)``, blue green red, as OpenCV has it."""
         return cv2.resize(self._image, (self.width, self.height), interpolation=cv2.INTER_AREA)

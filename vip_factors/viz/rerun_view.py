@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import rerun as rr
@@ -63,23 +64,35 @@ def show(
     """
     if truth is None and recording is not None and recording.truth is not None:
         truth = recording.truth.motion
-    scene = _Scene(recording, estimate, truth, compare, metrics)
+    send(_Scene(recording, estimate, truth, compare, metrics), sink or LiveViewer())
+
+
+class View(Protocol):
+    """Something that can be sent to Rerun."""
+
+    def log(self, stream: rr.RecordingStream) -> None:
+        """Log everything and the layout."""
+
+
+def send(view: View, sink: Sink) -> None:
+    """Write a view to a file, complete or not at all, or open the viewer and send it there.
+
+    Raises:
+        InputError: if the file exists.
+        OSError: if the file cannot be written.
+    """
     if isinstance(sink, SaveTo):
-        _save(scene, sink)
+        with new_file(sink.path, sink.overwrite) as partial:
+            stream = rr.RecordingStream(APPLICATION)
+            stream.save(partial)
+            view.log(stream)
+            stream.flush()
+            stream.disconnect()
         return
     stream = rr.RecordingStream(APPLICATION)
     stream.spawn()
-    scene.log(stream)
+    view.log(stream)
     stream.flush()
-
-
-def _save(scene: "_Scene", sink: SaveTo) -> None:
-    with new_file(sink.path, sink.overwrite) as partial:
-        stream = rr.RecordingStream(APPLICATION)
-        stream.save(partial)
-        scene.log(stream)
-        stream.flush()
-        stream.disconnect()
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,10 @@
 """The text panel: what is shown, how good it is, and how each sensor was found to sit (Markdown)."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from vip_factors.estimate import Estimate
+from vip_factors.estimate import Estimate, SolveReport
 from vip_factors.geometry.rotations import angle_between, wrap_angle
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.recording import Recording
@@ -49,7 +51,7 @@ def summary(
     if estimate is not None:
         truth = recording.truth.calibration if recording is not None and recording.truth is not None else None
         lines += _calibration_table(estimate.calibration, truth)
-        lines += _solve_lines(estimate)
+        lines += solve_lines(estimate.reports)
     return "\n".join(lines)
 
 
@@ -91,11 +93,12 @@ def _calibration_table(calibration: Calibration, truth: Calibration | None) -> l
     return [*lines, ""]
 
 
-def _solve_lines(estimate: Estimate) -> list[str]:
-    if not estimate.reports:
+def solve_lines(reports: Sequence[SolveReport]) -> list[str]:
+    """A table (Markdown) of how the solves went; empty without any."""
+    if not reports:
         return []
     lines = ["| solve | steps | cost | s |", "|---|---|---|---|"]
-    for report in estimate.reports:
+    for report in reports:
         before, after = sum(report.initial_cost.values()), sum(report.final_cost.values())
         ended = "" if report.converged else " (stopped)"
         lines.append(

@@ -1,0 +1,152 @@
+"""A picture of a scene for a page: what the camera saw, detections and projected bodies over it, errors below."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from vip_factors.errors import InputError
+from vip_factors.estimate import SceneEstimate
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.scene import Scene
+from vip_factors.viz.canvas import Canvas, mixed
+from vip_factors.viz.curves_chart import Curve, draw_curves
+from vip_factors.viz.image_limbs import limb_pairs
+from vip_factors.viz.mannequin import Colour
+from vip_factors.viz.scene_world import DrawnScene, drawn_scene
+from vip_factors.viz.video_frames import video_frames
+from vip_factors.viz.wearer_colours import wearer_colour
+
+INK, SOFT_INK, WHITE, BLACK = (40, 46, 58), (120, 128, 140), (255, 255, 255), (0, 0, 0)
+PLANE: Colour = (34, 38, 45)  # of a frame whose picture is not there
+WIDTH, MARGIN, GAP, HEADER = 1600, 60, 20, 130
+COLUMNS, CHART_HEIGHT = 3, 240
+
+
+def scene_filmstrip(
+    scene: Scene,
+    estimate: SceneEstimate | None,
+    path: Path,
+    *,
+    frames: int = 6,
+    title: str | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Draw a PNG: frames of the video, three in a row, with joint (else reprojection) errors over time below.
+
+    Args:
+        scene: with a camera.
+        estimate: its bodies are projected as broad lines in their wearers' colours; without it the truth's are.
+        path: of the PNG.
+        frames: how many, evenly over the time.
+        title: above the picture; name and method if None.
+        overwrite: replace an existing file.
+
+    Raises:
+        InputError: if the scene has no camera, or the file exists.
+    """
+    drawn = drawn_scene(scene, estimate)
+    if drawn.detections is None or drawn.model is None:
+        raise InputError(f"scene '{scene.name}' has no camera: expected one to draw what it saw")
+    count = len(drawn.detections.time)
+    chosen = np.unique(np.round(np.linspace(0.04, 0.96, frames) * (count - 1)).astype(int))
+    curves, label = _curves(drawn)
+    columns = min(COLUMNS, len(chosen))
+    rows = -(-len(chosen) // columns)
+    cell = (WIDTH - 2 * MARGIN - (columns - 1) * GAP) // columns
+    height = round(cell * drawn.model.height / drawn.model.width)
+    strip = rows * (height + GAP)
+    canvas = Canvas(WIDTH, HEADER + strip + (CHART_HEIGHT + 60 if curves else 10))
+    if title is None:
+        title = f"{drawn.name}, {estimate.method}" if estimate is not None else drawn.name
+    _header(canvas, drawn, title)
+    _strip(canvas, drawn, chosen, (cell, height), columns)
+    if curves:
+        top = HEADER + strip
+        box = (MARGIN + 40, top + 50, WIDTH - MARGIN, top + CHART_HEIGHT)
+        draw_curves(canvas, box, curves, label, drawn.detections.time[chosen])
+    canvas.save(path, overwrite)
+
+
+def _curves(drawn: DrawnScene) -> tuple[list[Curve], str]:
+    errors = [(wearer, wearer.error_mm, wearer.motion) for wearer in drawn.wearers]
+    joint = [
+        Curve(wearer.name, motion.time, error, wearer_colour(wearer.index))
+        for wearer, error, motion in errors
+        if error is not None and motion is not None
+    ]
+    if joint or drawn.estimate is None:
+        return joint, "joint error, mm (mean)"
+    pixels = [(wearer, drawn.reprojection_px(wearer)) for wearer in drawn.wearers]
+    found = [Curve(w.name, *one, wearer_colour(w.index)) for w, one in pixels if one is not None and len(one[0])]
+    return found, "reprojection error, px (mean)"
+
+
+def _header(canvas: Canvas, drawn: DrawnScene, title: str) -> None:
+    assert drawn.detections is not None
+    assert drawn.labels is not None
+    canvas.text((MARGIN, 62), title, INK, 30, 600)
+    time = drawn.detections.time
+    parts = [f"{time[-1] - time[0]:.1f} s", f"{len(drawn.detections)} people detected"]
+    parts.append(f"{int(np.sum(drawn.labels >= 0))} given to wearers")
+    canvas.text((MARGIN, 98), "   ·   ".join(parts), SOFT_INK, 20)
+    entries = [(w.name, wearer_colour(w.index)) for w in drawn.wearers]
+    if np.any(drawn.labels < 0):
+        entries.append(("nobody's", wearer_colour(-1)))
+    x = WIDTH - MARGIN - sum(canvas.text_width(name, 20) + 58 for name, _ in entries) + 24
+    for name, colour in entries:
+        canvas.curve([[x, 55], [x + 22, 55]], colour, 7.0)
+        x = canvas.text((x + 34, 62), name, SOFT_INK, 20) + 24
+
+
+def _strip(canvas: Canvas, drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int], columns: int) -> None:
+    assert drawn.detections is not None
+    assert drawn.model is not None
+    pictures = video_frames(drawn.video, (int(frame) for frame in chosen))
+    bodies = [(wearer.index, drawn.reprojected(wearer)) for wearer in drawn.wearers]
+    for number, frame in enumerate(chosen):
+        left = MARGIN + (number % columns) * (size[0] + GAP)
+        top = HEADER + (number // columns) * (size[1] + GAP)
+        picture = pictures.get(int(frame))
+        cell = _Cell(drawn.model, size, picture)
+        for index, pixels in bodies:
+            if pixels is not None:
+                cell.skeleton(pixels[frame], limb_pairs(drawn.detections.keypoints), wearer_colour(index), 5.5, 0.0)
+        _detected(cell, drawn, int(frame))
+        canvas.paste(cell.canvas.pixels(), left, top)
+        canvas.text((left + 12, top + size[1] - 12), f"{drawn.detections.time[frame]:.1f} s", (235, 238, 242), 17)
+
+
+def _detected(cell: "_Cell", drawn: DrawnScene, frame: int) -> None:
+    assert drawn.detections is not None
+    assert drawn.labels is not None
+    people, pairs = drawn.detections.of_frame(frame), limb_pairs(drawn.detections.keypoints)
+    seen = np.where(drawn.detections.seen[people][..., None], drawn.detections.pixels[people], np.nan)
+    for label, pixels in sorted(zip(drawn.labels[people].tolist(), seen, strict=True), key=lambda pair: pair[0]):
+        colour = wearer_colour(label) if label < 0 else mixed(wearer_colour(label), WHITE, 0.55)
+        cell.skeleton(pixels, pairs, colour, 1.5, 2.8)
+
+
+class _Cell:
+    """One frame: its picture (or a dark plane), and skeletons over it, in the camera's pixels."""
+
+    def __init__(self, model: CameraModel, size: tuple[int, int], picture: np.ndarray | None) -> None:
+        self.canvas = Canvas(*size)
+        self._scale = np.array([size[0] / model.width, size[1] / model.height])
+        if picture is None:
+            self.canvas.polygon([[0, 0], [size[0], 0], size, [0, size[1]]], PLANE)
+        else:
+            # Darkened a little, so that coloured lines stand out on a bright day.
+            small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+            self.canvas.paste((0.8 * small).astype(np.uint8), 0, 0)
+
+    def skeleton(self, pixels: Array, pairs: np.ndarray, colour: Colour, line: float, dot: float) -> None:
+        """Limbs ``pairs`` ``(L, 2)`` between keypoints ``pixels`` ``(K, 2)`` (NaN if missing), then the keypoints."""
+        at = pixels * self._scale
+        at = np.where(np.abs(at) < 1e4, at, np.nan)  # near the image plane of the camera, points shoot off
+        for pair in at[pairs]:
+            if np.isfinite(pair).all():
+                self.canvas.curve(pair, colour, line)
+        for point in at[np.isfinite(at).all(axis=1)] if dot > 0 else ():
+            self.canvas.ellipse(point, dot, dot, colour)

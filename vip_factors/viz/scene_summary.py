@@ -1,0 +1,71 @@
+"""The text panel of a scene: what is odd first, then how good it is, who wears what, and how the solve went."""
+
+import numpy as np
+
+from vip_factors.viz.headings import rows_of
+from vip_factors.viz.scene_world import NOBODY, DrawnScene, DrawnWearer
+from vip_factors.viz.summary import solve_lines
+
+
+def scene_summary(drawn: DrawnScene, metrics: str = "") -> str:
+    """Markdown for the panel; ``metrics`` (Markdown) is put below the headline."""
+    estimate = drawn.estimate
+    lines = [f"# {drawn.name}", ""]
+    if estimate is not None:
+        lines += [
+            f"**{estimate.method}**, {len(drawn.wearers)} wearers"
+            if len(drawn.wearers) > 1
+            else f"**{estimate.method}**",
+            "",
+        ]
+        lines += [f"> {finding}\n" for finding in estimate.findings]
+    if metrics:
+        lines += [metrics, ""]
+    lines += [*_camera_lines(drawn), *_wearer_table(drawn)]
+    for wearer in drawn.wearers:
+        lines += _sensor_table(wearer)
+    if estimate is not None:
+        lines += solve_lines(estimate.reports)
+    return "\n".join(lines)
+
+
+def _camera_lines(drawn: DrawnScene) -> list[str]:
+    detections, labels = drawn.detections, drawn.labels
+    if detections is None or labels is None or drawn.model is None:
+        return ["No camera.", ""]
+    text = (
+        f"Camera: {drawn.model.width} by {drawn.model.height} pixels, {len(detections.time)} frames at "
+        f"{detections.rate:g} Hz, {len(detections)} people detected ({detections.keypoints.name}), "
+        f"{int(np.sum(labels != NOBODY))} of them given to wearers (coloured; grey is nobody)."
+    )
+    lines = [text, ""]
+    if drawn.path is not None and drawn.true_path is not None:
+        other = drawn.true_path.at(drawn.path.time)
+        off = 100 * np.linalg.norm(drawn.path.p_world_camera - other.p_world_camera, axis=1)
+        lines += [f"**Camera {off.mean():.1f} cm** from its true path on average, at most {off.max():.1f} cm.", ""]
+    return lines
+
+
+def _wearer_table(drawn: DrawnScene) -> list[str]:
+    lines = ["| wearer | joint error mm | reprojection px | sensors |", "|---|---|---|---|"]
+    for wearer in drawn.wearers:
+        error = wearer.error_mm
+        pixels = drawn.reprojection_px(wearer) if drawn.estimate is not None else None
+        joint = f"{error.mean():.1f}" if error is not None else "-"
+        median = f"{np.median(pixels[1]):.1f}" if pixels is not None and len(pixels[1]) else "-"
+        sensors = len(wearer.recording.placed) if wearer.recording is not None else "-"
+        lines.append(f"| {wearer.name} | {joint} | {median} | {sensors} |")
+    return [*lines, ""]
+
+
+def _sensor_table(wearer: DrawnWearer) -> list[str]:
+    rows = rows_of(wearer)
+    if not rows:
+        return []
+    lines = [f"| {wearer.name} | heading ° | ± ° | error ° |", "|---|---|---|---|"]
+    lines += [f"| {r.sensor} | {_text(r.heading)} | {_text(r.sigma)} | {_text(r.error)} |" for r in rows]
+    return [*lines, ""]
+
+
+def _text(value: float) -> str:
+    return f"{value:.1f}" if np.isfinite(value) else "-"

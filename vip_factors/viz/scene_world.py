@@ -1,0 +1,188 @@
+"""A scene and its estimate made ready to draw: one world, one clock, and a colour for each wearer."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vip_factors.body.motion import Motion
+from vip_factors.errors import InputError
+from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.geometry.alignment import Alignment
+from vip_factors.geometry.rotations import Array, yaw_of
+from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.gauge import move_motion, move_path, scene_gauge
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.reprojection import keypoints_in_image, reprojection_error
+from vip_factors.sensors.scene import Scene, Video
+from vip_factors.viz.compare import common_frames, position_error_mm
+
+NOBODY = -1
+
+
+@dataclass(frozen=True)
+class DrawnWearer:
+    """One wearer.
+
+    Attributes:
+        name: of the subject.
+        index: in the scene, which gives the colour.
+        motion: the estimate, turned and shifted with its whole scene onto the truth where that is known.
+        truth: at the estimate's frames if there is one, or None.
+        gauge_yaw: radians that the estimate's world is turned against the true one; 0 if that is not known.
+    """
+
+    name: str
+    index: int
+    motion: Motion | None
+    truth: Motion | None
+    recording: Recording | None
+    estimate: Estimate | None
+    gauge_yaw: float = 0.0
+
+    @property
+    def shown(self) -> Motion | None:
+        """The body to draw: estimated, else true."""
+        return self.motion if self.motion is not None else self.truth
+
+    @property
+    def calibrations(self) -> list[tuple[SensorCalibration, SensorCalibration]]:
+        """Estimated and true calibration of the sensors of which both are known."""
+        truth = self.recording.truth.calibration if self.recording is not None and self.recording.truth else None
+        if self.estimate is None or not truth:
+            return []
+        return [(one, truth[name]) for name, one in self.estimate.calibration.items() if name in truth]
+
+    @property
+    def error_mm(self) -> Array | None:
+        """Joint error per frame ``(T,)``, or None."""
+        if self.motion is None or self.truth is None:
+            return None
+        return position_error_mm(self.motion, self.truth)
+
+
+@dataclass(frozen=True)
+class DrawnScene:
+    """Everything in one world, on the recording's clock.
+
+    Attributes:
+        path: of the camera as estimated, else the true one.
+        true_path: beside an estimated one.
+        labels: ``(N,)`` wearer of each detection, −1 for nobody.
+    """
+
+    name: str
+    wearers: tuple[DrawnWearer, ...]
+    model: CameraModel | None = None
+    path: CameraPath | None = None
+    true_path: CameraPath | None = None
+    detections: Detections | None = None
+    labels: np.ndarray | None = None
+    video: Video | None = None
+    estimate: SceneEstimate | None = None
+
+    def reprojected(self, wearer: DrawnWearer) -> Array | None:
+        """Keypoints ``(F, K, 2)`` of a wearer in every video frame, or None without camera or motion."""
+        if wearer.shown is None or self.path is None or self.model is None or self.detections is None:
+            return None
+        return keypoints_in_image(wearer.shown, self.detections.keypoints, self.path, self.model, self.detections.time)
+
+    def reprojection_px(self, wearer: DrawnWearer) -> tuple[Array, Array] | None:
+        """Times and root mean square distances in pixels of the detections given to a wearer, or None."""
+        if wearer.shown is None or self.path is None or self.model is None or self.detections is None:
+            return None
+        assert self.labels is not None
+        chosen = np.flatnonzero(self.labels == wearer.index)
+        off = reprojection_error(wearer.shown, self.path, self.model, self.detections, chosen)
+        some = np.isfinite(off).any(axis=1)
+        rms = np.sqrt(np.nanmean(off[some] ** 2, axis=1))
+        return self.detections.time[self.detections.frame[chosen[some]]], rms
+
+
+def drawn_scene(scene: Scene | None, estimate: SceneEstimate | None) -> DrawnScene:
+    """Bring both into one world.
+
+    The truth's world is used where it is known: an estimate with a camera is turned and shifted as a whole, one
+    without (which does not tie its wearers to each other) wearer by wearer.
+
+    Raises:
+        InputError: if neither is given, or they do not hold the same number of wearers.
+    """
+    if scene is None and estimate is None:
+        raise InputError("nothing to show: expected a scene, its estimate, or both")
+    if scene is not None and estimate is not None and len(scene.wearers) != len(estimate.wearers):
+        raise InputError(
+            f"estimate of {len(estimate.wearers)} wearers for a scene of {len(scene.wearers)}: expected the same; is "
+            "it the estimate of this scene?"
+        )
+    wearers = _side_by_side(scene, estimate)
+    true_path = scene.truth.camera if scene is not None and scene.truth is not None else None
+    if true_path is None and scene is not None and scene.camera is not None:
+        true_path = scene.camera.known_path
+    found = estimate.camera if estimate is not None else None
+    path = found.path if found is not None else None
+    known = [(w.motion, w.truth) for w in wearers if w.motion is not None and w.truth is not None]
+    if known and found is not None and path is not None:
+        pair = (path.at(known[0][0].time), true_path.at(known[0][0].time)) if true_path is not None else None
+        gauge = scene_gauge(known, pair)
+        wearers = [_moved(wearer, gauge) for wearer in wearers]
+        path = move_path(path, gauge)
+    else:
+        wearers = [_moved_alone(wearer) for wearer in wearers]
+    camera = scene.camera if scene is not None else None
+    name = estimate.name if estimate is not None else scene.name if scene is not None else ""
+    offset = found.time_offset if found is not None else camera.time_offset if camera is not None else 0.0
+    return DrawnScene(
+        name,
+        tuple(wearers),
+        found.model if found is not None else camera.model if camera is not None else None,
+        path if path is not None else true_path,
+        true_path if path is not None else None,
+        camera.detections.shifted(offset) if camera is not None else None,
+        _labels(scene, estimate),
+        camera.video if camera is not None else None,
+        estimate,
+    )
+
+
+def _side_by_side(scene: Scene | None, estimate: SceneEstimate | None) -> list[DrawnWearer]:
+    count = len(scene.wearers) if scene is not None else len(estimate.wearers) if estimate is not None else 0
+    wearers = []
+    for index in range(count):
+        recording = scene.wearers[index] if scene is not None else None
+        one = estimate.wearers[index] if estimate is not None else None
+        motion = one.motion if one is not None else None
+        truth = recording.truth.motion if recording is not None and recording.truth is not None else None
+        if motion is not None and truth is not None:
+            motion, truth = common_frames(motion, truth)
+        name = recording.subject.name if recording is not None else f"wearer {index + 1}"
+        wearers.append(DrawnWearer(name, index, motion, truth, recording, one))
+    return wearers
+
+
+def _moved(wearer: DrawnWearer, gauge: Alignment) -> DrawnWearer:
+    motion = move_motion(wearer.motion, gauge) if wearer.motion is not None else None
+    return replace(wearer, motion=motion, gauge_yaw=-float(yaw_of(gauge.R_target_source)))
+
+
+def _moved_alone(wearer: DrawnWearer) -> DrawnWearer:
+    """A wearer with a gauge of its own; its headings share their mean error, for a path may drift."""
+    if wearer.motion is None or wearer.truth is None:
+        return wearer
+    moved = _moved(wearer, scene_gauge([(wearer.motion, wearer.truth)]))
+    errors = [one.heading - true.heading for one, true in wearer.calibrations]
+    return replace(moved, gauge_yaw=float(np.angle(np.exp(1j * np.array(errors)).sum()))) if errors else moved
+
+
+def _labels(scene: Scene | None, estimate: SceneEstimate | None) -> np.ndarray | None:
+    """The estimate's labels; without an estimate the true ones."""
+    if scene is None or scene.camera is None:
+        return None
+    count = len(scene.camera.detections)
+    if estimate is not None and len(estimate.wearer_of_detection) == count:
+        return estimate.wearer_of_detection
+    if estimate is None and scene.truth is not None:
+        return scene.truth.wearer
+    return np.full(count, NOBODY)

@@ -4,7 +4,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
+from vip_factors.associate.settings import AssociationSettings
 from vip_factors.graph.model import FactorSettings
+from vip_factors.graph.scene_model import CameraFactorSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 
@@ -25,6 +27,17 @@ class CalibrationSettings:
 
 
 @dataclass(frozen=True)
+class FusionSettings:
+    """What is done with a camera, where the recording has one."""
+
+    use_camera: bool = True  # off: the IMUs alone, each wearer by itself (SIP)
+    camera_imu: bool = True  # off: the sensor on the camera is not used
+    # Rounds of association and fusion: the second knows camera, headings and mountings (thesis 4.3).
+    rounds: int = 2
+    estimate_clock: bool = False  # the video's clock offset as a variable; vip-factors sync finds it beforehand
+
+
+@dataclass(frozen=True)
 class Settings:
     """All settings of the pipeline."""
 
@@ -34,6 +47,9 @@ class Settings:
     covariance: bool = False  # marginal covariance of every joint and frame: costs about one more iteration a minute
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     factors: FactorSettings = field(default_factory=FactorSettings)
+    fusion: FusionSettings = field(default_factory=FusionSettings)
+    camera: CameraFactorSettings = field(default_factory=CameraFactorSettings)
+    association: AssociationSettings = field(default_factory=AssociationSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
 
 

@@ -30,7 +30,7 @@ from vip_factors.graph.scene_state import CameraState, SceneState
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
-from vip_factors.solve.marginals import chain_marginals
+from vip_factors.solve.marginals import chain_marginals, last_marginals
 
 T, S = 5, 6
 R_WORLD_CAMERA = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # looks along the world's y, four metres away
@@ -164,3 +164,19 @@ def test_marginals_are_those_of_the_whole_problem() -> None:
     start = 75 * 2  # the first frame of both wearers stands before the first pose of the camera
     block = covariance[start : start + 6, start : start + 6]
     np.testing.assert_allclose(marginals[objective.camera.frame_keys[0]], block, atol=1e-6 * np.abs(block).max())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_frames_share_has_its_covariance_from_the_last_elimination(kind: str) -> None:
+    model, state = small_scene(kind)
+    objective = SceneObjective(model)
+    H, _ = batched_hessian(model, state)
+    covariance = np.linalg.inv(H)
+    marginals = last_marginals(objective.linearise(state), objective.static_keys)
+    start = 2 * 75 * T + objective.camera.frame_width * T
+    for key in objective.static_keys:
+        stop = start + len(marginals[key])
+        block = covariance[start:stop, start:stop]
+        np.testing.assert_allclose(marginals[key], block, atol=1e-6 * np.abs(block).max())
+        start = stop
+    assert start == len(H)

@@ -51,6 +51,11 @@ class BatchObjective:
         self.frame_keys = [gtsam.symbol("x", wearer * WEARER + t) for t in range(len(model.frames))]
         self.static_key = gtsam.symbol("z", wearer * WEARER)
 
+    @property
+    def static_columns(self) -> np.ndarray:
+        """Those of all columns that stand behind the static key, in its order."""
+        return self._static
+
     # Cost
 
     def cost(self, state: GraphState) -> Mapping[str, float]:

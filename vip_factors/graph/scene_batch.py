@@ -29,6 +29,12 @@ class SceneObjective:
         self.wearers = [BatchObjective(wearer, number) for number, wearer in enumerate(model.wearers)]
         self.camera = CameraObjective(model.camera, model.frames, model.step)
 
+    @property
+    def static_keys(self) -> list[int]:
+        """Keys of what all frames share, where any of it moves; they are eliminated last, in this order."""
+        keys = [objective.static_key for objective in self.wearers if len(objective.static_columns)]
+        return [*keys, *[self.camera.static_key][: len(self.camera.columns) - self.camera.frame_width]]
+
     def cost(self, state: SceneState) -> Mapping[str, float]:
         """Half the sum of squared whitened residuals, losses applied, by factor kind, of all wearers together."""
         costs = self.camera.cost(state.camera)

@@ -1,5 +1,6 @@
 """All IMU streams resampled onto the estimator's evenly spaced frames."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,10 +77,19 @@ def resample(recording: Recording, rate: float, sensors: list[str] | None = None
     count = int(np.floor((end - start) * rate + 1e-6)) + 1
     if count < 3:
         raise RecordingError(f"recording '{recording.name}' is {end - start:.3f} s long: expected three frames or more")
-    time = start + np.arange(count) / rate
-    columns = [_resample_stream(stream, time, 1 / rate) for stream in streams]
+    return resample_streams(streams, start + np.arange(count) / rate)
+
+
+def resample_streams(streams: Sequence[ImuStream], time: Array) -> ImuFrames:
+    """Put streams onto given, evenly spaced frames; what they do not cover is not valid.
+
+    Raises:
+        RecordingError: if a stream has no orientation.
+    """
+    step = float(time[1] - time[0]) if len(time) > 1 else 1.0
+    columns = [_resample_stream(stream, time, step) for stream in streams]
     R, seen, force, whole = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
-    return ImuFrames(tuple(names), time, R, seen, force, whole)
+    return ImuFrames(tuple(stream.name for stream in streams), time, R, seen, force, whole)
 
 
 def _resample_stream(stream: ImuStream, time: Array, step: float) -> tuple[Array, np.ndarray, Array, np.ndarray]:

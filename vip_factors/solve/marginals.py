@@ -5,11 +5,37 @@ accelerometer's double integration it loses all digits within a few dozen frames
 to each marginal instead, and stays exact.
 """
 
+from collections.abc import Sequence
+
 import gtsam
+import numpy as np
 
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.chain import LinearSystem
+from vip_factors.solve.chain import LinearSystem, eliminate
+
+
+def last_marginals(system: LinearSystem, keys: Sequence[int]) -> dict[int, Array]:
+    """Marginal covariances of the variables that are eliminated last: of what all frames share, at no further cost.
+
+    Raises:
+        SolveError: if a variable is not determined.
+    """
+    net, tail = eliminate(system.stretches(0.0)), gtsam.GaussianBayesNet()
+    for index in range(net.size()):
+        if net.at(index).keys()[0] in set(keys):
+            tail.push_back(net.at(index))
+    R, _ = tail.matrix()
+    if not np.all(np.abs(np.diag(R)) > 0):
+        raise SolveError("covariance: the problem does not determine all of its variables")
+    covariance, marginals, start = np.linalg.inv(R.T @ R), {}, 0
+    for index in range(tail.size()):
+        block = slice(start, start + len(tail.at(index).R()))
+        marginals[int(tail.at(index).keys()[0])] = np.array(covariance[block, block], dtype=float)
+        start = block.stop
+    if set(marginals) != set(keys):
+        raise SolveError("covariance: the variables asked for are not the last ones")
+    return marginals
 
 
 def chain_marginals(system: LinearSystem) -> dict[int, Array]:

@@ -1,0 +1,127 @@
+"""Where the camera starts, and where it puts the wearers: from the hypothesis cameras of the association (PnP).
+
+Every hypothesis is a camera that sees one wearer's skeleton as one detection shows it, in that wearer's own world:
+the vertical of all these worlds is the same, their headings and root paths are not.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from vip_factors.geometry.quaternions import interpolate_rotations
+from vip_factors.geometry.rotations import (
+    Array,
+    angle_between,
+    mean_rotation,
+    rotation_z,
+    transpose,
+    wrap_angle,
+    yaw_of,
+)
+from vip_factors.sensors.camera_path import CameraPath
+
+MEAN_ROUNDS = 10  # of reweighting: a robust mean settles in five
+MEAN_SCALE = np.deg2rad(5.0)  # beyond which a hypothesis counts less: PnP on an inertial skeleton is off by so much
+SMOOTHING = 0.5  # s, window of the median over single hypotheses
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """The hypothesis cameras of one wearer, one at most for each video frame.
+
+    Attributes:
+        time: ``(n,)`` seconds, increasing.
+        R_camera_world: ``(n, 3, 3)`` from the wearer's own world.
+        p_camera_pelvis: ``(n, 3)`` metres, where the camera sees the wearer's pelvis.
+    """
+
+    time: Array
+    R_camera_world: Array
+    p_camera_pelvis: Array
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+def robust_mean_rotation(R: Array) -> Array:
+    """Mean ``(3, 3)`` of rotations ``(n, 3, 3)``, outliers discounted (Cauchy)."""
+    weights = np.ones(len(R))
+    mean = mean_rotation(R)
+    for _ in range(MEAN_ROUNDS):
+        weights = 1 / (1 + (angle_between(mean, R) / MEAN_SCALE) ** 2)
+        mean = mean_rotation(R, weights)
+    return mean
+
+
+def robust_mean_angle(angles: Array) -> float:
+    """Mean of angles ``(n,)`` in radians, outliers discounted; found from the fullest direction."""
+    spread = np.abs(wrap_angle(angles[:, None] - angles))
+    mean = float(angles[np.argmin(np.sum(np.minimum(spread, 6 * MEAN_SCALE), axis=1))])
+    for _ in range(MEAN_ROUNDS):
+        error = wrap_angle(angles - mean)
+        weights = 1 / (1 + (error / MEAN_SCALE) ** 2)
+        mean += float(np.average(error, weights=weights))
+    return float(wrap_angle(mean))
+
+
+def standing_camera(sightings: Sightings, p_world_pelvis: Array) -> CameraPath:
+    """A camera that stands still: the robust mean of the rotations, placed so that the first pelvis is where it is.
+
+    ``p_world_pelvis`` ``(n, 3)`` at the sightings.
+    """
+    R = transpose(robust_mean_rotation(sightings.R_camera_world))
+    p = np.median(p_world_pelvis - sightings.p_camera_pelvis @ R.T, axis=0)
+    return CameraPath(sightings.time[:1], R[None], p[None])
+
+
+def moving_camera(sightings: Sightings, p_world_pelvis: Array, time: Array) -> CameraPath:
+    """A camera that moves, at instants ``time`` ``(T,)``: each sighting's own, smoothed by a running median."""
+    R_world_camera = transpose(sightings.R_camera_world)
+    R = np.stack([_local_mean(R_world_camera, sightings.time, at) for at in sightings.time])
+    return _path(R, sightings, p_world_pelvis, time)
+
+
+def carried_camera(
+    sightings: Sightings, p_world_pelvis: Array, time: Array, R_inertial_camera: Array
+) -> tuple[CameraPath, float]:
+    """A camera whose own IMU tells its rotations ``(T, 3, 3)`` but for the heading: the path, and that heading."""
+    measured = interpolate_rotations(time, R_inertial_camera, np.clip(sightings.time, time[0], time[-1]))
+    heading = robust_mean_angle(yaw_of(transpose(sightings.R_camera_world) @ transpose(measured)))
+    path = _path(rotation_z(heading) @ measured, sightings, p_world_pelvis, time)
+    return CameraPath(time, rotation_z(heading) @ R_inertial_camera, path.p_world_camera), heading
+
+
+def _path(R_world_camera: Array, sightings: Sightings, p_world_pelvis: Array, time: Array) -> CameraPath:
+    p = p_world_pelvis - np.einsum("tij,tj->ti", R_world_camera, sightings.p_camera_pelvis)
+    return CameraPath(sightings.time, R_world_camera, running_median(p, sightings.time)).at(time)
+
+
+def _local_mean(R: Array, time: Array, at: float) -> Array:
+    return robust_mean_rotation(R[np.abs(time - at) <= SMOOTHING / 2])
+
+
+def running_median(values: Array, time: Array) -> Array:
+    """Medians of ``(n, 3)`` over about half a second."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    window = max(1, min(len(values), round(SMOOTHING / step) | 1))
+    return np.asarray(median_filter(values, size=(window, 1), mode="nearest"))
+
+
+def world_turn(camera: CameraPath, sightings: Sightings) -> float:
+    """By how much a wearer's own world is turned about the vertical in the camera's: radians, to be added."""
+    R = camera.at(sightings.time).R_world_camera
+    return robust_mean_angle(yaw_of(R @ sightings.R_camera_world))
+
+
+def filmed_path(camera: CameraPath, sightings: Sightings, p_world_pelvis: Array, time: Array) -> Array:
+    """Root path ``(T, 3)`` at ``time``: where the camera sees the wearer, and as they walked in between.
+
+    ``p_world_pelvis`` ``(T, 3)`` is the wearer's own path, turned into the camera's world; it is moved by what it is
+    off at the sightings.
+    """
+    there = camera.at(sightings.time)
+    seen = there.p_world_camera + np.einsum("tij,tj->ti", there.R_world_camera, sightings.p_camera_pelvis)
+    own = np.stack([np.interp(sightings.time, time, column) for column in p_world_pelvis.T], axis=1)
+    shift = running_median(seen - own, sightings.time)
+    return p_world_pelvis + np.stack([np.interp(time, sightings.time, column) for column in shift.T], axis=1)

@@ -1,0 +1,103 @@
+"""Video-inertial fusion (thesis 4.3.3): wearers, camera, headings and mountings jointly; coarsely, then finely."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vip_factors.associate.associate import Association
+from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.geometry.rotations import Array
+from vip_factors.graph.model import InertialModel
+from vip_factors.graph.scene_batch import SceneObjective
+from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel
+from vip_factors.graph.scene_state import CameraState, SceneState
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.frames import resample_streams
+from vip_factors.sensors.scene import Scene
+from vip_factors.settings import Settings
+from vip_factors.stages.filming import Filmed, camera_problem
+from vip_factors.stages.inertial import at_frames
+from vip_factors.stages.inertial_model import kept, loosened, with_contacts
+from vip_factors.stages.solver import Solver
+from vip_factors.stages.views import image_scale, keypoint_view
+
+
+@dataclass(frozen=True)
+class Fused:
+    """A scene's problem and its solution."""
+
+    model: SceneModel
+    state: SceneState
+
+    @property
+    def camera_path(self) -> CameraPath:
+        """The camera's path; a single instant if it stands still."""
+        time, poses = self.model.wearers[0].frames.time, self.state.camera.poses
+        return CameraPath(time[: len(poses)], poses.R_world_camera, poses.p_world_camera)
+
+
+def fuse(filmed: Filmed, association: Association, detections: Detections, settings: Settings, solver: Solver) -> Fused:
+    """Everything free, on the coarse frames."""
+    wearers = tuple(
+        with_contacts(loosened(one.model, settings.calibration), state)
+        for one, state in zip(filmed.wearers, filmed.state.wearers, strict=True)
+    )
+    views = _views(wearers, filmed.camera, filmed.state, association, detections)
+    model = SceneModel(wearers, filmed.camera, views)
+    return Fused(model, solver.solve(SceneObjective(model), filmed.state, "video-inertial fusion"))
+
+
+def fuse_finely(
+    scene: Scene, filmed: Filmed, coarse: Fused, association: Association, detections: Detections, time: Array,
+    settings: Settings, solver: Solver,
+) -> Fused:  # fmt: skip
+    """At the full frame rate, with headings, mountings and mean poses kept; a moving camera moves on."""
+    assert scene.camera is not None
+    before = coarse.model.wearers[0].frames.time
+    wearers, states = [], []
+    for recording, tracked, state in zip(scene.wearers, filmed.wearers, coarse.state.wearers, strict=True):
+        streams = [recording.imus[name] for name in tracked.model.frames.sensors]
+        states.append(at_frames(state, before, time))
+        wearers.append(with_contacts(kept(tracked.model, resample_streams(streams, time)), states[-1]))
+    camera = replace(camera_problem(scene.camera, time, settings), free_clock=False)
+    camera = replace(camera, prior_heading=coarse.state.camera.heading)
+    start = SceneState(tuple(states), _camera_at(coarse, time))
+    views = _views(wearers, camera, start, association, detections)
+    model = SceneModel(tuple(wearers), camera, views)
+    return Fused(model, solver.solve(SceneObjective(model), start, "full rate"))
+
+
+def _camera_at(coarse: Fused, time: Array) -> CameraState:
+    camera = coarse.state.camera
+    if len(camera.poses) == 1:
+        return camera
+    path = coarse.camera_path.at(time)
+    return replace(camera, poses=CameraPoses(path.R_world_camera, path.p_world_camera))
+
+
+def _views(
+    wearers: Sequence[InertialModel], camera: CameraProblem, state: SceneState, association: Association,
+    detections: Detections,
+) -> tuple[KeypointView, ...]:  # fmt: skip
+    return tuple(
+        keypoint_view(
+            detections,
+            association.wearer == number,
+            wearer.skeleton,
+            wearer.frames.time,
+            image_scale(wearer.skeleton, state, number, camera.model),
+            camera.settings.reprojection,
+        )
+        for number, wearer in enumerate(wearers)
+    )
+
+
+def gravity_in_camera(scene: Scene, time: Array) -> Array | None:
+    """Which way is down in the camera's frame at the video's instants ``(F, 3)``, by its IMU; None without one."""
+    mount = scene.camera.mount if scene.camera is not None else None
+    if mount is None or mount.imu.R_inertial_sensor is None:
+        return None
+    nearest = np.clip(np.searchsorted(mount.imu.time, time), 0, len(mount.imu) - 1)
+    return -mount.imu.R_inertial_sensor[nearest, 2] @ mount.R_camera_imu.T

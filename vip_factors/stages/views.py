@@ -1,0 +1,109 @@
+"""What the camera saw of each wearer, put onto the estimate's frames."""
+
+import numpy as np
+
+from vip_factors.body.keypoints import KeypointSet
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.skeleton import Skeleton, joint_index
+from vip_factors.factors.reprojection import ReprojectionSettings
+from vip_factors.geometry.rotations import Array
+from vip_factors.graph.model import BodyPoint
+from vip_factors.graph.scene_model import KeypointView
+from vip_factors.graph.scene_state import SceneState
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.placement import stature_of
+
+# The square root of a person's area in the image over the height they would have there standing: people fill about
+# half of a box that is 0.35 as wide as high.
+AREA_OF_HEIGHT = 0.43
+SAME_INSTANT = 2e-3  # s: a video frame so near to a frame of the estimate is taken as it is
+BRIDGED_GAPS = 1.5  # video frame periods over which a keypoint is interpolated
+
+
+def keypoint_view(
+    detections: Detections, chosen: np.ndarray, skeleton: Skeleton, time: Array, scale: Array,
+    settings: ReprojectionSettings,
+) -> KeypointView:  # fmt: skip
+    """One wearer's keypoints at the frames.
+
+    Args:
+        detections: with times on the recording's clock.
+        chosen: ``(N,)`` bool, which of them are the wearer's: one for each video frame at most.
+        skeleton: the wearer's.
+        time: ``(T,)`` of the frames.
+        scale: ``(T,)`` square root of the wearer's area in pixels.
+        settings: of the reprojection factor.
+    """
+    used, points = _on_body(detections.keypoints, skeleton)
+    track, confidence = _track(detections, chosen)
+    track, confidence = track[:, used], confidence[:, used]
+    pixels, sureness = _at_frames(detections.time, track, confidence, time)
+    seen = (sureness >= settings.least_confidence) & np.all(np.isfinite(pixels), axis=2)
+    oks = detections.keypoints.sigmas[used]
+    with np.errstate(divide="ignore"):
+        sigma = settings.spread * oks * scale[:, None] / np.sqrt(np.minimum(sureness, 1.0))
+    sigma = np.where(seen, np.maximum(sigma, settings.least_px), 1.0)
+    speed = _speed(detections.time, track, time)
+    return KeypointView(points, np.where(seen[..., None], pixels, 0.0), sigma, seen, speed)
+
+
+def image_scale(skeleton: Skeleton, state: SceneState, number: int, model: CameraModel, nearest: float = 0.5) -> Array:
+    """Square root of a wearer's area in pixels at each frame ``(T,)``, by the depth of the middle of the body."""
+    wearer = state.wearers[number]
+    body = forward_kinematics(skeleton, wearer.R_parent_child, wearer.p_world_pelvis)
+    centre = body.p_world_joint[:, joint_index("spine2")]
+    poses = state.camera.at_frames(slice(0, len(centre)))
+    depth = np.einsum("ti,ti->t", centre - poses.p_world_camera, poses.R_world_camera[:, :, 2])
+    return AREA_OF_HEIGHT * model.focal[1] * stature_of(skeleton) / np.maximum(depth, nearest)
+
+
+def _on_body(keypoints: KeypointSet, skeleton: Skeleton) -> tuple[np.ndarray, tuple[BodyPoint, ...]]:
+    places = keypoints.on_body(skeleton)
+    used = np.array([k for k, place in enumerate(places) if place is not None], dtype=int)
+    return used, tuple(BodyPoint(place.bone, place.p_bone_point) for place in places if place is not None)
+
+
+def _track(detections: Detections, chosen: np.ndarray) -> tuple[Array, Array]:
+    """Pixels ``(F, K, 2)`` and confidence ``(F, K)`` by video frame; NaN and zero where there is nothing."""
+    F, K = len(detections.time), len(detections.keypoints)
+    pixels, confidence = np.full((F, K, 2), np.nan), np.zeros((F, K))
+    rows = np.flatnonzero(chosen)
+    frames, seen = detections.frame[rows], detections.seen[rows]
+    pixels[frames] = np.where(seen[..., None], detections.pixels[rows], np.nan)
+    confidence[frames] = np.where(seen, detections.confidence[rows], 0.0)
+    return pixels, confidence
+
+
+def _at_frames(video: Array, pixels: Array, confidence: Array, time: Array) -> tuple[Array, Array]:
+    """The track at the frames: each video frame speaks once, to the frame nearest to it."""
+    period = float(np.median(np.diff(video))) if len(video) > 1 else 1.0
+    left = np.clip(np.searchsorted(video, time, side="right") - 1, 0, max(len(video) - 2, 0))
+    right = np.minimum(left + 1, len(video) - 1)
+    nearest = np.where(np.abs(video[right] - time) < np.abs(video[left] - time), right, left)
+    share = np.clip((time - video[left]) / np.maximum(video[right] - video[left], 1e-9), 0.0, 1.0)[:, None]
+    exact = np.abs(video[nearest] - time) <= SAME_INSTANT
+    bridged = (video[right] - video[left] <= BRIDGED_GAPS * period) & (time >= video[0]) & (time <= video[-1])
+    at = (1 - share)[..., None] * pixels[left] + share[..., None] * pixels[right]
+    sure = np.where(bridged[:, None], np.minimum(confidence[left], confidence[right]), 0.0)
+    at = np.where(exact[:, None, None], pixels[nearest], at)
+    sure = np.where(exact[:, None], confidence[nearest], sure)
+    return at, np.where(_spoken_to(video, time, nearest)[:, None], sure, 0.0)
+
+
+def _spoken_to(video: Array, time: Array, nearest: np.ndarray) -> np.ndarray:
+    """Which frames are the nearest to their own nearest video frame: finer frames would repeat one measurement."""
+    gap = np.abs(video[nearest] - time)
+    least = np.full(len(video), np.inf)
+    np.minimum.at(least, nearest, gap)
+    return gap <= least[nearest] + 1e-9
+
+
+def _speed(video: Array, pixels: Array, time: Array) -> Array:
+    """How fast the keypoints move at the frames, ``(T, K, 2)`` pixels per second; zero where that is not known."""
+    if len(video) < 3:
+        return np.zeros((len(time), *pixels.shape[1:]))
+    speed = np.zeros_like(pixels)
+    speed[1:-1] = (pixels[2:] - pixels[:-2]) / (video[2:] - video[:-2])[:, None, None]
+    nearest = np.clip(np.searchsorted((video[1:] + video[:-1]) / 2, time), 0, len(video) - 1)
+    return np.nan_to_num(speed[nearest])

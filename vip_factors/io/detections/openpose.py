@@ -46,6 +46,8 @@ def read(path: Path) -> FoundPeople:
         if not isinstance(people, list):
             raise FileFormatError(f"{file}: people is {type(people).__name__}: expected a list")
         for index, person in enumerate(people):
+            if person == {}:
+                continue  # as tools that sort people leave a place empty
             where = f"{file}, person {index}"
             key = next((one for one in KEYS if isinstance(person, dict) and one in person), KEYS[0])
             row = keypoint_row(entry_of(person, where, [key])[key], where)

@@ -1,16 +1,25 @@
-"""The pipeline on one page: recording → inertial tracker → sparse inertial poser → estimate."""
+"""The pipeline on one page: recording → inertial tracker → sparse inertial poser → estimate.
 
-from vip_factors.estimate import Estimate, PoseCovariance
+And with a camera: scene → inertial trackers → association → video-inertial fusion, twice → estimate (thesis 4.3).
+"""
+
+from vip_factors.associate.associate import associate
+from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
 from vip_factors.graph.batch import BatchObjective
-from vip_factors.graph.decode import decode, pose_covariance
+from vip_factors.graph.decode import decode, motion_of, pose_covariance
 from vip_factors.graph.model import InertialModel
 from vip_factors.graph.state import GraphState
-from vip_factors.sensors.frames import resample
+from vip_factors.sensors.frames import resample, resample_streams
 from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 from vip_factors.solve.marginals import chain_marginals
+from vip_factors.stages.filming import sightings, start_filming
+from vip_factors.stages.fusion import fuse, fuse_finely, gravity_in_camera
 from vip_factors.stages.inertial import at_frames, inertial_tracker
 from vip_factors.stages.inertial_model import FEW_SENSORS, alone, kept, loosened, with_contacts
+from vip_factors.stages.reporting import scene_estimate
+from vip_factors.stages.scene_frames import scene_frames
 from vip_factors.stages.solver import Progress, Solver
 
 DEFAULT = Settings()
@@ -51,6 +60,60 @@ def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progres
     return decode(
         recording.name, _method(model, settings), model, state, covariance, tuple(solver.reports), flatten(settings)
     )
+
+
+def smooth_scene(scene: Scene, settings: Settings = DEFAULT, progress: Progress | None = None) -> SceneEstimate:
+    """Reconstruct a scene: of its wearers' IMUs and of what its camera saw, or of the IMUs alone.
+
+    Args:
+        scene: with or without a camera; one that never shows a wearer is left out, and a finding says so.
+        settings: of all rooms.
+        progress: called with the name of the stage and the fraction of it done.
+
+    Raises:
+        InputError, RecordingError: for a scene that cannot be used.
+        SolveError: if the problem is not determined.
+    """
+    if scene.camera is None or not settings.fusion.use_camera:
+        return _inertial(scene, settings, progress, ())
+    solver = Solver(settings.solve, progress or (lambda stage, fraction: None))
+    camera, detections = scene.camera, scene.camera.detections.shifted(scene.camera.time_offset)
+    frames = scene_frames(scene, settings.frame_rate, settings.coarse_factor)
+    wearers = tuple(
+        inertial_tracker(wearer, resample_streams([wearer.imus[name] for name in wearer.placed], frames.coarse),
+                         settings, solver)
+        for wearer in scene.wearers
+    )  # fmt: skip
+
+    gravity = gravity_in_camera(scene, detections.time)
+    tell = solver.telling("association")
+    motions = [motion_of(one.model, one.state) for one in wearers]
+    association = associate(
+        detections, camera.model, motions, settings.association, gravity_camera=gravity, progress=tell
+    )
+    seen = tuple(sightings(association, number, detections, one) for number, one in enumerate(wearers))
+    if not any(len(one) for one in seen):
+        return _inertial(scene, settings, progress, association.findings)
+    filmed = start_filming(camera, wearers, seen, settings)
+    fused = fuse(filmed, filmed.state, association, detections, settings, solver)
+    for _ in range(settings.fusion.rounds - 1):
+        motions = [
+            motion_of(model, state) for model, state in zip(fused.model.wearers, fused.state.wearers, strict=True)
+        ]
+        association = associate(
+            detections, camera.model, motions, settings.association, fused.camera_path, gravity, progress=tell
+        )
+        fused = fuse(filmed, fused.state, association, detections, settings, solver)
+    fine = fuse_finely(scene, filmed, fused, association, detections, frames.fine, settings, solver)
+    return scene_estimate(scene, fused, fine, association, tuple(solver.reports), settings)
+
+
+def _inertial(scene: Scene, settings: Settings, progress: Progress | None, findings: tuple[str, ...]) -> SceneEstimate:
+    """Each wearer by itself, in a world of its own."""
+    estimates = tuple(smooth(wearer, settings, progress) for wearer in scene.wearers)
+    if len(estimates) > 1:
+        findings = (*findings, "without a camera the wearers are not placed relative to one another")
+    return SceneEstimate(scene.name, estimates[0].method, estimates, findings=findings, settings=flatten(settings))
 
 
 def _method(model: InertialModel, settings: Settings) -> str:

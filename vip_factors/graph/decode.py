@@ -28,15 +28,21 @@ def decode(
 ) -> Estimate:
     """The estimate that a state of the graph stands for."""
     frames = model.frames
-    motion = Motion(
-        model.skeleton, state.R_parent_child, state.p_world_pelvis, 1 / frames.step, float(frames.time[0]), name
-    )
+    motion = motion_of(model, state, name)
     calibration = {
         sensor: SensorCalibration(float(wrap_angle(state.headings[s])), state.R_bone_sensor[s])
         for s, sensor in enumerate(frames.sensors)
     }
     return Estimate(
         name, method, motion, calibration, covariance, residuals(model, state), frames.sensors, reports, settings or {}
+    )
+
+
+def motion_of(model: InertialModel, state: GraphState, name: str = "wearer") -> Motion:
+    """The motion that a state stands for."""
+    frames = model.frames
+    return Motion(
+        model.skeleton, state.R_parent_child, state.p_world_pelvis, 1 / frames.step, float(frames.time[0]), name
     )
 
 

@@ -38,15 +38,18 @@ class Fused:
         return CameraPath(time[: len(poses)], poses.R_world_camera, poses.p_world_camera)
 
 
-def fuse(filmed: Filmed, association: Association, detections: Detections, settings: Settings, solver: Solver) -> Fused:
+def fuse(
+    filmed: Filmed, start: SceneState, association: Association, detections: Detections, settings: Settings,
+    solver: Solver,
+) -> Fused:  # fmt: skip
     """Everything free, on the coarse frames."""
     wearers = tuple(
         with_contacts(loosened(one.model, settings.calibration), state)
-        for one, state in zip(filmed.wearers, filmed.state.wearers, strict=True)
+        for one, state in zip(filmed.wearers, start.wearers, strict=True)
     )
-    views = _views(wearers, filmed.camera, filmed.state, association, detections)
+    views = _views(wearers, filmed.camera, start, association, detections)
     model = SceneModel(wearers, filmed.camera, views)
-    return Fused(model, solver.solve(SceneObjective(model), filmed.state, "video-inertial fusion"))
+    return Fused(model, solver.solve(SceneObjective(model), start, "video-inertial fusion"))
 
 
 def fuse_finely(

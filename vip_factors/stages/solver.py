@@ -30,3 +30,7 @@ class Solver:
         state, report = levenberg_marquardt(objective, start, self.settings, stage, lambda done: self.tell(stage, done))
         self.reports.append(report)
         return state
+
+    def telling(self, stage: str) -> Callable[[float], None]:
+        """Progress of a stage that is no solve."""
+        return lambda done: self.tell(stage, done)

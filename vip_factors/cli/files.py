@@ -1,4 +1,4 @@
-"""What a file on the command line is: a recording, an estimate, both in one, or a motion."""
+"""What a file on the command line is: a recording, a scene, an estimate of one of them, both in one, or a motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,17 +6,26 @@ from pathlib import Path
 
 from vip_factors.body.motion import Motion
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import Estimate
+from vip_factors.estimate import Estimate, SceneEstimate
 from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Scene
 
 
 @dataclass(frozen=True)
 class Opened:
-    """What some files hold together; the truth is a motion file's, else the recording's."""
+    """What some files hold together; the truth is a motion file's, else the recording's.
+
+    Attributes:
+        recording, estimate: of one wearer without a camera.
+        motion: of a motion file.
+        scene, scene_estimate: of several wearers, or with a camera.
+    """
 
     recording: Recording | None = None
     estimate: Estimate | None = None
     motion: Motion | None = None
+    scene: Scene | None = None
+    scene_estimate: SceneEstimate | None = None
 
     @property
     def truth(self) -> Motion | None:
@@ -26,6 +35,21 @@ class Opened:
         truth = self.recording.truth if self.recording is not None else None
         return truth.motion if truth is not None else None
 
+    @property
+    def is_scene(self) -> bool:
+        """Whether several wearers or a camera are among it."""
+        return self.scene is not None or self.scene_estimate is not None
+
+    def as_scene(self) -> tuple[Scene | None, SceneEstimate | None]:
+        """All of it as a scene: a plain recording or estimate is one of one wearer without a camera."""
+        scene, estimate = self.scene, self.scene_estimate
+        if scene is None and self.recording is not None:
+            scene = Scene(self.recording.name, (self.recording,))
+        if estimate is None and self.estimate is not None:
+            one = self.estimate
+            estimate = SceneEstimate(one.name, one.method, (one,), settings=one.settings)
+        return scene, estimate
+
 
 def open_all(paths: Sequence[Path]) -> Opened:
     """Open files and put together what they hold.
@@ -34,7 +58,7 @@ def open_all(paths: Sequence[Path]) -> Opened:
         InputError: if two of them hold a thing of the same kind, or one is missing.
         FileFormatError: if one holds neither a recording, an estimate nor a motion.
     """
-    together: dict[str, Recording | Estimate | Motion] = {}
+    together: dict[str, Recording | Estimate | Motion | Scene | SceneEstimate] = {}
     source: dict[str, Path] = {}
     for path in paths:
         for kind, content in vars(open_one(path)).items():
@@ -72,11 +96,29 @@ def _open_mcap(path: Path) -> Opened:
     from vip_factors.io.mcap_recording import read_recording
 
     topics = read_contents(path, lambda channel: False).topics
-    has_estimate = any(topic.startswith(ESTIMATE) for topic in topics)
-    has_more = any(not topic.startswith(ESTIMATE) for topic in topics)
+    estimated = [topic for topic in topics if topic.startswith(ESTIMATE)]
+    measured = [topic for topic in topics if not topic.startswith(ESTIMATE)]
     if not topics:
         raise FileFormatError(f"{path} is empty: expected a recording or an estimate")
-    if not has_estimate:
+    if any(topic.startswith(_SCENE) for topic in topics):
+        return _open_scene(path, bool(measured), bool(estimated))
+    if not estimated:
         return Opened(recording=read_recording(path))
-    recording = read_recording(path) if has_more and "/recording/info" in topics else None
+    recording = read_recording(path) if "/recording/info" in measured else None
     return Opened(recording=recording, estimate=read_estimate(path))
+
+
+# What only scenes and their estimates have among their topics.
+_SCENE = ("/scene/", "/camera/", "/estimate/scene/")
+
+
+def _open_scene(path: Path, measured: bool, estimated: bool) -> Opened:
+    """A scene of one wearer without a camera is opened as the plain recording that it is."""
+    from vip_factors.io.mcap_scene_estimate import read_scene_estimate
+    from vip_factors.io.mcap_scene_recording import read_scene
+
+    estimate = read_scene_estimate(path) if estimated else None
+    scene = read_scene(path) if measured else None
+    if scene is not None and scene.camera is None and len(scene.wearers) == 1:
+        return Opened(recording=scene.wearers[0], scene_estimate=estimate)
+    return Opened(scene=scene, scene_estimate=estimate)

@@ -1,4 +1,4 @@
-"""``vip-factors view``: look at recordings, estimates and motions in Rerun."""
+"""``vip-factors view``: look at recordings, scenes, estimates and motions, in Rerun or as pictures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from vip_factors.cli.files import Opened, open_all
+from vip_factors.cli.files import Opened, open_all, open_one
 from vip_factors.cli.options import Flag, parse
 from vip_factors.errors import InputError
 from vip_factors.viz.compare import Compare
@@ -15,21 +15,26 @@ from vip_factors.viz.compare import Compare
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """Look at a recording, an estimate, or both together, in Rerun's viewer or as files.
+    """Look at a recording or scene, an estimate, or both together, in Rerun's viewer or as files.
 
-    Give the recording beside the estimate to see the sensors, what they measured, and the truth if it is known.
+    Give the recording beside the estimate to see the sensors, what they measured, and the truth if it is known; of a
+    scene also the video, who was assigned to what, and the estimated bodies over the image.
     """
 
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE [FILE …]")]
-    """Recording, estimate (.mcap), motion (.bvh …): one of each kind at most."""
+    """Recording or scene, estimate (.mcap), motion (.bvh …): one of each kind at most, but any number of estimates
+    for --chart."""
     save: Path | None = None
     """Write a Rerun file (.rrd) instead of opening the viewer."""
     screenshot: Path | None = None
     """Write a picture (.png) of Rerun's view; needs Vulkan, in software (Mesa) if need be."""
     picture: Path | None = None
-    """Write a filmstrip (.png): poses in a row; needs nothing."""
+    """Write a filmstrip (.png): poses in a row, of a scene frames of its video; needs nothing."""
+    chart: Path | None = None
+    """Write a chart (.png): joint error per frame of every estimate, headings with their uncertainty; needs nothing."""
     compare: Compare = Compare.ROOT
-    """Where to draw the estimate beside the truth: on the true root path, in the true world, or to the side."""
+    """Where to draw the estimate beside the truth: on the true root path, in the true world, or to the side. Scenes
+    are always drawn in the true world."""
     overwrite: Flag = False
     """Replace files that exist."""
 
@@ -41,14 +46,20 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         raise InputError("no file given: expected a recording, an estimate or a motion")
     from vip_factors.io.atomic import check_target
 
-    for wanted in (options.save, options.screenshot, options.picture):
+    targets = (options.save, options.screenshot, options.picture, options.chart)
+    for wanted in targets:
         if wanted is not None:
             check_target(wanted, options.overwrite)
+    if options.chart is not None:
+        _chart(options.files, options.chart, options.overwrite)
+        print(options.chart)
+        if all(one is None for one in (options.save, options.screenshot, options.picture)):
+            return
     opened = open_all(options.files)
+    if opened.is_scene and opened.motion is not None:
+        raise InputError(f"a motion ('{opened.motion.name}') beside a scene: expected the scene's own file for truth")
     if options.picture is not None:
-        from vip_factors.viz.picture import filmstrip
-
-        filmstrip(opened.estimate, opened.recording, opened.truth, options.picture, overwrite=options.overwrite)
+        _picture(opened, options.picture, options.overwrite)
         print(options.picture)
     if options.screenshot is not None:
         _screenshot(opened, options.screenshot, options)
@@ -56,14 +67,56 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     if options.save is not None:
         _show(opened, options.save, options)
         print(options.save)
-    if options.save is None and options.screenshot is None and options.picture is None:
+    if all(one is None for one in targets):
         _show(opened, None, options)
+
+
+def _picture(opened: Opened, png: Path, overwrite: bool) -> None:
+    if opened.scene is not None:
+        from vip_factors.viz.scene_picture import scene_filmstrip
+
+        scene, estimate = opened.as_scene()
+        assert scene is not None
+        scene_filmstrip(scene, estimate, png, overwrite=overwrite)
+        return
+    from vip_factors.viz.picture import filmstrip
+
+    estimate_alone = opened.estimate
+    if estimate_alone is None and opened.scene_estimate is not None:
+        if len(opened.scene_estimate.wearers) > 1:
+            raise InputError("a picture of an estimate of several wearers needs their scene: give its file too")
+        estimate_alone = opened.scene_estimate.wearers[0]
+    filmstrip(estimate_alone, opened.recording, opened.truth, png, overwrite=overwrite)
+
+
+def _chart(paths: Sequence[Path], png: Path, overwrite: bool) -> None:
+    """Every file's estimate against the scene (or recording) among the files; curves are named by method or file."""
+    from vip_factors.viz.scene_charts import scene_charts
+    from vip_factors.viz.scene_world import drawn_scene
+
+    opened = {path: open_one(path).as_scene() for path in paths}
+    scenes = [scene for scene, _ in opened.values() if scene is not None]
+    if len(scenes) > 1:
+        raise InputError("several scenes for one chart: expected one, beside any number of its estimates")
+    scene = scenes[0] if scenes else None
+    estimates = {path: estimate for path, (_, estimate) in opened.items() if estimate is not None}
+    if not estimates:
+        raise InputError("no estimate for the chart: give at least one, and its recording or scene for the truth")
+    methods = [estimate.method for estimate in estimates.values()]
+    names = methods if len(set(methods)) == len(methods) else [path.stem for path in estimates]
+    drawn = [drawn_scene(scene, estimate) for estimate in estimates.values()]
+    scene_charts(dict(zip(names, drawn, strict=True)), png, overwrite=overwrite)
 
 
 def _show(opened: Opened, save: Path | None, options: ViewOptions) -> None:
     from vip_factors.viz.rerun_view import LiveViewer, SaveTo, show
 
     sink = LiveViewer() if save is None else SaveTo(save, options.overwrite)
+    if opened.is_scene:
+        from vip_factors.viz.rerun_scene import show_scene
+
+        show_scene(*opened.as_scene(), sink)
+        return
     show(opened.recording, opened.estimate, opened.truth, sink, compare=options.compare)
 
 

@@ -14,6 +14,7 @@ TRUTH: Colour = (40, 46, 58)
 ROW_HEIGHT, HEAD_HEIGHT, FOOT_HEIGHT = 28, 64, 44
 NAME_WIDTH, GAP = 190, 60
 TEXT = 17
+TICK_WIDTH = 62  # pixels that a number below the axis takes, with air around it
 WIDEST_ERROR_DEG = 90.0  # a bar that is longer says "unknown" as well as one that fills the panel
 NARROWEST_ERROR_DEG = 2.0
 
@@ -55,7 +56,7 @@ def draw_headings(
     second = first + panel + GAP
     reach = [abs(r.error) + 2 * (r.sigma if np.isfinite(r.sigma) else 0.0) for r in rows if np.isfinite(r.truth)]
     span = float(np.clip(np.nanmax(reach), NARROWEST_ERROR_DEG, WIDEST_ERROR_DEG))
-    _panel(canvas, (second, second + panel), y, span, "error, °   (thick: one sigma, thin: two)")
+    _panel(canvas, (second, second + panel), y, span, "error, °   (bars: 1, 2 sigma)")
     for at, row in zip(y, rows, strict=True):
         if np.isfinite(row.truth):
             _whisker(canvas, (second, second + panel), span, at, row.error, row.sigma, colour)
@@ -69,7 +70,7 @@ def _x(sides: tuple[float, float], span: float, value: float) -> float:
 def _panel(canvas: Canvas, sides: tuple[float, float], y: Sequence[float], span: float, label: str) -> None:
     top, bottom = y[0] - ROW_HEIGHT / 2, y[-1] + ROW_HEIGHT / 2
     canvas.text((sides[0], top - 12), label, LABEL, TEXT)
-    step = tick_step(2 * span, 8)
+    step = tick_step(2 * span, max(2, int((sides[1] - sides[0]) / TICK_WIDTH)))
     for index, at in enumerate(y):
         if index % 2 == 0:
             band = [[sides[0], at - ROW_HEIGHT / 2], [sides[1], at - ROW_HEIGHT / 2]]

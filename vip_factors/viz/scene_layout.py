@@ -38,7 +38,8 @@ def scene_blueprint(drawn: DrawnScene, image: str, floor: float, plots: Mapping[
     left: rrb.View | rrb.Container = world
     if drawn.detections is not None and drawn.model is not None:
         model = drawn.model
-        bounds = rrb.VisualBounds2D(x_range=(0, model.width), y_range=(0, model.height))
+        rim = 0.02 * model.width
+        bounds = rrb.VisualBounds2D(x_range=(-rim, model.width + rim), y_range=(-rim, model.height + rim))
         camera = rrb.Spatial2DView(origin=f"/{image}", name="Camera", background=IMAGE_BACKGROUND, visual_bounds=bounds)
         left = rrb.Vertical(world, camera, row_shares=[1, 1])
     views = [_plot(entity, title) for entity, title in plots.items()]

@@ -22,6 +22,9 @@ INK, SOFT_INK, WHITE, BLACK = (40, 46, 58), (120, 128, 140), (255, 255, 255), (0
 PLANE: Colour = (34, 38, 45)  # of a frame whose picture is not there
 WIDTH, MARGIN, GAP, HEADER = 1600, 60, 20, 130
 COLUMNS, CHART_HEIGHT = 3, 240
+ROOM = 1.25  # around the people shown
+Window = tuple[tuple[float, float], float]
+"""Upper left corner of the part of the image that is shown, in pixels, and the share of its width and height."""
 
 
 def scene_filmstrip(
@@ -104,12 +107,13 @@ def _strip(canvas: Canvas, drawn: DrawnScene, chosen: np.ndarray, size: tuple[in
     assert drawn.detections is not None
     assert drawn.model is not None
     pictures = video_frames(drawn.video, (int(frame) for frame in chosen))
+    window = _window(drawn, chosen)
     bodies = [(wearer.index, drawn.reprojected(wearer)) for wearer in drawn.wearers]
     for number, frame in enumerate(chosen):
         left = MARGIN + (number % columns) * (size[0] + GAP)
         top = HEADER + (number // columns) * (size[1] + GAP)
         picture = pictures.get(int(frame))
-        cell = _Cell(drawn.model, size, picture)
+        cell = _Cell(drawn.model, window, size, picture)
         for index, pixels in bodies:
             if pixels is not None:
                 cell.skeleton(pixels[frame], limb_pairs(drawn.detections.keypoints), wearer_colour(index), 5.5, 0.0)
@@ -128,22 +132,42 @@ def _detected(cell: "_Cell", drawn: DrawnScene, frame: int) -> None:
         cell.skeleton(pixels, pairs, colour, 1.5, 2.8)
 
 
+def _window(drawn: DrawnScene, chosen: np.ndarray) -> Window:
+    """What all frames show: the image's part where people are, of the image's proportions, not less than a half."""
+    assert drawn.detections is not None
+    assert drawn.model is not None
+    found = drawn.detections.pixels[np.isin(drawn.detections.frame, chosen)]
+    found = found[np.isfinite(found).all(axis=2)]
+    whole = np.array([drawn.model.width, drawn.model.height], dtype=float)
+    if not len(found):
+        return (0.0, 0.0), 1.0
+    low, high = np.clip(found.min(axis=0), 0, whole), np.clip(found.max(axis=0), 0, whole)
+    share = float(np.clip(ROOM * np.max((high - low) / whole), 0.5, 1.0))
+    corner = np.clip((low + high) / 2 - share * whole / 2, 0, (1 - share) * whole)
+    return (float(corner[0]), float(corner[1])), share
+
+
 class _Cell:
     """One frame: its picture (or a dark plane), and skeletons over it, in the camera's pixels."""
 
-    def __init__(self, model: CameraModel, size: tuple[int, int], picture: np.ndarray | None) -> None:
+    def __init__(self, model: CameraModel, window: Window, size: tuple[int, int], picture: np.ndarray | None) -> None:
         self.canvas = Canvas(*size)
-        self._scale = np.array([size[0] / model.width, size[1] / model.height])
+        self._corner, share = np.array(window[0]), window[1]
+        self._scale = np.array(size) / (share * np.array([model.width, model.height]))
         if picture is None:
             self.canvas.polygon([[0, 0], [size[0], 0], size, [0, size[1]]], PLANE)
-        else:
-            # Darkened a little, so that coloured lines stand out on a bright day.
-            small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-            self.canvas.paste((0.8 * small).astype(np.uint8), 0, 0)
+            return
+        # Pictures may be embedded smaller than the camera's image.
+        by = np.array([picture.shape[1] / model.width, picture.shape[0] / model.height])
+        x, y = np.round(self._corner * by).astype(int)
+        w, h = np.round(share * np.array([model.width, model.height]) * by).astype(int)
+        small = cv2.resize(picture[y : y + h, x : x + w], size, interpolation=cv2.INTER_AREA)
+        # Darkened a little, so that coloured lines stand out on a bright day.
+        self.canvas.paste((0.8 * small).astype(np.uint8), 0, 0)
 
     def skeleton(self, pixels: Array, pairs: np.ndarray, colour: Colour, line: float, dot: float) -> None:
         """Limbs ``pairs`` ``(L, 2)`` between keypoints ``pixels`` ``(K, 2)`` (NaN if missing), then the keypoints."""
-        at = pixels * self._scale
+        at = (pixels - self._corner) * self._scale
         at = np.where(np.abs(at) < 1e4, at, np.nan)  # near the image plane of the camera, points shoot off
         for pair in at[pairs]:
             if np.isfinite(pair).all():

@@ -28,6 +28,9 @@ CLEARANCE_M = 1.5  # from a standing camera to anybody's pelvis
 # Sway of a standing person: about 5 mm RMS at the centre of mass in quiet stance (Winter 1995, Gait & Posture 3), and
 # as an inverted pendulum half as much again at the chin; arms that hold a phone double it.
 SWAY_M, SWAY_TIME_S = 0.015, 1.2
+# Tremor of arms that hold something: ours, 1 mm with 5 σ/τ² = 0.13 m/s² RMS each axis, about what a phone in the hand
+# of somebody who stands reads beside its noise.
+HAND_M, HAND_TIME_S = 0.001, 0.2
 # Pointing of a hand-held camera: a slow part (the operator's aim) and a fast one. The fast one's angular rate of
 # 0.25·1.3/0.25 = 1.3 deg/s RMS is a calm hand; hand-held phone videos show 1–5 deg/s.
 AIM_DEG, AIM_TIME_S = 2.0, 1.5
@@ -61,7 +64,7 @@ def camera_motion(
     if settings.camera == "fixed":
         aim = np.repeat(_middle_of(people)[None], len(grid), axis=0)
     else:
-        p = p + _noise(random, grid, SWAY_M, SWAY_TIME_S) * [1, 1, 0.3]
+        p = p + _noise(random, grid, SWAY_M, SWAY_TIME_S) * [1, 1, 0.3] + _noise(random, grid, HAND_M, HAND_TIME_S)
         aim = _lagging(middle, grid)
     aim = np.concatenate([aim[:, :2], np.full((len(grid), 1), AIM_HEIGHT_M)], axis=1)
     R = looking_at(p, aim)

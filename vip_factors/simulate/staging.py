@@ -8,10 +8,12 @@ import numpy as np
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
-from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, yaw_of
+from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, wrap_angle, yaw_of
 from vip_factors.simulate.stance import floor_height
 
-BLEND_S = 1.0  # from the end of a clip into its next repetition
+BLEND_S = 0.8  # from the end of a clip into its next repetition
+TURN_RAD = np.deg2rad(100.0)  # at most within a blend: three or four repetitions lead round and back
+WALKS_M = 0.4  # net way of a clip that leads somewhere
 STAGE_M = 1.8  # how far from the stage's middle the middles of paths are: people cross, and hide each other
 APART_M = 0.6  # of two people's pelves who pass each other without touching
 TRIES = 30  # of places, before people come nearer than that
@@ -40,9 +42,9 @@ def lasting(motion: Motion, seconds: float) -> Motion:
     frames, blend = round(seconds * motion.rate) + 1, round(BLEND_S * motion.rate)
     if frames <= len(motion):
         return motion.frames(slice(0, frames))
-    if len(motion) < 3 * blend:
+    if len(motion) < 2 * blend:
         raise InputError(
-            f"motion '{motion.name}' lasts {len(motion) / motion.rate:g} s: expected at least {3 * BLEND_S:g} s to "
+            f"motion '{motion.name}' lasts {len(motion) / motion.rate:g} s: expected at least {2 * BLEND_S:g} s to "
             "repeat it"
         )
     R, p = motion.R_parent_child, motion.p_world_pelvis
@@ -65,15 +67,15 @@ def _fade(count: int) -> Array:
 
 
 def _turned_home(motion: Motion, R_end: Array, p_end: Array, home: Array) -> tuple[Array, Array]:
-    """The clip once more, from the end's middle on; its net way turned towards home, if it has one."""
+    """The clip once more, from the end's middle on; its net way turned towards home, as far as people turn."""
     count = len(p_end)
     start = motion.p_world_pelvis[:count].mean(axis=0)
     way = motion.p_world_pelvis[-count:].mean(axis=0) - start
     back = home - p_end[-1, :2]
-    if np.linalg.norm(way[:2]) > 0.5 and np.linalg.norm(back) > 0.3:
-        turn = np.arctan2(back[1], back[0]) - np.arctan2(way[1], way[0])
-    else:
-        turn = float(yaw_of(R_end[count // 2, 0] @ transpose(motion.R_parent_child[count // 2, 0])))
+    turn = float(yaw_of(R_end[count // 2, 0] @ transpose(motion.R_parent_child[count // 2, 0])))  # straight on
+    if np.linalg.norm(way[:2]) > WALKS_M and np.linalg.norm(back) > WALKS_M:
+        homeward = np.arctan2(back[1], back[0]) - np.arctan2(way[1], way[0])
+        turn += np.clip(wrap_angle(homeward - turn), -TURN_RAD, TURN_RAD)
     R_turn = rotation_z(turn)
     shift = np.array([*(p_end.mean(axis=0) - R_turn @ start)[:2], 0.0])
     R = motion.R_parent_child.copy()

@@ -1,0 +1,195 @@
+"""Simulated scenes against projection, physics and their own truth."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from vip_factors.body.keypoints import keypoint_set
+from vip_factors.body.motion import Motion
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import angle_between, log, rotation_z, transpose
+from vip_factors.sensors.placement import preset
+from vip_factors.sensors.scene import Scene
+from vip_factors.simulate.dense import dense_motion
+from vip_factors.simulate.detector_settings import DetectorSettings
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.recording import GRAVITY, simulate_recording
+from vip_factors.simulate.scene import CAMERA_IMU, Performer, simulate_scene
+from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
+from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.simulate.staging import from_time, placed, staged
+
+CAMERAS: tuple[CameraKind, ...] = ("fixed", "hand-held", "walking")
+SECONDS = 5.0
+
+
+@pytest.fixture(scope="module")
+def people() -> tuple[Performer, ...]:
+    """Two wearers, and a bystander who goes after three seconds."""
+    long = gestures(SECONDS + 2.2)
+    ann, bob = staged([long.frames(slice(0, 601)), from_time(long, 2.2).frames(slice(0, 601))], seed=1)
+    eve = staged([from_time(long, 1.0).frames(slice(0, 361))], seed=2, others=(ann, bob))[0]
+    sensors = preset("sip6", ann.skeleton)
+    return Performer("ann", ann, sensors), Performer("bob", bob, sensors), Performer("eve", eve)
+
+
+def plain(camera: CameraKind = "hand-held", **changes) -> SceneSettings:
+    return SceneSettings.noise_free(camera=camera, **changes)
+
+
+def in_image(scene: Scene, motion: Motion) -> np.ndarray:
+    """Pixels ``(F, K, 2)`` of a motion's keypoints by its own splines and the true camera."""
+    camera, truth = scene.camera, scene.truth
+    time = camera.detections.time + truth.time_offset
+    state = dense_motion(motion, SimulateSettings().lowpass_hz).state(time)
+    marks = camera.detections.keypoints.on_body(motion.skeleton)
+    world = np.stack([state.point(mark.bone, mark.p_bone_point) for mark in marks], axis=1)
+    return camera.model.project(truth.camera.at(time).to_camera(world))
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("keypoints", ["openpose18", "body25"])
+def test_noise_free_detections_are_the_projection_of_the_truth(people, camera: CameraKind, keypoints: str) -> None:
+    scene = simulate_scene(people, plain(camera, keypoints=keypoints, distortion=(-0.1, 0.02, 0.0, 0.0)), seed=3)
+    detections, truth = scene.camera.detections, scene.truth
+    for number in (0, 1):
+        mine = np.flatnonzero(truth.wearer == number)
+        assert len(mine) == len(np.unique(detections.frame[mine])) > 0.9 * len(detections.time)
+        seen = detections.seen[mine]
+        expected = in_image(scene, people[number].motion)[detections.frame[mine]]
+        assert detections.pixels[mine][seen] == pytest.approx(expected[seen], abs=1e-6)
+        assert truth.pixels[mine][seen] == pytest.approx(expected[seen], abs=1e-6)
+        assert np.all(detections.confidence[mine][seen] == 1.0)
+        assert np.array_equal(seen, scene.camera.model.inside(expected))
+
+
+def test_truth_of_a_wearer_and_keypoints_share_one_motion(people) -> None:
+    scene = simulate_scene(people, plain("fixed"), seed=3)
+    motion = scene.wearers[1].truth.motion  # at 60 Hz: every second frame is one of the video's
+    marks = scene.camera.detections.keypoints.on_body(motion.skeleton)
+    wrist = marks[scene.camera.detections.keypoints.keypoints.index("left_wrist")]
+    world = motion.state.point(wrist.bone, wrist.p_bone_point)[::2][: len(scene.camera.detections.time)]
+    expected = in_image(scene, people[1].motion)[:, 7]
+    camera = scene.truth.camera.at(scene.camera.detections.time)
+    assert scene.camera.model.project(camera.to_camera(world[:, None]))[:, 0] == pytest.approx(expected, abs=1e-6)
+
+
+def test_wearers_recordings_are_those_of_each_alone(people) -> None:
+    scene = simulate_scene(people, SceneSettings.realistic(), seed=9)
+    alone = simulate_recording(people[0].motion, people[0].placement, seed=9)
+    stream = scene.wearers[0].imus["left_forearm"]
+    assert np.array_equal(stream.specific_force, alone.imus["left_forearm"].specific_force)
+    other = scene.wearers[1].imus["left_forearm"]
+    errors = [
+        np.std(np.diff(one.specific_force[:100], n=3, axis=0)) for one in (stream, other)
+    ]  # both noisy, with different draws
+    assert min(errors) > 0.1
+    assert [wearer.subject.name for wearer in scene.wearers] == ["ann", "bob"]
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_same_seed_same_scene(people, camera: CameraKind) -> None:
+    one, two, other = (simulate_scene(people, SceneSettings.realistic(camera=camera), seed=seed) for seed in (4, 4, 5))
+    assert np.array_equal(one.camera.detections.pixels, two.camera.detections.pixels, equal_nan=True)
+    assert np.array_equal(one.truth.wearer, two.truth.wearer)
+    assert np.array_equal(one.truth.camera.p_world_camera, two.truth.camera.p_world_camera)
+    assert not np.array_equal(one.truth.camera.p_world_camera, other.truth.camera.p_world_camera)
+    if one.camera.mount is not None:
+        assert np.array_equal(one.camera.mount.imu.specific_force, two.camera.mount.imu.specific_force)
+
+
+def test_a_bystander_leaves_and_belongs_to_nobody(people) -> None:
+    scene = simulate_scene(people, plain("fixed"), seed=3)
+    nobody = scene.camera.detections.frame[scene.truth.wearer == -1]
+    assert len(nobody) > 60
+    assert scene.camera.detections.time[nobody.max()] <= 3.0 + 1e-9
+
+
+def test_the_videos_clock_is_off_by_what_the_truth_says(people) -> None:
+    right, late = (simulate_scene(people, plain("walking", time_offset_s=offset), seed=3) for offset in (0.0, 0.35))
+    assert late.camera.detections.time + 0.35 == pytest.approx(right.camera.detections.time)
+    assert np.array_equal(right.camera.detections.pixels, late.camera.detections.pixels, equal_nan=True)
+    assert (late.camera.time_offset, late.truth.time_offset) == (0.0, 0.35)
+
+
+@pytest.mark.parametrize("camera", ["hand-held", "walking"])
+def test_the_cameras_imu_feels_what_the_camera_does(people, camera: CameraKind) -> None:
+    settings = plain(camera, video_rate=200.0, camera_mounting_error_deg=8.0)
+    settings = replace(settings, imu=SimulateSettings.noise_free(imu_rate=200.0, heading_offset_deg=90.0))
+    scene = simulate_scene(people, settings, seed=3)
+    mount, truth, path = scene.camera.mount, scene.truth, scene.truth.camera
+    assert mount.imu.name == CAMERA_IMU
+    assert mount.imu.time == pytest.approx(path.time, abs=1e-9)
+    R_camera_imu, heading = truth.camera_calibration.R_bone_sensor, truth.camera_calibration.heading
+    assert 0 < np.rad2deg(angle_between(R_camera_imu, mount.R_camera_imu)) < 40
+    R_world_imu = path.R_world_camera @ R_camera_imu
+    assert rotation_z(heading) @ mount.imu.R_inertial_sensor == pytest.approx(R_world_imu, abs=1e-9)
+
+    step = 1 / 200.0
+    p = path.p_world_camera + path.R_world_camera @ mount.p_camera_imu
+    acceleration = (p[2:] - 2 * p[1:-1] + p[:-2]) / step**2
+    force = np.einsum("nij,nj->ni", R_world_imu, mount.imu.specific_force)[1:-1]
+    assert force + GRAVITY == pytest.approx(acceleration, abs=0.05)
+    assert np.std(acceleration) > 0.05  # the hand is not a tripod
+    rate = log(transpose(R_world_imu[:-2]) @ R_world_imu[2:]) / (2 * step)
+    assert mount.imu.angular_rate[1:-1] == pytest.approx(rate, abs=0.01)
+
+
+def test_a_tripod_stands_still_and_has_no_imu_unless_asked_for(people) -> None:
+    scene = simulate_scene(people, plain("fixed"), seed=3)
+    assert (len(scene.truth.camera), scene.camera.moving, scene.camera.mount) == (1, False, None)
+    mount = simulate_scene(people, plain("fixed", camera_imu=True), seed=3).camera.mount
+    assert np.linalg.norm(mount.imu.specific_force, axis=1) == pytest.approx(9.81)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_people_have_a_plausible_size_and_are_mostly_in_view(people, camera: CameraKind) -> None:
+    for seed in range(3):
+        scene = simulate_scene(people, plain(camera), seed=seed)
+        mine = scene.truth.wearer >= 0
+        pixels = scene.camera.detections.pixels[mine]
+        height = np.nanmax(pixels[..., 1], axis=1) - np.nanmin(pixels[..., 1], axis=1)
+        assert 200 < np.median(height) < 900
+        assert np.mean(scene.camera.detections.seen[mine]) > 0.8
+        up = -scene.truth.camera.R_world_camera[:, 2, 1]
+        assert np.all(up > np.cos(np.deg2rad(30)))  # held upright
+
+
+def test_realistic_scene_has_the_detectors_troubles(people) -> None:
+    scene = simulate_scene(people, SceneSettings.realistic(), seed=6)
+    detections, truth = scene.camera.detections, scene.truth
+    for number in (0, 1):
+        frames = detections.frame[truth.wearer == number]
+        assert 0.6 * len(detections.time) < len(frames)
+    shuffled = [np.any(np.diff(truth.wearer[detections.of_frame(f)]) < 0) for f in range(len(detections.time))]
+    assert 0.1 < np.mean(shuffled) < 0.9
+    assert np.all(detections.confidence[detections.seen] >= DetectorSettings().least_confidence)
+
+
+def test_people_placed_together_do_not_run_into_each_other() -> None:
+    motion = gestures(6.0)
+    world = staged([from_time(gestures(6.0 + k), float(k)) for k in range(4)], seed=3)
+    for one, other in pairwise(world):
+        count = min(len(one), len(other))
+        apart = np.linalg.norm((one.p_world_pelvis[:count] - other.p_world_pelvis[:count])[:, :2], axis=1)
+        assert apart.min() > 0.3
+    moved = placed(motion, 1.0, (2.0, 3.0))
+    assert moved.p_world_pelvis[:, 2] == pytest.approx(motion.p_world_pelvis[:, 2])
+    distance = np.linalg.norm(np.diff(motion.p_world_pelvis, axis=0), axis=1)
+    assert np.linalg.norm(np.diff(moved.p_world_pelvis, axis=0), axis=1) == pytest.approx(distance)
+
+
+def test_impossible_scenes_say_why(people) -> None:
+    with pytest.raises(InputError, match="nobody with sensors"):
+        simulate_scene(people[2:])
+    with pytest.raises(InputError, match="names repeat"):
+        simulate_scene([people[0], replace(people[1], name="ann")])
+    late = replace(people[1], motion=replace(people[1].motion, start=100.0))
+    with pytest.raises(InputError, match="share"):
+        simulate_scene([people[0], late])
+    with pytest.raises(InputError, match="fixed, hand-held or walking"):
+        SceneSettings(camera="drone")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="unknown keypoint set"):
+        SceneSettings(keypoints=keypoint_set("coco17").name + "x")

@@ -1,13 +1,16 @@
-"""``vip-factors convert``: foreign sensor logs in, one recording out."""
+"""``vip-factors convert``: foreign sensor logs in, one recording out; with a video's 2D poses, a scene."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from vip_factors.cli.options import Flag, parse
+
+if TYPE_CHECKING:
+    from vip_factors.io.scene_building import CameraOptions
 
 
 @dataclass(frozen=True)
@@ -15,6 +18,9 @@ class ConvertOptions:
     """Bring a sensor log of any known format into a recording (MCAP): a file, a folder, or how its files' names begin.
 
     Say where the sensors sit with --placement; without it their names must tell.
+
+    With --detections and --camera the recording also holds what a 2D pose detector saw in a video. Several wearers:
+    convert each log on its own, then join the recordings: convert a.mcap both.mcap --join b.mcap --detections …
     """
 
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
@@ -43,6 +49,32 @@ class ConvertOptions:
     """Format of the log; found by its content if absent."""
     name: str | None = None
     """Name of the recording; the log's own if absent."""
+    join: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RECORDING")] = ()
+    """Recording (.mcap) of another wearer at the same time, to be part of the scene; may be said several times."""
+    detections: Path | None = None
+    """2D poses: OpenPose's folder, or the .json file of AlphaPose, MMPose or COCO's results."""
+    keypoints: str | None = None
+    """Their keypoints: coco17, openpose18, body25, body25b, halpe26, blazepose33; told by their number if absent."""
+    video_rate: float | None = None
+    """Frames per second of the video, if the video itself is not given."""
+    first_frame: int | None = None
+    """Number of the video's first frame among the 2D poses; the format's usual one if absent."""
+    camera: Path | None = None
+    """Camera file (.toml) with the intrinsics; vip-factors calibrate-camera makes one."""
+    static_camera: Flag = False
+    """The camera stands still: one pose for the whole recording."""
+    known_camera_pose: Flag = False
+    """Believe the static camera's pose over the floor that the camera file tells."""
+    camera_imu: str | None = None
+    """Name of the sensor that is on the camera, among those of the logs."""
+    camera_imu_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    """Rough turn of that sensor's axes in the camera's (x right, y down, z forward), as a quaternion."""
+    time_offset_s: float = 0.0
+    """Seconds to add to the video's times to get the sensors'; vip-factors sync finds them."""
+    video: Path | None = None
+    """Video, to look at and for the times of its frames."""
+    embed_video: Flag = False
+    """Put small images of the video into the recording, so that it can be looked at anywhere."""
     overwrite: Flag = False
     """Replace the recording if it exists."""
 
@@ -50,16 +82,75 @@ class ConvertOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(ConvertOptions, prog, arguments)
-    from vip_factors.cli.info import recording_text
+    from vip_factors.cli.info_recording import recording_text
+    from vip_factors.cli.info_scene import scene_text
     from vip_factors.cli.terminal import waiting
     from vip_factors.io.atomic import check_target
-    from vip_factors.io.convert import ImportOptions, import_recording
+    from vip_factors.io.convert import ImportOptions
     from vip_factors.io.mcap_recording import write_recording
+    from vip_factors.io.mcap_scene_recording import write_scene
+    from vip_factors.io.scene_building import add_camera, join_wearers, read_log_as_scene
 
     check_target(options.out, options.overwrite)
-    known = {name: value for name, value in vars(options).items() if name not in ("log", "out", "overwrite")}
+    camera = _camera_options(options)
+    known = {one.name: getattr(options, one.name) for one in fields(ImportOptions)}
     with waiting(f"reading {options.log}"):
-        recording = import_recording(options.log, ImportOptions(**known))
-        write_recording(recording, options.out, overwrite=options.overwrite)
-    print(recording_text(recording))
+        scene = read_log_as_scene(options.log, ImportOptions(**known))
+        if options.join:
+            others = [read_log_as_scene(path, ImportOptions()) for path in options.join]
+            scene = join_wearers([scene, *others], options.name)
+        if camera is not None:
+            scene = add_camera(scene, camera)
+        if scene.camera is None and len(scene.wearers) == 1:
+            write_recording(scene.wearers[0], options.out, overwrite=options.overwrite)
+            text = recording_text(scene.wearers[0])
+        else:
+            write_scene(scene, options.out, overwrite=options.overwrite)
+            text = scene_text(scene)
+    print(text)
     print(options.out)
+
+
+def _camera_options(options: ConvertOptions) -> "CameraOptions | None":
+    """What was said of the camera; None if nothing was.
+
+    Raises:
+        InputError: if detections or the camera's file are missing.
+    """
+    from vip_factors.errors import InputError
+
+    if options.detections is None or options.camera is None:
+        usual = ConvertOptions(options.log, options.out)
+        given = [name for name in _OF_CAMERA if getattr(options, name) != getattr(usual, name)]
+        if not given:
+            return None
+        missing = "--camera, the camera's file (vip-factors calibrate-camera makes one)"
+        if options.detections is None:
+            missing = "--detections, the 2D poses of the video's frames"
+        said = ", ".join("--" + name.replace("_", "-") for name in given)
+        raise InputError(f"{said} given without {missing}")
+    import numpy as np
+
+    from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
+    from vip_factors.io.scene_building import CameraOptions
+
+    return CameraOptions(
+        detections=options.detections,
+        camera=options.camera,
+        keypoints=options.keypoints,
+        rate=options.video_rate,
+        first_frame=options.first_frame,
+        static=options.static_camera,
+        video=options.video,
+        embed=options.embed_video,
+        imu=options.camera_imu,
+        R_camera_imu=matrix_from_quaternion(np.array(options.camera_imu_wxyz), Order.WXYZ),
+        known_pose=options.known_camera_pose,
+        time_offset=options.time_offset_s,
+    )
+
+
+_OF_CAMERA = (
+    "detections", "camera", "keypoints", "video_rate", "first_frame", "static_camera", "known_camera_pose",
+    "camera_imu", "time_offset_s", "video", "embed_video",
+)  # fmt: skip

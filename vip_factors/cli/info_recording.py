@@ -1,0 +1,98 @@
+"""What ``vip-factors info`` says of a recording, a motion and an estimate of one wearer."""
+
+import numpy as np
+
+from vip_factors.body.motion import Motion
+from vip_factors.estimate import Estimate, SolveReport
+from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.recording import Recording
+
+
+def motion_text(motion: Motion) -> str:
+    """Length, rate and body of a motion."""
+    return (
+        f"  {len(motion)} frames at {motion.rate:g} Hz, {motion.time[0]:.2f} to {motion.time[-1]:.2f} s\n"
+        f"  body: {motion.skeleton.source}"
+    )
+
+
+def recording_text(recording: Recording) -> str:
+    """Who wore what, and what each sensor gave."""
+    subject = recording.subject
+    lines = [
+        f"recording '{recording.name}'",
+        f"  subject: {subject.name}, {subject.body().source}",
+        f"  placement: {recording.placement.name}; initial pose: {recording.initial_pose}",
+    ]
+    if recording.imus:
+        start, end = recording.interval
+        lines.append(f"  time: {start:.2f} to {end:.2f} s, {len(recording.imus)} sensors")
+    lines += _sensor_lines(recording)
+    if recording.truth is not None:
+        with_calibration = " and calibration" if recording.truth.calibration else ""
+        lines += [
+            f"  truth: motion{with_calibration}",
+            "  " + motion_text(recording.truth.motion).replace("\n", "\n  "),
+        ]
+    lines += [f"  note: {line}" for line in recording.notes.splitlines() if line]
+    return "\n".join(lines)
+
+
+def _sensor_lines(recording: Recording) -> list[str]:
+    bones = {site.sensor: site.bone for site in recording.placement.sites}
+    rows = [("sensor", "bone", "samples", "rate", "gaps", "gives")]
+    for name, imu in recording.imus.items():
+        rows.append((name, bones.get(name, "not placed"), *stream_words(imu)))
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return [
+        "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+    ]
+
+
+def stream_words(imu: ImuStream) -> tuple[str, str, str, str]:
+    """Samples, rate, gaps and what the sensor gives."""
+    gives = [
+        word
+        for word, values in (
+            ("orientation", imu.R_inertial_sensor),
+            ("specific force", imu.specific_force),
+            ("angular rate", imu.angular_rate),
+        )
+        if values is not None
+    ]
+    gaps = imu.gaps
+    missing = f"{len(gaps)} ({(gaps[:, 1] - gaps[:, 0]).sum():.2f} s)" if len(gaps) else "none"
+    return str(len(imu)), f"{imu.rate:.1f} Hz", missing, ", ".join(gives)
+
+
+def estimate_text(estimate: Estimate) -> str:
+    """How it was made, how the solves went, and how large the residuals are."""
+    lines = [f"estimate '{estimate.name}', method {estimate.method}", motion_text(estimate.motion)]
+    lines.append(f"  covariance: {'yes' if estimate.covariance is not None else 'no'}")
+    lines += [f"  {report_text(report)}" for report in estimate.reports]
+    for kind, values in estimate.residuals.items():
+        finite = values[np.isfinite(values)]
+        if len(finite):
+            lines.append(
+                f"  residual {kind}: median {np.median(finite):.2f}, 95 % below {np.quantile(finite, 0.95):.2f}"
+            )
+    for name, one in estimate.calibration.items():
+        lines.append(f"  heading of {name}: {heading_text(one)}")
+    return "\n".join(lines)
+
+
+def report_text(report: SolveReport) -> str:
+    """How one solve went."""
+    before, after = sum(report.initial_cost.values()), sum(report.final_cost.values())
+    ended = "" if report.converged else ", stopped before it settled"
+    return (
+        f"{report.stage}: {len(report.iterations)} steps, cost {before:.4g} to {after:.4g}, "
+        f"{report.seconds:.1f} s{ended}"
+    )
+
+
+def heading_text(calibration: SensorCalibration) -> str:
+    """Degrees, with the standard deviation if there is one."""
+    sigma = calibration.heading_sigma
+    return f"{np.rad2deg(calibration.heading):.1f}{f' ± {np.rad2deg(sigma):.1f}' if np.isfinite(sigma) else ''}°"

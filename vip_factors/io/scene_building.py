@@ -1,0 +1,262 @@
+"""From recordings of wearers, and what a detector saw in a video, to one scene; and what cannot belong together."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.camera_file import read_camera_file, read_floor
+from vip_factors.io.convert import ImportOptions, detect_format, import_recording
+from vip_factors.io.detections.read import read_detections
+from vip_factors.io.mcap_scene_recording import read_scene
+from vip_factors.io.video import check_video, embed_video, video_facts
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, CameraMount, Scene, Video
+
+OUTSIDE = 0.05  # of the image's size: detectors put points a little beyond its border
+MOST_OUTSIDE = 0.02  # share of the points that may lie further out
+SMALL_PART = 0.55  # of both sides: a detector run at half the resolution stays within
+
+
+class SceneWarning(UserWarning):
+    """Something about a scene that looks odd or was assumed, and what it was."""
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """What filmed a scene; the file of detections and the camera's are needed, the rest is optional.
+
+    Attributes:
+        detections: 2D poses, as :func:`~vip_factors.io.detections.read.read_detections` takes them.
+        camera: camera file with the intrinsics.
+        keypoints: name of the keypoint set; told by the number of keypoints if None.
+        rate: video frames per second; the times in the video file win over it, and are used if None.
+        first_frame: number that the video's first frame has among the detections; the format's usual one if None.
+        static: whether the camera stands still.
+        video: file to look at.
+        embed: whether to put small images of it into the recording.
+        imu: name of the sensor on the camera, among those of the recordings.
+        R_camera_imu: ``(3, 3)`` rough mounting of that sensor; its axes along the camera's if None.
+        mounting_sigma: radians, of that rough mounting about each axis.
+        known_pose: believe the pose over the floor that the camera file tells; only for a camera that stands still.
+        time_offset: seconds to add to the video's times to get the IMUs'.
+        name: of the camera.
+    """
+
+    detections: Path
+    camera: Path
+    keypoints: str | None = None
+    rate: float | None = None
+    first_frame: int | None = None
+    static: bool = False
+    video: Path | None = None
+    embed: bool = False
+    imu: str | None = None
+    R_camera_imu: Array | None = None
+    mounting_sigma: float = CAMERA_MOUNTING_SIGMA
+    known_pose: bool = False
+    time_offset: float = 0.0
+    name: str = field(default="camera")
+
+
+def read_log_as_scene(path: Path, options: ImportOptions) -> Scene:
+    """A sensor log of any known format, or a recording or scene of ours, as a scene named as the options say.
+
+    Raises:
+        InputError, FileFormatError, RecordingError: as :func:`~vip_factors.io.convert.import_recording`.
+    """
+    if (options.format or detect_format(path)) != "recording":
+        recording = import_recording(path, options)
+        return Scene(recording.name, (recording,))
+    if replace(options, name=None) != ImportOptions(format=options.format):
+        import_recording(path, replace(options, name=None))  # says that it takes no import options
+    scene = read_scene(path)
+    if options.name is None:
+        return scene
+    wearers = tuple(replace(one, name=options.name) for one in scene.wearers)
+    return replace(scene, name=options.name, wearers=wearers)
+
+
+def join_wearers(scenes: Sequence[Scene], name: str | None = None) -> Scene:
+    """One scene of all wearers of several, on the clock of the first; the camera is that of the one scene that has one.
+
+    Recordings with an absolute start are brought onto one clock by it; the others' first instants are taken as one.
+
+    Raises:
+        InputError: if two scenes have a camera, or two wearers the same name.
+    """
+    names = [wearer.subject.name for scene in scenes for wearer in scene.wearers]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"two wearers are called '{twice}': give each a name of their own when converting (subject)")
+    filmed = [one for one in scenes if one.camera is not None]
+    if len(filmed) > 1:
+        named = ", ".join(f"'{one.name}'" for one in filmed)
+        raise InputError(f"scenes {named} have a camera each: expected one camera in all; leave the others' out")
+    first = scenes[0].wearers[0]
+    wearers = []
+    for scene in scenes:
+        for wearer in scene.wearers:
+            if scene is not scenes[0] and not (wearer.start_ns and first.start_ns):
+                _warn(
+                    f"'{wearer.name}' of {wearer.subject.name} has no absolute time in common with '{first.name}': "
+                    "their times 0 are taken as the same instant"
+                )
+                wearers.append(replace(wearer, start_ns=first.start_ns))
+            else:
+                wearers.append(_on_clock(wearer, first.start_ns))
+    camera, truth = (filmed[0].camera, filmed[0].truth) if filmed else (None, None)
+    if filmed and filmed[0] is not scenes[0]:
+        truth = None  # it counts the wearers of its own scene
+        seconds = (filmed[0].wearers[0].start_ns - first.start_ns) / 1e9
+        if camera is not None and filmed[0].wearers[0].start_ns and first.start_ns and seconds:
+            camera = _camera_later(camera, seconds)
+    return Scene(name or scenes[0].name, tuple(wearers), camera, truth)
+
+
+def _on_clock(wearer: Recording, start_ns: int) -> Recording:
+    """The recording with its times counted from another absolute start."""
+    seconds = (wearer.start_ns - start_ns) / 1e9
+    if not seconds:
+        return wearer
+    truth = wearer.truth
+    if truth is not None:
+        truth = replace(truth, motion=replace(truth.motion, start=truth.motion.start + seconds))
+    imus = {name: _later(stream, seconds) for name, stream in wearer.imus.items()}
+    return replace(wearer, imus=imus, truth=truth, start_ns=start_ns)
+
+
+def _later(stream: ImuStream, seconds: float) -> ImuStream:
+    return replace(stream, time=stream.time + seconds)
+
+
+def _camera_later(camera: Camera, seconds: float) -> Camera:
+    mount, path = camera.mount, camera.known_path
+    return replace(
+        camera,
+        time_offset=camera.time_offset + seconds,
+        mount=replace(mount, imu=_later(mount.imu, seconds)) if mount is not None else None,
+        known_path=replace(path, time=path.time + seconds) if path is not None else None,
+    )
+
+
+def add_camera(scene: Scene, options: CameraOptions) -> Scene:
+    """The scene with a camera and its detections, in place of any it had.
+
+    Raises:
+        InputError: for files that are missing or do not belong together: what was found and what to do is said.
+    """
+    facts = video_facts(options.video) if options.video is not None else None
+    rate = facts.rate if facts is not None else options.rate
+    if rate is None:
+        raise InputError(
+            f"{options.detections}: 2D poses come without times: give the video's rate in Hz, or the video itself"
+        )
+    detections = read_detections(options.detections, rate, options.keypoints, None, options.first_frame)
+    model = read_camera_file(options.camera)
+    check_detections(detections, model, options.detections, options.camera)
+    scene, mount = _with_mount(scene, options)
+    video = Video(options.video) if options.video is not None else None
+    path = _known_path(options)
+    camera = Camera(options.name, model, detections, not options.static, mount, path, options.time_offset, video)
+    if facts is not None:
+        check_video(facts, camera)
+        camera = replace(camera, detections=_whole_video(detections, facts.time))
+        if options.rate is not None and abs(options.rate / facts.rate - 1) > 0.01:
+            _warn(f"{facts.path} has {facts.rate:.2f} frames a second, not {options.rate:g}: the file's times are used")
+    _tell_times(scene, camera)
+    scene = replace(scene, camera=camera, truth=None)
+    return embed_video(scene) if options.embed else scene
+
+
+def _known_path(options: CameraOptions) -> CameraPath | None:
+    if not options.known_pose:
+        return None
+    floor = read_floor(options.camera)
+    if not options.static or floor is None:
+        lacks = (
+            "it tells no pose over the floor ([floor])" if options.static else "the camera is not said to stand still"
+        )
+        raise InputError(f"{options.camera}: its pose cannot be taken as known: {lacks}")
+    R_floor_camera, p_floor_camera = floor
+    return CameraPath(np.zeros(1), R_floor_camera[None], p_floor_camera[None])
+
+
+def _whole_video(detections: Detections, time: Array) -> Detections:
+    """With the times of all frames of the video, those after the last detection included."""
+    return replace(detections, time=time)
+
+
+def _with_mount(scene: Scene, options: CameraOptions) -> tuple[Scene, CameraMount | None]:
+    """The camera's own sensor taken from the wearer among whose streams it came."""
+    if options.imu is None:
+        return scene, None
+    owners = [wearer for wearer in scene.wearers if options.imu in wearer.imus]
+    if len(owners) != 1:
+        names = ", ".join(name for wearer in scene.wearers for name in wearer.imus)
+        found = "no wearer's recording has" if not owners else "several recordings have"
+        raise InputError(f"{found} a sensor '{options.imu}' to be the camera's: sensors are {names}")
+    owner = owners[0]
+    stream = owner.imus[options.imu]
+    sites = tuple(site for site in owner.placement.sites if site.sensor != options.imu)
+    rest = {name: one for name, one in owner.imus.items() if name != options.imu}
+    without = replace(owner, imus=rest, placement=replace(owner.placement, sites=sites))
+    wearers = tuple(without if one is owner else one for one in scene.wearers)
+    R_camera_imu = np.eye(3) if options.R_camera_imu is None else options.R_camera_imu
+    mount = CameraMount(stream, R_camera_imu, mounting_sigma=options.mounting_sigma)
+    return replace(scene, wearers=wearers), mount
+
+
+def check_detections(detections: Detections, model: CameraModel, path: Path, camera_path: Path) -> None:
+    """Refuse detections that show nobody, or that were made at another resolution than the calibration.
+
+    Raises:
+        InputError: naming both files.
+    """
+    if not np.any(detections.seen):
+        raise InputError(
+            f"{path}: in none of {len(detections.time)} video frames is anybody: every confidence is zero; "
+            "run the detector again, or check that these are its results"
+        )
+    pixels = detections.pixels[detections.seen]
+    size = np.array([model.width, model.height])
+    out = np.any((pixels < -OUTSIDE * size) | (pixels > (1 + OUTSIDE) * size), axis=1)
+    reach = np.quantile(pixels, 0.99, axis=0)
+    if np.mean(out) > MOST_OUTSIDE:
+        raise InputError(
+            f"{path}: {100 * np.mean(out):.0f} % of the points lie outside the image of {model.width} by "
+            f"{model.height} pixels that {camera_path} is for (they reach to {reach[0]:.0f}, {reach[1]:.0f}): "
+            "the detector saw another resolution; calibrate at that one, or detect at this one"
+        )
+    if len(detections.time) > 1 and np.all(reach < SMALL_PART * size) and len(detections) > 10:
+        _warn(
+            f"{path}: all people lie within {reach[0]:.0f} by {reach[1]:.0f} pixels of an image of {model.width} by "
+            f"{model.height} ({camera_path}): if the detector saw a smaller image, calibrate at its resolution"
+        )
+
+
+def _tell_times(scene: Scene, camera: Camera) -> None:
+    """Warn where video and sensors have little or no time in common."""
+    time = camera.detections.time + camera.time_offset
+    for wearer in scene.wearers:
+        if not wearer.imus:
+            continue
+        start, end = wearer.interval
+        common = min(end, time[-1]) - max(start, time[0])
+        if common < 0.5 * min(end - start, time[-1] - time[0]):
+            _warn(
+                f"the video lasts from {time[0]:.1f} to {time[-1]:.1f} s, the sensors of {wearer.subject.name} from "
+                f"{start:.1f} to {end:.1f} s: little in common; vip-factors sync finds the offset of their clocks"
+            )
+
+
+def _warn(sentence: str) -> None:
+    warnings.warn(SceneWarning(sentence), stacklevel=3)

@@ -1,0 +1,233 @@
+"""Frames of a video, to look at: from a file, or from images embedded in a recording."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.mcap_camera import frame_times
+from vip_factors.sensors.scene import Camera, Scene, Video
+
+if TYPE_CHECKING:
+    import cv2
+
+JPEG_QUALITY = 80  # of OpenCV's 100: lines stay sharp to the eye, at an eighth of the best quality's size
+CODED_BLOCK = 16  # pixels: codecs fill images up to whole blocks, and some calibrations count those (1088 for 1080)
+
+
+class VideoFrame(NamedTuple):
+    """Its index in the video, seconds on its clock, and the image ``(height, width, 3)``, red first, bytes."""
+
+    number: int
+    time: float
+    image: np.ndarray
+
+
+@dataclass(frozen=True)
+class VideoFacts:
+    """What a video file is.
+
+    Attributes:
+        path: of the file.
+        width, height: of its frames as they are shown (turned, where the file says so).
+        rate: frames per second, the median where it varies.
+        time: ``(F,)`` seconds of each frame after the first, as the file says: phones vary their rate.
+    """
+
+    path: Path
+    width: int
+    height: int
+    rate: float
+    time: Array
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+def video_facts(path: str | Path) -> VideoFacts:
+    """Size, frames and times of a video file; all frames are gone through, as counts in the header are estimates.
+
+    Raises:
+        InputError: if there is no such file.
+        FileFormatError: if it is no video, or has no frame.
+    """
+    path = Path(path)
+    with _opened(path) as capture:
+        import cv2
+
+        stamps = []
+        while capture.grab():
+            stamps.append(capture.get(cv2.CAP_PROP_POS_MSEC) / 1000)
+        nominal = capture.get(cv2.CAP_PROP_FPS)
+        width, height = (int(capture.get(one)) for one in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    if not stamps:
+        raise FileFormatError(f"{path}: not a single frame of the video can be read: it may be cut off; copy it again")
+    time = np.array(stamps) - stamps[0]
+    if len(time) > 1 and np.any(np.diff(time) <= 0):  # a container without times of its own
+        if not nominal > 0:
+            raise FileFormatError(f"{path}: the video says neither its rate nor the times of its frames")
+        time = np.arange(len(time)) / nominal
+    rate = float(1 / np.median(np.diff(time))) if len(time) > 1 else float(nominal)
+    return VideoFacts(path, width, height, rate, time)
+
+
+@contextmanager
+def _opened(path: Path) -> "Iterator[cv2.VideoCapture]":
+    if not path.is_file():
+        raise InputError(f"{path}: no such video file")
+    import cv2
+
+    capture = cv2.VideoCapture(str(path))
+    try:
+        if not capture.isOpened():
+            raise FileFormatError(f"{path}: not a video that OpenCV can open: expected .mp4, .mov, .avi or the like")
+        yield capture
+    finally:
+        capture.release()
+
+
+def iterate_frames(
+    video: Video | str | Path,
+    time: Array | None = None,
+    every: int = 1,
+    start: int = 0,
+    stop: int | None = None,
+    width: int | None = None,
+) -> Iterator[VideoFrame]:
+    """Frames one after the other, in the order of time; of the file if it is there, else the embedded ones.
+
+    Args:
+        video: to look at.
+        time: ``(F,)`` seconds of each video frame, such as those of the detections; from the file if None.
+        every: take each n-th frame only.
+        start, stop: first frame, and the one after the last.
+        width: of the images, in pixels; smaller ones stay as they are.
+
+    Raises:
+        InputError: if there is neither a file nor an embedded image.
+        FileFormatError: if the file is no video, or an image cannot be decoded.
+    """
+    if not isinstance(video, Video):
+        video = Video(Path(video))
+    if video.path is not None and (video.path.is_file() or not video.images):
+        yield from _of_file(video.path, time, range(start, 2**62 if stop is None else stop, every), width)
+    elif video.images:
+        wanted = range(start, max(video.images) + 1 if stop is None else stop, every)
+        yield from _of_images(video, time, wanted, width)
+    else:
+        raise InputError("the recording has no video: neither a file nor embedded images")
+
+
+def _of_file(path: Path, time: Array | None, wanted: range, width: int | None) -> Iterator[VideoFrame]:
+    with _opened(path) as capture:
+        import cv2
+
+        rate = capture.get(cv2.CAP_PROP_FPS) or 1.0
+        for index in range(wanted.stop):
+            if not capture.grab():
+                return
+            if index not in wanted:
+                continue
+            good, image = capture.retrieve()
+            if not good:
+                raise FileFormatError(f"{path}: frame {index} of the video cannot be decoded")
+            stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000 or index / rate
+            yield VideoFrame(index, _time(time, index, stamp), _shown(image, width))
+
+
+def _of_images(video: Video, time: Array | None, wanted: range, width: int | None) -> Iterator[VideoFrame]:
+    import cv2
+
+    for index in sorted(video.images):
+        if index not in wanted:
+            continue
+        image = cv2.imdecode(np.frombuffer(video.images[index], np.uint8), cv2.IMREAD_COLOR)
+        if image is None:
+            raise FileFormatError(f"the embedded image of video frame {index} cannot be decoded: expected JPEG or PNG")
+        yield VideoFrame(index, _time(time, index, float(index)), _shown(image, width))
+
+
+def _time(time: Array | None, index: int, otherwise: float) -> float:
+    return otherwise if time is None else float(frame_times(time, np.array(index)))
+
+
+def _shown(image: np.ndarray, width: int | None) -> np.ndarray:
+    """Red first, and not wider than asked."""
+    return np.ascontiguousarray(_narrowed(image, width)[..., ::-1])
+
+
+def _narrowed(image: np.ndarray, width: int | None) -> np.ndarray:
+    if width is None or image.shape[1] <= width:
+        return image
+    import cv2
+
+    height = max(1, round(image.shape[0] * width / image.shape[1]))
+    return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def embed_video(
+    scene: Scene, path: str | Path | None = None, every: int = 3, width: int = 640, quality: int = JPEG_QUALITY
+) -> Scene:
+    """The scene with frames of its video inside, as JPEG, so that its file can be looked at anywhere.
+
+    Args:
+        scene: with a camera.
+        path: of the video file; the scene's own if None.
+        every: embed each n-th frame: 10 a second of a video at 30, enough to see who is who.
+        width: of the images in pixels: about 50 kB each.
+        quality: of the JPEG, up to 100.
+
+    Raises:
+        InputError: if there is no camera or no video, or it is shorter than its detections.
+        FileFormatError: if the file is no video.
+    """
+    camera = scene.camera
+    if camera is None:
+        raise InputError(f"scene '{scene.name}' has no camera: its video cannot be embedded")
+    source = Path(path) if path is not None else camera.video.path if camera.video is not None else None
+    if source is None:
+        raise InputError(f"scene '{scene.name}' names no video file: give one to embed")
+    import cv2
+
+    images: dict[int, bytes] = {}
+    frames = len(camera.detections.time)
+    last = -1
+    for index, _, image in iterate_frames(source, every=every, stop=frames, width=width):
+        good, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+        if not good:
+            raise InputError(f"{source}: frame {index} cannot be encoded as JPEG")
+        images[index] = data.tobytes()
+        last = index
+    if last + every < frames:
+        raise InputError(
+            f"{source}: the video ends near frame {last}, but the detections have {frames} frames: it is shorter than "
+            "its detections; give the video that they were made from"
+        )
+    return replace(scene, camera=replace(camera, video=Video(source, images)))
+
+
+def check_video(facts: VideoFacts, camera: Camera) -> None:
+    """Refuse a video that the detections or the calibration cannot belong to.
+
+    Raises:
+        InputError: if it is shorter than its detections, or of another size than the calibrated one.
+    """
+    frames = len(camera.detections.time)
+    if len(facts) < frames:
+        raise InputError(
+            f"{facts.path} has {len(facts)} frames, but the detections have {frames}: the video is shorter than its "
+            "detections; give the video that they were made from"
+        )
+    model = camera.model
+    if max(abs(facts.width - model.width), abs(facts.height - model.height)) >= CODED_BLOCK:
+        turned = (facts.height, facts.width) == (model.width, model.height)
+        advice = "calibrate with the camera held as in the video" if turned else "calibrate at the video's resolution"
+        raise InputError(
+            f"{facts.path} has frames of {facts.width} by {facts.height} pixels, but the camera was calibrated at "
+            f"{model.width} by {model.height}: {advice}"
+        )

@@ -49,12 +49,9 @@ def _detection_lines(detections: Detections) -> list[str]:
         return [*lines, "  no video frame"]
     time, rate = detections.time, f"{detections.rate:.4g} Hz"
     lines.append(f"  {_count(frames, 'video frame')} at {rate}, {time[0]:.2f} to {time[-1]:.2f} s")
-    people = np.bincount(detections.frame, minlength=frames)
-    shares = ", ".join(
-        f"{number if number < 5 else '5 or more'} in {np.sum(people == number if number < 5 else people >= 5)}"
-        for number in range(min(int(people.max()), 5) + 1)
-    )
-    lines.append(f"  {_count(len(detections), 'person', 'people')} detected; so many in so many frames: {shares}")
+    numbers, counts = np.unique(np.bincount(detections.frame, minlength=frames), return_counts=True)
+    shares = ", ".join(f"{number or 'nobody'} in {count}" for number, count in zip(numbers, counts, strict=True))
+    lines.append(f"  {_count(len(detections), 'detection')}; people per frame: {shares}")
     if len(detections):
         seen = detections.seen
         middle = np.median(detections.confidence[seen]) if np.any(seen) else 0.0

@@ -24,6 +24,7 @@ from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, CameraMount
 OUTSIDE = 0.05  # of the image's size: detectors put points a little beyond its border
 MOST_OUTSIDE = 0.02  # share of the points that may lie further out
 SMALL_PART = 0.55  # of both sides: a detector run at half the resolution stays within
+ENOUGH = 10  # people, to judge by where they are
 
 
 class SceneWarning(UserWarning):
@@ -162,16 +163,16 @@ def add_camera(scene: Scene, options: CameraOptions) -> Scene:
         )
     detections = read_detections(options.detections, rate, options.keypoints, None, options.first_frame)
     model = read_camera_file(options.camera)
-    check_detections(detections, model, options.detections, options.camera)
     scene, mount = _with_mount(scene, options)
     video = Video(options.video) if options.video is not None else None
     path = _known_path(options)
     camera = Camera(options.name, model, detections, not options.static, mount, path, options.time_offset, video)
     if facts is not None:
         check_video(facts, camera)
-        camera = replace(camera, detections=_whole_video(detections, facts.time))
+        camera = replace(camera, detections=replace(detections, time=facts.time))  # all frames of the video
         if options.rate is not None and abs(options.rate / facts.rate - 1) > 0.01:
             _warn(f"{facts.path} has {facts.rate:.2f} frames a second, not {options.rate:g}: the file's times are used")
+    check_detections(detections, model, options.detections, options.camera, size_known=facts is not None)
     _tell_times(scene, camera)
     scene = replace(scene, camera=camera, truth=None)
     return embed_video(scene) if options.embed else scene
@@ -188,11 +189,6 @@ def _known_path(options: CameraOptions) -> CameraPath | None:
         raise InputError(f"{options.camera}: its pose cannot be taken as known: {lacks}")
     R_floor_camera, p_floor_camera = floor
     return CameraPath(np.zeros(1), R_floor_camera[None], p_floor_camera[None])
-
-
-def _whole_video(detections: Detections, time: Array) -> Detections:
-    """With the times of all frames of the video, those after the last detection included."""
-    return replace(detections, time=time)
 
 
 def _with_mount(scene: Scene, options: CameraOptions) -> tuple[Scene, CameraMount | None]:
@@ -215,8 +211,16 @@ def _with_mount(scene: Scene, options: CameraOptions) -> tuple[Scene, CameraMoun
     return replace(scene, wearers=wearers), mount
 
 
-def check_detections(detections: Detections, model: CameraModel, path: Path, camera_path: Path) -> None:
+def check_detections(
+    detections: Detections, model: CameraModel, path: Path, camera_path: Path, size_known: bool = False
+) -> None:
     """Refuse detections that show nobody, or that were made at another resolution than the calibration.
+
+    Args:
+        detections: of a video.
+        model: the calibrated camera.
+        path, camera_path: of their files, for complaints.
+        size_known: whether the size of the video is known to be the calibrated one.
 
     Raises:
         InputError: naming both files.
@@ -236,7 +240,7 @@ def check_detections(detections: Detections, model: CameraModel, path: Path, cam
             f"{model.height} pixels that {camera_path} is for (they reach to {reach[0]:.0f}, {reach[1]:.0f}): "
             "the detector saw another resolution; calibrate at that one, or detect at this one"
         )
-    if len(detections.time) > 1 and np.all(reach < SMALL_PART * size) and len(detections) > 10:
+    if not size_known and len(detections) >= ENOUGH and np.all(reach < SMALL_PART * size):
         _warn(
             f"{path}: all people lie within {reach[0]:.0f} by {reach[1]:.0f} pixels of an image of {model.width} by "
             f"{model.height} ({camera_path}): if the detector saw a smaller image, calibrate at its resolution"

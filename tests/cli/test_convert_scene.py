@@ -1,0 +1,100 @@
+"""``convert`` makes scenes of recordings, 2D poses and a camera; ``info`` says what is in them."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vip_factors.body.keypoints import KEYPOINT_SETS
+from vip_factors.io.mcap_recording import read_recording, write_recording
+from vip_factors.io.mcap_scene_estimate import write_scene_estimate
+from vip_factors.io.mcap_scene_recording import read_scene
+
+
+@pytest.fixture
+def poses(tmp_path: Path) -> Path:
+    rng = np.random.default_rng(0)
+    entries = []
+    for frame in (0, 0, 1, 40):
+        points = rng.uniform(0.2, 1, (17, 3)) * [600, 400, 1]
+        entries.append({"image_id": frame, "category_id": 1, "keypoints": points.ravel().tolist()})
+    (tmp_path / "poses.json").write_text(json.dumps(entries))
+    (tmp_path / "camera.toml").write_text("width = 640\nheight = 480\nfx = 500\nfy = 500\ncx = 320\ncy = 240\n")
+    return tmp_path / "poses.json"
+
+
+def test_two_wearers_and_a_camera(run, files, tmp_path: Path, poses: Path) -> None:
+    ada, bea = tmp_path / "ada.mcap", tmp_path / "bea.mcap"
+    recording = read_recording(files.recording)
+    for name, path in (("Ada", ada), ("Bea", bea)):
+        write_recording(replace(recording, subject=replace(recording.subject, name=name)), path)
+    told = run(
+        "convert", ada, tmp_path / "both.mcap", "--join", bea, "--detections", poses, "--video-rate", "10",
+        "--camera", tmp_path / "camera.toml", "--static-camera", "--name", "both",
+        "--camera-imu-wxyz", "1", "0", "0", "0",
+    )  # fmt: skip
+    assert told.code == 0, told.err
+    assert told.out.endswith("both.mcap\n")
+    scene = read_scene(tmp_path / "both.mcap")
+    assert [wearer.subject.name for wearer in scene.wearers] == ["Ada", "Bea"]
+    assert scene.camera is not None
+    assert scene.camera.detections.keypoints == KEYPOINT_SETS["coco17"]
+    info = run("info", tmp_path / "both.mcap")
+    assert info.code == 0, info.err
+    assert "scene 'both'\n  2 wearers: Ada, Bea\n" in info.out
+    assert "standing still: 640 by 480 pixels" in info.out
+    assert "keypoints coco17 (17)" in info.out
+    assert "4 detections; people per frame: nobody in 38, 1 in 2, 2 in 1" in info.out
+    assert "left_forearm" in info.out
+
+
+def test_without_a_camera_convert_writes_a_plain_recording(run, files, tmp_path: Path) -> None:
+    told = run("convert", files.recording, tmp_path / "a.mcap")
+    assert told.code == 0, told.err
+    assert read_recording(tmp_path / "a.mcap").name == read_recording(files.recording).name
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--static-camera", "--video-rate", "10"], "--video-rate, --static-camera given without --detections"),
+        (["--detections", "poses.json"], "--detections given without --camera"),
+        (["--detections", "poses.json", "--camera", "camera.toml"], "without times"),
+        (["--detections", "none.json", "--camera", "camera.toml", "--video-rate", "9"], "none.json: no such file"),
+        (["--detections", "poses.json", "--camera", "none.toml", "--video-rate", "9"], "none.toml"),
+        (["--detections", "poses.json", "--camera", "camera.toml", "--video", "none.mp4"], "none.mp4: no such video"),
+        (["--join", "none.mcap"], "none.mcap"),
+    ],
+)
+def test_what_does_not_fit_is_one_sentence(run, files, tmp_path: Path, monkeypatch, poses, options, words) -> None:
+    monkeypatch.chdir(tmp_path)
+    told = run("convert", files.recording, "out.mcap", *options)
+    assert told.code == 2
+    assert words in told.err
+    assert told.err.count("\n") == 1
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_info_on_the_estimate_of_a_scene(run, files, tmp_path: Path) -> None:
+    from vip_factors.estimate import CameraEstimate, SceneEstimate
+    from vip_factors.io.mcap_estimate import read_estimate
+    from vip_factors.sensors.camera_model import CameraModel
+    from vip_factors.sensors.camera_path import CameraPath
+
+    one = read_estimate(files.estimate)
+    T = len(one.motion)
+    path = CameraPath(one.motion.time, np.tile(np.eye(3), (T, 1, 1)), np.linspace(0, 1, T)[:, None] * [3.0, 0, 0])
+    model = CameraModel(640, 480, (500.0, 500.0), (320.0, 240.0))
+    covariance = np.tile(np.eye(6) * 1e-4, (T, 1, 1))
+    camera = CameraEstimate("phone", model, path, None, covariance, np.full((T, 1), 2.5))
+    estimate = SceneEstimate("walk", "VIP", (one,), camera, np.array([0, 0, -1]), (), ("the floor is wet",))
+    write_scene_estimate(estimate, tmp_path / "e.mcap")
+    told = run("info", tmp_path / "e.mcap")
+    assert told.code == 0, told.err
+    for words in (
+        "estimate of scene 'walk', method VIP", "finding: the floor is wet", "a path of 3.0 m", "0.57° and 1.0 cm",
+        "median 2.5 px", "2 to", "1 to nobody", "heading of pelvis",
+    ):  # fmt: skip
+        assert words in told.out, words

@@ -1,0 +1,154 @@
+"""Recordings, 2D poses, camera and video become one scene; what does not belong together is refused."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from mcap_samples import assert_same, walk
+from pose_files import person, write_coco, write_openpose
+from scene_samples import filmed_walk
+
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import rotation_z
+from vip_factors.io.convert import ImportOptions
+from vip_factors.io.mcap_recording import write_recording
+from vip_factors.io.mcap_scene_recording import write_scene
+from vip_factors.io.scene_building import CameraOptions, SceneWarning, add_camera, join_wearers, read_log_as_scene
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Scene
+
+CAMERA = "width = {0}\nheight = {1}\nfx = 500\nfy = 500\ncx = 320\ncy = 240\n"
+
+
+def of(name: str, **changes: object) -> Recording:
+    one = walk(200, 10)
+    return replace(one, name=f"walk of {name}", subject=replace(one.subject, name=name), **changes)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def given(tmp_path: Path) -> CameraOptions:
+    (tmp_path / "camera.toml").write_text(CAMERA.format(640, 480))
+    poses = write_coco(tmp_path / "poses.json", {frame: [person()] for frame in range(20)})
+    return CameraOptions(poses, tmp_path / "camera.toml", rate=10.0)
+
+
+def test_a_camera_is_added(given: CameraOptions) -> None:
+    before = Scene("s", (of("Ada"),))
+    scene = add_camera(before, replace(given, static=True, time_offset=0.25))
+    assert_same(before.wearers, scene.wearers)
+    camera = scene.camera
+    assert camera is not None
+    assert (camera.moving, camera.time_offset, camera.mount, camera.video) == (False, 0.25, None, None)
+    assert camera.model.width == 640
+    np.testing.assert_allclose(camera.detections.time, np.arange(20) / 10)
+
+
+def test_the_camera_s_sensor_leaves_its_wearer(given: CameraOptions) -> None:
+    R = rotation_z(0.3)
+    scene = add_camera(Scene("s", (of("Ada"),)), replace(given, imu="head", R_camera_imu=R))
+    assert scene.camera is not None
+    assert scene.camera.mount is not None
+    assert scene.camera.mount.imu.name == "head"
+    np.testing.assert_array_equal(scene.camera.mount.R_camera_imu, R)
+    assert "head" not in scene.wearers[0].imus
+    assert "head" not in [site.sensor for site in scene.wearers[0].placement.sites]
+    with pytest.raises(InputError, match=r"no wearer's recording has a sensor 'phone'.*pelvis"):
+        add_camera(Scene("s", (of("Ada"),)), replace(given, imu="phone"))
+    with pytest.raises(InputError, match="several recordings have a sensor 'head'"):
+        add_camera(Scene("s", (of("Ada"), of("Bea"))), replace(given, imu="head"))
+
+
+def test_a_known_pose_is_that_of_the_camera_file(given: CameraOptions) -> None:
+    scene = Scene("s", (of("Ada"),))
+    with pytest.raises(InputError, match=r"camera\.toml: its pose cannot be taken as known: it tells no pose"):
+        add_camera(scene, replace(given, static=True, known_pose=True))
+    floor = "[floor]\nR_floor_camera = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]\np_floor_camera = [0, 0, 1.5]\n"
+    given.camera.write_text(CAMERA.format(640, 480) + floor)
+    with pytest.raises(InputError, match="not said to stand still"):
+        add_camera(scene, replace(given, known_pose=True))
+    camera = add_camera(scene, replace(given, static=True, known_pose=True)).camera
+    assert camera is not None
+    assert camera.known_path is not None
+    np.testing.assert_allclose(camera.known_path.p_world_camera, [[0, 0, 1.5]])
+
+
+def write_video(path: Path, frames: int, rate: float = 8.0) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate, (640, 480))
+    for index in range(frames):
+        writer.write(np.full((480, 640, 3), 5 * index, np.uint8))
+    writer.release()
+    return path
+
+
+def test_times_are_those_of_the_video(given: CameraOptions, tmp_path: Path) -> None:
+    video = write_video(tmp_path / "v.mp4", 24)
+    with pytest.warns(SceneWarning, match="8.00 frames a second, not 10"):
+        camera = add_camera(Scene("s", (of("Ada"),)), replace(given, video=video, embed=True)).camera
+    assert camera is not None
+    np.testing.assert_allclose(camera.detections.time, np.arange(24) / 8, atol=1e-3)
+    assert camera.video is not None
+    assert sorted(camera.video.images) == list(range(0, 24, 3))
+
+
+def test_what_does_not_belong_together_is_refused(given: CameraOptions, tmp_path: Path) -> None:
+    scene = Scene("s", (of("Ada"),))
+    with pytest.raises(InputError, match="without times: give the video's rate"):
+        add_camera(scene, replace(given, rate=None))
+    with pytest.raises(InputError, match=r"v\.mp4 has 12 frames, but the detections have 20"):
+        add_camera(scene, replace(given, video=write_video(tmp_path / "v.mp4", 12)))
+    given.camera.write_text(CAMERA.format(320, 240))
+    with pytest.raises(InputError, match=r"poses\.json: \d+ % of the points.*320 by 240.*camera\.toml.*resolution"):
+        add_camera(scene, given)
+    with pytest.raises(InputError, match="640 by 480 pixels, but the camera was calibrated at 320 by 240"):
+        add_camera(scene, replace(given, video=write_video(tmp_path / "w.mp4", 20)))
+    given.camera.write_text(CAMERA.format(1920, 1440))
+    with pytest.warns(SceneWarning, match="if the detector saw a smaller image"):
+        add_camera(scene, given)
+    nobody = write_openpose(tmp_path / "nobody", {frame: [] for frame in range(7)})
+    with pytest.raises(InputError, match="in none of 7 video frames is anybody"):
+        add_camera(scene, replace(given, detections=nobody))
+
+
+def test_clocks_without_common_time_are_told(given: CameraOptions) -> None:
+    with pytest.warns(SceneWarning, match="little in common; vip-factors sync"):
+        add_camera(Scene("s", (of("Ada"),)), replace(given, time_offset=100.0))
+
+
+def test_wearers_are_joined_on_the_clock_of_the_first() -> None:
+    ada, bea = of("Ada"), of("Bea")
+    later = replace(bea, start_ns=ada.start_ns + 2_500_000_000)
+    scene = join_wearers([Scene("a", (ada,)), Scene("b", (later,))], "both")
+    assert scene.name == "both"
+    assert_same(ada, scene.wearers[0])
+    joined = scene.wearers[1]
+    assert joined.start_ns == ada.start_ns
+    np.testing.assert_allclose(joined.imus["head"].time, bea.imus["head"].time + 2.5)
+    assert joined.truth is not None
+    assert bea.truth is not None
+    assert joined.truth.motion.start == pytest.approx(bea.truth.motion.start + 2.5)
+    with pytest.warns(SceneWarning, match="no absolute time in common"):
+        scene = join_wearers([Scene("a", (ada,)), Scene("b", (replace(bea, start_ns=0),))])
+    np.testing.assert_array_equal(scene.wearers[1].imus["head"].time, bea.imus["head"].time)
+
+
+def test_joining_refuses_two_cameras_and_two_of_a_name() -> None:
+    filmed = filmed_walk(5)
+    with pytest.raises(InputError, match="two wearers are called 'Ada'"):
+        join_wearers([filmed, Scene("b", (of("Ada"),))])
+    other = replace(filmed, wearers=(of("Bea"),))
+    with pytest.raises(InputError, match="'filmed', 'filmed' have a camera each"):
+        join_wearers([filmed, other])
+    assert join_wearers([Scene("a", (of("Cleo"),)), filmed]).camera is not None
+
+
+def test_recordings_and_scenes_of_ours_are_read_as_they_are(tmp_path: Path) -> None:
+    write_recording(of("Ada"), tmp_path / "a.mcap")
+    write_scene(filmed_walk(4), tmp_path / "s.mcap")
+    assert_same(Scene("walk of Ada", (of("Ada"),)), read_log_as_scene(tmp_path / "a.mcap", ImportOptions()))
+    named = read_log_as_scene(tmp_path / "s.mcap", ImportOptions(name="new"))
+    assert (named.name, named.wearers[0].name) == ("new", "new")
+    assert named.camera is not None
+    with pytest.raises(InputError, match="takes no import options"):
+        read_log_as_scene(tmp_path / "a.mcap", ImportOptions(stature_m=1.8))

@@ -34,8 +34,10 @@ def row_lines(title: str, rows: Mapping[str, Mapping[str, float]]) -> list[str]:
 
 
 def number(value: float) -> str:
-    """With two decimals, or ``n/a``."""
-    return "n/a" if np.isnan(value) else f"{value:.2f}"
+    """With two decimals, small ones with two digits, or ``n/a``."""
+    if np.isnan(value):
+        return "n/a"
+    return f"{value:.2g}" if 0 < abs(value) < 0.1 else f"{value:.2f}"
 
 
 def json_text(value: object) -> str:

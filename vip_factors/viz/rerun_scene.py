@@ -18,7 +18,7 @@ from vip_factors.viz.rerun_view import LiveViewer, Sink, send
 from vip_factors.viz.scene_layout import scene_blueprint
 from vip_factors.viz.scene_summary import scene_summary
 from vip_factors.viz.scene_world import NOBODY, DrawnScene, DrawnWearer, drawn_scene
-from vip_factors.viz.wearer_colours import STRANGER_COLOUR, body_colours, wearer_colour
+from vip_factors.viz.wearer_colours import UNCLAIMED, body_colours, wearer_colour
 
 IMAGE = "world/camera/image"
 NAME_ABOVE_HEAD_M = 0.32  # in the head's frame, above its joint: clear of the crown
@@ -123,7 +123,7 @@ def _log_image(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
         if not np.any(chosen):
             continue
         name = drawn.wearers[index].name if index >= 0 else "nobody's"
-        colour = STRANGER_COLOUR if index < 0 else _pale(index)
+        colour = UNCLAIMED if index < 0 else _pale(index)
         seen = np.where(detections.seen[chosen][..., None], detections.pixels[chosen], np.nan)
         log_people(
             stream, f"{IMAGE}/detected/{rr.escape_entity_path_part(name)}", detections.time,

@@ -20,8 +20,9 @@ def log_scene_series(stream: rr.RecordingStream, drawn: DrawnScene) -> dict[str,
     for wearer in drawn.wearers:
         part, colour = rr.escape_entity_path_part(wearer.name), wearer_colour(wearer.index)
         pixels = drawn.reprojection_px(wearer) if drawn.estimate is not None else None
-        if pixels is not None and len(pixels[0]):
-            log_curve(stream, f"plots/reprojection_px/{part}", *pixels, colour, wearer.name)
+        if pixels is not None and drawn.detections is not None:
+            entity = f"plots/reprojection_px/{part}"
+            log_curve(stream, entity, drawn.detections.time, pixels, colour, wearer.name, gaps=True)
             found["plots/reprojection_px"] = "Reprojection error (px)"
         if wearer.error_mm is not None and wearer.motion is not None:
             log_curve(stream, f"plots/joint_error_mm/{part}", wearer.motion.time, wearer.error_mm, colour, wearer.name)
@@ -55,5 +56,5 @@ def _log_headings(stream: rr.RecordingStream, drawn: DrawnScene, found: dict[str
         colours = sensor_colours(list(implied[1]))
         for sensor, degrees in implied[1].items():
             entity = f"plots/heading/{part}/{rr.escape_entity_path_part(sensor)}"
-            log_curve(stream, entity, implied[0], degrees, colours[sensor], sensor)
+            log_curve(stream, entity, implied[0], degrees, colours[sensor], sensor, gaps=True)
         found[f"plots/heading/{part}"] = f"Heading over time, {wearer.name} (° off the estimate)"

@@ -26,12 +26,17 @@ def sensor_colours(sensors: Sequence[str]) -> dict[str, Colour]:
     return colours
 
 
-def log_curve(stream: rr.RecordingStream, entity: str, time: Array, values: Array, colour: Colour, name: str) -> None:
-    """Log one curve; values that are not finite are left out and show as a gap in the data."""
+def log_curve(
+    stream: rr.RecordingStream, entity: str, time: Array, values: Array, colour: Colour, name: str, gaps: bool = False
+) -> None:
+    """Log one curve; over values that are not finite it is drawn through, or with ``gaps`` interrupted."""
     good = np.isfinite(values)
     stream.log(entity, rr.SeriesLines(colors=[colour], names=[name], widths=[1.5]), static=True)
-    if np.any(good):
-        stream.send_columns(entity, indexes=[time_column(time[good])], columns=rr.Scalars.columns(scalars=values[good]))
+    if not np.any(good):
+        return
+    if not gaps:
+        time, values = time[good], values[good]
+    stream.send_columns(entity, indexes=[time_column(time)], columns=rr.Scalars.columns(scalars=values))
 
 
 def log_residuals(stream: rr.RecordingStream, estimate: Estimate, colours: dict[str, Colour]) -> list[str]:

@@ -83,7 +83,8 @@ def _eye(drawn: DrawnScene) -> rrb.EyeControls3D | None:
     size = float(np.linalg.norm(np.ptp(points[:, :2], axis=0))) / 2 + 0.8
     across = np.array([ahead[1], -ahead[0], 0.0])
     direction = 0.85 * across - 0.55 * ahead + np.array([0.0, 0.0, 0.42])
-    distance = min(0.9 * size + 1.1, WIDEST_M)
+    # Without an image below it, the view is upright and takes in less to the sides.
+    distance = min((0.9 if drawn.detections is not None else 1.5) * size + 1.1, WIDEST_M)
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
         position=target + distance * direction / np.linalg.norm(direction),

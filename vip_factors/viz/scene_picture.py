@@ -16,7 +16,7 @@ from vip_factors.viz.image_limbs import limb_pairs
 from vip_factors.viz.mannequin import Colour
 from vip_factors.viz.scene_world import DrawnScene, drawn_scene
 from vip_factors.viz.video_frames import video_frames
-from vip_factors.viz.wearer_colours import wearer_colour
+from vip_factors.viz.wearer_colours import STRANGER_COLOUR, UNCLAIMED, wearer_colour
 
 INK, SOFT_INK, WHITE, BLACK = (40, 46, 58), (120, 128, 140), (255, 255, 255), (0, 0, 0)
 PLANE: Colour = (34, 38, 45)  # of a frame whose picture is not there
@@ -81,8 +81,10 @@ def _curves(drawn: DrawnScene) -> tuple[list[Curve], str]:
     ]
     if joint or drawn.estimate is None:
         return joint, "joint error, mm (mean)"
+    assert drawn.detections is not None
     pixels = [(wearer, drawn.reprojection_px(wearer)) for wearer in drawn.wearers]
-    found = [Curve(w.name, *one, wearer_colour(w.index)) for w, one in pixels if one is not None and len(one[0])]
+    time = drawn.detections.time
+    found = [Curve(w.name, time, one, wearer_colour(w.index)) for w, one in pixels if one is not None]
     return found, "reprojection error, px (mean)"
 
 
@@ -96,7 +98,7 @@ def _header(canvas: Canvas, drawn: DrawnScene, title: str) -> None:
     canvas.text((MARGIN, 98), "   ·   ".join(parts), SOFT_INK, 20)
     entries = [(w.name, wearer_colour(w.index)) for w in drawn.wearers]
     if np.any(drawn.labels < 0):
-        entries.append(("nobody's", wearer_colour(-1)))
+        entries.append(("nobody's", STRANGER_COLOUR))
     x = WIDTH - MARGIN - sum(canvas.text_width(name, 20) + 58 for name, _ in entries) + 24
     for name, colour in entries:
         canvas.curve([[x, 55], [x + 22, 55]], colour, 7.0)
@@ -128,7 +130,7 @@ def _detected(cell: "_Cell", drawn: DrawnScene, frame: int) -> None:
     people, pairs = drawn.detections.of_frame(frame), limb_pairs(drawn.detections.keypoints)
     seen = np.where(drawn.detections.seen[people][..., None], drawn.detections.pixels[people], np.nan)
     for label, pixels in sorted(zip(drawn.labels[people].tolist(), seen, strict=True), key=lambda pair: pair[0]):
-        colour = wearer_colour(label) if label < 0 else mixed(wearer_colour(label), WHITE, 0.55)
+        colour = UNCLAIMED if label < 0 else mixed(wearer_colour(label), WHITE, 0.55)
         cell.skeleton(pixels, pairs, colour, 1.5, 2.8)
 
 

@@ -18,7 +18,7 @@ def scene_summary(drawn: DrawnScene, metrics: str = "") -> str:
             else f"**{estimate.method}**",
             "",
         ]
-        lines += [f"> {finding}\n" for finding in estimate.findings]
+        lines += [f"**Note: {finding}**\n" for finding in estimate.findings]
     if metrics:
         lines += [metrics, ""]
     lines += [*_camera_lines(drawn), *_wearer_table(drawn)]
@@ -32,7 +32,8 @@ def scene_summary(drawn: DrawnScene, metrics: str = "") -> str:
 def _camera_lines(drawn: DrawnScene) -> list[str]:
     detections, labels = drawn.detections, drawn.labels
     if detections is None or labels is None or drawn.model is None:
-        return ["No camera.", ""]
+        seen = "estimated; what it saw is in the scene's own file" if drawn.path is not None else "none"
+        return [f"Camera: {seen}.", ""]
     text = (
         f"Camera: {drawn.model.width} by {drawn.model.height} pixels, {len(detections.time)} frames at "
         f"{detections.rate:g} Hz, {len(detections)} people detected ({detections.keypoints.name}), "
@@ -52,7 +53,7 @@ def _wearer_table(drawn: DrawnScene) -> list[str]:
         error = wearer.error_mm
         pixels = drawn.reprojection_px(wearer) if drawn.estimate is not None else None
         joint = f"{error.mean():.1f}" if error is not None else "-"
-        median = f"{np.median(pixels[1]):.1f}" if pixels is not None and len(pixels[1]) else "-"
+        median = f"{np.nanmedian(pixels):.1f}" if pixels is not None else "-"
         sensors = len(wearer.recording.placed) if wearer.recording is not None else "-"
         lines.append(f"| {wearer.name} | {joint} | {median} | {sensors} |")
     return [*lines, ""]

@@ -89,16 +89,21 @@ class DrawnScene:
             return None
         return keypoints_in_image(wearer.shown, self.detections.keypoints, self.path, self.model, self.detections.time)
 
-    def reprojection_px(self, wearer: DrawnWearer) -> tuple[Array, Array] | None:
-        """Times and root mean square distances in pixels of the detections given to a wearer, or None."""
+    def reprojection_px(self, wearer: DrawnWearer) -> Array | None:
+        """Root mean square distance ``(F,)`` in pixels, in every video frame, of the detection given to a wearer from
+        its body; NaN in frames without. None without camera or motion, or where it was given none.
+        """
         if wearer.shown is None or self.path is None or self.model is None or self.detections is None:
             return None
         assert self.labels is not None
         chosen = np.flatnonzero(self.labels == wearer.index)
         off = reprojection_error(wearer.shown, self.path, self.model, self.detections, chosen)
         some = np.isfinite(off).any(axis=1)
-        rms = np.sqrt(np.nanmean(off[some] ** 2, axis=1))
-        return self.detections.time[self.detections.frame[chosen[some]]], rms
+        if not np.any(some):
+            return None
+        rms = np.full(len(self.detections.time), np.nan)
+        rms[self.detections.frame[chosen[some]]] = np.sqrt(np.nanmean(off[some] ** 2, axis=1))
+        return rms
 
 
 def drawn_scene(scene: Scene | None, estimate: SceneEstimate | None) -> DrawnScene:

@@ -14,6 +14,7 @@ _PALETTE: tuple[Colour, ...] = (
     (140, 120, 235),
 )
 STRANGER_COLOUR: Colour = (150, 154, 162)
+UNCLAIMED: Colour = (206, 210, 217)  # detections that are nobody's, over a picture: a lighter grey than on paper
 
 
 def wearer_colour(index: int) -> Colour:

@@ -1,0 +1,104 @@
+"""A scene in Rerun: what is drawn can be read back from the file."""
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scene_sample import Injected, estimate_of, scene_sample
+
+from vip_factors.errors import InputError
+from vip_factors.estimate import SceneEstimate
+from vip_factors.sensors.scene import Scene, Video
+from vip_factors.viz.rerun_scene import show_scene
+from vip_factors.viz.rerun_view import SaveTo
+
+
+@pytest.fixture(scope="module")
+def sample() -> Scene:
+    return scene_sample(0.5)
+
+
+@pytest.fixture(scope="module")
+def found(sample: Scene) -> SceneEstimate:
+    return estimate_of(sample, Injected(yaw=0.8, shift=(1.0, 0.0, 0.2), heading=0.2, camera_m=0.05))
+
+
+def entities(scene: Scene | None, estimate: SceneEstimate | None, rrd: Path) -> set[str]:
+    """The entities of the file, as Rerun's own command line reads them back."""
+    show_scene(scene, estimate, SaveTo(rrd, overwrite=True))
+    rerun = Path(sys.executable).with_name("rerun")
+    done = subprocess.run([str(rerun), "rrd", "print", str(rrd)], capture_output=True, text=True, check=True)
+    return set(re.findall(r"/(?:world|plots|charts|summary)[^\s`:,]*", done.stdout.replace("\\ ", "_")))
+
+
+def test_camera_people_labels_and_curves_are_there(sample: Scene, found: SceneEstimate, tmp_path: Path) -> None:
+    there = entities(sample, found, tmp_path / "a.rrd")
+    for entity in (
+        "/world/camera", "/world/camera/image", "/world/camera_path", "/world/true_camera/frustum",
+        "/world/ann/estimate/left_knee", "/world/bob/truth/left_knee", "/world/bob/estimate/head/name",
+        "/world/camera/image/body/ann/limbs", "/world/camera/image/detected/ann/points",
+        "/world/camera/image/detected/bob/limbs", "/plots/reprojection_px/ann", "/plots/joint_error_mm/bob",
+        "/plots/camera_error/cm", "/plots/heading/bob/left_foot", "/charts/headings", "/summary",
+    ):  # fmt: skip
+        assert entity in there, entity
+    assert any("nobody" in entity for entity in there)
+
+
+def test_every_part_may_be_missing(sample: Scene, found: SceneEstimate, tmp_path: Path) -> None:
+    rrd = tmp_path / "a.rrd"
+    alone = entities(None, found, rrd)
+    assert "/world/camera" in alone
+    assert not any("detected" in entity for entity in alone)
+    true = entities(sample, None, rrd)
+    assert "/world/ann/truth/pelvis" in true
+    assert "/world/camera/image/detected/ann/points" in true  # the true labels colour them
+    blind = replace(sample, camera=None, truth=None)
+    inertial = entities(blind, replace(found, camera=None, wearer_of_detection=np.zeros(0, int)), rrd)
+    assert "/world/ann/estimate/pelvis" in inertial
+    assert "/world/camera" not in inertial
+    nameless = replace(sample, truth=None, wearers=tuple(replace(one, truth=None) for one in sample.wearers))
+    unknown = entities(nameless, None, rrd)
+    assert not any(entity.startswith("/world/ann/") for entity in unknown)
+    assert any("nobody" in entity for entity in unknown)
+
+
+def test_nothing_to_show_is_said(sample: Scene, found: SceneEstimate, tmp_path: Path) -> None:
+    empty = replace(sample, camera=None, truth=None, wearers=(replace(sample.wearers[0], truth=None),))
+    with pytest.raises(InputError, match="nothing to show"):
+        show_scene(empty, None, SaveTo(tmp_path / "a.rrd"))
+    with pytest.raises(InputError, match="nothing to show"):
+        show_scene(None, None, SaveTo(tmp_path / "a.rrd"))
+    with pytest.raises(InputError, match="1 wearers for a scene of 2"):
+        show_scene(sample, replace(found, wearers=found.wearers[:1]), SaveTo(tmp_path / "a.rrd"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_pictures_come_from_images_or_a_video_file(sample: Scene, tmp_path: Path) -> None:
+    grey = np.full((72, 128, 3), 120, np.uint8)
+    blob = cv2.imencode(".jpg", grey)[1].tobytes()
+    plain = tmp_path / "plain.rrd"
+    show_scene(sample, None, SaveTo(plain))
+    embedded = replace(sample.camera, video=Video(None, {0: blob, 3: blob, 999: blob}))
+    show_scene(replace(sample, camera=embedded), None, SaveTo(tmp_path / "images.rrd"))
+    path = tmp_path / "v.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (128, 72))
+    for _ in range(5):
+        writer.write(grey)
+    writer.release()
+    filed = replace(sample.camera, video=Video(path))
+    show_scene(replace(sample, camera=filed), None, SaveTo(tmp_path / "file.rrd"))
+    gone = replace(sample.camera, video=Video(tmp_path / "gone.mp4"))
+    show_scene(replace(sample, camera=gone), None, SaveTo(tmp_path / "gone.rrd"))
+    for name in ("images.rrd", "file.rrd"):
+        assert b"EncodedImage" in (tmp_path / name).read_bytes(), name
+    for name in ("plain.rrd", "gone.rrd"):
+        printed = subprocess.run(
+            [str(Path(sys.executable).with_name("rerun")), "rrd", "print", "-vv", str(tmp_path / name)],
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        assert "EncodedImage" not in printed.stdout, name

@@ -1,0 +1,97 @@
+"""Filmstrip and charts of a scene: what is drawn is there, in its colour."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scene_sample import Injected, estimate_of, scene_sample
+
+from vip_factors.errors import InputError
+from vip_factors.sensors.scene import Scene, Video
+from vip_factors.viz.headings_chart import INK
+from vip_factors.viz.scene_charts import LINE_COLOURS, scene_charts
+from vip_factors.viz.scene_picture import PLANE, scene_filmstrip
+from vip_factors.viz.scene_world import drawn_scene
+from vip_factors.viz.video_frames import video_frames
+from vip_factors.viz.wearer_colours import wearer_colour
+
+ERRORS = Injected(yaw=0.8, heading=0.2, camera_m=0.05)
+
+
+@pytest.fixture(scope="module")
+def sample() -> Scene:
+    return scene_sample(0.5)
+
+
+def pixels_like(png: Path, colour: tuple[int, int, int], tolerance: int = 10) -> int:
+    image = cv2.imread(str(png))[..., ::-1].astype(int)
+    return int((np.abs(image - colour).max(axis=-1) <= tolerance).sum())
+
+
+def test_every_wearer_is_on_the_picture_in_its_colour(sample: Scene, tmp_path: Path) -> None:
+    png = tmp_path / "a.png"
+    scene_filmstrip(sample, estimate_of(sample, ERRORS), png, frames=3)
+    assert pixels_like(png, wearer_colour(0)) > 500
+    assert pixels_like(png, wearer_colour(1)) > 500
+    assert pixels_like(png, PLANE) > 50_000
+    short = tmp_path / "b.png"
+    bare = replace(sample, truth=None, wearers=tuple(replace(one, truth=None) for one in sample.wearers))
+    scene_filmstrip(bare, None, short, frames=3)  # no camera pose, no curves: detections alone
+    assert cv2.imread(str(short)).shape[0] < cv2.imread(str(png)).shape[0]
+
+
+def test_frames_of_the_video_are_the_background(sample: Scene, tmp_path: Path) -> None:
+    green = np.zeros((72, 128, 3), np.uint8)
+    green[..., 1] = 200
+    blob = cv2.imencode(".png", green)[1].tobytes()
+    video = Video(None, dict.fromkeys(range(len(sample.camera.detections.time)), blob))
+    seen = replace(sample, camera=replace(sample.camera, video=video))
+    scene_filmstrip(seen, None, tmp_path / "a.png", frames=3)
+    assert pixels_like(tmp_path / "a.png", (0, 160, 0)) > 50_000
+    assert pixels_like(tmp_path / "a.png", PLANE, 2) < 500
+
+
+def test_frames_are_found_in_files_and_rubbish_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "v.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (64, 48))
+    for level in range(0, 250, 25):
+        writer.write(np.full((48, 64, 3), level, np.uint8))
+    writer.release()
+    found = video_frames(Video(path), [7, 2, 99])
+    assert sorted(found) == [2, 7]
+    assert found[7].mean() == pytest.approx(175, abs=3)
+    assert video_frames(Video(None, {0: b"no image"}), [0]) == {}
+    assert video_frames(None, [0]) == {}
+
+
+def test_charts_show_every_estimate_and_the_headings(sample: Scene, tmp_path: Path) -> None:
+    one, other = (drawn_scene(sample, estimate_of(sample, replace(ERRORS, yaw=yaw))) for yaw in (0.0, 1.0))
+    wobbly = replace(one, wearers=tuple(_off(wearer, 0.05) for wearer in one.wearers))
+    worse = replace(other, wearers=tuple(_off(wearer, 0.10) for wearer in other.wearers))
+    scene_charts({"IT": worse, "VIP": wobbly}, tmp_path / "a.png")
+    for colour in (*LINE_COLOURS[:2], wearer_colour(0), wearer_colour(1), INK):
+        assert pixels_like(tmp_path / "a.png", colour) > 100
+    alone = drawn_scene(None, estimate_of(sample))
+    scene_charts({"VIP": alone}, tmp_path / "b.png")  # without truth: headings alone
+    assert pixels_like(tmp_path / "b.png", LINE_COLOURS[0]) < 20
+
+
+def _off(wearer, metres: float):
+    R = wearer.motion.R_parent_child.copy()
+    R[:, 16] = R[:, 16] @ cv2.Rodrigues(np.array([10 * metres, 0.0, 0.0]))[0]
+    return replace(wearer, motion=replace(wearer.motion, R_parent_child=R))
+
+
+def test_what_cannot_be_drawn_is_said(sample: Scene, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no camera"):
+        scene_filmstrip(replace(sample, camera=None, truth=None), None, tmp_path / "a.png")
+    with pytest.raises(InputError, match="no chart"):
+        scene_charts({"truth": drawn_scene(sample, None)}, tmp_path / "a.png")
+    with pytest.raises(InputError, match="no chart"):
+        scene_charts({}, tmp_path / "a.png")
+    (tmp_path / "b.png").write_text("precious")
+    with pytest.raises(InputError, match="exists"):
+        scene_filmstrip(sample, None, tmp_path / "b.png")
+    assert (tmp_path / "b.png").read_text() == "precious"

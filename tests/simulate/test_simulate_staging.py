@@ -40,4 +40,4 @@ def test_shorter_is_cut_and_later_starts_at_zero(clip: Motion) -> None:
 
 def test_a_moment_cannot_be_repeated() -> None:
     with pytest.raises(InputError, match="to repeat it"):
-        lasting(gestures(1.0), 10.0)
+        lasting(gestures(0.5), 10.0)

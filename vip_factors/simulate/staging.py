@@ -12,7 +12,8 @@ from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpos
 from vip_factors.simulate.stance import floor_height
 
 BLEND_S = 0.8  # from the end of a clip into its next repetition
-TURN_RAD = np.deg2rad(100.0)  # at most within a blend: three or four repetitions lead round and back
+LEAST_S = 1.0  # of a clip to be repeated
+TURN_RAD_S = np.deg2rad(120.0)  # at most, of a blend: people who turn about; four repetitions lead round and back
 WALKS_M = 0.4  # net way of a clip that leads somewhere
 STAGE_M = 1.8  # how far from the stage's middle the middles of paths are: people cross, and hide each other
 APART_M = 0.6  # of two people's pelves who pass each other without touching
@@ -34,17 +35,18 @@ def lasting(motion: Motion, seconds: float) -> Motion:
     """The motion cut or repeated to a length.
 
     Each repetition starts where the one before ended, turned so that it leads back towards the first one's middle; a
-    blend of one second joins them (feet slide there, as the price).
+    blend of 0.8 s (a third of a short clip) joins them (feet slide there, as the price).
 
     Raises:
         InputError: for a clip that is too short to be repeated.
     """
-    frames, blend = round(seconds * motion.rate) + 1, round(BLEND_S * motion.rate)
+    frames = round(seconds * motion.rate) + 1
+    blend = min(round(BLEND_S * motion.rate), len(motion) // 3)
     if frames <= len(motion):
         return motion.frames(slice(0, frames))
-    if len(motion) < 2 * blend:
+    if len(motion) < LEAST_S * motion.rate:
         raise InputError(
-            f"motion '{motion.name}' lasts {len(motion) / motion.rate:g} s: expected at least {2 * BLEND_S:g} s to "
+            f"motion '{motion.name}' lasts {len(motion) / motion.rate:g} s: expected at least {LEAST_S:g} s to "
             "repeat it"
         )
     R, p = motion.R_parent_child, motion.p_world_pelvis
@@ -75,7 +77,8 @@ def _turned_home(motion: Motion, R_end: Array, p_end: Array, home: Array) -> tup
     turn = float(yaw_of(R_end[count // 2, 0] @ transpose(motion.R_parent_child[count // 2, 0])))  # straight on
     if np.linalg.norm(way[:2]) > WALKS_M and np.linalg.norm(back) > WALKS_M:
         homeward = np.arctan2(back[1], back[0]) - np.arctan2(way[1], way[0])
-        turn += np.clip(wrap_angle(homeward - turn), -TURN_RAD, TURN_RAD)
+        most = TURN_RAD_S * count / motion.rate
+        turn += np.clip(wrap_angle(homeward - turn), -most, most)
     R_turn = rotation_z(turn)
     shift = np.array([*(p_end.mean(axis=0) - R_turn @ start)[:2], 0.0])
     R = motion.R_parent_child.copy()

@@ -117,7 +117,7 @@ class Canvas:
         """
         if Path(path).suffix.lower() != ".png":
             raise InputError(f"{path}: expected a name that ends in .png")
-        done, encoded = cv2.imencode(".png", self.pixels(), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+        done, encoded = cv2.imencode(".png", self.pixels(), [cv2.IMWRITE_PNG_COMPRESSION, 6])
         if not done:
             raise InputError(f"{path}: the picture could not be encoded")
         with new_file(Path(path), overwrite) as partial:

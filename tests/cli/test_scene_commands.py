@@ -1,0 +1,73 @@
+"""Scenes on the command line: looked at and evaluated."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from scene_sample import Injected, estimate_of, scene_sample
+
+from vip_factors.cli.files import open_one
+from vip_factors.io.mcap_scene_estimate import write_scene_estimate
+from vip_factors.io.mcap_scene_recording import write_scene
+from vip_factors.sensors.scene import Scene
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("scene")
+    scene = scene_sample(0.5)
+    write_scene(scene, folder / "scene.mcap")
+    for name, error in (("vip", Injected(yaw=1.0, apart_m=0.05)), ("other", Injected(heading=0.3))):
+        write_scene_estimate(estimate_of(scene, error), folder / f"{name}.mcap")
+    bare = replace(scene, truth=None, wearers=tuple(replace(one, truth=None) for one in scene.wearers))
+    write_scene(bare, folder / "bare.mcap")
+    write_scene(Scene("alone", scene.wearers[:1]), folder / "alone.mcap")
+    return folder
+
+
+def test_evaluate_prints_the_scene_and_writes_json(run: Callable, folder: Path, tmp_path: Path) -> None:
+    done = run("evaluate", folder / "vip.mcap", "--truth", folder / "scene.mcap", "--json", tmp_path / "e.json")
+    assert done.code == 0, done.err
+    for row in ("| camera_translation |", "| association_precision | 100.00 |", "| ann - bob |", "## bob"):
+        assert row in done.out
+    assert json.loads((tmp_path / "e.json").read_text())["pairs"]["ann - bob"]["relative_mm"] == pytest.approx(50, 0.01)
+
+
+def test_evaluate_without_truth_says_so(run: Callable, folder: Path) -> None:
+    done = run("evaluate", folder / "vip.mcap", "--truth", folder / "bare.mcap")
+    assert done.code == 2
+    assert "holds no truth" in done.err
+
+
+def test_view_draws_all_kinds_of_files(run: Callable, folder: Path, tmp_path: Path) -> None:
+    made = [tmp_path / name for name in ("a.rrd", "a.png", "c.png")]
+    done = run(
+        "view", folder / "scene.mcap", folder / "vip.mcap", "--save", made[0], "--picture", made[1], "--chart", made[2]
+    )
+    assert done.code == 0, done.err
+    assert done.out.split() == [str(path) for path in (made[2], made[1], made[0])]
+    assert all(path.stat().st_size > 1000 for path in made)
+
+
+def test_a_chart_takes_several_estimates_of_one_scene(run: Callable, folder: Path, tmp_path: Path) -> None:
+    estimates = (folder / "vip.mcap", folder / "other.mcap")
+    done = run("view", folder / "scene.mcap", *estimates, "--chart", tmp_path / "c.png")
+    assert done.code == 0, done.err
+    assert run("view", folder / "scene.mcap", *estimates, "--save", tmp_path / "a.rrd").code == 2
+    done = run("view", folder / "scene.mcap", folder / "bare.mcap", estimates[0], "--chart", tmp_path / "d.png")
+    assert "several scenes" in done.err
+    done = run("view", folder / "scene.mcap", "--chart", tmp_path / "d.png")
+    assert "no estimate" in done.err
+
+
+def test_a_scene_of_one_wearer_without_a_camera_is_a_recording(folder: Path) -> None:
+    opened = open_one(folder / "alone.mcap")
+    assert not opened.is_scene
+    assert opened.recording.subject.name == "ann"
+    scene, estimate = opened.as_scene()
+    assert len(scene.wearers) == 1
+    assert estimate is None
+    assert open_one(folder / "scene.mcap").scene.camera is not None
+    assert len(open_one(folder / "vip.mcap").scene_estimate.wearers) == 2

@@ -1,58 +1,17 @@
 """``vip-factors benchmark``: accuracy and speed, measured again on any machine."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.benchmark_options import SipOptions, SpeedOptions, VipOptions, WalkOptions
+from vip_factors.cli.options import parse
 from vip_factors.cli.terminal import Tell, progress_bar
 
-
-@dataclass(frozen=True)
-class SipOptions:
-    """Six simulated sensors on the motions held out of the pose prior, beside the thesis's tables."""
-
-    motions: Path
-    """Folder of the CMU motions as BVH, searched with all folders below it."""
-    json: Path | None = None
-    """Also write everything to this file, as JSON."""
-    overwrite: Flag = False
-    """Replace the JSON file if it exists."""
-    seconds: float = 8.0
-    """Of each clip, from its middle."""
-    seeds: int = 1
-    """Recordings of each clip, each with other sensor errors."""
-    pose_error_deg: float = 8.0
-    """How imperfectly the T-pose before each clip is held, sigma of each joint and axis; it adds up along a limb."""
-    frame_rate: float = 60.0
-    """Frames per second of the reconstructions."""
-
-
-@dataclass(frozen=True)
-class SpeedOptions:
-    """Seconds per iteration by part, and peak memory, on a simulated walk."""
-
-    quick: Flag = False
-    """A few frames and iterations only."""
-    json: Path | None = None
-    """Also write everything to this file, as JSON."""
-    overwrite: Flag = False
-    """Replace the JSON file if it exists."""
-
-
-@dataclass(frozen=True)
-class WalkOptions:
-    """Seven real sensors on a walk with optical reference, beside Xsens MVN."""
-
-    folder: Path
-    """The folder xsens_vicon_walk, with raw_mtw, vicon and mvn in it."""
-    json: Path | None = None
-    """Also write everything to this file, as JSON."""
-    overwrite: Flag = False
-    """Replace the JSON file if it exists."""
+Options = SipOptions | SpeedOptions | VipOptions | WalkOptions
+Write = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -61,6 +20,7 @@ class BenchmarkOptions:
 
     what: Annotated[
         Annotated[SipOptions, tyro.conf.subcommand("sip")]
+        | Annotated[VipOptions, tyro.conf.subcommand("vip")]
         | Annotated[SpeedOptions, tyro.conf.subcommand("speed")]
         | Annotated[WalkOptions, tyro.conf.subcommand("walk")],
         tyro.conf.arg(name=""),
@@ -72,20 +32,29 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     options = parse(BenchmarkOptions, prog, arguments).what
     from vip_factors.io.atomic import atomic_open, check_target
 
+    written = False
     if options.json is not None:
         check_target(options.json, options.overwrite)
+
+    def write(content: str) -> None:
+        nonlocal written
+        if options.json is not None:  # once written, it is this run's own to replace
+            with atomic_open(options.json, "w", options.overwrite or written) as file:
+                file.write(content)
+            written = True
+
     with progress_bar() as tell:
-        table, content = _run(options, tell)
+        table, content = _run(options, tell, write)
     print(table, end="")
-    if options.json is not None:
-        with atomic_open(options.json, "w", options.overwrite) as file:
-            file.write(content)
+    write(content)
 
 
-def _run(options: SipOptions | SpeedOptions | WalkOptions, tell: Tell) -> tuple[str, str]:
-    """The table to print and the JSON to write."""
+def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
+    """The table to print and the JSON to write; what takes hours writes before it is done."""
     if isinstance(options, SipOptions):
         return _sip(options, tell)
+    if isinstance(options, VipOptions):
+        return _vip(options, tell, write)
     return _speed(options, tell) if isinstance(options, SpeedOptions) else _walk(options, tell)
 
 
@@ -106,6 +75,25 @@ def _sip(options: SipOptions, tell: Tell) -> tuple[str, str]:
     trials = SipTrials(options.seconds, options.seeds, options.pose_error_deg, settings=settings)
     results = run_sip(options.motions, trials, tell)
     return sip_table(results, trials), sip_json(results, trials)
+
+
+def _vip(options: VipOptions, tell: Tell, write: Write) -> tuple[str, str]:
+    from vip_factors.benchmark.vip import chosen_clips, run_vip
+    from vip_factors.benchmark.vip_suite import VipTrials
+    from vip_factors.benchmark.vip_table import simulated_title, vip_json, vip_table
+    from vip_factors.errors import InputError
+    from vip_factors.settings import Settings
+    from vip_factors.solve.levenberg_marquardt import SolveSettings
+
+    if options.motions is None:
+        raise InputError("give --motions with the folder of the CMU motions")
+    settings = Settings(frame_rate=options.frame_rate, solve=SolveSettings(max_iterations=options.iterations))
+    trials = VipTrials(options.seconds, options.seeds, options.pose_error_deg, options.camera, settings=settings)
+    results = run_vip(
+        options.motions, trials, options.variants, tell, chosen_clips(options.kinds, options.clips),
+        lambda so_far: write(vip_json(so_far, trials)),
+    )  # fmt: skip
+    return vip_table(results, simulated_title(results, trials)), vip_json(results, trials)
 
 
 def _speed(options: SpeedOptions, tell: Tell) -> tuple[str, str]:

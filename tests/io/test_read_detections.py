@@ -180,6 +180,43 @@ def test_what_is_not_as_expected_is_refused_with_its_place(tmp_path: Path) -> No
     refused(tmp_path / "l.json", r"no frame number in 'left\.jpg'")
 
 
+def test_fractions_of_the_image_are_no_pixels(tmp_path: Path) -> None:
+    small = person() / [640, 480, 1]
+    refused(write_coco(tmp_path / "a.json", {0: [small]}), r"between 0\.\d+ and 0\.\d+: expected pixels")
+
+
+_numbers = st.lists(st.integers(-9, 900) | st.none() | st.floats() | st.text(max_size=2), max_size=6)
+_entries = st.fixed_dictionaries(
+    {},
+    optional={
+        "image_id": st.integers(-1, 5) | st.sampled_from(["3.jpg", "x"]) | st.none(),
+        "keypoints": _numbers | st.lists(_numbers, max_size=2) | st.none(),
+        "keypoint_scores": _numbers,
+        "category_id": st.integers(0, 2),
+        "pose_keypoints_2d": _numbers | st.none(),
+    },
+)
+_people = st.lists(_entries | st.none() | st.integers(), max_size=3) | st.none() | _entries
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.one_of(
+        _people,
+        st.fixed_dictionaries({"people": _people}),
+        st.fixed_dictionaries({"instance_info": _people}, optional={"meta_info": _people}),
+        st.lists(st.fixed_dictionaries({"frame_id": st.integers(-1, 4) | st.none(), "instances": _people}), max_size=3),
+    )
+)
+def test_whatever_is_in_a_file_the_complaint_is_ours(tmp_path_factory: pytest.TempPathFactory, content) -> None:
+    path = tmp_path_factory.mktemp("poses") / "a_7.json"
+    path.write_text(json.dumps(content))
+    try:
+        read_detections(path, 30.0)
+    except InputError as error:
+        assert str(path) in str(error)  # noqa: PT017
+
+
 def test_a_folder_that_is_not_one_video_is_refused(tmp_path: Path) -> None:
     refused(tmp_path, "expected a folder with OpenPose")
     write_openpose(tmp_path / "p", {0: [person()]})

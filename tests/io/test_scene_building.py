@@ -106,6 +106,9 @@ def test_what_does_not_belong_together_is_refused(given: CameraOptions, tmp_path
     given.camera.write_text(CAMERA.format(1920, 1440))
     with pytest.warns(SceneWarning, match="if the detector saw a smaller image"):
         add_camera(scene, given)
+    given.camera.write_text(CAMERA.format(640, 480))
+    with pytest.warns(SceneWarning, match=r"ends at frame 20 of the 40 in .*if the detector left frames out"):
+        add_camera(scene, replace(given, rate=None, video=write_video(tmp_path / "x.mp4", 40)))
     nobody = write_openpose(tmp_path / "nobody", {frame: [] for frame in range(7)})
     with pytest.raises(InputError, match="in none of 7 video frames is anybody"):
         add_camera(scene, replace(given, detections=nobody))

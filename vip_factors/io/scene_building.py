@@ -24,6 +24,7 @@ from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, CameraMount
 OUTSIDE = 0.05  # of the image's size: detectors put points a little beyond its border
 MOST_OUTSIDE = 0.02  # share of the points that may lie further out
 SMALL_PART = 0.55  # of both sides: a detector run at half the resolution stays within
+USUAL_PART = 0.6  # of a video: a detector that takes every second frame would stay below
 ENOUGH = 10  # people, to judge by where they are
 
 
@@ -169,6 +170,11 @@ def add_camera(scene: Scene, options: CameraOptions) -> Scene:
     camera = Camera(options.name, model, detections, not options.static, mount, path, options.time_offset, video)
     if facts is not None:
         check_video(facts, camera)
+        if len(detections.time) < USUAL_PART * len(facts):
+            _warn(
+                f"{options.detections} ends at frame {len(detections.time)} of the {len(facts)} in {facts.path}: "
+                "if the detector left frames out, it numbered them anew; detect in every frame"
+            )
         camera = replace(camera, detections=replace(detections, time=facts.time))  # all frames of the video
         if options.rate is not None and abs(options.rate / facts.rate - 1) > 0.01:
             _warn(f"{facts.path} has {facts.rate:.2f} frames a second, not {options.rate:g}: the file's times are used")

@@ -83,7 +83,10 @@ def keypoint_row(values: Any, where: str) -> Array:
     if not isinstance(values, list) or len(values) % 3:
         found = f"{len(values)} numbers" if isinstance(values, list) else type(values).__name__
         raise FileFormatError(f"{where}: keypoints are {found}: expected x, y, confidence of every keypoint")
-    return number_row(values, where)
+    row = number_row(values, where)
+    if row.ndim != 1:
+        raise FileFormatError(f"{where}: keypoints are lists in a list: expected one flat list x, y, confidence, …")
+    return row
 
 
 def number_row(values: Any, where: str) -> Array:
@@ -94,7 +97,7 @@ def number_row(values: Any, where: str) -> Array:
     """
     try:
         return np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise FileFormatError(f"{where}: keypoints are not all numbers ({error})") from error
 
 
@@ -109,6 +112,17 @@ def entry_of(entry: Any, where: str, needed: Sequence[str]) -> Mapping[str, Any]
         raise FileFormatError(f"{where}: {', '.join(missing)} missing: expected fields {', '.join(needed)}")
     kept: Mapping[str, Any] = entry
     return kept
+
+
+def list_of(entries: Any, where: str, what: str) -> list[Any]:
+    """Entries that are a list.
+
+    Raises:
+        FileFormatError: if they are not.
+    """
+    if not isinstance(entries, list):
+        raise FileFormatError(f"{where}: {what} is {type(entries).__name__}: expected a list")
+    return entries
 
 
 def frame_number(name: Any, where: str) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vip_factors.errors import FileFormatError
-from vip_factors.io.detections.found_people import FoundPeople, entry_of, frame_number, load_json, number_row
+from vip_factors.io.detections.found_people import FoundPeople, entry_of, frame_number, list_of, load_json, number_row
 
 FORMAT = "mmpose"
 
@@ -32,15 +32,14 @@ def read(path: Path) -> FoundPeople:
     """
     content = load_json(path)
     frames = content["instance_info"] if isinstance(content, dict) else content
-    if not isinstance(frames, list):
-        raise FileFormatError(f"{path}: instance_info is {type(frames).__name__}: expected a list of frames")
+    frames = list_of(frames, str(path), "instance_info")
     found = FoundPeople(FORMAT, path, names=_names(content.get("meta_info") if isinstance(content, dict) else None))
     for index, frame in enumerate(frames):
         where = f"{path}, frame entry {index}"
         entry = entry_of(frame, where, ["frame_id", "instances"])
         number = frame_number(entry["frame_id"], where)
         found.listed.append(number)
-        for one, instance in enumerate(entry["instances"]):
+        for one, instance in enumerate(list_of(entry["instances"], where, "instances")):
             _add(found, number, instance, f"{where}, instance {one}")
     found.listed = sorted(set(found.listed))
     found.first_number = 0 if found.listed and found.listed[0] == 0 else 1

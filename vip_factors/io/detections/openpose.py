@@ -7,7 +7,7 @@ the frames were numbered by another tool. Any order of keypoints; OpenPose's own
 from pathlib import Path
 
 from vip_factors.errors import FileFormatError
-from vip_factors.io.detections.found_people import FoundPeople, entry_of, frame_number, keypoint_row, load_json
+from vip_factors.io.detections.found_people import FoundPeople, entry_of, frame_number, keypoint_row, list_of, load_json
 
 FORMAT = "openpose"
 KEYS = ("pose_keypoints_2d", "pose_keypoints")  # the second up to OpenPose 1.2
@@ -42,9 +42,7 @@ def read(path: Path) -> FoundPeople:
                 "video; give each camera a folder of its own"
             )
         of_number[number] = file
-        people = entry_of(load_json(file), str(file), ["people"])["people"]
-        if not isinstance(people, list):
-            raise FileFormatError(f"{file}: people is {type(people).__name__}: expected a list")
+        people = list_of(entry_of(load_json(file), str(file), ["people"])["people"], str(file), "people")
         for index, person in enumerate(people):
             if person == {}:
                 continue  # as tools that sort people leave a place empty

@@ -18,6 +18,7 @@ _MODULES = {name: f"vip_factors.io.detections.{name}" for name in FORMATS} | {
     "coco": "vip_factors.io.detections.coco_results"
 }
 MOST_FRAMES = 2_000_000  # nine hours at 60 Hz: beyond it the numbers are no frame numbers
+FRACTION = 1.5  # no image is so small: coordinates up to here are fractions of it, or slightly outside
 SPREAD = 0.99  # share of confidences that shall not exceed one
 
 
@@ -63,7 +64,16 @@ def read_detections(
     order = np.argsort(frame, kind="stable")
     pixels, confidence = _cleaned(rows[order])
     someone = np.any(confidence > 0, axis=1)
+    _check_pixels(path, pixels[someone])
     return Detections(chosen, np.arange(count) / rate, frame[order][someone], pixels[someone], confidence[someone])
+
+
+def _check_pixels(path: Path, pixels: Array) -> None:
+    if len(pixels) and np.nanmax(np.abs(pixels)) <= FRACTION:
+        raise FileFormatError(
+            f"{path}: coordinates lie between {np.nanmin(pixels):.2f} and {np.nanmax(pixels):.2f}: expected pixels, "
+            "not fractions of the image; have the detector write pixels (OpenPose: --keypoint_scale 0)"
+        )
 
 
 def _reader(path: Path) -> Any:

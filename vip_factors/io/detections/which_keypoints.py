@@ -22,7 +22,9 @@ CLOSE = (
     ("left_ankle", "left_heel"), ("right_ankle", "right_heel"), ("left_heel", "left_big_toe"),
     ("right_heel", "right_big_toe"),
 )  # fmt: skip
-PLAUSIBLE_CLOSE = 0.15  # of a person's extent in the image; measured 0.03 in the right order, 0.43 and more in the other
+PLAUSIBLE_CLOSE = (
+    0.15  # of a person's extent in the image; measured 0.03 in the right order, 0.43 and more in the other
+)
 
 
 class DetectionsWarning(UserWarning):

@@ -1,0 +1,182 @@
+"""The clocks' offset comes back from simulated scenes and from claps; where it cannot be known, that is said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vip_factors.body.keypoints import keypoint_set
+from vip_factors.errors import InputError, RecordingError
+from vip_factors.initialise.clock import ClockSettings, find_clock_offset
+from vip_factors.initialise.clock_tracks import simple_tracks
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.placement import preset
+from vip_factors.sensors.recording import Recording, Subject
+from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.scene import Performer, simulate_scene
+from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.staging import placed
+
+OFFSET = 1.2345
+
+
+def filmed(settings: SceneSettings, seed: int = 0, first: float = 6.0, last: float = 18.0) -> Scene:
+    """A wearer and a bystander; the video is shorter than the recording."""
+    motion = gestures(24.0)
+    wearer = Performer("a", placed(motion, 0.3, (0, 0)), preset("tnt10", motion.skeleton))
+    bystander = Performer("b", replace(placed(gestures(26.0), 2.0, (1.5, 1.0)), rate=110.0))
+    scene = simulate_scene([wearer, bystander], settings, seed)
+    return seen_between(scene, first, last)
+
+
+def seen_between(scene: Scene, first: float, last: float) -> Scene:
+    seen = scene.camera.detections
+    frames = (seen.time + OFFSET >= first) & (seen.time + OFFSET <= last)
+    keep = frames[seen.frame]
+    cut = Detections(
+        seen.keypoints, seen.time[frames], (np.cumsum(frames) - 1)[seen.frame[keep]], seen.pixels[keep],
+        seen.confidence[keep],
+    )  # fmt: skip
+    return replace(scene, camera=replace(scene.camera, detections=cut), truth=None)
+
+
+@pytest.fixture(scope="module", params=["fixed", "hand-held"])
+def scene(request: pytest.FixtureRequest) -> Scene:
+    return filmed(SceneSettings.realistic(camera=request.param, time_offset_s=OFFSET))
+
+
+def test_motion_tells_the_offset(scene: Scene) -> None:
+    found = find_clock_offset(scene, ClockSettings(max_offset=4.0))
+    assert found.seconds == pytest.approx(OFFSET, abs=0.02)
+    assert found.curve is not None
+    assert found.curve.offset[np.argmax(found.curve.gain)] == pytest.approx(OFFSET, abs=0.025)
+    if found.determined:
+        assert abs(found.seconds - OFFSET) < 3 * found.sigma
+        assert "ms" in found.sentence
+
+
+def test_the_result_follows_the_video_clock(scene: Scene) -> None:
+    settings = ClockSettings(max_offset=3.0, method="motion")
+    moved = replace(scene, camera=replace(scene.camera, detections=scene.camera.detections.shifted(0.777)))
+    difference = find_clock_offset(scene, settings).seconds - find_clock_offset(moved, settings).seconds
+    assert difference == pytest.approx(0.777, abs=0.002)
+
+
+def test_without_errors_it_is_exact() -> None:
+    scene = filmed(SceneSettings.noise_free(camera="fixed", time_offset_s=OFFSET), first=0.0, last=24.0)
+    found = find_clock_offset(scene, ClockSettings(max_offset=3.0))
+    assert found.method == "motion"
+    assert found.seconds == pytest.approx(OFFSET, abs=0.003)
+    assert found.sigma < 0.02
+
+
+def test_other_peoples_sensors_are_no_clock(scene: Scene) -> None:
+    """The sensors lie on a table."""
+    wearer = scene.wearers[0]
+    still = {
+        name: replace(stream, R_inertial_sensor=np.broadcast_to(np.eye(3), (len(stream), 3, 3)).copy())
+        for name, stream in wearer.imus.items()
+    }
+    found = find_clock_offset(replace(scene, wearers=(replace(wearer, imus=still),)), ClockSettings(method="motion"))
+    assert found.method == "undetermined"
+    assert not found.determined
+    assert np.isinf(found.sigma)
+    assert "undetermined" in found.sentence
+
+
+COCO = keypoint_set("coco17")
+BODY_PX = {"shoulder": (40, 100), "elbow": (60, 150), "wrist": (70, 200), "hip": (30, 220), "knee": (30, 310),
+           "ankle": (30, 400), "ear": (10, 60), "eye": (6, 55)}  # fmt: skip
+
+
+def standing(time: np.ndarray, rate: float = 30.0) -> tuple[np.ndarray, np.ndarray]:
+    """Video times and the pixels ``(F, 17, 2)`` of somebody who stands still."""
+    video = np.arange(time[0], time[-1], 1 / rate)
+    body = [(300.0, 60.0)]
+    body += [(300 + (1 if n.startswith("left") else -1) * BODY_PX[n.split("_")[1]][0], BODY_PX[n.split("_")[1]][1])
+             for n in COCO.keypoints[1:]]  # fmt: skip
+    return video, np.repeat(np.array(body, float)[None], len(video), axis=0)
+
+
+def clapping(claps: list[float], offset: float, stamp: bool = False) -> Scene:
+    """Somebody who stands and claps, or stamps, at times of the sensors' clock."""
+    random = np.random.default_rng(0)
+    time = np.arange(0, 20, 0.01)
+    skeleton = Subject().body()
+    placement = preset("tnt10", skeleton)
+    imus = {}
+    for site in placement.sites:
+        force = np.array([0, 0, 9.81]) + 0.3 * random.standard_normal((len(time), 3))
+        if ("shank" if stamp else "forearm") in site.sensor and (not stamp or "left" in site.sensor):
+            for clap in claps:
+                force[:, 0] += 60 * np.exp(-0.5 * ((time - clap) / 0.01) ** 2)
+        imus[site.sensor] = ImuStream(site.sensor, time, force, np.repeat(np.eye(3)[None], len(time), axis=0))
+    video, pixels = standing(time - offset)
+    for clap in claps:
+        to_clap = video + offset - clap
+        near = (to_clap > -0.5) & (to_clap < 1.0)
+        # Hands approach for a fifth of a second, stop, and part slowly; or a foot comes down.
+        apart = np.interp(to_clap, [-0.5, -0.2, 0.0, 0.3, 1.0], [0.0, 0.0, 1.0, 1.0, 0.0])
+        for side, sign in (("left", -1.0), ("right", 1.0)):
+            if stamp and side == "left":
+                pixels[near, COCO.keypoints.index("left_ankle"), 1] -= (
+                    80 * (np.interp(to_clap, [-0.5, -0.2, 0.0], [0.0, 1.0, 0.0])[near])
+                )
+            elif not stamp:
+                pixels[near, COCO.keypoints.index(f"{side}_wrist"), 0] += sign * 60 * apart[near]
+    pixels += 0.7 * random.standard_normal(pixels.shape)
+    seen = Detections(COCO, video, np.arange(len(video)), pixels, np.full(pixels.shape[:2], 0.8))
+    camera = Camera("camera", CameraModel(600, 480, (500, 500), (300, 240)), seen, moving=False)
+    return Scene("clap", (Recording("clap", Subject(), imus, placement),), camera)
+
+
+@pytest.mark.parametrize("offset", [-3.21, 0.0, 4.567])
+@pytest.mark.parametrize("stamp", [False, True])
+def test_one_clap_or_stamp_tells_the_offset(offset: float, stamp: bool) -> None:
+    method = "stamp" if stamp else "clap"
+    found = find_clock_offset(clapping([8.013], offset, stamp), ClockSettings(method=method))
+    assert found.method == method
+    assert found.seconds == pytest.approx(offset, abs=0.015)
+    assert found.sigma < 0.03
+
+
+def test_a_clap_is_found_among_everything_else() -> None:
+    found = find_clock_offset(clapping([6.4, 8.013], 2.3))
+    assert found.method == "clap"
+    assert found.seconds == pytest.approx(2.3, abs=0.015)
+
+
+def test_claps_in_time_are_ambiguous() -> None:
+    found = find_clock_offset(clapping([float(t) for t in range(6, 15)], 0.3), ClockSettings(method="clap"))
+    assert found.method == "undetermined"
+    offers = sorted([found.seconds, *(seconds for seconds, _ in found.alternatives)])
+    np.testing.assert_allclose(np.diff(offers), 1.0, atol=0.03)
+
+
+def test_nothing_to_compare() -> None:
+    scene = clapping([8.0], 0.0)
+    with pytest.raises(RecordingError, match="no camera"):
+        find_clock_offset(replace(scene, camera=None))
+    empty = scene.camera.detections.select(np.zeros(0, int))
+    with pytest.raises(RecordingError, match="nobody is seen"):
+        find_clock_offset(replace(scene, camera=replace(scene.camera, detections=empty)))
+    with pytest.raises(InputError, match="max_offset"):
+        ClockSettings(max_offset=0.0)
+
+
+def test_tracks_follow_bodies_and_never_mix_them() -> None:
+    video, body = standing(np.array([0.0, 6.0]))
+    walk = np.stack([200 * (video - 3), 0 * video], axis=1)[:, None]
+    pixels = np.stack([body, body + walk], axis=1).reshape(-1, 17, 2)
+    frame = np.repeat(np.arange(len(video)), 2)
+    lost = np.ones(len(frame), bool)
+    lost[20:24] = False  # both, for two frames
+    seen = Detections(COCO, video, frame[lost], pixels[lost], np.full((lost.sum(), 17), 0.8))
+    tracks = simple_tracks(seen)
+    assert len(tracks) >= 3
+    for track in tracks:
+        speed = np.diff(track.pixels[:, 0, 0]) / np.diff(track.time)
+        assert np.allclose(speed, 0, atol=1e-6) or np.allclose(speed, 200, atol=1e-6)

@@ -1,0 +1,222 @@
+"""How well image and sensors agree for every offset of their clocks: a log-likelihood curve, without any event.
+
+For every track and every limb of every wearer, the share R² of the limb's image motion that its sensor explains (see
+:mod:`clock_signals`) is found for all offsets at once, by Fourier transforms. ``−n log(1 − R²)`` is the gain in
+log-likelihood over "this body is somebody else", n being the number of independent instants; limbs add up, each
+track is one wearer or nobody.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+
+from vip_factors.geometry.rotations import Array
+from vip_factors.initialise.clock_signals import (
+    Signal,
+    Smoothing,
+    camera_rotation,
+    limb_directions,
+    limb_in_image,
+    limb_indices,
+    middle_in_image,
+    rate_of,
+    smoothed,
+)
+from vip_factors.initialise.clock_tracks import ImageTrack
+from vip_factors.sensors.scene import Camera, Scene
+
+LEAST_SECONDS = 2.0  # of common time that a limb must show
+COMMON_SECONDS = 0.2  # that two tracks of one person may both be there: a detector may see somebody twice for a moment
+RIDGE = 1e-2  # of the sensor's mean square: a limb that moves in one plane leaves one direction undetermined
+LEAST_SAMPLES = 30  # of common grid time, for a linear map to mean anything
+MOST_EXPLAINED = 0.98  # a limb that fits better by chance must not outvote the rest
+
+
+@dataclass(frozen=True)
+class LimbCurve:
+    """Agreement of one limb of one wearer with one track: log-likelihood gain ``(L,)`` over the offsets."""
+
+    wearer: int
+    sensor: str
+    gain: Array
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A track and a wearer, and at which offsets ``(L,)`` they were taken for the same person."""
+
+    track: int
+    wearer: int
+    chosen: np.ndarray
+
+
+@dataclass(frozen=True)
+class CorrelationCurve:
+    """Agreement over offsets.
+
+    Attributes:
+        offset: ``(L,)`` seconds to add to the video's times, evenly spaced.
+        gain: ``(L,)`` log-likelihood gain in nats, over all tracks.
+        tracks: of every track, the curves of all limbs of all wearers.
+        pairs: who was taken for whom.
+    """
+
+    offset: Array
+    gain: Array
+    tracks: Sequence[Sequence[LimbCurve]] = ()
+    pairs: tuple[Pair, ...] = ()
+
+    def limbs_at(self, index: int) -> list[LimbCurve]:
+        """The limbs that agree at an offset, of all tracks that were given to a wearer there."""
+        return [
+            one
+            for pair in self.pairs
+            if pair.chosen[index]
+            for one in self.tracks[pair.track]
+            if one.wearer == pair.wearer and one.gain[index] > 0
+        ]
+
+
+def correlation_curve(
+    scene: Scene,
+    camera: Camera,
+    tracks: Sequence[ImageTrack],
+    max_offset: float,
+    independent_hz: float,
+    smoothing: Smoothing | None = None,
+) -> CorrelationCurve:
+    """The agreement of a scene's tracks with its sensors for all offsets up to ``max_offset`` seconds either way.
+
+    Args:
+        scene: whose wearers' sensors are compared.
+        camera: its camera; an IMU on it is used if it moves.
+        tracks: bodies in the image.
+        max_offset: seconds.
+        independent_hz: how many instants per second count as independent.
+        smoothing: of both sides.
+    """
+    smoothing = smoothing or Smoothing()
+    lags = round(2 * max_offset * smoothing.rate) + 1
+    offset: Array = (np.arange(lags, dtype=float) - (lags - 1) / 2) / smoothing.rate
+    turning, every = np.zeros(lags), []
+    for track in tracks:
+        count = int(np.ceil((track.time[-1] - track.time[0]) * smoothing.rate)) + 1
+        video = track.time[0] + np.arange(count) / smoothing.rate
+        imu = track.time[0] + offset[0] + np.arange(count + lags - 1) / smoothing.rate
+        every.append(_limb_curves(scene, camera, track, video, imu, independent_hz, smoothing))
+        turning = np.maximum(turning, _camera_curve(camera, track, video, imu, independent_hz, smoothing))
+    pairs, gain = _assigned(tracks, every, lags)
+    return CorrelationCurve(offset, gain + turning, every, pairs)
+
+
+def _assigned(
+    tracks: Sequence[ImageTrack], every: Sequence[Sequence[LimbCurve]], lags: int
+) -> tuple[tuple[Pair, ...], Array]:
+    """Pairs of track and wearer, and the summed gain ``(L,)`` of those chosen at each offset.
+
+    The best pair first, then the best of those left: a track is one wearer, and a wearer is in one place at a time.
+    Without that, somebody who walks in step with a wearer would pull the clocks to where their steps agree.
+    """
+    found = [(t, w) for t, curves in enumerate(every) for w in sorted({one.wearer for one in curves})]
+    if not found:
+        return (), np.zeros(lags)
+    gain = np.stack([np.sum([one.gain for one in every[t] if one.wearer == w], axis=0) for t, w in found])
+    track, wearer = np.array(found).T
+    start = np.array([tracks[t].time[0] for t in track])
+    end = np.array([tracks[t].time[-1] for t in track])
+    both = np.minimum(end[:, None], end) - np.maximum(start[:, None], start)
+    excluded = (track[:, None] == track) | ((wearer[:, None] == wearer) & (both > COMMON_SECONDS))
+    free, total, chosen = gain > 0, np.zeros(lags), np.zeros(gain.shape, bool)
+    for _ in range(len(tracks)):
+        value = np.where(free, gain, 0.0)
+        best = np.argmax(value, axis=0)
+        more = value[best, np.arange(lags)] > 0
+        if not np.any(more):
+            break
+        total += value[best, np.arange(lags)]
+        chosen[best[more], np.flatnonzero(more)] = True
+        free &= ~excluded[best].T
+    return tuple(Pair(t, w, row) for (t, w), row in zip(found, chosen, strict=True)), total
+
+
+def _limb_curves(
+    scene: Scene, camera: Camera, track: ImageTrack, video: Array, imu: Array, independent_hz: float,
+    smoothing: Smoothing,
+) -> list[LimbCurve]:  # fmt: skip
+    turned = camera_rotation(camera.mount, imu, smoothing) if camera.moving and camera.mount is not None else None
+    seen: dict[tuple[int, int], Signal] = {}
+    curves = []
+    for number, recording in enumerate(scene.wearers):
+        for sensor, direction in limb_directions(recording, imu, smoothing).items():
+            limb = limb_indices(camera.detections.keypoints, recording.placement.site(sensor).bone)
+            if limb is None:
+                continue
+            if limb not in seen:
+                seen[limb] = limb_in_image(track, limb, video, smoothing)
+            image = seen[limb]
+            if image.valid.sum() < LEAST_SECONDS * smoothing.rate:
+                continue
+            features = _features(direction, turned, smoothing)
+            curves.append(LimbCurve(number, sensor, _gain(image, features, independent_hz / smoothing.rate)))
+    return curves
+
+
+def _features(direction: Signal, turned: tuple[Array, np.ndarray] | None, smoothing: Smoothing) -> list[Signal]:
+    """What the image may be a linear map of: one signal for both its axes, or one for each (the same map for both)."""
+    if turned is None:
+        return [rate_of(direction.values, direction.valid, smoothing)]
+    R_camera_inertial, valid = turned
+    x, y, z = direction.values.T
+    # A heading between the two inertial frames turns (x, y) to (c x − s y, s x + c y): linear in c and s; and z stays.
+    parts = np.stack([np.stack([x, y, 0 * z], 1), np.stack([-y, x, 0 * z], 1), np.stack([0 * x, 0 * y, z], 1)], axis=-1)
+    in_camera = R_camera_inertial @ parts
+    return [rate_of(in_camera[:, row], valid & direction.valid, smoothing) for row in (0, 1)]
+
+
+def _camera_curve(
+    camera: Camera, track: ImageTrack, video: Array, imu: Array, independent_hz: float, smoothing: Smoothing
+) -> Array:
+    """Whether bodies cross the image as the camera's gyroscope says."""
+    none = np.zeros(len(imu) - len(video) + 1)
+    if not camera.moving or camera.mount is None or camera.mount.imu.angular_rate is None:
+        return none
+    stream = camera.mount.imu
+    rate = np.stack([np.interp(imu, stream.time, column) for column in camera.mount.imu.angular_rate.T], axis=1)
+    turn = smoothed(rate, (imu >= stream.time[0]) & (imu <= stream.time[-1]), smoothing)
+    image = middle_in_image(track, camera.model.focal, video, smoothing)
+    return np.maximum(_gain(image, [turn], independent_hz / smoothing.rate), 0.0) if np.any(image.valid) else none
+
+
+def _gain(image: Signal, features: Sequence[Signal], independent: float) -> Array:
+    """Log-likelihood gain ``(L,)`` of image motion ``(T, 2)`` as a linear map of features ``(T + L − 1, 3)``."""
+    size = next_fast_len(len(features[0].values), real=True)
+    lags = len(features[0].values) - len(image.values) + 1
+
+    def transform(values: np.ndarray) -> np.ndarray:
+        return rfft(values, size, axis=0)
+
+    mask = np.conj(transform(image.valid.astype(float)))
+    x = np.conj(transform(image.values))
+    square = np.conj(transform(np.sum(image.values**2, axis=1)))
+    valid = transform(features[0].valid.astype(float))
+    f = [transform(one.values) for one in features]
+    if len(features) == 1:  # a map for each axis
+        cross = [x[:, row, None] * f[0] for row in (0, 1)]
+    else:  # one map for both
+        cross = [x[:, 0, None] * f[0] + x[:, 1, None] * f[1]]
+    products = sum(transform(np.einsum("ti,tj->tij", one.values, one.values)) for one in features)
+    common = irfft(mask * valid, size)[:lags]
+    power = irfft(square * valid, size)[:lags]
+    S = irfft(mask[:, None, None] * products, size, axis=0)[:lags]
+    S = S + (RIDGE * np.trace(S, axis1=1, axis2=2)[:, None, None] + 1e-12) * np.eye(3)
+    explained = np.zeros(lags)
+    for one in cross:
+        s = irfft(one, size, axis=0)[:lags]
+        explained += np.einsum("li,li->l", s, np.linalg.solve(S, s[..., None])[..., 0])
+    enough = common > LEAST_SAMPLES
+    share = np.where(enough & (power > 0), explained / np.where(power > 0, power, 1.0), 0.0)
+    share = np.clip(share, 0.0, MOST_EXPLAINED)
+    parameters = 3 * len(cross)
+    return np.where(enough, -independent * common * np.log1p(-share) - parameters, 0.0)

@@ -1,0 +1,181 @@
+"""What limbs do, once as the image shows it and once as the sensors tell it, on one even grid of time.
+
+A limb's direction in space, seen by a camera that stands still, is a linear map of that direction (parallel
+projection; the size of the person in the image is divided out). So the difference of its two keypoints follows the
+three components of the direction that its IMU measures, whatever the sensor's heading and wherever the camera stands:
+six numbers that a least-squares fit finds. If the camera moves and carries an IMU, the direction is turned into the
+camera's frame first, and one heading is all that is unknown. Both sides are passed through the same derivative of a
+Gaussian, which removes what lasts (perspective, wrong mountings, a panning camera) and delays neither.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from vip_factors.body.keypoints import KeypointSet
+from vip_factors.body.skeleton import joint_index
+from vip_factors.errors import RecordingError
+from vip_factors.geometry.quaternions import interpolate_rotations
+from vip_factors.geometry.rotations import Array
+from vip_factors.initialise.clock_tracks import ImageTrack
+from vip_factors.sensors.attitude import with_orientation
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import CameraMount
+
+_SIDED = {
+    "shoulder": ("shoulder", "elbow"),
+    "elbow": ("elbow", "wrist"),
+    "hip": ("hip", "knee"),
+    "knee": ("knee", "ankle"),
+    "ankle": ("ankle", "big_toe"),
+}
+# Bone → the two keypoints that show its direction.
+LIMBS: dict[str, tuple[str, str]] = {
+    **{
+        f"{side}_{bone}": (f"{side}_{near}", f"{side}_{far}")
+        for bone, (near, far) in _SIDED.items()
+        for side in ("left", "right")
+    },
+    "pelvis": ("right_hip", "left_hip"),
+    "spine3": ("right_shoulder", "left_shoulder"),
+    "spine2": ("right_shoulder", "left_shoulder"),
+    "head": ("right_ear", "left_ear"),
+}
+LEFT, FORWARD = np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Values ``(T, D)`` on the grid, and where they are valid ``(T,)``; zero elsewhere."""
+
+    values: Array
+    valid: np.ndarray
+
+
+@dataclass(frozen=True)
+class Smoothing:
+    """How signals are brought onto the grid.
+
+    Attributes:
+        rate: of the grid in Hz: twice a usual video's.
+        width: seconds, of the Gaussian: wide enough for a detector's jitter, narrow enough for a step of 0.4 s.
+        longest_gap: seconds over which a signal is interpolated.
+    """
+
+    rate: float = 60.0
+    width: float = 0.07
+    longest_gap: float = 0.12
+
+
+def limb_in_image(track: ImageTrack, limb: tuple[int, int], grid: Array, smoothing: Smoothing) -> Signal:
+    """Rate of the difference of two keypoints over the person's size ``(T, 2)`` in 1/s; the grid is on video time."""
+    near, far = limb
+    values = (track.pixels[:, far] - track.pixels[:, near]) / track.size[:, None]
+    return _rate(track.time, _without_jumps(values), grid, smoothing)
+
+
+def middle_in_image(track: ImageTrack, focal: tuple[float, float], grid: Array, smoothing: Smoothing) -> Signal:
+    """Rate of the middle of the trunk in the image ``(T, 2)`` in rad/s, as a turning camera moves it."""
+    return _rate(track.time, np.nanmedian(track.pixels, axis=1) / np.array(focal), grid, smoothing)
+
+
+def limb_indices(keypoints: KeypointSet, bone: str) -> tuple[int, int] | None:
+    """Indices of the keypoints that show a bone's direction, if the set has them."""
+    names = LIMBS.get(bone, ("", ""))
+    if any(name not in keypoints.keypoints for name in names):
+        return None
+    return keypoints.keypoints.index(names[0]), keypoints.keypoints.index(names[1])
+
+
+def limb_directions(recording: Recording, grid: Array, smoothing: Smoothing) -> dict[str, Signal]:
+    """Direction of each limb that has a sensor and keypoints, in the sensor's inertial frame ``(T, 3)``; by sensor.
+
+    Not yet differentiated, so that it may be turned into a camera's frame. Sensors without orientation whose
+    orientation cannot be found are left out.
+    """
+    skeleton = recording.subject.body()
+    found = {}
+    for sensor in recording.placed:
+        site = recording.placement.site(sensor)
+        if site.bone not in LIMBS:
+            continue
+        axis = _axis(site.bone, skeleton.p_parent_joint)
+        turned = rotations_on(recording.imus[sensor], grid, smoothing)
+        if turned is not None:
+            R, valid = turned
+            found[sensor] = Signal(R @ (site.R_bone_sensor.T @ axis), valid)
+    return found
+
+
+def camera_rotation(mount: CameraMount, grid: Array, smoothing: Smoothing) -> tuple[Array, np.ndarray] | None:
+    """``R_camera_inertial (T, 3, 3)`` from the IMU on the camera, and where it is valid; None without orientation."""
+    turned = rotations_on(mount.imu, grid, smoothing)
+    if turned is None:
+        return None
+    R_inertial_imu, valid = turned
+    return mount.R_camera_imu @ np.swapaxes(R_inertial_imu, -1, -2), valid
+
+
+def rotations_on(stream: ImuStream, grid: Array, smoothing: Smoothing) -> tuple[Array, np.ndarray] | None:
+    """``R_inertial_sensor (T, 3, 3)`` on the grid (IMU time), and where it was measured; None if it cannot be had."""
+    try:
+        R = with_orientation(stream).R_inertial_sensor
+    except RecordingError:
+        return None
+    assert R is not None
+    return interpolate_rotations(stream.time, R, grid), _near_samples(stream.time, grid, smoothing.longest_gap)
+
+
+def rate_of(values: Array, valid: np.ndarray, smoothing: Smoothing) -> Signal:
+    """The smoothed derivative of what is already on the grid; not valid within its width of what is missing."""
+    sigma = smoothing.width * smoothing.rate
+    rate = gaussian_filter1d(values, sigma, axis=0, order=1, mode="nearest") * smoothing.rate
+    # The kernel's ends count little: what is missing within one and a half widths would be seen.
+    reach = np.ones(2 * round(1.5 * sigma) + 1)
+    whole = np.convolve(~valid, reach, mode="same") < 0.5
+    return Signal(np.where(whole[:, None], rate, 0.0), whole)
+
+
+def smoothed(values: Array, valid: np.ndarray, smoothing: Smoothing) -> Signal:
+    """The same smoothing without derivative, for what is a rate already."""
+    values = gaussian_filter1d(values, smoothing.width * smoothing.rate, axis=0, mode="nearest")
+    return Signal(np.where(valid[:, None], values, 0.0), valid)
+
+
+def _rate(time: Array, values: Array, grid: Array, smoothing: Smoothing) -> Signal:
+    good = np.all(np.isfinite(values), axis=1)
+    if good.sum() < 2:
+        return Signal(np.zeros((len(grid), values.shape[1])), np.zeros(len(grid), bool))
+    time, values = time[good], values[good]
+    even = np.stack([np.interp(grid, time, column) for column in values.T], axis=1)
+    return rate_of(even, _near_samples(time, grid, smoothing.longest_gap), smoothing)
+
+
+def _near_samples(time: Array, grid: Array, longest_gap: float) -> np.ndarray:
+    """Whether the samples on both sides of each grid time are at most a gap apart."""
+    right = np.searchsorted(time, grid)
+    inside = (grid >= time[0]) & (grid <= time[-1])
+    right = np.clip(right, 1, len(time) - 1) if len(time) > 1 else np.zeros_like(right)
+    return inside & (time[right] - time[right - 1] <= longest_gap)
+
+
+def _without_jumps(values: Array, most: float = 0.25) -> Array:
+    """NaN where a limb jumps to somewhere and back within few frames: left taken for right."""
+    before = np.abs(values - np.roll(values, 1, axis=0)).max(axis=1)
+    jump = np.flatnonzero(before[1:] > most) + 1
+    clean = values.copy()
+    for index in jump:
+        clean[index - 1 : index + 1] = np.nan
+    return clean
+
+
+def _axis(bone: str, p_parent_joint: Array) -> Array:
+    """Unit vector along the limb in the bone's frame, as its keypoints lie at rest."""
+    far = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
+    side, _, joint = bone.partition("_")
+    if joint in far:
+        p = p_parent_joint[joint_index(f"{side}_{far[joint]}")]
+        return p / np.linalg.norm(p)
+    return FORWARD if joint == "ankle" else LEFT

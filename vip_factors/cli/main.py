@@ -17,6 +17,7 @@ COMMANDS = {
     "calibrate-camera": "find a camera's focal length and distortion, and the floor, from views of a board",
     "info": "say what a recording or an estimate holds",
     "simulate": "make a recording with known truth from a motion",
+    "sync": "find the offset between the clocks of video and sensors",
     "smooth": "reconstruct a recording: motion, headings, mountings",
     "evaluate": "compare an estimate with the truth",
     "view": "look at recordings and estimates in Rerun",

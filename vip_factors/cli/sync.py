@@ -1,0 +1,115 @@
+"""``vip-factors sync``: how far the video's clock is off the sensors', and a scene that says so."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import tyro
+
+from vip_factors.cli.options import Flag, beside, parse
+from vip_factors.initialise.clock import ClockSettings
+
+if TYPE_CHECKING:
+    from vip_factors.initialise.clock import ClockOffset
+
+WIDTH, HEIGHT = 1200, 520  # pixels of the picture
+
+
+@dataclass(frozen=True)
+class SyncOptions:
+    """Find the offset between the clocks of video and sensors, and write a copy of the scene that holds it.
+
+    The offset is the seconds to add to the video's times. It is found from how people move, without any event, and
+    from a clap or a stamp if there is one. If it cannot be told, that is said and nothing is written.
+    """
+
+    scene: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
+    """Scene (.mcap): sensors, and a camera with detections."""
+    out: Path | None = None
+    """Scene (.mcap) to write; SCENE.synced.mcap if absent."""
+    seconds: float | None = None
+    """The offset, if you know it: it is written as it is."""
+    dry_run: Flag = False
+    """Only tell what was found; write no scene."""
+    picture: Path | None = None
+    """Picture (.png) of the agreement over all offsets."""
+    overwrite: Flag = False
+    """Replace files that exist."""
+    clock: Annotated[ClockSettings, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=ClockSettings)
+
+
+def main(prog: str, arguments: Sequence[str]) -> None:
+    """Run the command."""
+    options = parse(SyncOptions, prog, arguments)
+    from vip_factors.cli.terminal import waiting
+    from vip_factors.errors import InputError
+    from vip_factors.io.atomic import check_target
+    from vip_factors.io.mcap_scene_recording import read_scene, write_scene
+
+    out = options.out or beside(options.scene, ".synced.mcap")
+    if not options.dry_run:
+        check_target(out, options.overwrite)
+    if options.picture is not None:
+        check_target(options.picture, options.overwrite)
+    if options.seconds is not None and not np.isfinite(options.seconds):
+        raise InputError(f"--seconds {options.seconds}: expected a number")
+    scene = read_scene(options.scene)
+    if scene.camera is None:
+        raise InputError(f"{options.scene} has no camera: there is no clock to compare with the sensors'")
+    seconds = options.seconds
+    if seconds is None or options.picture is not None:
+        from vip_factors.initialise.clock import find_clock_offset
+
+        with waiting("comparing video and sensors"):
+            found = find_clock_offset(scene, options.clock)
+        print(offset_text(found, scene.camera.time_offset))
+        if options.picture is not None:
+            draw_offset(found, options.picture, options.overwrite)
+            print(options.picture)
+        if seconds is None and not found.determined:
+            if options.dry_run:
+                return
+            raise InputError(f"{options.scene}: {found.sentence}; or give the offset as --seconds")
+        seconds = found.seconds if seconds is None else seconds
+    if options.dry_run:
+        return
+    camera = replace(scene.camera, time_offset=float(seconds))
+    write_scene(replace(scene, camera=camera), out, overwrite=options.overwrite)
+    print(out)
+
+
+def offset_text(found: "ClockOffset", before: float = 0.0) -> str:
+    """What was found, as a small table with the other offsets that were considered."""
+    lines = [found.sentence] if found.determined else []
+    if found.determined and before:
+        lines.append(f"the scene said {before:+.3f} s before")
+    lines.append(f"  {'offset':>10}  agreement")
+    sigma = f"± {1e3 * found.sigma:.0f} ms, {found.method}" if found.determined else found.method
+    lines.append(f"  {found.seconds:+8.3f} s  {100:7.0f} %  {sigma}")
+    lines += [f"  {seconds:+8.3f} s  {100 * share:7.0f} %" for seconds, share in found.alternatives[:4]]
+    return "\n".join(lines)
+
+
+def draw_offset(found: "ClockOffset", path: Path, overwrite: bool = False) -> None:
+    """A picture of the agreement over all offsets, the best marked.
+
+    Raises:
+        InputError: if motions were not compared, or the file exists or is not named ``.png``.
+    """
+    from vip_factors.errors import InputError
+    from vip_factors.viz.canvas import Canvas
+    from vip_factors.viz.chart import draw_chart
+
+    if found.curve is None:
+        raise InputError(f"{path}: there is no curve to draw: events only were compared; choose method auto or motion")
+    dark = (45, 50, 60)
+    canvas = Canvas(WIDTH, HEIGHT)
+    title = f"video {found.seconds:+.3f} s" + (f" ± {1e3 * found.sigma:.0f} ms" if found.determined else ": not clear")
+    canvas.text((80.0, 48.0), title, dark, 26, 600)
+    canvas.text((80.0, HEIGHT - 22.0), "seconds to add to the video's times", (120, 128, 140), 17)
+    box = (80.0, 110.0, WIDTH - 40.0, HEIGHT - 90.0)
+    label = "agreement of limbs in the image and sensors on them (log-likelihood)"
+    draw_chart(canvas, box, found.curve.offset, found.curve.gain, label, np.array([found.seconds]))
+    canvas.save(path, overwrite)

@@ -42,13 +42,19 @@ def simulate_recording(
         InputError: for a motion of fewer than 8 frames, or of less than two IMU periods.
     """
     settings = settings or SimulateSettings.realistic()
-    dense = dense_motion(motion, settings.lowpass_hz)
+    return record(dense_motion(motion, settings.lowpass_hz), placement, settings, seed, name, initial_pose)
+
+
+def record(
+    dense: DenseMotion, placement: Placement, settings: SimulateSettings, seed: int, name: str, initial_pose: str
+) -> Recording:
+    """As :func:`simulate_recording`, of a motion that has its splines already."""
     imus, calibration = {}, {}
     for site in placement.sites:
         imus[site.sensor], calibration[site.sensor] = simulate_sensor(dense, site, settings, seed)
-    subject = Subject(stature_m=stature_of(motion.skeleton), skeleton=motion.skeleton)
+    subject = Subject(stature_m=stature_of(dense.skeleton), skeleton=dense.skeleton)
     truth = Truth(dense.sample(settings.truth_rate), calibration)
-    notes = f"simulated from motion '{motion.name}', seed {seed}"
+    notes = f"simulated from motion '{dense.name}', seed {seed}"
     return Recording(name, subject, imus, placement, initial_pose, truth, notes)
 
 

@@ -18,13 +18,14 @@ from vip_factors.simulate.camera_motion import camera_motion
 from vip_factors.simulate.dense import DenseMotion, dense_motion
 from vip_factors.simulate.detector import detect
 from vip_factors.simulate.detector_view import Person
-from vip_factors.simulate.recording import simulate_recording, simulate_sensor
+from vip_factors.simulate.recording import record, simulate_sensor
 from vip_factors.simulate.scene_settings import SceneSettings
 
 # The IMU on the camera's back: its x right, y up, z towards the operator, as a phone's own in landscape.
 R_CAMERA_IMU = np.diag([1.0, -1.0, -1.0])
 P_CAMERA_IMU = np.array([0.03, 0.02, -0.015])  # metres from the lens: somewhere on a phone
 CAMERA_IMU = "camera"
+SEED_STEP = 7919  # between the seeds of wearers; the first has the scene's: a scene of one is the recording of one
 PATH_HZ = 30.0  # at which the camera's operator watches the people
 
 
@@ -64,14 +65,16 @@ def simulate_scene(
         InputError: without a wearer, if names repeat, or if the wearers' motions share less than two video frames.
     """
     settings = settings or SceneSettings.realistic()
-    wearers = [one for one in performers if one.placement is not None]
-    if not wearers:
+    if all(one.placement is None for one in performers):
         raise InputError(f"scene '{name}' has nobody with sensors: expected at least one performer with a placement")
     if len({one.name for one in performers}) < len(performers):
         raise InputError(f"scene '{name}': performers {', '.join(one.name for one in performers)}: names repeat")
-    recordings = tuple(_recorded(one, settings, seed, number) for number, one in enumerate(wearers))
     dense = [dense_motion(one.motion, settings.imu.lowpass_hz) for one in performers]
     worn = [number for number, one in enumerate(performers) if one.placement is not None]
+    recordings = tuple(
+        _recorded(performers[number], dense[number], settings, seed + SEED_STEP * order)
+        for order, number in enumerate(worn)
+    )
 
     time = _video_times([dense[number] for number in worn], settings, name)
     body = _camera_body(dense, worn, settings, seed)
@@ -91,13 +94,9 @@ def simulate_scene(
     return Scene(name, recordings, camera, truth)
 
 
-def _recorded(performer: Performer, settings: SceneSettings, seed: int, number: int) -> Recording:
+def _recorded(performer: Performer, dense: DenseMotion, settings: SceneSettings, seed: int) -> Recording:
     assert performer.placement is not None
-    # A seed of its own for each wearer, and the plain one for the first: a scene of one is the recording of one.
-    recording = simulate_recording(
-        performer.motion, performer.placement, settings.imu, seed + 7919 * number, performer.name,
-        performer.initial_pose,
-    )  # fmt: skip
+    recording = record(dense, performer.placement, settings.imu, seed, performer.name, performer.initial_pose)
     return replace(recording, subject=replace(recording.subject, name=performer.name))
 
 

@@ -78,7 +78,7 @@ def _turned_home(motion: Motion, R_end: Array, p_end: Array, home: Array) -> tup
     if np.linalg.norm(way[:2]) > WALKS_M and np.linalg.norm(back) > WALKS_M:
         homeward = np.arctan2(back[1], back[0]) - np.arctan2(way[1], way[0])
         most = TURN_RAD_S * count / motion.rate
-        turn += np.clip(wrap_angle(homeward - turn), -most, most)
+        turn += float(np.clip(wrap_angle(homeward - turn), -most, most))
     R_turn = rotation_z(turn)
     shift = np.array([*(p_end.mean(axis=0) - R_turn @ start)[:2], 0.0])
     R = motion.R_parent_child.copy()

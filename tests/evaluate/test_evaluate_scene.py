@@ -48,6 +48,19 @@ def test_errors_of_sensors_come_out_feet_and_hands_apart(scene: Scene) -> None:
     assert result["nees_heading"] == pytest.approx((0.13 / 0.05) ** 2 * 2 / 25)  # the anchor is not counted
 
 
+def test_honesty_is_judged_by_the_sensor_that_is_surest(scene: Scene) -> None:
+    estimate = estimate_of(scene, TURNED)
+    calibration = dict(estimate.wearers[1].calibration)
+    wrong = calibration["head"]
+    calibration["head"] = replace(wrong, heading=wrong.heading + 0.1, heading_sigma=0.001)
+    anchored = replace(estimate, wearers=(estimate.wearers[0], replace(estimate.wearers[1], calibration=calibration)))
+    assert evaluate_scene(anchored, scene)["nees_heading"] == pytest.approx((0.1 / 0.05) ** 2)  # of all the others
+    known = replace(scene, camera=replace(scene.camera, known_path=scene.truth.camera))
+    result = evaluate_scene(estimate_of(known, Injected(yaw=0.1)), known)
+    assert result["nees_heading"] == pytest.approx((0.1 / 0.05) ** 2)  # a world that was given has no gauge
+    assert result["heading_error"] == pytest.approx(0.0, abs=1e-5)
+
+
 def test_camera_error_is_what_was_put_in(scene: Scene) -> None:
     result = evaluate_scene(estimate_of(scene, replace(TURNED, camera_rad=0.02)), scene)
     assert result["camera_rotation"] == pytest.approx(np.rad2deg(0.02))
@@ -56,6 +69,17 @@ def test_camera_error_is_what_was_put_in(scene: Scene) -> None:
     result = evaluate_scene(estimate_of(scene, replace(TURNED, camera_m=0.03)), scene)
     assert result["camera_translation"] == pytest.approx(0.02, rel=0.05)
     assert result["reprojection_rms"] > 1
+
+
+def test_instants_with_a_wearer_in_view_are_counted_apart(scene: Scene) -> None:
+    estimate = estimate_of(scene)
+    path, T = estimate.camera.path, len(estimate.camera.path)
+    residual, p = np.full((T, 2), 5.0), path.p_world_camera.copy()
+    residual[20:40], p[20:40, 2] = np.nan, p[20:40, 2] + 0.6
+    camera = replace(estimate.camera, path=replace(path, p_world_camera=p), residual_px=residual)
+    result = evaluate_scene(replace(estimate, camera=camera), scene)
+    assert result["camera_translation_max"] > 0.4
+    assert result["camera_translation"] > 2 * result["camera_translation_seen"]
 
 
 def test_paths_at_other_instants_are_compared_at_the_coarser_ones() -> None:

@@ -74,8 +74,14 @@ def camera_error(pair: PathPair, gauge: Alignment) -> CameraError:
     return CameraError(moved.time, np.concatenate([rotation, translation], axis=1))
 
 
-def camera_metrics(error: CameraError) -> dict[str, Metric]:
-    """Mean, 95th percentile and maximum of translation and rotation."""
+def camera_metrics(error: CameraError, seen: np.ndarray | None = None) -> dict[str, Metric]:
+    """Mean, 95th percentile and maximum of translation and rotation.
+
+    Args:
+        error: of the path.
+        seen: ``(T,)`` whether a wearer was in view; then the means over those instants alone are given too, for
+            between them the path is only as good as the camera's IMU.
+    """
     table: dict[str, Metric] = {}
     for name, values, unit in (
         ("camera_translation", error.translation, "m"),
@@ -84,4 +90,13 @@ def camera_metrics(error: CameraError) -> dict[str, Metric]:
         table[name] = Metric(float(values.mean()), unit)
         table[f"{name}_95th"] = Metric(float(np.quantile(values, 0.95)), unit)
         table[f"{name}_max"] = Metric(float(values.max()), unit)
+        if seen is not None and np.any(seen):
+            table[f"{name}_seen"] = Metric(float(values[seen].mean()), unit)
     return table
+
+
+def seen_instants(residual_px: Array | None, path: CameraPath, chosen: np.ndarray) -> np.ndarray | None:
+    """At which of the chosen instants ``(n,)`` of a path any wearer was in view; None if that is not known."""
+    if residual_px is None or len(residual_px) != len(path) or len(path) == 1:
+        return None
+    return np.isfinite(residual_px[chosen]).any(axis=1)

@@ -8,7 +8,7 @@ import numpy as np
 
 from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, SceneEstimate
-from vip_factors.evaluate.camera import camera_error, camera_metrics, common_instants
+from vip_factors.evaluate.camera import camera_error, camera_metrics, common_instants, seen_instants
 from vip_factors.evaluate.evaluation import Evaluation, evaluate
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.joints import POSITION_JOINTS, indices
@@ -86,8 +86,9 @@ def evaluate_scene(estimate: SceneEstimate, scene: Scene) -> SceneEvaluation:
         table[name] = Metric(float(np.mean([one.value for one in each])), each[0].unit)
     turn = yaw(next(iter(gauges.values()))) if tied else None
     table |= sensors(estimate, scene, turn)
-    if camera is not None:
-        table |= camera_metrics(camera_error(camera, next(iter(gauges.values()))))
+    if camera is not None and estimate.camera is not None:
+        seen = seen_instants(estimate.camera.residual_px, estimate.camera.path, chosen)
+        table |= camera_metrics(camera_error(camera, next(iter(gauges.values()))), seen)
     table |= camera_imu(estimate, scene, turn)
     table |= honesty(estimate, scene, pairs, camera, chosen)
     table |= reprojection(estimate, scene) | association(estimate, scene)

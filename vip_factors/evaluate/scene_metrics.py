@@ -12,13 +12,13 @@ from vip_factors.evaluate.calibration import CalibrationError, calibration_error
 from vip_factors.evaluate.calibration_metrics import ENDS, consistency_metrics, error_metrics
 from vip_factors.evaluate.camera import camera_error
 from vip_factors.evaluate.table import Metric
+from vip_factors.geometry.alignment import Alignment
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.gauge import MotionPair, PathPair, anchored_gauge
 from vip_factors.sensors.reprojection import keypoints_in_image, reprojection_error
 from vip_factors.sensors.scene import Scene
 
 CAMERA = "camera"  # stands for the IMU on the camera where calibrations go by sensor name
-ANCHOR_BONE = "pelvis"  # the sensor there carries the graph's gauge prior, else the camera's IMU does
 
 
 def sensors(estimate: SceneEstimate, scene: Scene, gauge: float | None) -> dict[str, Metric]:
@@ -78,7 +78,8 @@ def honesty(
         if values:
             table |= consistency_metrics(name, np.concatenate(values), dimension)
     if camera is not None and estimate.camera.covariance is not None:
-        gauge = anchored_gauge(next(iter(pairs.values())), turn)
+        known = wearer not in pairs  # where the camera's path was given, and with it the world
+        gauge = Alignment(np.eye(3), np.zeros(3), np.ones(())) if known else anchored_gauge(pairs[wearer], turn)
         error_of_camera = camera_error(camera, gauge)
         of_camera = consistency.camera_nees(error_of_camera.tangent, estimate.camera.covariance[chosen])
         table |= consistency_metrics("camera", of_camera, 6)
@@ -146,16 +147,20 @@ def _calibration_errors(
 
 
 def _anchor(estimate: SceneEstimate, scene: Scene) -> tuple[int, str, float] | None:
-    """Wearer, sensor and raw heading error of what carries the gauge prior; None if that is not known."""
-    for index, error in _calibration_errors(estimate, scene, 0.0):
-        for site in scene.wearers[index].placement.sites:
-            if site.bone == ANCHOR_BONE and site.sensor in error.heading:
-                return index, site.sensor, error.heading[site.sensor]
-    found = estimate.camera.calibration if estimate.camera is not None else None
-    known = scene.truth.camera_calibration if scene.truth is not None else None
-    if found is None or known is None:
-        return None
-    return -1, CAMERA, found.heading - known.heading
+    """Wearer, sensor and raw heading error of what carries the gauge prior; None if that cannot be told.
+
+    It is the sensor that is surest of its heading: the prior is far tighter than any measurement. Where the camera's
+    path was given, the world is: wearer −1, no sensor, no error.
+    """
+    if scene.camera is not None and scene.camera.known_path is not None:
+        return -1, "", 0.0
+    sigmas = [
+        (estimate.wearers[index].calibration[name].heading_sigma, index, name, value)
+        for index, error in _calibration_errors(estimate, scene, 0.0)
+        for name, value in error.heading.items()
+    ]
+    sigmas = [one for one in sigmas if np.isfinite(one[0])]
+    return min(sigmas)[1:] if sigmas else None
 
 
 def _pixels(name: str, distances: list[Array]) -> dict[str, Metric]:

@@ -44,7 +44,9 @@ def draw_headings(
     for at, row in zip(y, rows, strict=True):
         name = row.sensor.replace("_", " ")
         canvas.text((first - 16 - canvas.text_width(name, TEXT), at + 6), name, LABEL, TEXT)
-    absolute = [abs(v) + (s if np.isfinite(s) else 0) for r in rows for v, s in ((r.heading, r.sigma), (r.truth, 0.0))]
+    absolute = [
+        abs(v) + 2 * (s if np.isfinite(s) else 0) for r in rows for v, s in ((r.heading, r.sigma), (r.truth, 0.0))
+    ]
     span = float(np.clip(np.nanmax(absolute), 5.0, 180.0)) if rows else 5.0
     _panel(canvas, (first, first + panel), y, span, "heading, °" + ("   (ring: truth)" if compared else ""))
     for at, row in zip(y, rows, strict=True):

@@ -71,3 +71,17 @@ def test_a_scene_of_one_wearer_without_a_camera_is_a_recording(folder: Path) -> 
     assert estimate is None
     assert open_one(folder / "scene.mcap").scene.camera is not None
     assert len(open_one(folder / "vip.mcap").scene_estimate.wearers) == 2
+
+
+def test_one_wearer_without_a_camera_goes_all_ways(run: Callable, folder: Path, tmp_path: Path) -> None:
+    whole = estimate_of(scene_sample(0.5))
+    single = replace(whole, wearers=whole.wearers[:1], camera=None, wearer_of_detection=whole.wearer_of_detection[:0])
+    write_scene_estimate(single, tmp_path / "single.mcap")
+    done = run("evaluate", tmp_path / "single.mcap", "--truth", folder / "alone.mcap")
+    assert done.code == 0, done.err
+    assert "| heading_error_feet_hands |" in done.out
+    made = [tmp_path / name for name in ("a.rrd", "a.png", "c.png")]
+    files = (folder / "alone.mcap", tmp_path / "single.mcap")
+    done = run("view", *files, "--save", made[0], "--picture", made[1], "--chart", made[2])
+    assert done.code == 0, done.err
+    assert all(path.stat().st_size > 1000 for path in made)

@@ -1,6 +1,6 @@
 """The association of a whole recording: from detections and inertially tracked motions to who is who."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,8 @@ from vip_factors.associate.meta_camera import meta_features
 from vip_factors.associate.programme import Programme, solve_in_windows
 from vip_factors.associate.settings import AssociationSettings
 from vip_factors.associate.tracklets import tracklets
-from vip_factors.associate.weights import AssociationWeights, load_weights
+from vip_factors.associate.verdict import verdict_features
+from vip_factors.associate.weights import Logistic, load_weights
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
@@ -83,14 +84,17 @@ def associate(
         raise InputError("association without a wearer's motion: give at least one")
     weights = load_weights(settings.weights) if settings.weights else load_weights()
     context = make_context(detections, model, motions, camera, gravity_camera)
-    odds, programme, rows = build_programme(context, weights, settings)
-    rate = context.rate
-    chosen = solve_in_windows(
-        programme, max(2, round(settings.window_s * rate)), max(1, round(settings.overlap_s * rate)), progress
+    suffix = "" if camera is None else "_camera"
+    features = unary_features(context)
+    odds = weights.logistic["unary" + suffix].log_odds(features)
+    programme, rows = build_programme(context, odds, weights.logistic, settings)
+    chosen = choose(context, programme, settings, progress)
+    verdict = weights.logistic["verdict" + suffix].log_odds(
+        verdict_features(context, features[rows], odds[rows], programme, chosen)
     )
-    confidence = _confidence(programme, chosen)
-    chosen = chosen & (confidence >= settings.least_confidence)
-    result = _result(context, odds, rows[chosen], confidence[chosen], len(detections))
+    confidence = 1 / (1 + np.exp(-np.clip(verdict, -50, 50)))
+    sure = confidence >= settings.least_confidence
+    result = _result(context, odds, rows[chosen][sure], confidence[sure], len(detections))
     return replace(result, findings=find_oddities(detections, context, odds, motions, result.wearer))
 
 
@@ -123,24 +127,41 @@ def make_context(
 
 
 def build_programme(
-    context: Context, weights: AssociationWeights, settings: AssociationSettings
-) -> tuple[Array, Programme, np.ndarray]:
-    """Log-odds of all hypotheses ``(P,)``, the programme over those within the gate, and their rows ``(H,)``."""
+    context: Context, odds: Array, logistic: Mapping[str, Logistic], settings: AssociationSettings
+) -> tuple[Programme, np.ndarray]:
+    """The programme over the hypotheses within the gate, ``H`` of ``P``, and their rows ``(H,)``.
+
+    Args:
+        context: of the recording.
+        odds: ``(P,)`` log-odds of all hypotheses on their own.
+        logistic: the regressions of edges, by name.
+        settings: gate, rivals, offsets and weights.
+    """
     h, suffix = context.hypotheses, "" if context.camera is None else "_camera"
-    odds = weights.logistic["unary" + suffix].log_odds(unary_features(context))
     rows = np.flatnonzero(gated(context, odds, settings))
     a, b = inter_edges(context, rows, settings)
-    costs = [-settings.inter_weight * weights.logistic["inter" + suffix].log_odds(inter_features(context, a, b))]
+    costs = [-settings.inter_weight * logistic["inter" + suffix].log_odds(inter_features(context, a, b))]
     edges = [np.stack([a, b], axis=1)]
     for a, b, features in intra_edges(context, rows, odds):
         edges.append(np.stack([a, b], axis=1))
-        costs.append(-settings.intra_weight * weights.logistic["intra" + suffix].log_odds(features))
+        costs.append(-settings.intra_weight * logistic["intra" + suffix].log_odds(features))
     new = np.full(len(h), -1)
     new[rows] = np.arange(len(rows))
     programme = Programme(
         h.frame[rows], h.wearer[rows], h.detection[rows], -odds[rows], new[np.concatenate(edges)], np.concatenate(costs)
     )
-    return odds, programme, rows
+    return programme, rows
+
+
+def choose(
+    context: Context,
+    programme: Programme,
+    settings: AssociationSettings,
+    progress: Callable[[float], None] | None = None,
+) -> np.ndarray:
+    """The best choice ``(H,)``, window by window."""
+    window, overlap = (max(1, round(one * context.rate)) for one in (settings.window_s, settings.overlap_s))
+    return solve_in_windows(programme, max(window, overlap + 1), overlap, progress)
 
 
 def gated(context: Context, odds: Array, settings: AssociationSettings) -> np.ndarray:
@@ -189,15 +210,6 @@ def intra_edges(context: Context, rows: np.ndarray, odds: Array) -> list[tuple[n
             if len(a):
                 found.append((a, b, features))
     return found
-
-
-def _confidence(programme: Programme, chosen: np.ndarray) -> Array:
-    """Probability ``(H,)`` that each choice is right, by what it is worth on its own and with the others chosen."""
-    a, b = programme.edges.T
-    cost = programme.cost.copy()
-    np.add.at(cost, a, np.where(chosen[b], programme.edge_cost, 0.0))
-    np.add.at(cost, b, np.where(chosen[a], programme.edge_cost, 0.0))
-    return np.where(chosen, 1 / (1 + np.exp(np.clip(cost, -50, 50))), 0.0)
 
 
 def _result(context: Context, odds: Array, rows: np.ndarray, confidence: Array, N: int) -> Association:

@@ -186,6 +186,6 @@ class _Problem:
         by_point[..., 0, 0] = by_point[..., 1, 1] = inverse
         by_point[..., 2] = -flat * inverse[..., None]
         J = np.concatenate([-by_point @ hat(p - t[:, None]), by_point], axis=-1) * scale[..., None, None]
-        J = J.reshape(len(R), -1, 6)
-        error = ((flat - self.flat) * scale[..., None]).reshape(len(R), -1, 1)
+        J = J.reshape(len(R), 2 * J.shape[1], 6)
+        error = ((flat - self.flat) * scale[..., None]).reshape(len(R), J.shape[1], 1)
         return transpose(J) @ J, (transpose(J) @ error)[..., 0]

@@ -23,14 +23,18 @@ LIMB_ENDS = (
     ("right_hip", "right_knee"), ("right_knee", "right_ankle"), ("left_shoulder", "right_shoulder"),
     ("left_hip", "right_hip"),
 )  # fmt: skip
+MAJOR_JOINTS = ("neck", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+ENOUGH_JOINTS = 7  # rightly found, for a detection to count as somebody's (thesis 4.4.3)
+FITTING_M = 0.15  # a head's half, and what an inertial tracker errs
 WINDOWS_S = (0.5, 2.0)  # over which a tracklet's evidence is averaged: half a step, and a few
 NO_RIVAL = 1.5  # how much worse an absent rival counts
 TURN_OVER_S = 0.17  # between hypotheses whose cameras are compared for steadiness
 
 UNARY = (
     "log_cost", "log_cost_half_second", "log_cost_two_seconds", "limbs", "limbs_half_second", "limbs_two_seconds",
-    "keypoints", "tilt", "unsteady", "unsteady_two_seconds", "track_seconds", "rival_person",
-    "rival_person_two_seconds", "rival_wearer", "rival_wearer_two_seconds",
+    "joints_seen", "joints_fitting", "seven_seen", "seven_fitting", "tilt", "unsteady",
+    "unsteady_two_seconds", "track_seconds", "rival_person", "rival_person_two_seconds",
+    "rival_wearer", "rival_wearer_two_seconds",
 )  # fmt: skip
 UNARY_CAMERA = (*UNARY, "path_error", "path_error_two_seconds", "path_rival", "path_turn")
 INTER_PLAIN = ("trans", "ori", "turn", "image", "tracklet")
@@ -84,7 +88,8 @@ def unary_features(context: Context) -> Array:
     long_cost, long_unsteady = long(log_cost), long(unsteady)
     columns = [
         log_cost, short(log_cost), long_cost, limbs, short(limbs), long(limbs),
-        np.sum(np.isfinite(h.error[..., 0]), axis=1) / h.error.shape[1], tilt, unsteady, long_unsteady, seconds,
+*_joint_counts(context),
+        tilt, unsteady, long_unsteady, seconds,
         _rival(h.frame, h.wearer, log_cost), _rival(h.frame, h.wearer, long_cost),
         _rival(h.detection, h.detection, log_cost), _rival(h.detection, h.detection, long_cost),
     ]  # fmt: skip
@@ -98,6 +103,17 @@ def unary_features(context: Context) -> Array:
             angle_between(R_camera_world, h.R_camera_world),
         ]
     return np.stack(columns, axis=1)
+
+
+def _joint_counts(context: Context) -> tuple[Array, ...]:
+    """How many major joints ``(P,)`` are seen and how many of them fit, and whether these are seven (thesis 4.4.3)."""
+    h = context.hypotheses
+    major = np.array([name.split("_")[-1] in MAJOR_JOINTS for name in context.names])
+    sure = np.clip((context.weight[h.detection][:, major] - 0.1) / 0.3, 0, 1)
+    error = np.linalg.norm(h.error[:, major], axis=-1)
+    fits = np.exp(-0.5 * (np.nan_to_num(error, nan=np.inf) / FITTING_M) ** 2)
+    seen, fitting = sure.sum(axis=1), np.sum(sure * fits, axis=1)
+    return seen, fitting, *(1 / (1 + np.exp(-2 * (count - ENOUGH_JOINTS + 0.5))) for count in (seen, fitting))
 
 
 def path_error(context: Context, camera: CameraPath) -> Array:

@@ -14,7 +14,10 @@ from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.sensors.detections import Detections
 
 LEAST_CONFIDENCE = 0.1  # detectors write guesses below this
-PERSON_SIZE = 0.8  # m: square root of the area that a person covers, for the OKS sigmas
+PERSON_SIZE = 0.77  # m: square root of the area that a person covers, for the OKS sigmas
+DETECTOR = (
+    0.5  # of an OKS sigma is what a detector errs by; the sigmas are those of annotators on all sorts of pictures
+)
 # Metres that an inertial tracker's keypoints lie off, mounted by eye (10–15°): orientation errors add up along limbs.
 _POSE_SIGMA = {"wrist": 0.12, "ankle": 0.12, "heel": 0.13, "toe": 0.14, "elbow": 0.08, "knee": 0.08}
 _TRUNK_SIGMA = 0.05
@@ -76,7 +79,7 @@ def keypoint_sigma(keypoints: KeypointSet) -> Array:
         next((sigma for part, sigma in _POSE_SIGMA.items() if part in name), _TRUNK_SIGMA)
         for name in keypoints.keypoints
     ]
-    return np.hypot(keypoints.sigmas * PERSON_SIZE, pose)
+    return np.hypot(DETECTOR * PERSON_SIZE * keypoints.sigmas, pose)
 
 
 def wearer_points(motion: Motion, keypoints: KeypointSet, time: Array) -> WearerPoints:

@@ -14,7 +14,7 @@ class AssociationSettings:
     """Log-odds below which a hypothesis is not considered at all: one in 150."""
     rivals: int = 3
     """Hypotheses kept per wearer and frame, the likeliest: the right one is hardly ever fourth."""
-    inter_weight: float = 0.08
+    inter_weight: float = 0.16
     """Weight of each edge between two frames: edges to neighbours tell nearly the same, so all of them together count
     like one."""
     intra_weight: float = 0.5
@@ -25,7 +25,7 @@ class AssociationSettings:
     """Seconds decided at once."""
     overlap_s: float = 1.2
     """Seconds decided again by the next window: more than the longest edge."""
-    least_confidence: float = 0.9
+    least_confidence: float = 0.93
     """Choices less sure are dropped: a frame without a person costs little, a wrong person much."""
     weights: Path | None = None
     """Weights to use instead of the shipped ones."""

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.associate.associate import gated, inter_edges, intra_edges, make_context
+from vip_factors.associate.associate import build_programme, choose, gated, inter_edges, intra_edges, make_context
 from vip_factors.associate.features import Context, inter_features, unary_features
 from vip_factors.associate.settings import AssociationSettings
+from vip_factors.associate.verdict import verdict_features
 from vip_factors.associate.weights import FEATURES, AssociationWeights, Logistic, fit_logistic
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
@@ -76,14 +77,25 @@ def _train_pass(
         a, b = inter_edges(context, rows, settings)
         inter.append((inter_features(context, a, b), y[a] & y[b]))
         intra += [(pair, y[a] & y[b]) for a, b, pair in intra_edges(context, rows, odds)]
-    return {
+    found = {
         "unary" + suffix: unary,
-        "inter" + suffix: _fit_all(inter),
-        "intra" + suffix: _fit_all(intra, len(FEATURES["intra" + suffix])),
+        "inter" + suffix: _fit_evidence(inter),
+        "intra" + suffix: _fit_evidence(intra, len(FEATURES["intra" + suffix])),
     }
+    verdicts = []
+    for (_, context), f, y in zip(prepared, features, right, strict=True):
+        odds = unary.log_odds(f)
+        programme, rows = build_programme(context, odds, found, settings)
+        chosen = choose(context, programme, settings)
+        verdicts.append((verdict_features(context, f[rows], odds[rows], programme, chosen), y[rows][chosen]))
+    x, y = (np.concatenate(part) for part in zip(*verdicts, strict=True))
+    return {**found, "verdict" + suffix: fit_logistic(x, y)}
 
 
-def _fit_all(parts: list[tuple[Array, np.ndarray]], width: int = 0) -> Logistic:
+def _fit_evidence(parts: list[tuple[Array, np.ndarray]], width: int = 0) -> Logistic:
     if not parts:
         return Logistic(np.zeros(width), 0.0)  # scenes of single wearers only
-    return fit_logistic(np.concatenate([x for x, _ in parts]), np.concatenate([y for _, y in parts]))
+    right = np.concatenate([y for _, y in parts])
+    fit = fit_logistic(np.concatenate([x for x, _ in parts]), right)
+    # What two hypotheses say together comes on top of what each says alone: the evidence without the prior odds.
+    return Logistic(fit.weights, fit.bias - float(np.log(right.sum() / (~right).sum())))

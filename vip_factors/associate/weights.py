@@ -10,14 +10,21 @@ import numpy as np
 from scipy.optimize import minimize
 
 from vip_factors.associate.features import INTER, INTRA, INTRA_CAMERA, UNARY, UNARY_CAMERA
+from vip_factors.associate.verdict import VERDICT, VERDICT_CAMERA
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 
 SHIPPED_WEIGHTS = Path(__file__).parent / "data" / "association_weights.json"
 FEATURES: dict[str, tuple[str, ...]] = {
-    "unary": UNARY, "inter": INTER, "intra": INTRA,
-    "unary_camera": UNARY_CAMERA, "inter_camera": INTER, "intra_camera": INTRA_CAMERA,
-}  # fmt: skip
+    "unary": UNARY,
+    "inter": INTER,
+    "intra": INTRA,
+    "verdict": VERDICT,
+    "unary_camera": UNARY_CAMERA,
+    "inter_camera": INTER,
+    "intra_camera": INTRA_CAMERA,
+    "verdict_camera": VERDICT_CAMERA,
+}
 RIDGE = 1e-3  # of the standardised weights: a feature that adds nothing stays near zero
 
 

@@ -1,0 +1,38 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vip_factors.associate.weights import FEATURES, fit_logistic, load_weights, save_weights
+from vip_factors.errors import FileFormatError, InputError
+
+
+def test_logistic_regression_finds_the_weights_that_made_the_labels() -> None:
+    random = np.random.default_rng(0)
+    x = random.standard_normal((20000, 3)) * [1.0, 10.0, 0.1]
+    odds = x @ [1.5, -0.1, 0.0] + 0.5
+    fit = fit_logistic(x, random.random(len(x)) < 1 / (1 + np.exp(-odds)))
+    np.testing.assert_allclose(fit.weights * [1.0, 10.0, 0.1], [1.5, -1.0, 0.0], atol=0.08)
+    assert fit.bias == pytest.approx(0.5, abs=0.08)
+
+
+def test_training_without_wrong_examples_says_what_is_missing() -> None:
+    with pytest.raises(InputError, match="bystanders"):
+        fit_logistic(np.ones((3, 1)), np.ones(3, bool))
+
+
+def test_shipped_weights_say_where_they_come_from_and_survive_a_file(tmp_path: Path) -> None:
+    shipped = load_weights()
+    assert "scenes" in shipped.provenance
+    save_weights(shipped, tmp_path / "weights.json")
+    again = load_weights(tmp_path / "weights.json")
+    for name in FEATURES:
+        np.testing.assert_allclose(again.logistic[name].weights, shipped.logistic[name].weights)
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"provenance": "x", "unary": {"bias": 1}}', "\0"])
+def test_other_files_are_refused(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "weights.json"
+    path.write_text(content)
+    with pytest.raises(FileFormatError, match="not association weights"):
+        load_weights(path)

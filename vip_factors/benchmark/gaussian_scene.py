@@ -48,6 +48,9 @@ class GaussianSettings:
     pose_scale: float = 3.0  # of the whitened pose prior: poses that differ by a third of what people's do
     turn_sigma_deg_s: float = 15.0  # of the moving camera
     speed_sigma: float = 0.3  # m/s
+    orientation_sigma_deg: float = 4.0  # of the body's sensors, as the orientation factor's default
+    # Of all sigmas above (but the poses' and the camera's ways): a smaller one leaves less to the problem's curvature.
+    noise: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -74,11 +77,13 @@ def _factor_settings(settings: GaussianSettings) -> FactorSettings:
     factors = FactorSettings()
     return replace(
         factors,
-        orientation=replace(factors.orientation, loss=SQUARE),
-        acceleration=replace(factors.acceleration, loss=SQUARE),
+        orientation=replace(
+            factors.orientation, loss=SQUARE, sigma_deg=settings.noise * settings.orientation_sigma_deg
+        ),
+        acceleration=replace(factors.acceleration, loss=SQUARE, sigma=settings.noise * factors.acceleration.sigma),
         pose_prior=replace(factors.pose_prior, scale=settings.pose_scale),
         smoothness=replace(factors.smoothness, use=False),  # it is no distribution that poses can be drawn from
-        heading_prior=replace(factors.heading_prior, least_sigma_deg=settings.heading_sigma_deg),
+        heading_prior=replace(factors.heading_prior, least_sigma_deg=settings.noise * settings.heading_sigma_deg),
     )
 
 
@@ -91,12 +96,12 @@ def _wearer(
     x = prior.mean + random.standard_normal((T, POSE_SIZE)) @ np.linalg.inv(prior.whitening).T / settings.pose_scale
     R = np.empty((T, JOINT_COUNT, 3, 3))
     R[:, 1:] = exp(x.reshape(T, JOINT_COUNT - 1, 3))
-    time = settings.step * np.arange(T)
+    time = settings.step * np.arange(T, dtype=np.float64)
     R[:, 0] = rotation_z(0.8 * time + random.uniform(-np.pi, np.pi)) @ rotation_x(np.full(T, np.pi / 2))
     p = np.stack([0.4 * np.cos(time), 0.4 * np.sin(time), np.full(T, 0.95)], axis=1)
     mountings = np.stack([site.R_bone_sensor for site in placement.sites])
     truth = GraphState(R, p, random.uniform(-np.pi, np.pi, S), mountings, prior.mean)
-    sigma = np.deg2rad(settings.mounting_sigma_deg)
+    sigma = np.deg2rad(settings.noise * settings.mounting_sigma_deg)
     frames = ImuFrames(
         tuple(site.sensor for site in placement.sites), time, np.zeros((T, S, 3, 3)), np.ones((T, S), bool),
         np.zeros((T, S, 3)), np.ones((T, S), bool),
@@ -149,8 +154,9 @@ def _camera(settings: GaussianSettings, random: np.random.Generator) -> tuple[Ca
     factors = replace(
         factors,
         reprojection=replace(factors.reprojection, loss=SQUARE),
-        orientation=replace(factors.orientation, loss=SQUARE),
-        acceleration=replace(factors.acceleration, loss=SQUARE),
+        orientation=replace(factors.orientation, loss=SQUARE, sigma_deg=settings.noise * factors.orientation.sigma_deg),
+        acceleration=replace(factors.acceleration, loss=SQUARE, sigma=settings.noise * factors.acceleration.sigma),
+        heading_sigma_deg=settings.noise * factors.heading_sigma_deg,
         velocity=replace(
             factors.velocity, loss=SQUARE, turn_sigma_deg_s=settings.turn_sigma_deg_s, speed_sigma=settings.speed_sigma
         ),
@@ -164,14 +170,22 @@ def _camera(settings: GaussianSettings, random: np.random.Generator) -> tuple[Ca
     steps = step * factors.velocity.sigmas * random.standard_normal((T, 6))
     for t in range(1, T):  # a walk on a group: each step in the axes that the one before left
         R[t], p[t] = R[t - 1] @ exp(steps[t, :3]), p[t - 1] + R[t - 1] @ steps[t, 3:]
-    poses, heading, sigma = CameraPoses(R, p), random.uniform(-np.pi, np.pi), np.deg2rad(settings.mounting_sigma_deg)
+    poses, heading = CameraPoses(R, p), random.uniform(-np.pi, np.pi)
+    sigma = np.deg2rad(settings.noise * settings.mounting_sigma_deg)
     R_camera_imu = np.diag([1.0, -1.0, -1.0])
     noise = factors.orientation.sigma * random.standard_normal((T, 3))
     R_imu = rotation_z(heading).T @ exp(-noise) @ R @ R_camera_imu
     force = _force(poses.point(P_CAMERA_IMU), step, factors.acceleration.sigma, random) @ rotation_z(heading)
     inside = np.ones((T, 1), bool)
     inside[[0, -1]] = False
-    imu = ImuFrames(("camera",), step * np.arange(T), R_imu[:, None], np.ones((T, 1), bool), force[:, None], inside)
+    imu = ImuFrames(
+        ("camera",),
+        step * np.arange(T, dtype=np.float64),
+        R_imu[:, None],
+        np.ones((T, 1), bool),
+        force[:, None],
+        inside,
+    )
     problem = CameraProblem(
         LENS, True, True, imu, P_CAMERA_IMU,
         prior_heading=heading + np.deg2rad(factors.heading_sigma_deg) * random.standard_normal(),
@@ -191,6 +205,6 @@ def _view(
     p_camera = np.einsum("tij,tkj->tki", transpose(poses.R_world_camera), p_world - poses.p_world_camera[:, None])
     pixels = LENS.project(p_camera)
     seen = (random.uniform(size=pixels.shape[:2]) >= settings.unseen) & LENS.inside(pixels)
-    sigma = np.full(seen.shape, settings.pixel_sigma)
-    pixels = pixels + settings.pixel_sigma * random.standard_normal(pixels.shape)
+    sigma = np.full(seen.shape, settings.noise * settings.pixel_sigma)
+    pixels = pixels + sigma[..., None] * random.standard_normal(pixels.shape)
     return KeypointView(points, np.where(seen[..., None], pixels, 0.0), sigma, seen, np.zeros_like(pixels))

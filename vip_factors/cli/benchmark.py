@@ -6,21 +6,34 @@ from typing import Annotated
 
 import tyro
 
-from vip_factors.cli.benchmark_options import SipOptions, SpeedOptions, VipOptions, WalkOptions
+from vip_factors.cli.benchmark_options import (
+    AssociationOptions,
+    ConsistencyOptions,
+    SipOptions,
+    SpeedOptions,
+    VipOptions,
+    WalkOptions,
+    WearersOptions,
+)
 from vip_factors.cli.options import parse
 from vip_factors.cli.terminal import Tell, progress_bar
 
-Options = SipOptions | SpeedOptions | VipOptions | WalkOptions
+Options = (
+    SipOptions | VipOptions | AssociationOptions | WearersOptions | ConsistencyOptions | SpeedOptions | WalkOptions
+)
 Write = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class BenchmarkOptions:
-    """Measure accuracy on motions with known truth, or speed and memory."""
+    """Measure accuracy on motions with known truth, honesty of covariances, or speed and memory."""
 
     what: Annotated[
         Annotated[SipOptions, tyro.conf.subcommand("sip")]
         | Annotated[VipOptions, tyro.conf.subcommand("vip")]
+        | Annotated[AssociationOptions, tyro.conf.subcommand("association")]
+        | Annotated[WearersOptions, tyro.conf.subcommand("wearers")]
+        | Annotated[ConsistencyOptions, tyro.conf.subcommand("consistency")]
         | Annotated[SpeedOptions, tyro.conf.subcommand("speed")]
         | Annotated[WalkOptions, tyro.conf.subcommand("walk")],
         tyro.conf.arg(name=""),
@@ -55,6 +68,12 @@ def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
         return _sip(options, tell)
     if isinstance(options, VipOptions):
         return _vip(options, tell, write)
+    if isinstance(options, AssociationOptions):
+        return _association(options, tell)
+    if isinstance(options, WearersOptions):
+        return _wearers(options, tell)
+    if isinstance(options, ConsistencyOptions):
+        return _consistency(options, tell)
     return _speed(options, tell) if isinstance(options, SpeedOptions) else _walk(options, tell)
 
 
@@ -94,6 +113,37 @@ def _vip(options: VipOptions, tell: Tell, write: Write) -> tuple[str, str]:
         lambda so_far: write(vip_json(so_far, trials)),
     )  # fmt: skip
     return vip_table(results, simulated_title(results, trials)), vip_json(results, trials)
+
+
+def _association(options: AssociationOptions, tell: Tell) -> tuple[str, str]:
+    from vip_factors.benchmark.association_trials import association_json, association_table, run_association
+    from vip_factors.benchmark.crowd import CrowdTrials
+
+    trials = CrowdTrials(options.seconds, options.wearers, options.bystanders, options.seeds, options.camera)
+    results = run_association(options.motions, trials, tell, options.whole)
+    return association_table(results, trials), association_json(results, trials)
+
+
+def _wearers(options: WearersOptions, tell: Tell) -> tuple[str, str]:
+    from vip_factors.benchmark.crowd import CrowdTrials
+    from vip_factors.benchmark.wearers import run_wearers, wearers_json, wearers_table
+
+    trials = CrowdTrials(options.seconds, options.wearers, options.bystanders, options.seeds)
+    results = run_wearers(options.motions, trials, options.cameras, tell)
+    return wearers_table(results, trials), wearers_json(results, trials)
+
+
+def _consistency(options: ConsistencyOptions, tell: Tell) -> tuple[str, str]:
+    from vip_factors.benchmark.consistency import (
+        ConsistencyTrials,
+        consistency_json,
+        consistency_table,
+        run_consistency,
+    )
+
+    trials = ConsistencyTrials(options.seeds, options.camera, options.seconds, options.sizes)
+    result = run_consistency(trials, options.motions, tell)
+    return consistency_table(result), consistency_json(result)
 
 
 def _speed(options: SpeedOptions, tell: Tell) -> tuple[str, str]:

@@ -81,3 +81,69 @@ class WalkOptions:
     """Also write everything to this file, as JSON."""
     overwrite: Flag = False
     """Replace the JSON file if it exists."""
+
+
+@dataclass(frozen=True)
+class AssociationOptions:
+    """Who is who: two wearers among bystanders, labelled from what their IMUs alone say."""
+
+    motions: Path
+    """Folder of the CMU motions as BVH, searched with all folders below it."""
+    json: Path | None = None
+    """Also write everything to this file, as JSON."""
+    overwrite: Flag = False
+    """Replace the JSON file if it exists."""
+    seconds: float = 98.0
+    """Of each scene, after a T-pose of 2 s: with the default, 3,000 frames at 30 Hz."""
+    seeds: int = 3
+    """Scenes, each with other motions."""
+    wearers: int = 2
+    """People with sensors."""
+    bystanders: int = 4
+    """People without; half of them come and go."""
+    camera: Literal["fixed", "hand-held", "walking"] = "hand-held"
+    """What films."""
+    whole: Flag = False
+    """Also run the pipeline to its end, which labels again with what it knows by then."""
+
+
+@dataclass(frozen=True)
+class WearersOptions:
+    """Several wearers in one scene: the error of their places relative to one another."""
+
+    motions: Path
+    """Folder of the CMU motions as BVH, searched with all folders below it."""
+    json: Path | None = None
+    """Also write everything to this file, as JSON."""
+    overwrite: Flag = False
+    """Replace the JSON file if it exists."""
+    seconds: float = 8.0
+    """Of each scene, after a T-pose of 2 s."""
+    seeds: int = 3
+    """Scenes with each camera, each with other motions."""
+    wearers: int = 2
+    """People with sensors."""
+    bystanders: int = 0
+    """People without."""
+    cameras: tuple[Literal["fixed", "hand-held", "walking"], ...] = ("fixed", "hand-held")
+    """What films."""
+
+
+@dataclass(frozen=True)
+class ConsistencyOptions:
+    """Is the reported covariance honest? NEES over seeds, on Gaussian and on realistic noise."""
+
+    motions: Path | None = None
+    """Folder of the CMU motions as BVH; without it only Gaussian noise is run."""
+    json: Path | None = None
+    """Also write everything to this file, as JSON."""
+    overwrite: Flag = False
+    """Replace the JSON file if it exists."""
+    seeds: int = 20
+    """Scenes with each noise."""
+    camera: Literal["fixed", "hand-held", "walking"] = "fixed"
+    """What films; with Gaussian noise hand-held and walking are one."""
+    seconds: float = 4.0
+    """Of each clip of the realistic scenes, from its middle."""
+    sizes: tuple[float, ...] = (0.25, 1.0)
+    """Of the Gaussian noise, against what the factors suppose."""

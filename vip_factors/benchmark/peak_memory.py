@@ -8,6 +8,7 @@ import resource
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from vip_factors.errors import InputError
 from vip_factors.pipeline import smooth
@@ -44,9 +45,15 @@ def measure_peak_memory(frames: int, placement: str) -> PeakMemory:
     return PeakMemory(**json.loads(done.stdout))
 
 
-def _peak() -> int:
+def peak_memory() -> int:
+    """Peak resident memory of this process so far, bytes."""
+    status = Path("/proc/self/status")
+    if status.is_file():  # Linux: there ru_maxrss of a new process begins with its parent's
+        line = next((line for line in status.read_text().splitlines() if line.startswith("VmHWM:")), None)
+        if line is not None:
+            return 1024 * int(line.split()[1])
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else 1024 * peak  # macOS counts in bytes, Linux in KiB
+    return peak if sys.platform == "darwin" else 1024 * peak  # macOS counts in bytes, others in KiB
 
 
 def _main(frames: int, placement: str) -> None:
@@ -55,9 +62,9 @@ def _main(frames: int, placement: str) -> None:
     seconds = frames / settings.frame_rate - HOLD_S
     motion = with_initial_pose(gestures(seconds), POSE, HOLD_S)
     recording = simulate_recording(motion, preset(placement, motion.skeleton), initial_pose=POSE)
-    before = _peak()
+    before = peak_memory()
     estimate = smooth(recording, settings)
-    result = {"frames": len(estimate.motion), "sensors": len(estimate.sensors), "before": before, "peak": _peak()}
+    result = {"frames": len(estimate.motion), "sensors": len(estimate.sensors), "before": before, "peak": peak_memory()}
     print(json.dumps(result))
 
 

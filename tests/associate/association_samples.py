@@ -51,8 +51,8 @@ def scene(
     random = np.random.default_rng(seed)
     people = [
         person(late, seconds, yaw, x, y)
-        for late, yaw, x, y in ((2.0, 0.3, -0.6, 0.2), (7.3, 2.0, 0.9, -0.2), (11.9, -0.5, -1.5, -0.8),
-                                (15.2, 2.5, 1.9, -1.0), (4.6, 1.2, 0.2, -1.5))
+        for late, yaw, x, y in ((3.2, 0.3, -0.6, 0.2), (9.8, 2.0, 0.9, -0.2), (13.1, -0.5, -1.5, -0.8),
+                                (15.3, 2.5, 1.9, -1.0), (6.5, 1.2, 0.2, -1.5))
     ]  # fmt: skip
     time = np.arange(round(seconds * RATE)) / RATE
     camera, names = camera_path(time), keypoint_set(keypoints)

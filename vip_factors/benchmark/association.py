@@ -1,7 +1,7 @@
 """Scenes with known owners of all detections: to train the association on, and to measure it by."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +9,9 @@ import numpy as np
 from vip_factors.associate.associate import Association, associate
 from vip_factors.associate.hypothesis import wearer_points
 from vip_factors.associate.settings import AssociationSettings
-from vip_factors.associate.training import LabelledScene
+from vip_factors.associate.training import LabelledScene, train_association
+from vip_factors.associate.weights import AssociationWeights
+from vip_factors.benchmark.scene_making import SceneMaking
 from vip_factors.body.held_out_clips import DAMAGED_CLIPS, held_out_names
 from vip_factors.body.kinematics import forward_kinematics, local_rotations
 from vip_factors.body.motion import Motion
@@ -28,32 +30,54 @@ from vip_factors.simulate.stance import path_of_standing_feet
 SHORTEST_CLIP_S = 3.0  # that can be repeated
 DRAWS = 20  # of people, before a scene is given up: some clips have faults that no sensor would measure
 MOTION_HZ = 60.0
+HELD_OUT_SEED = 1000  # added to the seed, for scenes to measure by
 NEAR_M, SHOWN_SHARE = 0.12, 0.3  # how near, and how many, keypoints of a detection must be to show a part of somebody
 KEYPOINT_SETS = ("openpose18", "coco17", "body25", "halpe26")
 CAMERAS = ("hand-held", "walking", "hand-held", "fixed")
 
 
-@dataclass(frozen=True)
-class SceneMaking:
-    """What the scenes are like."""
-
-    seconds: float = 10.0
-    wearers: int = 2
-    bystanders: tuple[int, int] = (3, 6)  # fewest and most
-    tracker_deg: tuple[float, float] = (10.0, 15.0)  # of an inertial tracker's bones: sensors mounted by eye
-    tracker_heading_deg: float = 4.0  # of each of its sensors
-    stature_error: float = 0.02  # of the wearers' skeletons: measured in shoes, proportions of others
-    fused_deg: tuple[float, float] = (2.0, 6.0)  # of bones after a first fusion
-    fused_m: float = 0.06  # of the root after it
-    path_deg: float = 0.7  # of the camera after it
-    path_m: float = 0.06
-    exits: float = 0.4  # share of wearers who are out of the picture for a while, or for good
+def split_clips(files: Iterable[Path]) -> tuple[list[Path], list[Path]]:
+    """Files to train on, and those that the package evaluates on; damaged ones are in neither."""
+    sound, held_out = [path for path in files if path.stem not in DAMAGED_CLIPS], held_out_names()
+    return [path for path in sound if path.stem not in held_out], [path for path in sound if path.stem in held_out]
 
 
-def clip_names(files: Iterable[Path], held_out: bool) -> list[Path]:
-    """The files to train on, or those that the package evaluates on; damaged ones are in neither."""
-    names = set(held_out_names())
-    return [path for path in files if (path.stem in names) == held_out and path.stem not in DAMAGED_CLIPS]
+def trained(clips: Iterable[Motion], scenes: int, seed: int, making: SceneMaking, source: str) -> AssociationWeights:
+    """Weights learned from scenes made of clips, each for both passes.
+
+    Args:
+        clips: what people in the scenes do.
+        scenes: how many.
+        seed: of the first; the others follow.
+        making: what they are like.
+        source: of the clips, for the provenance.
+    """
+    sound = usable(clips)
+    examples = []
+    for number in range(seed, seed + scenes):
+        scene = make_scene(sound, number, making)
+        examples += [labelled(scene, number, second_pass, making) for second_pass in (False, True)]
+    provenance = (
+        f"logistic regressions on {scenes} simulated scenes of {making.seconds:g} s (seeds {seed} to "
+        f"{seed + scenes - 1}), {making.wearers} wearers and {making.bystanders[0]} to {making.bystanders[1]} "
+        f"bystanders each, from {len(sound)} {source} without those held out; by 'vip-factors train association'"
+    )
+    return train_association(examples, provenance)
+
+
+def measured(clips: Iterable[Motion], scenes: int, seed: int, making: SceneMaking, weights: Path) -> list[str]:
+    """Precision and recall on scenes made of other clips, a line for each pass."""
+    sound, settings = usable(clips), AssociationSettings(weights=weights)
+    made = [
+        (make_scene(sound, number, making), number)
+        for number in range(seed + HELD_OUT_SEED, seed + HELD_OUT_SEED + scenes)
+    ]
+    lines = []
+    for second_pass, name in ((False, "first pass"), (True, "second pass")):
+        examples = (labelled(scene, number, second_pass, making) for scene, number in made)
+        right, given, wanted = np.sum([counts[:3] for counts in precision_and_recall(examples, settings)], axis=0)
+        lines.append(f"{name}: precision {right / max(given, 1):.1%}, recall {right / max(wanted, 1):.1%}")
+    return lines
 
 
 def usable(clips: Iterable[Motion]) -> list[Motion]:

@@ -15,8 +15,8 @@ from vip_factors.cli.options import Flag, parse
 class TrainOptions:
     """Learn the pose prior, a Gaussian over joint rotations, from a folder of motions."""
 
-    what: tyro.conf.Positional[Literal["prior"]]
-    """What to learn."""
+    what: tyro.conf.Positional[Literal["prior", "association"]]
+    """What to learn; for the association's options: train association --help."""
     motions: Path
     """Folder of motion files, searched with all folders below it."""
     out: Path
@@ -30,6 +30,10 @@ class TrainOptions:
 
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
+    if arguments and arguments[0] == "association":
+        from vip_factors.cli import train_association
+
+        return train_association.main(f"{prog}", arguments)
     options = parse(TrainOptions, prog, arguments, none_is_a_value=True)
     from vip_factors.body.pose_prior import save_pose_prior
     from vip_factors.cli.terminal import waiting

@@ -36,7 +36,7 @@ def error_mm(recording: Recording, settings: Settings) -> float:
 
 
 def test_perfect_sensors_are_not_made_worse_by_the_calibration(recording: Recording) -> None:
-    known = replace(QUICK, calibration=CalibrationSettings(from_truth=True, passes=1))
+    known = replace(QUICK, calibration=CalibrationSettings(False, False, from_truth=True, passes=1))
     assert error_mm(recording, QUICK) < error_mm(recording, known) + 10.0
 
 

@@ -95,7 +95,7 @@ def smooth_scene(scene: Scene, settings: Settings = DEFAULT, progress: Progress 
     if not any(len(one) for one in seen):
         return _inertial(scene, settings, progress, association.findings)
     filmed = start_filming(camera, wearers, seen, settings)
-    fused = fuse(filmed, filmed.state, association, detections, settings, solver)
+    fused = fuse(filmed, None, association, detections, settings, solver)
     for _ in range(settings.fusion.rounds - 1):
         motions = [
             motion_of(model, state) for model, state in zip(fused.model.wearers, fused.state.wearers, strict=True)
@@ -103,7 +103,7 @@ def smooth_scene(scene: Scene, settings: Settings = DEFAULT, progress: Progress 
         association = associate(
             detections, camera.model, motions, settings.association, fused.camera_path, gravity, progress=tell
         )
-        fused = fuse(filmed, fused.state, association, detections, settings, solver)
+        fused = fuse(filmed, fused, association, detections, settings, solver)
     fine = fuse_finely(scene, filmed, fused, association, detections, frames.fine, settings, solver)
     return scene_estimate(scene, fused, fine, association, tuple(solver.reports), settings)
 

@@ -23,7 +23,7 @@ class CalibrationSettings:
     # off in the same way in every frame too, and a mounting is there for the whole recording to lean on.
     loosening: float = 3.0
     passes: int = 2  # coarse solves: foot contacts found with the first headings are found again with better ones
-    from_truth: bool = False  # start from (and keep to) the recording's true calibration: for experiments
+    from_truth: bool = False  # start from the recording's true calibration: for experiments
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,9 @@ class FusionSettings:
     camera_imu: bool = True  # off: the sensor on the camera is not used
     # Rounds of association and fusion: the second knows camera, headings and mountings (thesis 4.3).
     rounds: int = 2
+    # Foot contacts beside a camera that stands still or is known: it holds the root by itself, and contacts found in
+    # running are wrong by centimetres. A moving camera needs them: they hold the world.
+    contacts_with_standing_camera: bool = False
     estimate_clock: bool = False  # the video's clock offset as a variable; vip-factors sync finds it beforehand
 
 

@@ -18,9 +18,12 @@ from vip_factors.sensors.camera_model import CameraModel
 class ReprojectionSettings:
     """How exactly a detector sees."""
 
-    # Sigma of a fully confident keypoint, in OKS sigmas of that keypoint times the square root of the person's area.
-    # Errors last for many frames: what one frame says is worth less than its scatter, and this is above 1 for that.
-    spread: float = 1.0
+    # Standard deviation of a fully confident keypoint before anything is known of the detector, in OKS sigmas of that
+    # keypoint times the square root of the person's area: OpenPose's scatter is 0.5.
+    spread: float = 0.5
+    # Errors last for many frames, so that one frame says less than its scatter: sigma is so many times the scatter.
+    persistence: float = 5.0
+    adaptive: bool = True  # after a first fit the spread is that of the residuals: detectors differ
     least_px: float = 1.0  # detectors answer on a grid of a few pixels
     least_confidence: float = 0.1  # below it detectors guess
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # left and right swap, limbs hide

@@ -83,12 +83,22 @@ def start_filming(
     placed = []
     for number, (tracked, one) in enumerate(zip(wearers, seen, strict=True)):
         is_gauge = number == first and camera.known_path is None
-        placed.append(_placed(tracked, one, path, time, is_gauge, camera.moving))
+        placed.append(_placed(_anchored(tracked, camera, settings), one, path, time, is_gauge, camera.moving))
     poses = path if len(path) == 1 and not camera.moving else path.at(time)
     state = CameraState(CameraPoses(poses.R_world_camera, poses.p_world_camera), heading, problem.prior_R_camera_imu)
     scene = SceneState(tuple(one.state for one in placed), state)
     unseen = tuple(number for number, one in enumerate(seen) if not len(one))
     return Filmed(tuple(placed), replace(problem, prior_heading=heading), scene, unseen)
+
+
+def _anchored(tracked: Tracked, camera: Camera, settings: Settings) -> Tracked:
+    """The wearer without foot contacts, if the camera holds the root without them."""
+    anchor = not camera.moving or camera.known_path is not None
+    if not anchor or settings.fusion.contacts_with_standing_camera:
+        return tracked
+    factors = tracked.model.settings
+    loose = replace(factors, foot_contact=replace(factors.foot_contact, use=False))
+    return replace(tracked, model=replace(tracked.model, settings=loose))
 
 
 def _first_path(

@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.associate.associate import Association
+from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
 from vip_factors.graph.model import InertialModel
+from vip_factors.graph.reprojection_batch import reprojections
 from vip_factors.graph.scene_batch import SceneObjective
 from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel
 from vip_factors.graph.scene_state import CameraState, SceneState
@@ -21,15 +23,32 @@ from vip_factors.stages.filming import Filmed, camera_problem
 from vip_factors.stages.inertial import at_frames
 from vip_factors.stages.inertial_model import kept, loosened, with_contacts
 from vip_factors.stages.solver import Solver
-from vip_factors.stages.views import image_scale, keypoint_view
+from vip_factors.stages.views import image_scale, keypoint_view, scatter
 
 
 @dataclass(frozen=True)
 class Fused:
-    """A scene's problem and its solution."""
+    """A scene's problem and its solution.
+
+    ``spreads`` is what was taken for the scatter of each wearer's detections, in OKS sigmas.
+    """
 
     model: SceneModel
     state: SceneState
+    spreads: tuple[float, ...]
+
+    def measured_spreads(self) -> tuple[float, ...]:
+        """How each wearer's detections scatter about the solution, in OKS sigmas."""
+        settings = self.model.camera.settings.reprojection
+        if not settings.adaptive:
+            return self.spreads
+        poses, spreads = self.state.camera.at_frames(slice(0, self.model.frames)), []
+        for number, (view, spread) in enumerate(zip(self.model.views, self.spreads, strict=True)):
+            wearer, own = self.model.wearers[number], self.state.wearers[number]
+            body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
+            residual, _ = reprojections(view, self.model.camera, poses, self.state.camera.clock, body)
+            spreads.append(scatter(residual, view, spread, settings))
+        return tuple(spreads)
 
     @property
     def camera_path(self) -> CameraPath:
@@ -39,17 +58,19 @@ class Fused:
 
 
 def fuse(
-    filmed: Filmed, start: SceneState, association: Association, detections: Detections, settings: Settings,
+    filmed: Filmed, before: Fused | None, association: Association, detections: Detections, settings: Settings,
     solver: Solver,
 ) -> Fused:  # fmt: skip
-    """Everything free, on the coarse frames."""
+    """Everything free, on the coarse frames; ``before`` is the round before this one."""
+    start = before.state if before else filmed.state
+    spreads = before.measured_spreads() if before else (settings.camera.reprojection.spread,) * len(start.wearers)
     wearers = tuple(
-        with_contacts(loosened(one.model, settings.calibration), state)
+        with_contacts(loosened(one.model, settings.calibration), state, path_known=before is not None)
         for one, state in zip(filmed.wearers, start.wearers, strict=True)
     )
-    views = _views(wearers, filmed.camera, start, association, detections)
+    views = _views(wearers, filmed.camera, start, association, detections, spreads)
     model = SceneModel(wearers, filmed.camera, views)
-    return Fused(model, solver.solve(SceneObjective(model), start, "video-inertial fusion"))
+    return Fused(model, solver.solve(SceneObjective(model), start, "video-inertial fusion"), spreads)
 
 
 def fuse_finely(
@@ -63,13 +84,14 @@ def fuse_finely(
     for recording, tracked, state in zip(scene.wearers, filmed.wearers, coarse.state.wearers, strict=True):
         streams = [recording.imus[name] for name in tracked.model.frames.sensors]
         states.append(at_frames(state, before, time))
-        wearers.append(with_contacts(kept(tracked.model, resample_streams(streams, time)), states[-1]))
+        wearers.append(with_contacts(kept(tracked.model, resample_streams(streams, time)), states[-1], True))
     camera = replace(camera_problem(scene.camera, time, settings), free_clock=False)
     camera = replace(camera, prior_heading=coarse.state.camera.heading)
     start = SceneState(tuple(states), _camera_at(coarse, time))
-    views = _views(wearers, camera, start, association, detections)
+    spreads = coarse.measured_spreads()
+    views = _views(wearers, camera, start, association, detections, spreads)
     model = SceneModel(tuple(wearers), camera, views)
-    return Fused(model, solver.solve(SceneObjective(model), start, "full rate"))
+    return Fused(model, solver.solve(SceneObjective(model), start, "full rate"), spreads)
 
 
 def _camera_at(coarse: Fused, time: Array) -> CameraState:
@@ -82,7 +104,7 @@ def _camera_at(coarse: Fused, time: Array) -> CameraState:
 
 def _views(
     wearers: Sequence[InertialModel], camera: CameraProblem, state: SceneState, association: Association,
-    detections: Detections,
+    detections: Detections, spreads: Sequence[float],
 ) -> tuple[KeypointView, ...]:  # fmt: skip
     return tuple(
         keypoint_view(
@@ -91,6 +113,7 @@ def _views(
             wearer.skeleton,
             wearer.frames.time,
             image_scale(wearer.skeleton, state, number, camera.model),
+            spreads[number],
             camera.settings.reprojection,
         )
         for number, wearer in enumerate(wearers)

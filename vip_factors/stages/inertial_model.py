@@ -25,7 +25,6 @@ def inertial_model(
     """The whole problem, everything free that the settings free."""
     sites = [recording.placement.site(name) for name in frames.sensors]
     declared = recording.initial_pose != "none"
-    free = not settings.calibration.from_truth
     pose = calibration_pose(recording.initial_pose) if declared else None
     factors = settings.factors
     if len(sites) <= FEW_SENSORS:
@@ -44,8 +43,8 @@ def inertial_model(
         mounting_sigma=np.array([site.mounting_sigma for site in sites]),
         settings=factors,
         initial_pose=InitialPose(pose, min(held, len(frames))) if pose is not None else None,
-        free_headings=free and settings.calibration.estimate_headings,
-        free_mountings=free and settings.calibration.estimate_mountings,
+        free_headings=settings.calibration.estimate_headings,
+        free_mountings=settings.calibration.estimate_mountings,
         free_pose_mean=True,
         gauge_sensor=gauge_sensor([site.bone_index for site in sites]),
     )
@@ -88,10 +87,13 @@ def placed_on_floor(model: InertialModel, state: GraphState) -> GraphState:
     return replace(state, p_world_pelvis=standing_path(body, contact_points(model.skeleton)))
 
 
-def with_contacts(model: InertialModel, state: GraphState) -> InertialModel:
-    """The model with the foot contacts that a first motion shows."""
+def with_contacts(model: InertialModel, state: GraphState, path_known: bool = False) -> InertialModel:
+    """The model with the foot contacts that a first motion shows.
+
+    Without a known path, of a camera say, contact shows in the pose alone: one that has drifted would hide it.
+    """
     points = contact_points(model.skeleton) if model.settings.foot_contact.use else ()
-    grounded = placed_on_floor(model, state)  # contact shows in the pose; a path that has drifted would hide it
+    grounded = state if path_known else placed_on_floor(model, state)
     body = forward_kinematics(model.skeleton, state.R_parent_child, grounded.p_world_pelvis)
     confidence = contact_confidence(body, points, model.frames.step) if points else np.zeros((len(model.frames), 0))
     return replace(

@@ -18,11 +18,12 @@ from vip_factors.sensors.placement import stature_of
 # half of a box that is 0.35 as wide as high.
 AREA_OF_HEIGHT = 0.43
 SAME_INSTANT = 2e-3  # s: a video frame so near to a frame of the estimate is taken as it is
+RAYLEIGH_MEDIAN = 1.1774  # median length of a vector of two normal numbers
 BRIDGED_GAPS = 1.5  # video frame periods over which a keypoint is interpolated
 
 
 def keypoint_view(
-    detections: Detections, chosen: np.ndarray, skeleton: Skeleton, time: Array, scale: Array,
+    detections: Detections, chosen: np.ndarray, skeleton: Skeleton, time: Array, scale: Array, spread: float,
     settings: ReprojectionSettings,
 ) -> KeypointView:  # fmt: skip
     """One wearer's keypoints at the frames.
@@ -33,6 +34,7 @@ def keypoint_view(
         skeleton: the wearer's.
         time: ``(T,)`` of the frames.
         scale: ``(T,)`` square root of the wearer's area in pixels.
+        spread: scatter of a fully confident keypoint in OKS sigmas.
         settings: of the reprojection factor.
     """
     used, points = _on_body(detections.keypoints, skeleton)
@@ -42,8 +44,8 @@ def keypoint_view(
     seen = (sureness >= settings.least_confidence) & np.all(np.isfinite(pixels), axis=2)
     oks = detections.keypoints.sigmas[used]
     with np.errstate(divide="ignore"):
-        sigma = settings.spread * oks * scale[:, None] / np.sqrt(np.minimum(sureness, 1.0))
-    sigma = np.where(seen, np.maximum(sigma, settings.least_px), 1.0)
+        sigma = spread * oks * scale[:, None] / np.sqrt(np.minimum(sureness, 1.0))
+    sigma = np.where(seen, np.maximum(settings.persistence * sigma, settings.least_px), 1.0)
     speed = _speed(detections.time, track, time)
     return KeypointView(points, np.where(seen[..., None], pixels, 0.0), sigma, seen, speed)
 
@@ -56,6 +58,21 @@ def image_scale(skeleton: Skeleton, state: SceneState, number: int, model: Camer
     poses = state.camera.at_frames(slice(0, len(centre)))
     depth = np.einsum("ti,ti->t", centre - poses.p_world_camera, poses.R_world_camera[:, :, 2])
     return AREA_OF_HEIGHT * model.focal[1] * stature_of(skeleton) / np.maximum(depth, nearest)
+
+
+def scatter(residual: Array, view: KeypointView, spread: float, settings: ReprojectionSettings) -> float:
+    """How the detections really scatter about the skeleton, in OKS sigmas: robustly, and per image axis.
+
+    Args:
+        residual: ``(T, K, 2)`` whitened by the view's sigmas, which are ``persistence × spread`` OKS sigmas.
+        view: whose residuals these are.
+        spread: that the view was made with.
+        settings: of the reprojection factor.
+    """
+    if not view.seen.any():
+        return spread
+    median = float(np.median(np.linalg.norm(residual[view.seen], axis=1)))
+    return settings.persistence * spread * median / RAYLEIGH_MEDIAN
 
 
 def _on_body(keypoints: KeypointSet, skeleton: Skeleton) -> tuple[np.ndarray, tuple[BodyPoint, ...]]:

@@ -44,7 +44,7 @@ class SpeedTrials:
     @classmethod
     def quick(cls) -> "SpeedTrials":
         """Just enough to see that it runs."""
-        return cls(240, 3, (240,), 240, 2)
+        return cls(200, 2, (200,), 200, 1)
 
 
 @dataclass(frozen=True)

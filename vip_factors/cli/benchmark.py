@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -17,6 +18,9 @@ from vip_factors.cli.benchmark_options import (
 )
 from vip_factors.cli.options import parse
 from vip_factors.cli.terminal import Tell, progress_bar
+
+if TYPE_CHECKING:
+    from vip_factors.settings import Settings
 
 Options = (
     SipOptions | VipOptions | AssociationOptions | WearersOptions | ConsistencyOptions | SpeedOptions | WalkOptions
@@ -97,22 +101,42 @@ def _sip(options: SipOptions, tell: Tell) -> tuple[str, str]:
 
 
 def _vip(options: VipOptions, tell: Tell, write: Write) -> tuple[str, str]:
-    from vip_factors.benchmark.vip import chosen_clips, run_vip
-    from vip_factors.benchmark.vip_suite import VipTrials
-    from vip_factors.benchmark.vip_table import simulated_title, vip_json, vip_table
     from vip_factors.errors import InputError
     from vip_factors.settings import Settings
     from vip_factors.solve.levenberg_marquardt import SolveSettings
 
-    if options.motions is None:
-        raise InputError("give --motions with the folder of the CMU motions")
+    if (options.motions is None) == (options.totalcapture is None):
+        raise InputError("give --motions with the folder of the CMU motions, or --totalcapture with that dataset's")
     settings = Settings(frame_rate=options.frame_rate, solve=SolveSettings(max_iterations=options.iterations))
-    trials = VipTrials(options.seconds, options.seeds, options.pose_error_deg, options.camera, settings=settings)
+    if options.totalcapture is not None:
+        return _totalcapture(options, options.totalcapture, settings, tell, write)
+    assert options.motions is not None
+    from vip_factors.benchmark.vip import chosen_clips, run_vip
+    from vip_factors.benchmark.vip_suite import VipTrials
+    from vip_factors.benchmark.vip_table import simulated_title, vip_json, vip_table
+
+    seconds = 8.0 if options.seconds is None else options.seconds
+    trials = VipTrials(seconds, options.seeds, options.pose_error_deg, options.camera, settings=settings)
     results = run_vip(
         options.motions, trials, options.variants, tell, chosen_clips(options.kinds, options.clips),
         lambda so_far: write(vip_json(so_far, trials)),
     )  # fmt: skip
     return vip_table(results, simulated_title(results, trials)), vip_json(results, trials)
+
+
+def _totalcapture(options: VipOptions, folder: Path, settings: "Settings", tell: Tell, write: Write) -> tuple[str, str]:
+    from vip_factors.benchmark.totalcapture import TotalCaptureTrials, run_totalcapture
+    from vip_factors.benchmark.vip_table import vip_json, vip_table
+
+    seconds = 30.0 if options.seconds is None else options.seconds
+    trials = TotalCaptureTrials(seconds, options.totalcapture_camera, settings=settings)
+    results, origin = run_totalcapture(
+        folder, trials, options.variants, tell, options.clips, options.kinds,
+        lambda so_far: write(vip_json(so_far, trials)),
+    )  # fmt: skip
+    length = f"{seconds:g} s of each sequence" if seconds > 0 else "whole sequences"
+    title = f"MPJPE mm / MPJAE deg on TotalCapture, camera {trials.camera}, {length}. {origin}"
+    return vip_table(results, title), vip_json(results, trials)
 
 
 def _association(options: AssociationOptions, tell: Tell) -> tuple[str, str]:

@@ -34,7 +34,8 @@ class VipOptions:
     motions: Path | None = None
     """Folder of the CMU motions as BVH, searched with all folders below it."""
     totalcapture: Path | None = None
-    """Folder of TotalCapture: its sequences are used instead of simulated scenes."""
+    """Folder of TotalCapture: its test sequences are used instead of simulated scenes. 2D poses are OpenPose's JSON in
+    a folder beside each .sensors file, or else made by the simulator's detector from the optical motion."""
     json: Path | None = None
     """Also write everything to this file, as JSON, after each recording."""
     overwrite: Flag = False
@@ -45,12 +46,14 @@ class VipOptions:
     """Names of clips (or of TotalCapture's sequences); all if absent."""
     kinds: tuple[str, ...] = ()
     """Kinds of motion: walking, sport, acting, low; all if absent."""
-    seconds: float = 8.0
-    """Of each clip, from its middle."""
+    seconds: float | None = None
+    """Of each clip, from its middle (8), or of each sequence of TotalCapture, from its start (30; 0 for all)."""
     seeds: int = 1
     """Recordings of each clip, each with other errors."""
     camera: Literal["fixed", "hand-held", "walking"] = "fixed"
-    """What films."""
+    """What films the simulated scenes."""
+    totalcapture_camera: int = 1
+    """Which of TotalCapture's cameras, counted from one."""
     pose_error_deg: float = 5.0
     """How imperfectly the T-pose before each clip is held, sigma of each joint and axis; it adds up along a limb."""
     frame_rate: float = 60.0

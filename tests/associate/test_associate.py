@@ -93,7 +93,7 @@ def test_video_outside_the_motions(sample: Sample) -> None:
 def test_a_wearer_who_is_not_in_the_picture(sample: Sample) -> None:
     bystanders = sample.detections.select(sample.wearer != 0)
     result = associate(bystanders, MODEL, sample.motions[:1])
-    assert np.mean(result.wearer == 0) < 0.03
+    assert np.mean(result.wearer == 0) < 0.1
     if not np.any(result.wearer == 0):
         assert "people are visible, but none moves" in " ".join(result.findings)
 

@@ -54,11 +54,12 @@ def train_association(
         (scene, make_context(scene.detections, scene.model, scene.motions, scene.camera, scene.gravity_camera))
         for scene in scenes
     ]
+    for name, present in (("with", True), ("without", False)):
+        if not any((context.camera is not None) == present for _, context in prepared):
+            raise InputError(f"training the association: no scenes {name} a camera path; give some for each pass")
     logistic: dict[str, Logistic] = {}
     for suffix in ("", "_camera"):
         here = [(scene, context) for scene, context in prepared if (context.camera is not None) == bool(suffix)]
-        if not here:
-            raise InputError(f"training the association: no scenes {'with' if suffix else 'without'} a camera path")
         logistic |= _train_pass(here, suffix, settings)
     return AssociationWeights(logistic, provenance)
 
@@ -88,8 +89,15 @@ def _train_pass(
         programme, rows = build_programme(context, odds, found, settings)
         chosen = choose(context, programme, settings)
         verdicts.append((verdict_features(context, f[rows], odds[rows], programme, chosen), y[rows][chosen]))
-    x, y = (np.concatenate(part) for part in zip(*verdicts, strict=True))
-    return {**found, "verdict" + suffix: fit_logistic(x, y)}
+    return {**found, "verdict" + suffix: _fit_verdict(verdicts, FEATURES["verdict" + suffix])}
+
+
+def _fit_verdict(parts: list[tuple[Array, np.ndarray]], names: tuple[str, ...]) -> Logistic:
+    """Log-odds of a choice; those of its hypothesis alone where no choice, or every one, is right."""
+    x, y = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if y.all() or not y.any():
+        return Logistic(np.array([float(name == "odds") for name in names]), 0.0)
+    return fit_logistic(x, y)
 
 
 def _fit_evidence(parts: list[tuple[Array, np.ndarray]], width: int = 0) -> Logistic:

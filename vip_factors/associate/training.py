@@ -80,7 +80,7 @@ def _train_pass(
         intra += [(pair, y[a] & y[b]) for a, b, pair in intra_edges(context, rows, odds)]
     found = {
         "unary" + suffix: unary,
-        "inter" + suffix: _fit_evidence(inter),
+        "inter" + suffix: _fit_evidence(inter, len(FEATURES["inter" + suffix])),
         "intra" + suffix: _fit_evidence(intra, len(FEATURES["intra" + suffix])),
     }
     verdicts = []
@@ -100,10 +100,11 @@ def _fit_verdict(parts: list[tuple[Array, np.ndarray]], names: tuple[str, ...]) 
     return fit_logistic(x, y)
 
 
-def _fit_evidence(parts: list[tuple[Array, np.ndarray]], width: int = 0) -> Logistic:
-    if not parts:
-        return Logistic(np.zeros(width), 0.0)  # scenes of single wearers only
-    right = np.concatenate([y for _, y in parts])
+def _fit_evidence(parts: list[tuple[Array, np.ndarray]], width: int) -> Logistic:
+    """Log-odds of pairs beyond what a pair has anyhow; nothing, where all pairs are right, or none is."""
+    right = np.concatenate([y for _, y in parts]) if parts else np.zeros(0, bool)
+    if right.all() or not right.any():
+        return Logistic(np.zeros(width), 0.0)
     fit = fit_logistic(np.concatenate([x for x, _ in parts]), right)
     # What two hypotheses say together comes on top of what each says alone: the evidence without the prior odds.
     return Logistic(fit.weights, fit.bias - float(np.log(right.sum() / (~right).sum())))

@@ -106,6 +106,9 @@ def test_a_run_from_clips_to_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     table = vip_table(results, simulated_title(results, QUICK))
     assert "| VIP-IT |" in table
     assert "28.2 / 12.2" in table
+    ratio = 100 * first.mpjpe_mm / second.mpjpe_mm
+    assert f"- MPJPE of VIP-IT is {ratio:.1f} % of IT's" in table
+    assert "(thesis 51.3 %, -26.8 mm)" in table
     written = json.loads(vip_json(results, QUICK))
     assert written["means"]["IT"]["mean"]["mpjpe_mm"] == pytest.approx(second.mpjpe_mm)
     assert written["trials"][1]["camera_m"] is None
@@ -127,5 +130,7 @@ def test_what_cannot_be_solved_is_told_and_left_out(tmp_path: Path, monkeypatch:
 def test_clips_are_chosen_by_kind_and_name() -> None:
     assert list(chosen_clips(("low",))) == ["low"]
     assert chosen_clips((), ("07_01",)) == {"walking": ("07_01",)}
+    with pytest.raises(InputError, match="both of kind low and named 07_01"):
+        chosen_clips(("low",), ("07_01",))
     with pytest.raises(InputError, match="'99_99' is neither"):
         chosen_clips((), ("99_99",))

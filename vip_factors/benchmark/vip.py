@@ -1,7 +1,9 @@
 """The video-inertial trackers of the thesis on simulated scenes with known truth (4.4.2)."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -102,7 +104,7 @@ def chosen_clips(kinds: Sequence[str] = (), names: Sequence[str] = ()) -> dict[s
     """The held-out clips of some kinds or of some names; all without either.
 
     Raises:
-        InputError: for an unknown kind or name.
+        InputError: for an unknown kind or name, or if no clip is of both.
     """
     known = {*HELD_OUT_CLIPS, *held_out_names()}
     unknown = [name for name in (*kinds, *names) if name not in known]
@@ -113,7 +115,10 @@ def chosen_clips(kinds: Sequence[str] = (), names: Sequence[str] = ()) -> dict[s
         for kind, clips in HELD_OUT_CLIPS.items()
         if not kinds or kind in kinds
     }
-    return {kind: clips for kind, clips in chosen.items() if clips}
+    chosen = {kind: clips for kind, clips in chosen.items() if clips}
+    if not chosen:
+        raise InputError(f"no clip is both of kind {' or '.join(kinds)} and named {' or '.join(names)}")
+    return chosen
 
 
 def run_vip(
@@ -145,19 +150,38 @@ def run_vip(
     found: list[Trial] = []
     wearers: list[Recording] = []
     results = VipResults(())
-    for done, one in enumerate(work):
-
-        def part(fraction: float, done: int = done) -> None:
-            if tell is not None:
-                tell("benchmark", (done + fraction) / len(work))
-
-        scene = scene_of(read_motion(one.file), one.clip, trials, seed_of(one.number, one.seed))
-        found += run_scene(scene, one, wanted, trials.settings, part)
-        wearers += scene.wearers
+    for done, (one, recording) in enumerate(_all_done(work, trials, wanted, tell or (lambda stage, fraction: None))):
+        found += one
+        wearers.append(recording)
         results = VipResults(tuple(found), start_errors(wearers, trials.settings))
+        if tell is not None:
+            tell("benchmark", (done + 1) / len(work))
         if keep is not None:
             keep(results)
     return results
+
+
+def _all_done(
+    work: Sequence[Work], trials: VipTrials, variants: tuple[Variant, ...], tell: Tell
+) -> Iterator[tuple[list[Trial], Recording]]:
+    """The trials and the wearer of one recording after the other."""
+    if trials.processes == 1:
+        for done, one in enumerate(work):
+
+            def part(fraction: float, done: int = done) -> None:
+                tell("benchmark", (done + fraction) / len(work))
+
+            yield _done(one, trials, variants, part)
+        return
+    with ProcessPoolExecutor(trials.processes) as pool:
+        yield from pool.map(partial(_done, trials=trials, variants=variants), work)
+
+
+def _done(
+    work: Work, trials: VipTrials, variants: tuple[Variant, ...], tell: Callable[[float], None] = lambda fraction: None
+) -> tuple[list[Trial], Recording]:
+    scene = scene_of(read_motion(work.file), work.clip, trials, seed_of(work.number, work.seed))
+    return run_scene(scene, work, variants, trials.settings, tell), scene.wearers[0]
 
 
 def _number(name: str, otherwise: int) -> int:

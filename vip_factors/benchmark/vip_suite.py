@@ -45,6 +45,7 @@ class VipTrials:
     keypoints: str = "openpose18"  # the thesis's detector
     sensors: SimulateSettings = field(default_factory=straps_and_sensors)
     settings: Settings = field(default_factory=Settings)  # of the estimator; its calibration is each variant's own
+    processes: int = 1  # that work side by side, a recording each; times are then those of a busy machine
 
     @property
     def scene_settings(self) -> SceneSettings:

@@ -11,6 +11,11 @@ from vip_factors.benchmark import thesis
 from vip_factors.benchmark.vip import SensorError, Trial, VipResults
 from vip_factors.benchmark.vip_suite import StartErrors, VipTrials
 
+# Pairs of variants whose MPJPE is to be compared.
+COMPARED = (
+    ("VIP", "IT"), ("VIP-IT", "IT"), ("VIP-Cam", "VIP"), ("VIP-25", "VIP"), ("VIP-45", "VIP"),
+    ("VIP-gtip-25", "VIP-gtip"), ("VIP-gtip-45", "VIP-gtip"),
+)  # fmt: skip
 CALIBRATION_HEAD = ("mean", "95 %", "feet and hands", "95 %")
 
 
@@ -41,6 +46,7 @@ def vip_table(results: VipResults, title: str, published: bool = True) -> str:
     blocks = [
         [title, *([_start_line(start)] if start is not None else [])],
         _accuracy_lines(trials, variants),
+        *([compared] if (compared := _compared_lines(trials, variants)) else []),
         ["Errors of headings and mountings in degrees (after the common yaw), and all else", "",
          *_calibration_lines(trials, variants)],
     ]  # fmt: skip
@@ -80,6 +86,28 @@ def _accuracy_lines(trials: Sequence[Trial], variants: Sequence[str]) -> list[st
         row = means_by_kind(trials, variant)
         cells = [_pair(row.get(column)) for column in columns]
         lines.append(f"| {variant} | {' | '.join(cells)} | {_pair(thesis.VARIANTS.get(variant))} |")
+    return lines
+
+
+def _compared_lines(trials: Sequence[Trial], variants: Sequence[str]) -> list[str]:
+    """MPJPE of one variant against another's, ours and the thesis's; over the recordings that both solved."""
+    lines = []
+    for one, other in COMPARED:
+        if one not in variants or other not in variants:
+            continue
+        first, second = (
+            {(t.clip, t.seed): t for t in trials if t.variant == name and not t.failure} for name in (one, other)
+        )
+        both = [key for key in first if key in second]
+        if not both:
+            continue
+        a, b = (means_by_kind([table[key] for key in both], name)["mean"][0]
+                for table, name in ((first, one), (second, other)))  # fmt: skip
+        published = ""
+        if one in thesis.VARIANTS and other in thesis.VARIANTS:
+            theirs, reference = thesis.VARIANTS[one][0], thesis.VARIANTS[other][0]
+            published = f" (thesis {100 * theirs / reference:.1f} %, {theirs - reference:+.1f} mm)"
+        lines.append(f"- MPJPE of {one} is {100 * a / b:.1f} % of {other}'s, {a - b:+.1f} mm{published}")
     return lines
 
 

@@ -116,7 +116,9 @@ def _vip(options: VipOptions, tell: Tell, write: Write) -> tuple[str, str]:
     from vip_factors.benchmark.vip_table import simulated_title, vip_json, vip_table
 
     seconds = 8.0 if options.seconds is None else options.seconds
-    trials = VipTrials(seconds, options.seeds, options.pose_error_deg, options.camera, settings=settings)
+    trials = VipTrials(
+        seconds, options.seeds, options.pose_error_deg, options.camera, settings=settings, processes=options.processes
+    )
     results = run_vip(
         options.motions, trials, options.variants, tell, chosen_clips(options.kinds, options.clips),
         lambda so_far: write(vip_json(so_far, trials)),

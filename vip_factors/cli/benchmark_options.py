@@ -60,6 +60,8 @@ class VipOptions:
     """Frames per second of the reconstructions."""
     iterations: int = 30
     """At most, of each solve."""
+    processes: int = 1
+    """Simulated recordings worked on side by side."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ LIMB_ENDS = (
 MAJOR_JOINTS = ("neck", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 ENOUGH_JOINTS = 7  # rightly found, for a detection to count as somebody's (thesis 4.4.3)
 FITTING_M = 0.15  # a head's half, and what an inertial tracker errs
-WINDOWS_S = (0.5, 2.0, 10.0)  # over which a tracklet's evidence is averaged: half a step, a few, and all of it
+WINDOWS_S = (0.5, 2.0)  # over which a tracklet's evidence is averaged: half a step, and a few
 NO_RIVAL = 1.5  # how much worse an absent rival counts
 TURN_OVER_S = 0.17  # between hypotheses whose cameras are compared for steadiness
 
@@ -34,8 +34,7 @@ UNARY = (
     "log_cost", "log_cost_half_second", "log_cost_two_seconds", "limbs", "limbs_half_second", "limbs_two_seconds",
     "joints_seen", "joints_fitting", "seven_seen", "seven_fitting", "tilt", "unsteady",
     "unsteady_two_seconds", "track_seconds", "rival_person", "rival_person_two_seconds",
-    "rival_wearer", "rival_wearer_two_seconds", "log_cost_track", "limbs_track", "unsteady_track",
-    "rival_person_track", "rival_wearer_track",
+    "rival_wearer", "rival_wearer_two_seconds",
 )  # fmt: skip
 UNARY_CAMERA = (*UNARY, "path_error", "path_error_two_seconds", "path_rival", "path_turn")
 INTER_PLAIN = ("trans", "ori", "turn", "image", "tracklet")
@@ -85,16 +84,14 @@ def unary_features(context: Context) -> Array:
     limbs = _limb_agreement(context)
     tilt = _tilt(context)
     unsteady, seconds = _unsteadiness(context), _track_seconds(context)
-    short, long, whole = (_TrackMean(context, window) for window in WINDOWS_S)
-    long_cost, whole_cost = long(log_cost), whole(log_cost)
+    short, long = (_TrackMean(context, window) for window in WINDOWS_S)
+    long_cost, long_unsteady = long(log_cost), long(unsteady)
     columns = [
         log_cost, short(log_cost), long_cost, limbs, short(limbs), long(limbs),
         *_joint_counts(context),
-        tilt, unsteady, long(unsteady), seconds,
+        tilt, unsteady, long_unsteady, seconds,
         _rival(h.frame, h.wearer, log_cost), _rival(h.frame, h.wearer, long_cost),
         _rival(h.detection, h.detection, log_cost), _rival(h.detection, h.detection, long_cost),
-        whole_cost, whole(limbs), whole(unsteady), _rival(h.frame, h.wearer, whole_cost),
-        _rival(h.detection, h.detection, whole_cost),
     ]  # fmt: skip
     if context.camera is not None:
         error = path_error(context, context.camera)
@@ -212,7 +209,7 @@ def _unsteadiness(context: Context) -> Array:
 def _track_seconds(context: Context) -> Array:
     """How long ``(P,)`` the tracklet of the detection lasts, up to the longer window."""
     count = np.bincount(context.track)[context.track[context.hypotheses.detection]]
-    return np.minimum(count / context.rate, WINDOWS_S[1])
+    return np.minimum(count / context.rate, WINDOWS_S[-1])
 
 
 class _TrackMean:

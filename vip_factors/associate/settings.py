@@ -25,7 +25,7 @@ class AssociationSettings:
     """Seconds decided at once."""
     overlap_s: float = 1.2
     """Seconds decided again by the next window: more than the longest edge."""
-    least_confidence: float = 0.93
+    least_confidence: float = 0.9
     """Choices less sure are dropped: a frame without a person costs little, a wrong person much."""
     weights: Path | None = None
     """Weights to use instead of the shipped ones."""

@@ -21,7 +21,7 @@ class TrainAssociationOptions:
     """Folder of motion files, searched with all folders below it; those that the package evaluates on are left out."""
     out: Path
     """File (.json) to write."""
-    scenes: int = 24
+    scenes: int = 40
     """How many scenes to simulate; each trains both passes."""
     measure: int = 0
     """How many scenes to simulate of the motions left out, to measure precision and recall by."""

@@ -54,7 +54,7 @@ class VipOptions:
     """What films the simulated scenes."""
     totalcapture_camera: int = 1
     """Which of TotalCapture's cameras, counted from one."""
-    pose_error_deg: float = 5.0
+    pose_error_deg: float = 4.0
     """How imperfectly the T-pose before each clip is held, sigma of each joint and axis; it adds up along a limb."""
     frame_rate: float = 60.0
     """Frames per second of the reconstructions."""

@@ -11,6 +11,7 @@ import numpy as np
 from vip_factors.associate.associate import associate
 from vip_factors.benchmark.crowd import CrowdTrials, crowd_scene, held_out_motions
 from vip_factors.benchmark.thesis import ASSOCIATION_3DPW
+from vip_factors.benchmark.vip_table import plain
 from vip_factors.errors import InputError
 from vip_factors.evaluate.association import AssociationScore, association_score
 from vip_factors.graph.decode import motion_of
@@ -157,4 +158,5 @@ def association_table(trials: Sequence[AssociationTrial], settings: CrowdTrials)
 
 def association_json(trials: Sequence[AssociationTrial], settings: CrowdTrials) -> str:
     """Every scene, and the settings."""
-    return json.dumps({"trials": [asdict(one) for one in trials], "settings": asdict(settings)}, indent=2) + "\n"
+    content = {"trials": [asdict(one) for one in trials], "settings": asdict(settings)}
+    return json.dumps(plain(content), indent=2) + "\n"

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.benchmark.vip import Tell, VipResults, Work, run_scene
+from vip_factors.benchmark.vip_suite import start_errors
 from vip_factors.benchmark.vip_variants import chosen_variants
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import FileFormatError, InputError
@@ -86,6 +87,7 @@ def run_totalcapture(
     trials = trials or TotalCaptureTrials()
     wanted, chosen = chosen_variants(tuple(variants)), _chosen(sequences(folder), names, kinds)
     results, origins = VipResults(()), []
+    wearers: list[Recording] = []
     for done, one in enumerate(chosen):
 
         def part(fraction: float, done: int = done) -> None:
@@ -95,7 +97,9 @@ def run_totalcapture(
         scene, origin = totalcapture_scene(one, folder, trials)
         origins.append(origin)
         work = Work(one.kind, one.name, one.folder, done, 0)
-        results = VipResults((*results.trials, *run_scene(scene, work, wanted, trials.settings, part, SKIPPED_S)))
+        found = run_scene(scene, work, wanted, trials.settings, part, SKIPPED_S)
+        wearers += scene.wearers
+        results = VipResults((*results.trials, *found), start_errors(wearers, trials.settings))
         if keep is not None:
             keep(results)
     return results, f"2D poses: {', '.join(dict.fromkeys(origins))}"

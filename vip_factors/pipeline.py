@@ -3,6 +3,8 @@
 And with a camera: scene → inertial trackers → association → video-inertial fusion, twice → estimate (thesis 4.3).
 """
 
+from threadpoolctl import threadpool_limits
+
 from vip_factors.associate.associate import associate
 from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
 from vip_factors.graph.batch import BatchObjective
@@ -23,8 +25,12 @@ from vip_factors.stages.scene_frames import scene_frames
 from vip_factors.stages.solver import Progress, Solver
 
 DEFAULT = Settings()
+# NumPy multiplies thousands of small matrices here: a second thread in each product costs more than it brings, and
+# twice the time where another program wants the core.
+one_blas_thread = threadpool_limits.wrap(limits=1, user_api="blas")
 
 
+@one_blas_thread
 def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progress | None = None) -> Estimate:
     """Reconstruct a whole recording from its IMUs.
 
@@ -62,6 +68,7 @@ def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progres
     )
 
 
+@one_blas_thread
 def smooth_scene(scene: Scene, settings: Settings = DEFAULT, progress: Progress | None = None) -> SceneEstimate:
     """Reconstruct a scene: of its wearers' IMUs and of what its camera saw, or of the IMUs alone.
 

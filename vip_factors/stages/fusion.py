@@ -9,6 +9,7 @@ from vip_factors.associate.associate import Association
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
+from vip_factors.graph.following import FollowingObjective
 from vip_factors.graph.model import InertialModel
 from vip_factors.graph.reprojection_batch import reprojections
 from vip_factors.graph.scene_batch import SceneObjective
@@ -77,21 +78,36 @@ def fuse_finely(
     scene: Scene, filmed: Filmed, coarse: Fused, association: Association, detections: Detections, time: Array,
     settings: Settings, solver: Solver,
 ) -> Fused:  # fmt: skip
-    """At the full frame rate, with headings, mountings and mean poses kept; a moving camera moves on."""
+    """At the full frame rate, with headings, mountings and mean poses kept.
+
+    The coarse solution has settled how camera and wearers lie to each other: what is left is fast and small. A moving
+    camera follows the wearers as they are, and then each wearer is refined in front of it, by itself.
+    """
     assert scene.camera is not None
     before = coarse.model.wearers[0].frames.time
     wearers, states = [], []
-    for recording, tracked, state in zip(scene.wearers, filmed.wearers, coarse.state.wearers, strict=True):
+    for recording, tracked, own in zip(scene.wearers, filmed.wearers, coarse.state.wearers, strict=True):
         streams = [recording.imus[name] for name in tracked.model.frames.sensors]
-        states.append(at_frames(state, before, time))
+        states.append(at_frames(own, before, time))
         wearers.append(with_contacts(kept(tracked.model, resample_streams(streams, time)), states[-1], True))
     camera = replace(camera_problem(scene.camera, time, settings), free_clock=False)
     camera = replace(camera, prior_heading=coarse.state.camera.heading)
-    start = SceneState(tuple(states), _camera_at(coarse, time))
-    spreads = coarse.measured_spreads()
-    views = _views(wearers, camera, start, association, detections, spreads)
-    model = SceneModel(tuple(wearers), camera, views)
-    return Fused(model, solver.solve(SceneObjective(model), start, "full rate"), spreads)
+    state, spreads = SceneState(tuple(states), _camera_at(coarse, time)), coarse.measured_spreads()
+    model = SceneModel(tuple(wearers), camera, _views(wearers, camera, state, association, detections, spreads))
+    if camera.moving and camera.free_pose:
+        found = solver.solve(FollowingObjective(model, state.wearers), state.camera, "full rate, camera")
+        state = replace(state, camera=found)
+    for number, name in enumerate(recording.subject.name for recording in scene.wearers):
+        alone = replace(model, wearers=(wearers[number],), views=(model.views[number],), camera=_held(camera))
+        start = SceneState((state.wearers[number],), state.camera)
+        refined = solver.solve(SceneObjective(alone), start, f"full rate, {name}")
+        states[number] = refined.wearers[0]
+    return Fused(model, SceneState(tuple(states), state.camera), spreads)
+
+
+def _held(camera: CameraProblem) -> CameraProblem:
+    """The camera as it is: nothing of it moves, and its sensor has nothing more to say."""
+    return replace(camera, free_pose=False, imu=None, free_clock=False)
 
 
 def _camera_at(coarse: Fused, time: Array) -> CameraState:

@@ -32,6 +32,7 @@ class Variant:
         camera: whether there is one.
         true_pixels, true_camera: detections without error; the camera's poses told.
         acceleration: False for the inertial tracker, frame by frame.
+        spread: what the estimator's sigmas of keypoints are multiplied by.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Variant:
     true_pixels: bool = False
     true_camera: bool = False
     acceleration: bool = True
+    spread: float = 1.0
 
     @property
     def needs_vip(self) -> bool:
@@ -70,7 +72,8 @@ VARIANTS: dict[str, Variant] = {
         _inertial("IT", NOMINAL, acceleration=False),
         Variant("VIP"),
         _inertial("VIP-IT", FOUND, acceleration=False),
-        Variant("VIP-2D", true_pixels=True),
+        Variant("VIP-2D", true_pixels=True),  # weighted as if they were a detector's, as in the thesis
+        Variant("VIP-2D-exact", true_pixels=True, spread=0.1),  # and told that they are better than that
         Variant("VIP-Cam", true_camera=True),
         Variant("VIP-6", six=True),
         _inertial("SIP", TRUE, six=True),
@@ -102,9 +105,12 @@ def chosen_variants(names: tuple[str, ...] = ()) -> tuple[Variant, ...]:
 def settings_of(variant: Variant, settings: Settings) -> Settings:
     """The pipeline's settings for a variant."""
     from_truth = variant.start != NOMINAL or variant.distortion_deg > 0
+    camera = settings.camera
+    reprojection = replace(camera.reprojection, spread=variant.spread * camera.reprojection.spread)
     return replace(
         settings,
         acceleration=variant.acceleration,
+        camera=replace(camera, reprojection=reprojection),
         fusion=replace(settings.fusion, use_camera=variant.camera),
         calibration=replace(
             settings.calibration,

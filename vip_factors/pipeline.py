@@ -3,6 +3,8 @@
 And with a camera: scene → inertial trackers → association → video-inertial fusion, twice → estimate (thesis 4.3).
 """
 
+from dataclasses import replace
+
 from threadpoolctl import threadpool_limits
 
 from vip_factors.associate.associate import associate
@@ -83,7 +85,8 @@ def smooth_scene(scene: Scene, settings: Settings = DEFAULT, progress: Progress 
     """
     if scene.camera is None or not settings.fusion.use_camera:
         return _inertial(scene, settings, progress, ())
-    solver = Solver(settings.solve, progress or (lambda stage, fraction: None))
+    stiff = replace(settings.solve, relative_decrease=settings.fusion.relative_decrease)
+    solver = Solver(stiff, progress or (lambda stage, fraction: None))
     camera, detections = scene.camera, scene.camera.detections.shifted(scene.camera.time_offset)
     frames = scene_frames(scene, settings.frame_rate, settings.coarse_factor)
     wearers = tuple(

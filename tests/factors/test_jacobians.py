@@ -15,6 +15,7 @@ from vip_factors.factors.camera_acceleration import CameraAccelerationSettings, 
 from vip_factors.factors.camera_orientation import CameraOrientationSettings, camera_orientation_factor
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.camera_velocity import CameraVelocitySettings, camera_velocity_factor
+from vip_factors.factors.floor_contact import FloorContactSettings, floor_contact_factor
 from vip_factors.factors.foot_contact import FootContactSettings, foot_contact_factor
 from vip_factors.factors.gauge_prior import GaugePriorSettings, gauge_prior_factor
 from vip_factors.factors.heading_prior import heading_prior_factor
@@ -64,6 +65,9 @@ FACTORS: dict[str, Callable[[], gtsam.NonlinearFactor]] = {
     ),
     "foot contact": lambda: foot_contact_factor(
         SKELETON, KEYS[:2], joint_index("left_ankle"), POINT, 0.1, 0.7, FootContactSettings(loss=SQUARE)
+    ),
+    "floor contact": lambda: floor_contact_factor(
+        SKELETON, KEYS[0], joint_index("left_ankle"), POINT, 0.7, FloorContactSettings(loss=SQUARE)
     ),
     "pose prior": lambda: pose_prior_factor(KEYS[0], pose_mean_key(), load_pose_prior(), PosePriorSettings(0.5)),
     "pose mean": lambda: pose_mean_factor(pose_mean_key(), load_pose_prior(), PosePriorSettings()),

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import gtsam
 
 from vip_factors.factors.acceleration import acceleration_factor
+from vip_factors.factors.floor_contact import floor_contact_factor
 from vip_factors.factors.foot_contact import foot_contact_factor
 from vip_factors.factors.gauge_prior import gauge_prior_factor
 from vip_factors.factors.heading_prior import heading_prior_factor
@@ -32,6 +33,12 @@ def pose_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gtsa
     yield pose_prior_factor(keys, pose_mean_key(wearer), model.prior, settings.pose_prior)
     for joint in range(1, LAST_JOINT + 1):
         yield joint_limit_factor(keys, joint, model.limits, settings.joint_limit)
+    for c, contact in enumerate(model.contacts if model.has_floor else ()):
+        confidence = float(model.contact_confidence[t, c])
+        if confidence > 0:
+            yield floor_contact_factor(
+                model.skeleton, keys, contact.bone, contact.p_bone_point, confidence, settings.floor_contact
+            )
     if model.initial_pose is not None and t < model.initial_pose.frames:
         for joint in range(1, LAST_JOINT + 1):
             R = model.initial_pose.R_parent_child[joint]

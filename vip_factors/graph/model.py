@@ -9,6 +9,7 @@ from vip_factors.body.kinematics import BodyState
 from vip_factors.body.pose_prior import PosePrior
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.factors.acceleration import AccelerationSettings
+from vip_factors.factors.floor_contact import FloorContactSettings
 from vip_factors.factors.foot_contact import FootContactSettings
 from vip_factors.factors.gauge_prior import GaugePriorSettings
 from vip_factors.factors.heading_prior import HeadingPriorSettings
@@ -33,6 +34,7 @@ class FactorSettings:
     initial_pose: InitialPoseSettings = field(default_factory=InitialPoseSettings)
     smoothness: SmoothnessSettings = field(default_factory=SmoothnessSettings)
     foot_contact: FootContactSettings = field(default_factory=FootContactSettings)
+    floor_contact: FloorContactSettings = field(default_factory=FloorContactSettings)
     gauge_prior: GaugePriorSettings = field(default_factory=GaugePriorSettings)
 
 
@@ -98,6 +100,11 @@ class InertialModel:
     free_pose_mean: bool = False
     gauge_sensor: int = 0
     is_gauge: bool = True
+
+    @property
+    def has_floor(self) -> bool:
+        """Whether contacts stand on the floor at z = 0; where frames are independent, roots are free."""
+        return self.use_acceleration and self.settings.floor_contact.use
 
     @property
     def heading_sigmas(self) -> Array:

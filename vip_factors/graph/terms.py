@@ -13,6 +13,7 @@ from vip_factors.body.kinematics import BodyState
 from vip_factors.body.pose_prior import POSE_SIZE, joint_vector
 from vip_factors.body.skeleton import JOINT_COUNT, ancestors
 from vip_factors.factors.acceleration import acceleration_by_heading, acceleration_residual
+from vip_factors.factors.floor_contact import floor_contact_residual
 from vip_factors.factors.foot_contact import foot_contact_residual
 from vip_factors.factors.joint_limit import joint_limit_residual
 from vip_factors.factors.orientation import orientation_jacobians, orientation_residual
@@ -65,6 +66,8 @@ def pose_terms(
     D = joint_vector_jacobian(x) if jacobians else None
     yield _prior_term(model, x, state.pose_mean, D)
     yield from _limit_terms(model, x, D)
+    if model.has_floor:
+        yield from _floor_terms(model, body, frames, jacobians)
     if model.initial_pose is not None and frames.start < model.initial_pose.frames:
         mask = (np.arange(T) + frames.start < model.initial_pose.frames).astype(float)
         R = state.R_parent_child[:, 1:]
@@ -74,6 +77,21 @@ def pose_terms(
         for joint in range(1, JOINT_COUNT):
             own = None if J is None else J[:, joint - 1]
             yield PoseTerm("initial pose", error[:, joint - 1] / sigma, mask, SQUARE, _joint_columns(joint), own)
+
+
+def _floor_terms(model: InertialModel, body: BodyState, frames: slice, jacobians: bool) -> Iterator[PoseTerm]:
+    settings = model.settings.floor_contact
+    for c, contact in enumerate(model.contacts):
+        confidence = model.contact_confidence[frames, c]
+        root = np.sqrt(confidence)[:, None] / settings.sigma  # whitens: the loss sees the confidence too
+        residual = root * floor_contact_residual(contact.of(body))
+        J = None
+        if jacobians:
+            _, by_joints = body.point_jacobian(contact.bone, contact.p_bone_point)
+            height = by_joints[:, :, 2].reshape(len(residual), -1)
+            J = (root * np.concatenate([height, np.tile([0.0, 0.0, 1.0], (len(residual), 1))], axis=1))[:, None]
+        columns = [*chain_columns(contact.bone), ROOT, ROOT + 1, ROOT + 2]
+        yield PoseTerm("floor contact", residual, (confidence > 0).astype(float), settings.loss, columns, J)
 
 
 def _joint_columns(joint: int) -> list[int]:

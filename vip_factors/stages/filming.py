@@ -92,12 +92,13 @@ def start_filming(
 
 
 def _anchored(tracked: Tracked, camera: Camera, settings: Settings) -> Tracked:
-    """The wearer without foot contacts, if the camera holds the root without them."""
+    """The wearer with looser foot contacts, or without any, if the camera holds the root without them."""
     anchor = not camera.moving or camera.known_path is not None
-    if not anchor or settings.fusion.contacts_with_standing_camera:
-        return tracked
-    factors = tracked.model.settings
-    loose = replace(factors, foot_contact=replace(factors.foot_contact, use=False))
+    factors, fusion = tracked.model.settings, settings.fusion
+    contact = replace(factors.foot_contact, sigma=fusion.contact_loosening * factors.foot_contact.sigma)
+    if anchor and not fusion.contacts_with_standing_camera:
+        contact = replace(contact, use=False)
+    loose = replace(factors, foot_contact=contact)
     return replace(tracked, model=replace(tracked.model, settings=loose))
 
 

@@ -66,12 +66,17 @@ def fuse(
     start = before.state if before else filmed.state
     spreads = before.measured_spreads() if before else (settings.camera.reprojection.spread,) * len(start.wearers)
     wearers = tuple(
-        with_contacts(loosened(one.model, settings.calibration), state, path_known=before is not None)
+        with_contacts(_with_plain_prior(one.model, settings), state, path_known=before is not None)
         for one, state in zip(filmed.wearers, start.wearers, strict=True)
     )
     views = _views(wearers, filmed.camera, start, association, detections, spreads)
     model = SceneModel(wearers, filmed.camera, views)
     return Fused(model, solver.solve(SceneObjective(model), start, "video-inertial fusion"), spreads)
+
+
+def _with_plain_prior(model: InertialModel, settings: Settings) -> InertialModel:
+    """The loosened model with the prior's own mean: the camera shows how the wearer stands, a mean need not."""
+    return replace(loosened(model, settings.calibration), free_pose_mean=False)
 
 
 def fuse_finely(

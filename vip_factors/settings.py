@@ -22,6 +22,10 @@ class CalibrationSettings:
     # How many times looser all that is assumed (contacts, prior, smoothness) is while the calibration is free: it is
     # off in the same way in every frame too, and a mounting is there for the whole recording to lean on.
     loosening: float = 3.0
+    # s between the knots of headings that drift (a random walk of factors.heading_walk.drift_deg, linear from knot to
+    # knot); none: constant, as in the papers and right for recordings of a minute or two. Ten minutes ask for it: 60 s
+    # with a drift of 1–2° per √minute, which leaves half a degree between the knots, and less where drift is worse.
+    heading_knot_s: float | None = None
     passes: int = 2  # coarse solves: foot contacts found with the first headings are found again with better ones
     from_truth: bool = False  # start from the recording's true calibration: for experiments
 

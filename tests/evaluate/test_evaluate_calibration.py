@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vip_factors.errors import InputError
-from vip_factors.evaluate.calibration import calibration_error, mean_and_95th
+from vip_factors.evaluate.calibration import calibration_error, heading_error_over_time, mean_and_95th
 from vip_factors.evaluate.consistency import heading_nees, mounting_nees, nees, summarise
 from vip_factors.geometry.rotations import exp
 from vip_factors.sensors.calibration import SensorCalibration
@@ -89,3 +89,17 @@ def test_calibration_nees_uses_the_reported_sigmas() -> None:
     assert mounting_nees(error, estimate) == pytest.approx([1 / 3] * 4)
     unknown = {name: SensorCalibration(one.heading, one.R_bone_sensor) for name, one in estimate.items()}
     assert np.all(np.isnan(mounting_nees(calibration_error(unknown, truth), unknown)))
+
+
+def test_heading_errors_over_time_follow_both_paths() -> None:
+    time = np.array([0.0, 5.0, 10.0])
+    truth = {
+        "a": SensorCalibration(0.1, np.eye(3), heading_time=time, heading_path=np.array([0.1, 0.2, 0.4])),
+        "b": SensorCalibration(-0.3, np.eye(3)),
+    }
+    constant = {name: SensorCalibration(one.heading + 7.0, np.eye(3)) for name, one in truth.items()}
+    error = heading_error_over_time(constant, truth, time, gauge=7.0)
+    np.testing.assert_allclose(error["a"], [0.0, -0.1, -0.3], atol=1e-12)
+    np.testing.assert_allclose(error["b"], 0.0, atol=1e-12)
+    right = heading_error_over_time(truth, truth, np.array([2.5, 20.0]))
+    np.testing.assert_allclose(list(right.values()), 0.0, atol=1e-12)

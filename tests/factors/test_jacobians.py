@@ -18,7 +18,9 @@ from vip_factors.factors.camera_velocity import CameraVelocitySettings, camera_v
 from vip_factors.factors.floor_contact import FloorContactSettings, floor_contact_factor
 from vip_factors.factors.foot_contact import FootContactSettings, foot_contact_factor
 from vip_factors.factors.gauge_prior import GaugePriorSettings, gauge_prior_factor
+from vip_factors.factors.heading_knots import HeadingAt
 from vip_factors.factors.heading_prior import heading_prior_factor
+from vip_factors.factors.heading_walk import heading_walk_factor
 from vip_factors.factors.joint_limit import JointLimitSettings, joint_limit_factor
 from vip_factors.factors.orientation import OrientationSettings, orientation_factor
 from vip_factors.factors.pose_prior import PosePriorSettings, pose_mean_factor, pose_prior_factor
@@ -51,6 +53,7 @@ POINT = np.array([0.02, -0.05, 0.1])
 FORCE = np.array([1.0, -2.0, 8.0])
 LENS = CameraModel(1920, 1080, (1400.0, 1390.0), (950.0, 550.0), (-0.2, 0.05, 0.001, -0.002))
 PIXEL = np.array([800.0, 300.0])
+BETWEEN = HeadingAt([heading_key(0), heading_key(0, knot=1)], [0.3, 0.7])
 REPROJECTION = ReprojectionSettings(loss=SQUARE)
 # A camera four metres behind the origin (OpenCV axes: z forward, y down), so that the body is in front of it.
 R_WORLD_CAMERA = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -76,6 +79,13 @@ FACTORS: dict[str, Callable[[], gtsam.NonlinearFactor]] = {
         KEYS[0], joint_index("left_knee"), load_joint_limits(), JointLimitSettings(loss=SQUARE)
     ),
     "heading prior": lambda: heading_prior_factor(heading_key(0), 0.2, 0.3),
+    "heading walk": lambda: heading_walk_factor(heading_key(0), heading_key(0, knot=1), 0.3),
+    "orientation between knots": lambda: orientation_factor(
+        SKELETON, KEYS[0], BETWEEN, mounting_key(0), WRIST, R_MEASURED, OrientationSettings(loss=SQUARE)
+    ),
+    "acceleration between knots": lambda: acceleration_factor(
+        SKELETON, KEYS, BETWEEN, WRIST, POINT, FORCE, 0.1, AccelerationSettings(loss=SQUARE)
+    ),
     "mounting prior": lambda: rotation_prior_factor("mounting prior", mounting_key(0), R_MEASURED, 0.3),
     "initial pose": lambda: rotation_prior_factor("initial pose", joint_key(0, 5), R_MEASURED, 0.1),
     "reprojection": lambda: reprojection_factor(
@@ -115,6 +125,7 @@ def random_values(spread: float, seed: int = 0) -> gtsam.Values:
         spread * random.standard_normal(1),
         exp(spread * random.standard_normal((1, 3))),
         random.standard_normal(69),
+        spread * random.standard_normal((1, 1)),
     ).to_values()
     for t in range(3):
         R = R_WORLD_CAMERA @ exp(min(spread, 0.1) * random.standard_normal(3))

@@ -39,7 +39,9 @@ def motion(rng: np.random.Generator, T: int, stature: float = 1.8) -> Motion:
 
 def calibration(rng: np.random.Generator, sensors: list[str]) -> dict[str, SensorCalibration]:
     return {
-        sensor: SensorCalibration(rng.normal(), rotations(rng), abs(rng.normal()), rng.normal(size=3) ** 2)
+        sensor: SensorCalibration(
+            rng.normal(), rotations(rng), abs(rng.normal()), rng.normal(size=3) ** 2, np.arange(5.0), rng.normal(size=5)
+        )
         if rng.random() < 0.5
         else SensorCalibration(rng.normal(), rotations(rng))
         for sensor in sensors

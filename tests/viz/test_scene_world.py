@@ -8,7 +8,7 @@ from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.body.keypoints import KEYPOINT_SETS
 from vip_factors.sensors.scene import Scene
-from vip_factors.viz.headings import implied_headings, rows_of
+from vip_factors.viz.headings import heading_paths, implied_headings, rows_of
 from vip_factors.viz.image_limbs import limb_pairs
 from vip_factors.viz.scene_world import drawn_scene
 
@@ -67,6 +67,17 @@ def test_single_frames_disagree_with_a_wrong_heading(sample: Scene) -> None:
     assert degrees["left_foot"] == pytest.approx(-np.rad2deg(0.2), abs=1e-6)
     assert degrees["head"] == pytest.approx(0.0, abs=1e-6)
     assert len(time) == len(degrees["head"])
+
+
+def test_only_headings_that_change_have_a_path(sample: Scene) -> None:
+    estimate = estimate_of(sample)
+    calibration = dict(estimate.wearers[0].calibration)
+    path = 2.0 + np.deg2rad([0.0, 3.0, -1.0])
+    calibration["head"] = replace(calibration["head"], heading_time=np.array([0.0, 0.2, 0.4]), heading_path=path)
+    wearer = replace(estimate.wearers[0], calibration=calibration)
+    paths = heading_paths(drawn_scene(None, replace(estimate, wearers=(wearer, *estimate.wearers[1:]))).wearers[0])
+    assert list(paths) == ["head"]
+    assert paths["head"][1] == pytest.approx([0.0, 3.0, -1.0])
     ann = sample.wearers[0]
     imu = ann.imus["head"]
     kept = imu.time < 0.2

@@ -94,5 +94,6 @@ def report_text(report: SolveReport) -> str:
 
 def heading_text(calibration: SensorCalibration) -> str:
     """Degrees, with the standard deviation if there is one."""
-    sigma = calibration.heading_sigma
-    return f"{np.rad2deg(calibration.heading):.1f}{f' ± {np.rad2deg(sigma):.1f}' if np.isfinite(sigma) else ''}°"
+    sigma, path = calibration.heading_sigma, np.rad2deg(calibration.heading_path)
+    drift = f", {path[-1] - path[0]:+.1f}° by the end" if len(path) else ""
+    return f"{np.rad2deg(calibration.heading):.1f}{f' ± {np.rad2deg(sigma):.1f}' if np.isfinite(sigma) else ''}°{drift}"

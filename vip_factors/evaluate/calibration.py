@@ -62,6 +62,19 @@ def calibration_error(estimate: Calibration, truth: Calibration, gauge: float | 
     )
 
 
+def heading_error_over_time(
+    estimate: Calibration, truth: Calibration, time: Array, gauge: float | None = None
+) -> dict[str, Array]:
+    """Heading errors ``(T,)`` in radians, wrapped, of the sensors that both know, at instants in seconds.
+
+    The gauge is as in :func:`calibration_error`, one for all times.
+    """
+    difference = {n: estimate[n].heading_at(time) - truth[n].heading_at(time) for n in estimate if n in truth}
+    if gauge is None:
+        gauge = float(np.angle(sum(np.exp(1j * one).sum() for one in difference.values())))
+    return {name: wrap_angle(one - gauge) for name, one in difference.items()}
+
+
 def mean_and_95th(errors_rad: Array) -> tuple[float, float]:
     """Mean and 95th percentile in degrees of errors in radians."""
     degrees = np.rad2deg(errors_rad)

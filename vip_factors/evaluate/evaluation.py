@@ -9,7 +9,7 @@ from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import Estimate, PoseCovariance
 from vip_factors.evaluate import consistency, joint_angle, metrics, trajectory
-from vip_factors.evaluate.calibration import calibration_error
+from vip_factors.evaluate.calibration import calibration_error, heading_error_over_time, mean_and_95th
 from vip_factors.evaluate.calibration_metrics import calibration_metrics, consistency_metrics, sensor_table
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines
@@ -81,6 +81,9 @@ def evaluate(
     if estimate.calibration and truth.calibration:
         error = calibration_error(estimate.calibration, truth.calibration, gauge)
         table |= calibration_metrics(error, estimate.calibration, placement)
+        if any(len(one.heading_path) for one in estimate.calibration.values()):
+            over_time = heading_error_over_time(estimate.calibration, truth.calibration, motion.time, gauge)
+            table["heading_error_over_time"] = Metric(mean_and_95th(np.abs(list(over_time.values())))[0], "deg")
         sensors = sensor_table(error)
     return Evaluation(estimate.name, estimate.method, len(motion), table, joints, sensors)
 

@@ -9,6 +9,7 @@ import numpy as np
 from vip_factors.body.skeleton import Skeleton, ancestors
 from vip_factors.factors.adapter import custom_factor
 from vip_factors.factors.chain import FrameKeys, chain_state, split_blocks
+from vip_factors.factors.heading_knots import HeadingAt, heading_at
 from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import Array, rotation_z
 
@@ -29,26 +30,34 @@ class AccelerationSettings:
 
 
 def acceleration_residual(
-    p_before: Array, p_now: Array, p_after: Array, step: float, heading: float, specific_force_inertial: Array
+    p_before: Array, p_now: Array, p_after: Array, step: float, heading: float | Array, specific_force_inertial: Array
 ) -> Array:
     """Model less measured acceleration, ``(T, 3)`` m/s², world axes (thesis eqs. 4.24–4.26).
 
     ``(p(t−1) − 2 p(t) + p(t+1))/step² − (Rz(γ) f + g)``, with the positions of the sensor ``(T, 3)`` in metres and
     its specific force ``f`` in its inertial frame, averaged over the triangular window of half-width ``step``.
+    The heading may be one number or ``(T,)``.
     """
-    return (p_before - 2 * p_now + p_after) / step**2 - specific_force_inertial @ rotation_z(heading).T - GRAVITY
+    return (p_before - 2 * p_now + p_after) / step**2 - _turned(heading, specific_force_inertial) - GRAVITY
 
 
-def acceleration_by_heading(heading: float, specific_force_inertial: Array) -> Array:
+def acceleration_by_heading(heading: float | Array, specific_force_inertial: Array) -> Array:
     """Derivative of :func:`acceleration_residual` by the heading, ``(T, 3)`` m/s² per radian."""
-    turned = specific_force_inertial @ rotation_z(heading).T
+    turned = _turned(heading, specific_force_inertial)
     return np.stack([turned[:, 1], -turned[:, 0], np.zeros(len(turned))], axis=1)
+
+
+def _turned(heading: float | Array, specific_force_inertial: Array) -> Array:
+    R = rotation_z(heading)
+    if R.ndim == 2:
+        return specific_force_inertial @ R.T
+    return np.einsum("tij,tj->ti", R, specific_force_inertial)
 
 
 def acceleration_factor(
     skeleton: Skeleton,
     frames: Sequence[FrameKeys],
-    heading_key: int,
+    heading_key: int | HeadingAt,
     bone: int,
     p_bone_sensor: Array,
     specific_force_inertial: Array,
@@ -59,10 +68,10 @@ def acceleration_factor(
 
     Keys in order: per frame the chain of joints and the root, then the heading.
     """
-    weights = np.array([1.0, -2.0, 1.0]) / step**2
+    weights, heading = np.array([1.0, -2.0, 1.0]) / step**2, heading_at(heading_key)
 
     def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
-        heading = values.atDouble(heading_key)
+        angle = heading.value(values)
         positions, jacobians = [], []
         for keys, weight in zip(frames, weights, strict=True):
             body = chain_state(skeleton, values, keys, bone, with_root=True)
@@ -70,10 +79,11 @@ def acceleration_factor(
             _, by_joints = body.point_jacobian(bone, p_bone_sensor)
             jacobians += [*split_blocks(weight * by_joints), weight * np.eye(3)]
         force = specific_force_inertial[None]
-        residual = acceleration_residual(positions[0], positions[1], positions[2], step, heading, force)
-        return residual[0], [*jacobians, acceleration_by_heading(heading, force)[0][:, None]]
+        residual = acceleration_residual(positions[0], positions[1], positions[2], step, angle, force)
+        return residual[0], [*jacobians, *heading.blocks(acceleration_by_heading(angle, force)[0])]
 
     noise = settings.loss.noise_model(np.full(3, settings.sigma))
     keys = [key for frame in frames for key in (*frame.chain(bone), frame.root)]
     dimensions = [3] * (3 * (len(ancestors(bone)) + 1))
-    return custom_factor("acceleration", noise, [*keys, heading_key], [*dimensions, 1], evaluate)
+    widths = [*dimensions, *[1] * len(heading.keys)]
+    return custom_factor("acceleration", noise, [*keys, *heading.keys], widths, evaluate)

@@ -9,6 +9,7 @@ from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Skeleton, ancestors
 from vip_factors.factors.adapter import custom_factor
 from vip_factors.factors.chain import FrameKeys, chain_state, split_blocks
+from vip_factors.factors.heading_knots import HeadingAt, heading_at
 from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import (
     Array,
@@ -34,11 +35,12 @@ class OrientationSettings:
 
 
 def orientation_residual(
-    body: BodyState, bone: int, R_bone_sensor: Array, heading: float, R_inertial_sensor: Array
+    body: BodyState, bone: int, R_bone_sensor: Array, heading: float | Array, R_inertial_sensor: Array
 ) -> Array:
     """``Log(R_world_bone R_bone_sensor (Rz(γ) R_inertial_sensor)ᵀ)``, ``(T, 3)`` rad, world axes.
 
     Thesis eqs. 4.8–4.9 and 4.21, with the mounting as a variable of its own instead of through the initial pose.
+    The heading may be one number or ``(T,)``.
     """
     R_world_sensor = rotation_z(heading) @ R_inertial_sensor
     return log(body.R_world_bone[:, bone] @ R_bone_sensor @ transpose(R_world_sensor))
@@ -64,22 +66,23 @@ def orientation_jacobians(
 def orientation_factor(
     skeleton: Skeleton,
     keys: FrameKeys,
-    heading_key: int,
+    heading_key: int | HeadingAt,
     mounting_key: int,
     bone: int,
     R_inertial_sensor: Array,
     settings: OrientationSettings,
 ) -> gtsam.CustomFactor:
     """The GTSAM factor of one sensor in one frame, on its chain of joints, its heading and its mounting."""
+    heading = heading_at(heading_key)
 
     def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
         body = chain_state(skeleton, values, keys, bone, with_root=False)
-        mounting, heading = values.atRot3(mounting_key).matrix(), values.atDouble(heading_key)
-        residual = orientation_residual(body, bone, mounting, heading, R_inertial_sensor[None])
+        mounting = values.atRot3(mounting_key).matrix()
+        residual = orientation_residual(body, bone, mounting, heading.value(values), R_inertial_sensor[None])
         by_joints, by_mounting, by_heading = orientation_jacobians(body, bone, mounting, residual)
-        return residual[0], [*split_blocks(by_joints), by_heading[0][:, None], by_mounting[0]]
+        return residual[0], [*split_blocks(by_joints), *heading.blocks(by_heading[0]), by_mounting[0]]
 
     noise = settings.loss.noise_model(np.full(3, settings.sigma))
     joints = len(ancestors(bone))
-    all_keys = [*keys.chain(bone), heading_key, mounting_key]
-    return custom_factor("orientation", noise, all_keys, [*[3] * joints, 1, 3], evaluate)
+    all_keys = [*keys.chain(bone), *heading.keys, mounting_key]
+    return custom_factor("orientation", noise, all_keys, [*[3] * joints, *[1] * len(heading.keys), 3], evaluate)

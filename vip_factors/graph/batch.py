@@ -32,6 +32,7 @@ from vip_factors.graph.terms import (
     pose_terms,
     width,
 )
+from vip_factors.graph.walk import WalkSystem, walk_costs
 
 CHUNK = 250  # frames evaluated together: enough to amortise NumPy's calls, few enough to stay in cache and memory
 # One unit of damping, in physical units, is a prior of this size on every step.
@@ -50,6 +51,8 @@ class BatchObjective:
         self._columns = np.concatenate([np.arange(FRAME), self._static])
         self.frame_keys = [gtsam.symbol("x", wearer * WEARER + t) for t in range(len(model.frames))]
         self.static_key = gtsam.symbol("z", wearer * WEARER)
+        later = range(1, len(model.heading_knots) if model.free_headings else 1)
+        self.walk_keys = [gtsam.symbol("w", wearer * WEARER + k) for k in later]  # of the later headings
 
     @property
     def static_columns(self) -> np.ndarray:
@@ -69,6 +72,8 @@ class BatchObjective:
             costs[term.kind] = costs.get(term.kind, 0.0) + term.cost
         for kind, residual, _, _ in self._static_rows(state):
             costs[kind] = costs.get(kind, 0.0) + 0.5 * float(residual @ residual)
+        if self.walk_keys:
+            costs |= walk_costs(self.model, state)
         if is_smoothed(self.model):
             costs["smoothness"] = smoothness_cost(self.model, state)
         return costs
@@ -83,7 +88,7 @@ class BatchObjective:
     def _static_rows(self, state: GraphState) -> list[tuple[str, Array, list[int], Array]]:
         """Kind, whitened residual, columns and Jacobian of the priors that are not per frame."""
         model, S, rows = self.model, len(self.model.sensors), []
-        if model.free_headings:
+        if model.free_headings and not self.walk_keys:
             residual = heading_prior_residual(state.headings, model.prior_headings) / model.heading_sigmas
             rows.append(("heading prior", residual, list(range(FRAME, FRAME + S)), np.diag(1 / model.heading_sigmas)))
         if model.free_mountings:
@@ -113,6 +118,8 @@ class BatchObjective:
         system = ChainSystem.empty(
             self.frame_keys, self.static_key, FRAME, self._columns, self._damping(), tied=bool(terms)
         )
+        if self.walk_keys:
+            system.walk = WalkSystem.of(self.model, state, self.walk_keys, FRAME, STEP_ANGLE**-2.0)
         for frames in self._chunks():
             part = slice(frames.start, min(frames.stop + 2, T))  # two frames on, for the blocks off the diagonal
             H, g = pose_equations(
@@ -145,7 +152,8 @@ class BatchObjective:
             static[self._static - FRAME] = delta.at(self.static_key)
         steps = np.array([delta.at(key) for key in self.frame_keys])
         joints = steps[:, :ROOT].reshape(T, JOINT_COUNT, 3)
-        return state.retract(joints, steps[:, ROOT:], static)
+        walk = np.array([delta.at(key) for key in self.walk_keys]) if self.walk_keys else None
+        return state.retract(joints, steps[:, ROOT:], static, walk)
 
 
 def _stretch(state: GraphState, body: BodyState, frames: slice) -> tuple[GraphState, BodyState]:

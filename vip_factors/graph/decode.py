@@ -29,12 +29,19 @@ def decode(
     """The estimate that a state of the graph stands for."""
     frames = model.frames
     motion = motion_of(model, state, name)
-    calibration = {
-        sensor: SensorCalibration(float(wrap_angle(state.headings[s])), state.R_bone_sensor[s])
-        for s, sensor in enumerate(frames.sensors)
-    }
+    calibration = {sensor: _calibration(model, state, s) for s, sensor in enumerate(frames.sensors)}
     return Estimate(
         name, method, motion, calibration, covariance, residuals(model, state), frames.sensors, reports, settings or {}
+    )
+
+
+def _calibration(model: InertialModel, state: GraphState, sensor: int) -> SensorCalibration:
+    heading, R_bone_sensor = float(wrap_angle(state.headings[sensor])), state.R_bone_sensor[sensor]
+    if not model.headings_walk:
+        return SensorCalibration(heading, R_bone_sensor)
+    path = state.heading_knots[:, sensor]
+    return SensorCalibration(
+        heading, R_bone_sensor, heading_time=model.heading_knots, heading_path=heading + path - path[0]
     )
 
 
@@ -51,13 +58,14 @@ def residuals(model: InertialModel, state: GraphState) -> dict[str, Array]:
     frames, T, S = model.frames, len(model.frames), len(model.sensors)
     body = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis)
     orientation, acceleration = np.full((T, S), np.nan), np.full((T, S), np.nan)
+    weights, inner = model.knot_weights(), model.knot_weights(slice(1, -1))
     for s, sensor in enumerate(model.sensors):
-        heading, R = float(state.headings[s]), frames.R_inertial_sensor[:, s]
-        error = orientation_residual(body, sensor.bone, state.R_bone_sensor[s], heading, R)
+        R = frames.R_inertial_sensor[:, s]
+        error = orientation_residual(body, sensor.bone, state.R_bone_sensor[s], state.heading(s, weights), R)
         seen = frames.orientation_valid[:, s]
         orientation[seen, s] = np.rad2deg(np.linalg.norm(error[seen], axis=1))
         p, force = sensor.of(body), frames.specific_force_inertial[1:-1, s]
-        misfit = acceleration_residual(p[:-2], p[1:-1], p[2:], frames.step, heading, force)
+        misfit = acceleration_residual(p[:-2], p[1:-1], p[2:], frames.step, state.heading(s, inner), force)
         whole = frames.acceleration_valid[1:-1, s]
         acceleration[1:-1, s][whole] = np.linalg.norm(misfit[whole], axis=1)
     kinds = {"orientation_deg": orientation}

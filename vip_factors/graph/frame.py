@@ -3,12 +3,15 @@
 from collections.abc import Iterator
 
 import gtsam
+import numpy as np
 
 from vip_factors.factors.acceleration import acceleration_factor
 from vip_factors.factors.floor_contact import floor_contact_factor
 from vip_factors.factors.foot_contact import foot_contact_factor
 from vip_factors.factors.gauge_prior import gauge_prior_factor
+from vip_factors.factors.heading_knots import HeadingAt
 from vip_factors.factors.heading_prior import heading_prior_factor
+from vip_factors.factors.heading_walk import heading_walk_factor
 from vip_factors.factors.joint_limit import joint_limit_factor
 from vip_factors.factors.orientation import orientation_factor
 from vip_factors.factors.pose_prior import pose_mean_factor, pose_prior_factor
@@ -20,6 +23,15 @@ from vip_factors.graph.model import InertialModel
 LAST_JOINT = 23
 
 
+def heading_in(model: InertialModel, t: int, sensor: int, wearer: int = 0) -> int | HeadingAt:
+    """Where the factors of frame ``t`` find a sensor's heading: its key, or those of the knots around the frame."""
+    weights = model.knot_weights(slice(t, t + 1))
+    if weights is None:
+        return heading_key(sensor, wearer)
+    knots = [int(k) for k in np.flatnonzero(weights[0])]
+    return HeadingAt([heading_key(sensor, wearer, k) for k in knots], [float(weights[0, k]) for k in knots])
+
+
 def pose_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gtsam.NonlinearFactor]:
     """Factors on the pose of frame ``t`` alone (and on headings and mountings)."""
     keys, frames, settings = frame_keys(t, wearer), model.frames, model.settings
@@ -27,7 +39,7 @@ def pose_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gtsa
         if frames.orientation_valid[t, s]:
             R = frames.R_inertial_sensor[t, s]
             yield orientation_factor(
-                model.skeleton, keys, heading_key(s, wearer), mounting_key(s, wearer), sensor.bone, R,
+                model.skeleton, keys, heading_in(model, t, s, wearer), mounting_key(s, wearer), sensor.bone, R,
                 settings.orientation,
             )  # fmt: skip
     yield pose_prior_factor(keys, pose_mean_key(wearer), model.prior, settings.pose_prior)
@@ -55,7 +67,7 @@ def motion_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gt
         if frames.acceleration_valid[t, s]:
             force = frames.specific_force_inertial[t, s]
             yield acceleration_factor(
-                model.skeleton, keys, heading_key(s, wearer), sensor.bone, sensor.p_bone_point, force, step,
+                model.skeleton, keys, heading_in(model, t, s, wearer), sensor.bone, sensor.p_bone_point, force, step,
                 settings.acceleration,
             )  # fmt: skip
     for c, contact in enumerate(model.contacts):
@@ -74,13 +86,18 @@ def pair_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gtsa
 
 
 def static_factors(model: InertialModel, wearer: int = 0) -> Iterator[gtsam.NonlinearFactor]:
-    """Priors on headings, mountings and on the root of the first frame."""
+    """Priors on headings and their walk, mountings and on the root of the first frame."""
     for s, sigma in enumerate(model.heading_sigmas):
         if model.free_headings:
             yield heading_prior_factor(heading_key(s, wearer), float(model.prior_headings[s]), float(sigma))
         if model.free_mountings:
             R = model.prior_R_bone_sensor[s]
             yield rotation_prior_factor("mounting prior", mounting_key(s, wearer), R, float(model.mounting_sigma[s]))
+    if model.free_headings and model.headings_walk:
+        for k, sigma in enumerate(model.walk_sigmas):
+            for s in range(len(model.sensors)):
+                before, after = heading_key(s, wearer, k), heading_key(s, wearer, k + 1)
+                yield heading_walk_factor(before, after, float(sigma))
     if model.free_pose_mean:
         yield pose_mean_factor(pose_mean_key(wearer), model.prior, model.settings.pose_prior)
     if model.use_acceleration and model.is_gauge:

@@ -1,4 +1,4 @@
-"""GTSAM keys of the variables, by the letters of the design: r, t, c per frame; h, b per sensor.
+"""GTSAM keys of the variables, by the letters of the design: r, t, c per frame; h, b per sensor (h per knot).
 
 Those of the second and further wearers carry the wearer's number above bit 44.
 """
@@ -11,6 +11,7 @@ from vip_factors.factors.chain import FrameKeys
 # A symbol's index packs frame and joint; 32 joints to a frame leave room for 2⁵¹ frames.
 JOINT_SLOTS = 32
 WEARER = 1 << 44
+KNOT = 1 << 8  # sensors to a wearer; leaves room for a knot a frame
 
 
 def joint_key(frame: int, joint: int, wearer: int = 0) -> int:
@@ -23,9 +24,9 @@ def root_key(frame: int, wearer: int = 0) -> int:
     return gtsam.symbol("t", wearer * WEARER + frame)
 
 
-def heading_key(sensor: int, wearer: int = 0) -> int:
-    """Key of the double γ, with R_world_inertial = Rz(γ)."""
-    return gtsam.symbol("h", wearer * WEARER + sensor)
+def heading_key(sensor: int, wearer: int = 0, knot: int = 0) -> int:
+    """Key of the double γ, with R_world_inertial = Rz(γ), at a knot of its walk; a constant heading has the first."""
+    return gtsam.symbol("h", wearer * WEARER + knot * KNOT + sensor)
 
 
 def mounting_key(sensor: int, wearer: int = 0) -> int:

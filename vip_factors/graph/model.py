@@ -12,7 +12,9 @@ from vip_factors.factors.acceleration import AccelerationSettings
 from vip_factors.factors.floor_contact import FloorContactSettings
 from vip_factors.factors.foot_contact import FootContactSettings
 from vip_factors.factors.gauge_prior import GaugePriorSettings
+from vip_factors.factors.heading_knots import knot_weights
 from vip_factors.factors.heading_prior import HeadingPriorSettings
+from vip_factors.factors.heading_walk import HeadingWalkSettings
 from vip_factors.factors.joint_limit import JointLimitSettings
 from vip_factors.factors.orientation import OrientationSettings
 from vip_factors.factors.pose_prior import PosePriorSettings
@@ -31,6 +33,7 @@ class FactorSettings:
     pose_prior: PosePriorSettings = field(default_factory=PosePriorSettings)
     joint_limit: JointLimitSettings = field(default_factory=JointLimitSettings)
     heading_prior: HeadingPriorSettings = field(default_factory=HeadingPriorSettings)
+    heading_walk: HeadingWalkSettings = field(default_factory=HeadingWalkSettings)
     initial_pose: InitialPoseSettings = field(default_factory=InitialPoseSettings)
     smoothness: SmoothnessSettings = field(default_factory=SmoothnessSettings)
     foot_contact: FootContactSettings = field(default_factory=FootContactSettings)
@@ -66,7 +69,7 @@ class InertialModel:
         skeleton, prior, limits: the body.
         frames: the measurements.
         sensors: ``S`` points where the sensors sit, in the order of ``frames.sensors``.
-        prior_headings, heading_sigma: ``(S,)`` radians.
+        prior_headings, heading_sigma: ``(S,)`` radians; of the first knot, where headings walk.
         prior_R_bone_sensor: ``(S, 3, 3)``.
         mounting_sigma: ``(S,)`` radians.
         p_world_start: root position of the first frame, metres.
@@ -77,7 +80,10 @@ class InertialModel:
         use_acceleration: False leaves acceleration, contact and gauge factors out: frames decouple (IT, SOP).
         free_headings, free_mountings, free_pose_mean: whether those variables move.
         gauge_sensor: whose heading defines the world's.
-        is_gauge: whether this wearer's first root position and gauge heading define the world.
+        is_gauge: whether this wearer's first root position and gauge heading define the world. Where headings walk, the
+            gauge sensor's is pinned at the first knot only: what it drifts shows against a camera that stands, and
+            without one it stays as the walk's prior has it.
+        heading_knots: ``(K,)`` seconds at which headings are variables, linear in between; one or none: constant.
     """
 
     skeleton: Skeleton
@@ -100,6 +106,7 @@ class InertialModel:
     free_pose_mean: bool = False
     gauge_sensor: int = 0
     is_gauge: bool = True
+    heading_knots: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def has_floor(self) -> bool:
@@ -108,12 +115,33 @@ class InertialModel:
 
     @property
     def heading_sigmas(self) -> Array:
-        """``(S,)`` radians, as used: tight for the gauge sensor, not too tight for the others."""
+        """``(S,)`` radians, as used: tight for the gauge sensor, not too tight for the others.
+
+        What the motion of a whole recording says of a heading that walks is its mean, against that of the gauge
+        sensor: a walk's mean is off its start by a third of the variance that it gathers, and here two walk.
+        """
         prior = self.settings.heading_prior
         sigmas = np.maximum(self.heading_sigma, prior.least_sigma)
+        if self.headings_walk:
+            whole = self.settings.heading_walk.sigma(self.heading_knots[-1] - self.heading_knots[0])
+            sigmas = np.hypot(sigmas, np.sqrt(2 / 3) * whole)
         if self.is_gauge:
             sigmas[self.gauge_sensor] = prior.gauge_sigma
         return sigmas
+
+    @property
+    def headings_walk(self) -> bool:
+        """Whether headings change with time."""
+        return len(self.heading_knots) > 1
+
+    def knot_weights(self, frames: slice = slice(None)) -> Array | None:
+        """What each knot counts in a stretch of frames ``(t, K)``; None where headings are constant."""
+        return knot_weights(self.heading_knots, self.frames.time[frames]) if self.headings_walk else None
+
+    @property
+    def walk_sigmas(self) -> Array:
+        """``(K − 1,)`` radians from knot to knot."""
+        return self.settings.heading_walk.sigma(np.diff(self.heading_knots))
 
     @property
     def initial_pose_sigma(self) -> float:

@@ -7,7 +7,8 @@ import gtsam
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.system import STRETCH, ChainSystem, coupling_factor
+from vip_factors.graph.hessian import coupling_factor
+from vip_factors.graph.system import STRETCH, ChainSystem
 
 
 @dataclass
@@ -41,6 +42,9 @@ class SceneSystem:
                 for chain in chains:
                     if chain.frame_width:
                         ordering.push_back(chain.frame_keys[t])
+            for chain in chains:
+                for key in chain.append_passed(graph, start, stop, damping):
+                    ordering.push_back(key)
             for chain in chains:
                 if stop == T and chain.static_width:
                     chain.append_static(graph, damping)

@@ -8,6 +8,8 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array
 from vip_factors.graph.evaluated import MotionTerm
+from vip_factors.graph.hessian import coupling_factor
+from vip_factors.graph.walk import WalkSystem
 
 STRETCH = 100  # frames handed to GTSAM at once: its factors take more room than the arrays they are made from
 
@@ -24,6 +26,7 @@ class ChainSystem:
         own: ``(T, n, n)`` of a frame with itself and with the static variables (and what the frame adds to those).
         gradient: ``(T, n)``.
         following: ``(T, 2, w, w)`` of a frame with the next and the one after, or None if frames are independent.
+        walk: of headings that walk; the heading columns are then each frame's own.
     """
 
     frame_keys: Sequence[int]
@@ -34,6 +37,7 @@ class ChainSystem:
     own: Array
     gradient: Array
     following: Array | None
+    walk: WalkSystem | None = None
 
     @classmethod
     def empty(
@@ -123,7 +127,11 @@ class ChainSystem:
         for k, (weight, offset) in enumerate(zip(weights, (1, 0, -1), strict=True)):
             centre = np.clip(rows + offset, 0, T - 1)
             force += ((weight * c[k])[:, :, None] * residuals[centre]).reshape(len(rows), -1)
-            coupling += (weight * c[k])[:, :, None] * by_heading[centre]
+            turned = (weight * c[k])[:, :, None] * by_heading[centre]
+            if self.walk is None or offset == 0:
+                coupling += turned
+            else:
+                self._add_beside(self.walk, 0 if offset > 0 else 1, rows, transposed, turned, terms)
         gradient[:, :w] += (transposed @ force[:, :, None])[:, :, 0]
         here = weights[1]
         for index, term in enumerate(terms):
@@ -136,6 +144,15 @@ class ChainSystem:
             hessian[:, column, column] += here[:, index] * np.sum(own**2, axis=1)
             gradient[:, column] += here[:, index] * np.sum(own * residuals[rows, index], axis=1)
 
+    def _add_beside(
+        self, walk: WalkSystem, side: int, rows: Array, transposed: Array, turned: Array, terms: Sequence[MotionTerm]
+    ) -> None:
+        """The coupling of frames with the headings of the frame beside them, on which a motion factor is centred."""
+        for index, term in enumerate(terms):
+            if term.by_heading is not None:
+                block = transposed[:, :, 3 * index : 3 * index + 3] @ turned[:, index, :, None]
+                walk.beside[rows, side, :, term.point] += block[:, :, 0]
+
     # Handing over
 
     def stretches(self, damping: float) -> Iterator[tuple[gtsam.GaussianFactorGraph, gtsam.Ordering]]:
@@ -145,7 +162,7 @@ class ChainSystem:
             graph, ordering = gtsam.GaussianFactorGraph(), gtsam.Ordering()
             stop = min(start + STRETCH, T)
             self.append_frames(graph, start, stop, damping)
-            for key in self.frame_keys[start:stop]:
+            for key in [*self.frame_keys[start:stop], *self.append_passed(graph, start, stop, damping)]:
                 ordering.push_back(key)
             if stop == T and self.static_width:
                 self.append_static(graph, damping)
@@ -173,22 +190,30 @@ class ChainSystem:
                 )
         if self.static_width:
             for t in range(start, stop):
-                graph.push_back(coupling_factor(self.frame_keys[t], self.static_key, self.own[t, :w, w:]))
+                key, block = self.frame_keys[t], self.own[t, :w, w:]
+                if self.walk is None:
+                    graph.push_back(coupling_factor(key, self.static_key, block))
+                else:
+                    self.walk.append_couplings(graph, t, key, self.static_key, block)
+
+    def append_passed(self, graph: gtsam.GaussianFactorGraph, start: int, stop: int, damping: float) -> Sequence[int]:
+        """Append the factors of the headings that no frame after this stretch sees; returns their keys."""
+        if self.walk is None:
+            return ()
+        own, gradient, w = self.own, self.gradient, self.frame_width
+        static = own[:, w:, w:], gradient[:, w:]
+        return list(self.walk.append_passed(graph, start, stop, self.static_key, *static, damping))
 
     def append_static(self, graph: gtsam.GaussianFactorGraph, damping: float) -> None:
         """Append what all frames together say of the static variables."""
         w = self.frame_width
-        total = self.own[:, w:, w:].sum(axis=0) + np.diag(damping * self.damping[w:])
-        graph.push_back(gtsam.HessianFactor(self.static_key, total, -self.gradient[:, w:].sum(axis=0), 0.0))
-
-
-def coupling_factor(first_key: int, second_key: int, block: Array) -> gtsam.HessianFactor:
-    """A block off the diagonal: a factor without a diagonal, which only the sum with others makes definite."""
-    rows, columns = block.shape
-    zero, none = np.zeros((rows, rows)), np.zeros(rows)
-    return gtsam.HessianFactor(
-        first_key, second_key, zero, block, none, np.zeros((columns, columns)), np.zeros(columns), 0.0
-    )
+        own, gradient = self.own[:, w:, w:], self.gradient[:, w:]
+        if self.walk is None:
+            total, g = own.sum(axis=0), gradient.sum(axis=0)
+        else:
+            total, g = self.walk.static_equations(own, gradient)
+        total = total + np.diag(damping * self.damping[w:])
+        graph.push_back(gtsam.HessianFactor(self.static_key, total, -g, 0.0))
 
 
 def _rows(scale: Array) -> Array:

@@ -102,9 +102,10 @@ def _orientation_terms(
     model: InertialModel, state: GraphState, body: BodyState, frames: slice, jacobians: bool
 ) -> Iterator[PoseTerm]:
     settings, S = model.settings.orientation, len(model.sensors)
+    weights = model.knot_weights(frames)
     for s, sensor in enumerate(model.sensors):
         R, mounting = model.frames.R_inertial_sensor[frames, s], state.R_bone_sensor[s]
-        residual = orientation_residual(body, sensor.bone, mounting, float(state.headings[s]), R)
+        residual = orientation_residual(body, sensor.bone, mounting, state.heading(s, weights), R)
         columns = [*chain_columns(sensor.bone), heading_column(s), *mounting_columns(s, S)]
         J = None
         if jacobians:
@@ -146,8 +147,9 @@ def motion_terms(model: InertialModel, state: GraphState, body: BodyState, jacob
         return
     step, settings, contact = model.frames.step, model.settings.acceleration, model.settings.foot_contact
     centre = slice(1, -1)
+    weights = model.knot_weights(centre)
     for s, sensor in enumerate(model.sensors):
-        p, heading = sensor.of(body), float(state.headings[s])
+        p, heading = sensor.of(body), state.heading(s, weights)
         force = model.frames.specific_force_inertial[centre, s]
         residual = acceleration_residual(p[:-2], p[centre], p[2:], step, heading, force) / settings.sigma
         by_heading = acceleration_by_heading(heading, force) / settings.sigma if jacobians else None

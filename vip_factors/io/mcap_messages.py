@@ -152,6 +152,8 @@ def calibration_message(calibration: Calibration) -> CalibrationEstimate:
             mounting_wxyz=rotation_message(one.R_bone_sensor),
             heading_sigma_rad=float(one.heading_sigma),
             mounting_sigma_rad=vector_message(one.mounting_sigma),
+            heading_time_s=one.heading_time,
+            heading_path_rad=one.heading_path,
         )
     return message
 
@@ -160,10 +162,11 @@ def calibration_of(message: CalibrationEstimate) -> dict[str, SensorCalibration]
     """Calibrations by sensor of a message."""
     return {
         one.sensor: SensorCalibration(
-            one.heading_rad, rotation(one.mounting_wxyz), one.heading_sigma_rad, vector(one.mounting_sigma_rad)
+            one.heading_rad, rotation(one.mounting_wxyz), one.heading_sigma_rad, vector(one.mounting_sigma_rad),
+            np.array(one.heading_time_s), np.array(one.heading_path_rad),
         )
         for one in message.sensors
-    }
+    }  # fmt: skip
 
 
 def motion_message(motion: Motion) -> MotionInfo:

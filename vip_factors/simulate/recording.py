@@ -16,6 +16,7 @@ from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.simulate.wobble import SensorSlide, sensor_slide
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
+PATH_STEP = 1.0  # s between the instants of a true heading: it drifts over minutes
 
 
 def simulate_recording(
@@ -74,7 +75,8 @@ def simulate_sensor(
     R_world_sensor, force, rate = _ideal(dense.bone(site.bone_index, time), time, p_bone_sensor, R_bone_sensor, slide)
 
     heading = float(np.deg2rad(random["heading"].uniform(-1, 1) * settings.heading_offset_deg))
-    R_inertial_sensor = _attitude(R_world_sensor, heading, settings, random)
+    drift = random_walk(random["drift"], count, 1 / settings.imu_rate, np.deg2rad(settings.heading_drift_deg))
+    R_inertial_sensor = _attitude(R_world_sensor, heading + drift, settings, random["filter"])
     force = force + _error(
         random["acceleration"], count, settings, settings.acceleration_white, settings.acceleration_bias
     )
@@ -84,7 +86,17 @@ def simulate_sensor(
     here = received(random["packets"], count, settings.imu_rate, settings.packet_loss, settings.gap_s)
     angular_rate = rate[here] if settings.angular_rate else None
     stream = ImuStream(site.sensor, time[here], force[here], R_inertial_sensor[here], angular_rate)
-    return stream, SensorCalibration(heading, R_bone_sensor)
+    heading_time, heading_path = _path(time, heading + drift)
+    return stream, SensorCalibration(heading, R_bone_sensor, heading_time=heading_time, heading_path=heading_path)
+
+
+def _path(time: Array, heading: Array) -> tuple[Array, Array]:
+    """The heading over time, as a true calibration keeps it; empty if it does not drift."""
+    if not np.any(heading != heading[0]):
+        return np.zeros(0), np.zeros(0)
+    every = max(1, round(PATH_STEP * (len(time) - 1) / (time[-1] - time[0])))
+    kept = np.unique([*range(0, len(time), every), len(time) - 1])
+    return time[kept], heading[kept]
 
 
 def _strapped(site: SensorSite, settings: SimulateSettings, random: np.random.Generator) -> tuple[Array, Array]:
@@ -113,17 +125,13 @@ def _ideal(
     return R_world_sensor, _into(R_world_sensor, acceleration - GRAVITY), rate
 
 
-def _attitude(
-    R_world_sensor: Array, heading: float, settings: SimulateSettings, random: dict[str, np.random.Generator]
-) -> Array:
-    """``R_inertial_sensor``: the sensor's own estimate, in its own world turned by heading and drift."""
+def _attitude(R_world_sensor: Array, heading: Array, settings: SimulateSettings, random: np.random.Generator) -> Array:
+    """``R_inertial_sensor``: the sensor's own estimate, in its own world turned by a heading that drifts."""
     count, step = len(R_world_sensor), 1 / settings.imu_rate
     sigma = np.deg2rad([settings.filter_tilt_deg, settings.filter_tilt_deg, settings.filter_heading_deg])
-    error = gauss_markov(random["filter"], count, step, sigma, settings.filter_time_s)
-    error += np.deg2rad(settings.filter_white_deg) * random["filter"].standard_normal((count, 3))
-    drift = random_walk(random["drift"], count, step, np.deg2rad(settings.heading_drift_deg))
-    R_world_inertial = rotation_z(heading + drift)
-    return transpose(R_world_inertial) @ exp(error) @ R_world_sensor
+    error = gauss_markov(random, count, step, sigma, settings.filter_time_s)
+    error += np.deg2rad(settings.filter_white_deg) * random.standard_normal((count, 3))
+    return transpose(rotation_z(heading)) @ exp(error) @ R_world_sensor
 
 
 def _error(

@@ -18,7 +18,7 @@ from vip_factors.sensors.frames import ImuFrames, resample
 from vip_factors.sensors.recording import Recording
 from vip_factors.settings import Settings
 from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
-from vip_factors.stages.inertial_model import alone, gauge_sensor, inertial_model, placed_on_floor
+from vip_factors.stages.inertial_model import alone, gauge_sensor, inertial_model, placed_on_floor, walking
 from vip_factors.stages.solver import Progress, Solver
 
 # Which way the wearer faces at the start, relative to what the straps say.
@@ -40,7 +40,8 @@ def inertial_tracker(recording: Recording, frames: ImuFrames, settings: Settings
     calibration = _facing(recording, _first_calibration(recording, frames, settings), settings, solver.tell)
     model = inertial_model(recording, frames, calibration, settings)
     state = solver.solve(BatchObjective(alone(model)), _start(model, calibration), "inertial tracker")
-    return Tracked(model, placed_on_floor(model, state))
+    model = walking(model, settings.calibration)
+    return Tracked(model, placed_on_floor(model, state).with_knots(len(model.heading_knots)))
 
 
 def _first_calibration(recording: Recording, frames: ImuFrames, settings: Settings) -> InitialCalibration:

@@ -8,6 +8,7 @@ from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.errors import InputError
 from vip_factors.graph.model import BodyPoint, InertialModel, InitialPose
 from vip_factors.graph.state import GraphState
 from vip_factors.initialise.calibration import InitialCalibration
@@ -16,6 +17,7 @@ from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.recording import Recording
 from vip_factors.settings import CalibrationSettings, Settings
 
+LEAST_KNOT = 1.0  # s: faster than that a heading does not drift, and the wearer moves
 FEW_SENSORS = 6  # with so few, acceleration is all that some limbs have, and the papers' IT is called SOP
 
 
@@ -58,6 +60,21 @@ def gauge_sensor(bones: list[int]) -> int:
 def alone(model: InertialModel) -> InertialModel:
     """The model of the inertial tracker: every frame by itself, the calibration kept."""
     return replace(model, use_acceleration=False, free_headings=False, free_mountings=False, free_pose_mean=False)
+
+
+def walking(model: InertialModel, calibration: CalibrationSettings) -> InertialModel:
+    """The model with knots for its headings, evenly spaced over its frames; as it is, if they are to be constant.
+
+    Raises:
+        InputError: for knots that are too close.
+    """
+    every, time = calibration.heading_knot_s, model.frames.time
+    if every is None or not model.free_headings:
+        return model
+    if not every >= LEAST_KNOT:
+        raise InputError(f"calibration.heading_knot_s is {every:g}: expected {LEAST_KNOT:g} s or more, or none")
+    pieces = round(float(time[-1] - time[0]) / every)
+    return replace(model, heading_knots=np.linspace(time[0], time[-1], pieces + 1)) if pieces else model
 
 
 def loosened(model: InertialModel, calibration: CalibrationSettings) -> InertialModel:

@@ -54,7 +54,7 @@ def implied_headings(wearer: DrawnWearer) -> tuple[Array, dict[str, Array]] | No
     """What single frames say of each heading, less the estimated one.
 
     In every frame the heading that would take the sensor's own orientation onto its bone as estimated: drift shows as
-    a slope, a strap that slipped as a step.
+    a slope, a strap that slipped as a step. Of a heading that is estimated over time, less what it starts with.
 
     Returns:
         Times ``(T,)`` and by sensor ``(T,)`` degrees, NaN where the sensor has no samples; None without estimate or
@@ -78,3 +78,13 @@ def implied_headings(wearer: DrawnWearer) -> tuple[Array, dict[str, Array]] | No
         lost = np.minimum(np.abs(imu.time[after] - motion.time), np.abs(imu.time[before] - motion.time))
         found[sensor] = np.where(lost > 2 / motion.rate, np.nan, off)
     return motion.time, found
+
+
+def heading_paths(wearer: DrawnWearer) -> dict[str, tuple[Array, Array]]:
+    """Estimated headings that change with time, less what they start with: by sensor times and degrees ``(n,)``."""
+    calibration = wearer.estimate.calibration if wearer.estimate is not None else {}
+    return {
+        sensor: (one.heading_time, np.rad2deg(one.heading_path - one.heading_path[0]))
+        for sensor, one in calibration.items()
+        if len(one.heading_path)
+    }

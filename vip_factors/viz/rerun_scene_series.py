@@ -4,7 +4,7 @@ import numpy as np
 import rerun as rr
 
 from vip_factors.geometry.rotations import angle_between
-from vip_factors.viz.headings import implied_headings
+from vip_factors.viz.headings import heading_paths, implied_headings
 from vip_factors.viz.rerun_camera import CAMERA_COLOUR
 from vip_factors.viz.rerun_series import log_curve, sensor_colours
 from vip_factors.viz.scene_charts import headings_image
@@ -57,4 +57,7 @@ def _log_headings(stream: rr.RecordingStream, drawn: DrawnScene, found: dict[str
         for sensor, degrees in implied[1].items():
             entity = f"plots/heading/{part}/{rr.escape_entity_path_part(sensor)}"
             log_curve(stream, entity, implied[0], degrees, colours[sensor], sensor, gaps=True)
+        for sensor, (time, degrees) in heading_paths(wearer).items():
+            entity = f"plots/heading/{part}/{rr.escape_entity_path_part(f'{sensor}, estimated')}"
+            log_curve(stream, entity, time, degrees, colours.get(sensor, (120, 120, 120)), f"{sensor}, estimated")
         found[f"plots/heading/{part}"] = f"Heading over time, {wearer.name} (° off the estimate)"

@@ -1,0 +1,84 @@
+"""Headings that drift, without noise: the walk finds them, a constant heading cannot; short recordings need none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_recovery import EXACT
+
+from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.errors import InputError
+from vip_factors.evaluate.calibration import heading_error_over_time
+from vip_factors.evaluate.frames import common_frames
+from vip_factors.evaluate.metrics import mpjpe
+from vip_factors.geometry.rotations import rotation_z
+from vip_factors.pipeline import smooth
+from vip_factors.sensors.calibration import Calibration
+from vip_factors.sensors.placement import Placement, SensorSite
+from vip_factors.sensors.recording import Recording, Subject
+from vip_factors.settings import CalibrationSettings, Settings
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.recording import simulate_recording
+from vip_factors.simulate.settings import SimulateSettings
+
+SECONDS, KNOT_S = 6.0, 3.0
+SETTINGS = Settings(
+    calibration=CalibrationSettings(estimate_mountings=False, acceleration_sigma=0.05, heading_knot_s=KNOT_S),
+    coarse_factor=2,
+    factors=replace(EXACT, heading_walk=replace(EXACT.heading_walk, drift_deg=20.0)),
+)
+
+
+@pytest.fixture(scope="module")
+def drifting() -> tuple[Recording, Calibration]:
+    """A sensor on every bone; each heading drifts by straight lines, all of them together not at all."""
+    sites = [SensorSite(name, name, np.array([0.03, -0.02, 0.04]), np.eye(3), 0.1) for name in JOINT_NAMES]
+    motion = gestures(SECONDS)
+    sensors = SimulateSettings.noise_free(imu_rate=400.0, heading_offset_deg=15.0)
+    recording = simulate_recording(motion, Placement(tuple(sites)), sensors, seed=2)
+    recording = replace(recording, subject=Subject(skeleton=motion.skeleton))
+    knots = np.linspace(0.0, SECONDS, round(SECONDS / KNOT_S) + 1)
+    steps = np.deg2rad(6.0) * np.random.default_rng(4).standard_normal((len(knots) - 1, len(sites)))
+    # A drift that all share turns the wearer, and nothing tells it from one: the walk's prior shares it out.
+    steps -= steps.mean(axis=1, keepdims=True)
+    drift = np.vstack([np.zeros(len(sites)), np.cumsum(steps, axis=0)])
+    assert recording.truth is not None
+    imus, truth = {}, dict(recording.truth.calibration or {})
+    for number, (name, stream) in enumerate(recording.imus.items()):
+        assert stream.R_inertial_sensor is not None
+        turn = rotation_z(-np.interp(stream.time, knots, drift[:, number]))
+        imus[name] = replace(stream, R_inertial_sensor=turn @ stream.R_inertial_sensor)
+        path = truth[name].heading + drift[:, number]
+        truth[name] = replace(truth[name], heading_time=knots, heading_path=path)
+    return replace(recording, imus=imus), truth
+
+
+def test_drift_comes_back(drifting: tuple[Recording, Calibration]) -> None:
+    recording, truth = drifting
+    assert recording.truth is not None
+    estimate = smooth(recording, SETTINGS)
+    ours, true, _ = common_frames(estimate.motion, recording.truth.motion)
+    errors = heading_error_over_time(estimate.calibration, truth, ours.time)
+    assert np.rad2deg(np.abs(list(errors.values())).max()) < 0.2
+    assert mpjpe(ours, true) < 2.0  # mm
+
+
+def test_constant_headings_cannot_follow(drifting: tuple[Recording, Calibration]) -> None:
+    recording, truth = drifting
+    constant = replace(SETTINGS, calibration=replace(SETTINGS.calibration, heading_knot_s=None))
+    estimate = smooth(recording, constant)
+    errors = heading_error_over_time(estimate.calibration, truth, estimate.motion.time)
+    assert np.rad2deg(np.abs(list(errors.values())).max()) > 3.0
+    assert all(len(one.heading_path) == 0 for one in estimate.calibration.values())
+
+
+def test_a_recording_shorter_than_a_knot_has_constant_headings(drifting: tuple[Recording, Calibration]) -> None:
+    quick = replace(SETTINGS, frame_rate=10.0, calibration=replace(SETTINGS.calibration, heading_knot_s=60.0))
+    estimate = smooth(drifting[0], quick)
+    assert all(len(one.heading_path) == 0 for one in estimate.calibration.values())
+
+
+def test_knots_that_are_too_close_are_refused(drifting: tuple[Recording, Calibration]) -> None:
+    close = replace(SETTINGS, calibration=replace(SETTINGS.calibration, heading_knot_s=0.1))
+    with pytest.raises(InputError, match=r"heading_knot_s is 0\.1: expected 1 s or more"):
+        smooth(drifting[0], close)

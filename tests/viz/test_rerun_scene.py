@@ -49,6 +49,14 @@ def test_camera_people_labels_and_curves_are_there(sample: Scene, found: SceneEs
     assert any("nobody" in entity for entity in there)
 
 
+def test_headings_that_change_are_drawn_over_time(sample: Scene, found: SceneEstimate, tmp_path: Path) -> None:
+    ann = found.wearers[0]
+    head = replace(ann.calibration["head"], heading_time=np.array([0.0, 0.5]), heading_path=np.array([0.1, 0.2]))
+    changed = replace(ann, calibration={**ann.calibration, "head": head})
+    there = entities(sample, replace(found, wearers=(changed, *found.wearers[1:])), tmp_path / "a.rrd")
+    assert {one for one in there if one.endswith("_estimated")} == {"/plots/heading/ann/head_estimated"}
+
+
 def test_every_part_may_be_missing(sample: Scene, found: SceneEstimate, tmp_path: Path) -> None:
     rrd = tmp_path / "a.rrd"
     alone = entities(None, found, rrd)

@@ -58,6 +58,6 @@ def _log_headings(stream: rr.RecordingStream, drawn: DrawnScene, found: dict[str
             entity = f"plots/heading/{part}/{rr.escape_entity_path_part(sensor)}"
             log_curve(stream, entity, implied[0], degrees, colours[sensor], sensor, gaps=True)
         for sensor, (time, degrees) in heading_paths(wearer).items():
-            entity = f"plots/heading/{part}/{rr.escape_entity_path_part(f'{sensor}, estimated')}"
+            entity = f"plots/heading/{part}/{rr.escape_entity_path_part(f'{sensor}_estimated')}"
             log_curve(stream, entity, time, degrees, colours.get(sensor, (120, 120, 120)), f"{sensor}, estimated")
         found[f"plots/heading/{part}"] = f"Heading over time, {wearer.name} (° off the estimate)"

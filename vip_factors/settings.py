@@ -23,8 +23,9 @@ class CalibrationSettings:
     # off in the same way in every frame too, and a mounting is there for the whole recording to lean on.
     loosening: float = 3.0
     # s between the knots of headings that drift (a random walk of factors.heading_walk.drift_deg, linear from knot to
-    # knot); none: constant, as in the papers and right for recordings of a minute or two. Ten minutes ask for it: 60 s
-    # with a drift of 1–2° per √minute, which leaves half a degree between the knots, and less where drift is worse.
+    # knot, which leaves 0.4° per degree of drift between knots 60 s apart); none: constant, as in the papers. In six
+    # simulated minutes before a standing camera knots gained a third of the joint error at 10° per √minute, and next
+    # to nothing at 2°.
     heading_knot_s: float | None = None
     passes: int = 2  # coarse solves: foot contacts found with the first headings are found again with better ones
     from_truth: bool = False  # start from the recording's true calibration: for experiments

@@ -97,7 +97,8 @@ def smooth_scene(scene: Scene, settings: Settings = DEFAULT, progress: Progress 
 
     gravity = gravity_in_camera(scene, detections.time)
     tell = solver.telling("association")
-    motions = [motion_of(one.model, one.state) for one in wearers]
+    names = [wearer.subject.name for wearer in scene.wearers]
+    motions = [motion_of(one.model, one.state, name) for one, name in zip(wearers, names, strict=True)]
     association = associate(
         detections, camera.model, motions, settings.association, gravity_camera=gravity, progress=tell
     )
@@ -107,15 +108,16 @@ def smooth_scene(scene: Scene, settings: Settings = DEFAULT, progress: Progress 
     filmed = start_filming(camera, wearers, seen, settings)
     fused = fuse(filmed, None, association, detections, settings, solver)
     for _ in range(settings.fusion.rounds - 1):
-        motions = [
-            motion_of(model, state) for model, state in zip(fused.model.wearers, fused.state.wearers, strict=True)
-        ]
+        motions = fused.motions(names)
         association = associate(
             detections, camera.model, motions, settings.association, fused.camera_path, gravity, progress=tell
         )
         fused = fuse(filmed, fused, association, detections, settings, solver)
+    for _ in range(settings.fusion.refits):
+        if not fused.is_settled():
+            fused = fuse(filmed, fused, association, detections, settings, solver)
     fine = fuse_finely(scene, filmed, fused, association, detections, frames.fine, settings, solver)
-    return scene_estimate(scene, fused, fine, association, tuple(solver.reports), settings)
+    return scene_estimate(scene, fused, fine, association, seen, tuple(solver.reports), settings)
 
 
 def _inertial(scene: Scene, settings: Settings, progress: Progress | None, findings: tuple[str, ...]) -> SceneEstimate:

@@ -39,6 +39,8 @@ class FusionSettings:
     camera_imu: bool = True  # off: the sensor on the camera is not used
     # Rounds of association and fusion: the second knows camera, headings and mountings (thesis 4.3).
     rounds: int = 2
+    # More solves at most, while the detector turns out much better than believed: true 2D poses, say.
+    refits: int = 2
     # Foot contacts beside a camera that stands still or is known: it holds the root by itself, and contacts found in
     # running are wrong by centimetres. A moving camera needs them: they hold the world.
     contacts_with_standing_camera: bool = False

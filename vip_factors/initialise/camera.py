@@ -23,6 +23,10 @@ from vip_factors.sensors.camera_path import CameraPath
 
 MEAN_ROUNDS = 10  # of reweighting: a robust mean settles in five
 MEAN_SCALE = np.deg2rad(5.0)  # beyond which a hypothesis counts less: PnP on an inertial skeleton is off by so much
+LEAP_SIGHTINGS, LEAP_WINDOW = 5, 0.6  # on either side; s that they may span
+# A runner crosses 1 m between the middles of five sightings at 30 Hz; PnP's depth is off by some 5 %.
+LEAP_M, LEAP_OF_DEPTH = 0.5, 0.2
+LEAP_TURN = np.deg2rad(20.0)  # a pan at 90 degrees a second turns by 15 between them
 SMOOTHING = 0.5  # s, window of the median over single hypotheses
 
 
@@ -106,6 +110,25 @@ def running_median(values: Array, time: Array) -> Array:
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     window = max(1, min(len(values), round(SMOOTHING / step) | 1))
     return np.asarray(median_filter(values, size=(window, 1), mode="nearest"))
+
+
+def leaps(sightings: Sightings) -> Array:
+    """Instants ``(n,)`` at which wearer or world leap in the camera's frame faster than people and cameras move.
+
+    A cut in the video does so, a change of zoom (which looks like a change of depth), or a stranger taken for the
+    wearer. Medians over a few sightings before and after are compared: single hypotheses are rough.
+    """
+    time, p, R = sightings.time, sightings.p_camera_pelvis, sightings.R_camera_world
+    found, n = [], LEAP_SIGHTINGS
+    for k in range(n, len(time) - n + 1):
+        if time[k + n - 1] - time[k - n] > LEAP_WINDOW:
+            continue
+        before, after = np.median(p[k - n : k], axis=0), np.median(p[k : k + n], axis=0)
+        turn = angle_between(mean_rotation(R[k - n : k]), mean_rotation(R[k : k + n]))
+        if turn > LEAP_TURN or np.linalg.norm(after - before) > LEAP_M + LEAP_OF_DEPTH * abs(before[2]):
+            found.append(time[k])
+    times = np.array(found)
+    return times[np.diff(times, prepend=-np.inf) > LEAP_WINDOW]
 
 
 def world_turn(camera: CameraPath, sightings: Sightings) -> float:

@@ -7,8 +7,10 @@ import numpy as np
 
 from vip_factors.associate.associate import Association
 from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.motion import Motion
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
+from vip_factors.graph.decode import motion_of
 from vip_factors.graph.following import FollowingObjective
 from vip_factors.graph.model import InertialModel
 from vip_factors.graph.reprojection_batch import reprojections
@@ -25,6 +27,8 @@ from vip_factors.stages.inertial import at_frames
 from vip_factors.stages.inertial_model import kept, loosened, with_contacts
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.views import image_scale, keypoint_view, scatter
+
+SETTLED = 1.5  # a detector believed less than this much too rough costs less than another solve
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,18 @@ class Fused:
             residual, _ = reprojections(view, self.model.camera, poses, self.state.camera.clock, body)
             spreads.append(scatter(residual, view, spread, settings))
         return tuple(spreads)
+
+    def is_settled(self) -> bool:
+        """Whether the detections scatter about the solution as it was made to believe."""
+        ratios = np.divide(self.spreads, np.maximum(self.measured_spreads(), 1e-9))
+        return bool(np.all(ratios < SETTLED))
+
+    def motions(self, names: Sequence[str]) -> list[Motion]:
+        """The wearers' motions, in one world."""
+        return [
+            motion_of(model, state, name)
+            for model, state, name in zip(self.model.wearers, self.state.wearers, names, strict=True)
+        ]
 
     @property
     def camera_path(self) -> CameraPath:

@@ -1,0 +1,88 @@
+"""The camera's start from hypothesis cameras: standing, moving and carried; outliers, turned worlds and leaps."""
+
+import numpy as np
+import pytest
+
+from vip_factors.geometry.rotations import Array, angle_between, exp, rotation_z, transpose
+from vip_factors.initialise.camera import (
+    Sightings,
+    carried_camera,
+    filmed_path,
+    leaps,
+    moving_camera,
+    robust_mean_angle,
+    standing_camera,
+    world_turn,
+)
+from vip_factors.sensors.camera_path import CameraPath
+
+LOOKING_ALONG_Y = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # R_world_camera
+TIME = np.arange(90) / 30
+
+
+def walked() -> Array:
+    return np.stack([0.8 * TIME - 1.2, 4.0 + 0.2 * TIME, np.full(len(TIME), 0.95)], axis=1)
+
+
+def sighted(camera: CameraPath, turn: float = 0.0, wrong: int = 0, noise: float = 0.0) -> Sightings:
+    """What hypothesis cameras say of a wearer on :func:`walked`, whose own world is turned back by ``turn``."""
+    random, there = np.random.default_rng(3), camera.at(TIME)
+    R = there.R_world_camera @ exp(noise * random.standard_normal((len(TIME), 3)))
+    p = np.einsum("tji,tj->ti", there.R_world_camera, walked() - there.p_world_camera)
+    R_camera_world = transpose(R) @ rotation_z(turn)
+    for k in random.choice(len(TIME), wrong, replace=False):
+        R_camera_world[k] = R_camera_world[k] @ rotation_z(np.pi)
+    return Sightings(TIME, R_camera_world, p)
+
+
+@pytest.fixture
+def standing() -> CameraPath:
+    return CameraPath(TIME[:1], (LOOKING_ALONG_Y @ exp([0.1, 0.2, 0.0]))[None], np.array([[0.1, -0.5, 1.4]]))
+
+
+@pytest.fixture
+def moving() -> CameraPath:
+    R = LOOKING_ALONG_Y @ exp(np.stack([0.05 * np.sin(TIME), 0.2 * TIME / 3, 0 * TIME], axis=1))
+    return CameraPath(TIME, R, np.stack([0.3 * TIME, 0.1 * np.sin(TIME), np.full(len(TIME), 1.5)], axis=1))
+
+
+def test_a_standing_camera_is_found_among_wrong_hypotheses(standing: CameraPath) -> None:
+    found = standing_camera(sighted(standing, wrong=20, noise=0.02), walked())
+    assert np.rad2deg(angle_between(found.R_world_camera[0], standing.R_world_camera[0])) < 1.0
+    np.testing.assert_allclose(found.p_world_camera[0], standing.p_world_camera[0], atol=0.1)
+
+
+def test_a_moving_camera_is_followed(moving: CameraPath) -> None:
+    found = moving_camera(sighted(moving), walked(), TIME)
+    assert np.rad2deg(angle_between(found.R_world_camera, moving.R_world_camera)).max() < 1.0
+    np.testing.assert_allclose(found.p_world_camera, moving.p_world_camera, atol=0.05)  # a median at the ends
+
+
+def test_a_carried_camera_has_its_rotations_of_its_sensor(moving: CameraPath) -> None:
+    R_inertial_camera = rotation_z(-0.7) @ moving.R_world_camera
+    found, heading = carried_camera(sighted(moving, noise=0.05, wrong=10), walked(), TIME, R_inertial_camera)
+    assert heading == pytest.approx(0.7, abs=0.03)
+    assert np.rad2deg(angle_between(found.R_world_camera, moving.R_world_camera)).max() < 2.0
+
+
+def test_a_turned_world_is_turned_back_and_its_wearer_placed(standing: CameraPath) -> None:
+    seen = sighted(standing, turn=1.1)
+    assert world_turn(standing, seen) == pytest.approx(1.1, abs=1e-6)
+    own = walked() @ rotation_z(-1.1).T + np.array([5.0, 2.0, 0.0])
+    np.testing.assert_allclose(filmed_path(standing, seen, own @ rotation_z(1.1).T, TIME), walked(), atol=1e-9)
+
+
+def test_the_mean_angle_is_of_the_fullest_direction() -> None:
+    angles = np.concatenate([np.full(10, 3.1), np.full(6, 0.5), [-3.1, -3.1]])
+    assert robust_mean_angle(angles) == pytest.approx(3.1, abs=0.1)
+
+
+def test_cuts_and_zooms_leap_and_steady_cameras_do_not(standing: CameraPath, moving: CameraPath) -> None:
+    assert len(leaps(sighted(moving))) == 0
+    seen = sighted(standing)
+    zoomed = seen.p_camera_pelvis.copy()
+    zoomed[45:, 2] /= 1.6
+    np.testing.assert_allclose(leaps(Sightings(TIME, seen.R_camera_world, zoomed)), [1.5], atol=0.1)
+    cut = seen.R_camera_world.copy()
+    cut[45:] = cut[45:] @ rotation_z(0.6)
+    np.testing.assert_allclose(leaps(Sightings(TIME, cut, seen.p_camera_pelvis)), [1.5], atol=0.1)

@@ -1,0 +1,45 @@
+"""The frames of a scene meet the video's, coarse ones too."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vip_factors.errors import RecordingError
+from vip_factors.sensors.placement import preset
+from vip_factors.sensors.scene import Scene
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.scene import Performer, simulate_scene
+from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.stages.scene_frames import scene_frames
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    motion = gestures(2.0)
+    return simulate_scene([Performer("anna", motion, preset("sip6", motion.skeleton))], SceneSettings.noise_free())
+
+
+@pytest.mark.parametrize(("wanted", "given"), [(60.0, 60.0), (50.0, 60.0), (15.0, 15.0), (20.0, 15.0)])
+def test_a_whole_number_of_frames_goes_to_each_video_frame(scene: Scene, wanted: float, given: float) -> None:
+    frames = scene_frames(scene, wanted, 1)
+    np.testing.assert_allclose(np.diff(frames.fine), 1 / given)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.0123, -0.4])
+def test_coarse_frames_meet_video_frames(scene: Scene, offset: float) -> None:
+    assert scene.camera is not None
+    shifted = replace(scene, camera=replace(scene.camera, time_offset=offset))
+    frames = scene_frames(shifted, 60.0, 4)
+    video = scene.camera.detections.time + offset
+    nearest = np.abs(frames.coarse[:, None] - video).min(axis=1)
+    inside = (frames.coarse >= video[0]) & (frames.coarse <= video[-1])
+    assert nearest[inside].max() < 1e-6
+
+
+def test_wearers_without_common_time_are_refused(scene: Scene) -> None:
+    wearer = scene.wearers[0]
+    late = {name: replace(stream, time=stream.time + 60.0) for name, stream in wearer.imus.items()}
+    other = replace(wearer, imus=late, subject=replace(wearer.subject, name="bob"))
+    with pytest.raises(RecordingError, match="all wearers together"):
+        scene_frames(replace(scene, wearers=(wearer, other)), 60.0, 4)

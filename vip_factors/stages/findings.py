@@ -1,0 +1,64 @@
+"""What is odd about a scene and its solution, in sentences: what was found, and what to do."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from vip_factors.estimate import Estimate
+from vip_factors.initialise.camera import Sightings, leaps
+from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.stages.fusion import Fused
+
+UNSURE_HEADING = np.deg2rad(15.0)  # a heading no better known than this came from the straps
+# Scatter of the detections about the skeleton in OKS sigmas: 0.3–0.45 with everything right, OpenPose's own is 0.5; 0.7
+# with the clocks 0.3 s apart.
+IMPLAUSIBLE_SCATTER = 0.6
+MANY_KEYPOINTS = 500  # from which on a picture of which only a corner is used is no chance
+CORNER, OUTSIDE, FEW = 0.55, 0.1, 0.02  # of the image's sides; of its sides; of all keypoints
+
+
+def find_oddities(scene: Scene, fine: Fused, wearers: Sequence[Estimate], seen: Sequence[Sightings]) -> Iterator[str]:
+    """Sentences about wearers, then about the camera."""
+    assert scene.camera is not None
+    spreads = fine.measured_spreads()
+    for recording, view, estimate, sightings, spread in zip(
+        scene.wearers, fine.model.views, wearers, seen, spreads, strict=True
+    ):
+        who = f"wearer '{recording.subject.name}'"
+        if not view.seen.any():
+            yield f"{who} is never seen: the pose is of the IMUs alone, and the place relative to the others unknown"
+            continue
+        unsure = [name for name, one in estimate.calibration.items() if one.heading_sigma > UNSURE_HEADING]
+        if unsure:
+            yield (
+                f"{who}: the headings of {', '.join(unsure)} are not determined by the data (standard deviation above "
+                f"{np.rad2deg(UNSURE_HEADING):.0f}°): keypoints beyond them (toes, hands) or longer motion would help"
+            )
+        times = leaps(sightings)
+        if len(times):
+            yield (
+                f"{who} leaps in the picture at {', '.join(f'{time:.2f}' for time in times[:5])} s, faster than people "
+                "and cameras move: a cut in the video, a change of zoom, or a stranger? Cut the recording there"
+            )
+        if spread > IMPLAUSIBLE_SCATTER:
+            yield (
+                f"{who}: the keypoints scatter about the skeleton by {spread:.2f} OKS sigmas, where 0.3 to 0.5 are "
+                "usual: check the clock offset (vip-factors sync), the camera's calibration (another zoom?), the order "
+                "of the keypoints and the wearer's stature"
+            )
+    yield from _image_findings(scene.camera)
+
+
+def _image_findings(camera: Camera) -> Iterator[str]:
+    """Detections that do not seem to belong to the calibrated image."""
+    pixels, model = camera.detections.pixels[camera.detections.seen], camera.model
+    if len(pixels) < MANY_KEYPOINTS:
+        return
+    size = np.array([model.width, model.height])
+    far = np.any((pixels < -OUTSIDE * size) | (pixels > (1 + OUTSIDE) * size), axis=1)
+    high = np.quantile(pixels, 0.999, axis=0)
+    if far.mean() > FEW or np.all(high < CORNER * size):
+        yield (
+            f"the keypoints reach to x = {high[0]:.0f}, y = {high[1]:.0f} in an image that is calibrated as "
+            f"{model.width} by {model.height} pixels: were they found at another resolution than the calibration's?"
+        )

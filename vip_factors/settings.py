@@ -45,8 +45,7 @@ class FusionSettings:
     # running are wrong by centimetres. A moving camera needs them: they hold the world.
     contacts_with_standing_camera: bool = False
     contact_loosening: float = 2.5  # contacts in front of a moving camera count so much less than in SIP, in sigmas
-    # Below this relative decrease of the cost a solve ends: the camera makes the problem stiff, and what is left to gain
-    # there is a tenth of a millimetre.
+    # Below this relative decrease of the cost a solve ends: what is left to gain there is a tenth of a millimetre.
     relative_decrease: float = 5e-3
     estimate_clock: bool = False  # the video's clock offset as a variable; vip-factors sync finds it beforehand
 

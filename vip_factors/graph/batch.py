@@ -21,6 +21,7 @@ from vip_factors.geometry.rotations import Array, inverse_right_jacobian
 from vip_factors.graph.evaluated import MotionTerm, PoseTerm
 from vip_factors.graph.keys import WEARER
 from vip_factors.graph.model import InertialModel
+from vip_factors.graph.parallel import side_by_side
 from vip_factors.graph.smooth import add_smoothness, is_smoothed, smoothness_cost
 from vip_factors.graph.state import GraphState
 from vip_factors.graph.system import ChainSystem
@@ -34,7 +35,7 @@ from vip_factors.graph.terms import (
 )
 from vip_factors.graph.walk import WalkSystem, walk_costs
 
-CHUNK = 250  # frames evaluated together: enough to amortise NumPy's calls, few enough to stay in cache and memory
+CHUNK = 125  # frames evaluated together: enough to amortise NumPy's calls, few enough to stay in cache and memory
 # One unit of damping, in physical units, is a prior of this size on every step.
 STEP_ANGLE = 0.1  # rad
 STEP_LENGTH = 0.5  # m
@@ -112,7 +113,7 @@ class BatchObjective:
 
     def linearise(self, state: GraphState) -> ChainSystem:
         """The normal equations at a state."""
-        T, S = len(self.model.frames), len(self.model.sensors)
+        T = len(self.model.frames)
         body = self._body(state)
         terms = list(motion_terms(self.model, state, body, jacobians=True))
         system = ChainSystem.empty(
@@ -120,18 +121,23 @@ class BatchObjective:
         )
         if self.walk_keys:
             system.walk = WalkSystem.of(self.model, state, self.walk_keys, FRAME, STEP_ANGLE**-2.0)
-        for frames in self._chunks():
+        used = int(self._columns[-1]) + 1
+
+        def add(frames: slice) -> None:
             part = slice(frames.start, min(frames.stop + 2, T))  # two frames on, for the blocks off the diagonal
             H, g = pose_equations(
                 pose_terms(self.model, *_stretch(state, body, frames), frames, jacobians=True),
                 frames.stop - frames.start,
-                width(S) if len(self._static) else FRAME,
+                used,
             )
             if terms:
                 jacobian = _point_jacobians(self.model, _stretch(state, body, part)[1], terms)
                 system.add_motion(frames, jacobian, terms, H, g)
             system.add_frames(frames, H, g)
-            if is_smoothed(self.model):
+
+        side_by_side(add, self._chunks())
+        if is_smoothed(self.model):
+            for frames in self._chunks():  # in turn: each reaches into the next
                 add_smoothness(system, self.model, state, frames)
         for _, residual, columns, J in self._static_rows(state):
             system.add_first(np.array(columns), J.T @ J, J.T @ residual)

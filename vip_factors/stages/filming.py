@@ -6,6 +6,7 @@ import numpy as np
 
 from vip_factors.associate.associate import Association
 from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, transpose, yaw_of
 from vip_factors.graph.scene_model import CameraProblem
 from vip_factors.graph.scene_state import CameraState, SceneState
@@ -113,9 +114,10 @@ def _first_path(
     if not camera.moving:
         path = standing_camera(seen, root)
         return path, _heading_on(path.at(time), problem)
-    if problem.imu is not None and problem.imu.orientation_valid.all():
-        R_inertial_camera = problem.imu.R_inertial_sensor[:, 0] @ transpose(problem.prior_R_camera_imu)
-        return carried_camera(seen, root, time, R_inertial_camera)
+    if problem.imu is not None and problem.imu.orientation_valid.any():
+        valid = problem.imu.orientation_valid[:, 0]
+        measured = problem.imu.R_inertial_sensor[valid, 0] @ transpose(problem.prior_R_camera_imu)
+        return carried_camera(seen, root, time, interpolate_rotations(time[valid], measured, time))
     path = moving_camera(seen, root, time)
     return path, _heading_on(path, problem)
 

@@ -13,10 +13,11 @@ UNSURE_HEADING = np.deg2rad(15.0)  # a heading no better known than this came fr
 # Scatter of the detections about the skeleton in OKS sigmas: 0.3–0.45 with everything right, OpenPose's own is 0.5; 0.7
 # with the clocks 0.3 s apart.
 IMPLAUSIBLE_SCATTER = 0.6
+SHORTLY_SEEN = 3.0  # s: in less, people do not move enough to be told apart
 MANY_KEYPOINTS = 500  # from which on a picture of which only a corner is used is no chance
 CORNER, OUTSIDE, FEW = 0.55, 0.1, 0.02  # of the image's sides; of its sides; of all keypoints
-# Of the image's sides: 720 of 1080 lines leave the lower and the right third empty, and people left of and above the
-# middle, where a level camera does not have them.
+# Of the image's sides: detections of 720 lines in an image of 1080 leave its right and lower third empty, and nobody
+# aims a camera so.
 LARGER_CORNER, OFF_MIDDLE = 0.68, 0.42
 
 
@@ -31,6 +32,12 @@ def find_oddities(scene: Scene, fine: Fused, wearers: Sequence[Estimate], seen: 
         if not view.seen.any():
             yield f"{who} is never seen: the pose is of the IMUs alone, and the place relative to the others unknown"
             continue
+        seconds = float(view.seen.any(axis=1).sum()) / max(scene.camera.detections.rate, 1e-9)
+        if seconds < SHORTLY_SEEN:
+            yield (
+                f"{who} is seen for {seconds:.1f} s only: whoever stood there in the same way would do as well, so check "
+                "that it is the wearer"
+            )
         unsure = [name for name, one in estimate.calibration.items() if one.heading_sigma > UNSURE_HEADING]
         if unsure:
             yield (

@@ -59,7 +59,7 @@ def test_console_script_resolves() -> None:
 
 def test_readme_names_every_command() -> None:
     commands = importlib.import_module("vip_factors.cli.main").COMMANDS
-    assert set(re.findall(r"^\| `vip-factors (\w+)` \|", README, flags=re.MULTILINE)) == set(commands)
+    assert set(re.findall(r"^\| `vip-factors ([\w-]+)` \|", README, flags=re.MULTILINE)) == set(commands)
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)

@@ -35,7 +35,7 @@ def find_oddities(scene: Scene, fine: Fused, wearers: Sequence[Estimate], seen: 
         seconds = float(view.seen.any(axis=1).sum()) / max(scene.camera.detections.rate, 1e-9)
         if seconds < SHORTLY_SEEN:
             yield (
-                f"{who} is seen for {seconds:.1f} s only: whoever stood there in the same way would do as well, so check "
+                f"{who} is seen for {seconds:.1f} s only: whoever stood there likewise would do as well, so check "
                 "that it is the wearer"
             )
         unsure = [name for name, one in estimate.calibration.items() if one.heading_sigma > UNSURE_HEADING]

@@ -104,7 +104,8 @@ def smooth_scene(scene: Scene, settings: Settings = DEFAULT, progress: Progress 
     )
     seen = tuple(sightings(association, number, detections, one) for number, one in enumerate(wearers))
     if not any(len(one) for one in seen):
-        return _inertial(scene, settings, progress, association.findings)
+        alone = "no wearer was found in the video: the estimate is of the IMUs alone, without a camera"
+        return _inertial(scene, settings, progress, (*association.findings, alone))
     filmed = start_filming(camera, wearers, seen, settings)
     fused = fuse(filmed, None, association, detections, settings, solver)
     for _ in range(settings.fusion.rounds - 1):

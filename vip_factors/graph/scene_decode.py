@@ -1,7 +1,7 @@
 """From the solved scene to an estimate."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,31 +18,47 @@ from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera_path import CameraPath
 
 
+@dataclass(frozen=True)
+class SceneCovariance:
+    """How sure poses are: of each wearer, and ``(T, 6, 6)`` of the camera's pose (None if that is kept)."""
+
+    wearers: tuple[PoseCovariance, ...]
+    camera: Array | None
+
+    def at(self, frames: np.ndarray) -> "SceneCovariance":
+        """The covariance at some frames, by index ``(n,)``; a camera that stands still has one for all."""
+        wearers = tuple(PoseCovariance(one.joints[frames], one.root[frames]) for one in self.wearers)
+        moving = self.camera is not None and len(self.camera) > 1
+        return SceneCovariance(wearers, self.camera[frames] if self.camera is not None and moving else self.camera)
+
+
+def scene_covariance(objective: SceneObjective, marginals: Mapping[int, Array]) -> SceneCovariance:
+    """The covariance of all poses, out of the marginals of all variables."""
+    wearers = tuple(pose_covariance(wearer, marginals) for wearer in objective.wearers)
+    if not objective.model.camera.free_pose:
+        return SceneCovariance(wearers, None)
+    if objective.camera.frame_width:
+        return SceneCovariance(wearers, np.stack([marginals[key] for key in objective.camera.frame_keys]))
+    return SceneCovariance(wearers, marginals[objective.camera.static_key][None, :6, :6])
+
+
 def decode_wearers(
-    names: Sequence[str], method: str, model: SceneModel, state: SceneState, marginals: Mapping[int, Array] | None
+    names: Sequence[str], method: str, model: SceneModel, state: SceneState, covariance: SceneCovariance | None
 ) -> list[Estimate]:
     """Each wearer's estimate."""
-    objective, estimates = SceneObjective(model), []
+    estimates = []
     for number, name in enumerate(names):
-        covariance: PoseCovariance | None = None
-        if marginals is not None:
-            covariance = pose_covariance(objective.wearers[number], marginals)
         wearer, own = model.wearers[number], state.wearers[number]
-        estimates.append(decode(name, method, wearer, own, covariance, ()))
+        poses = covariance.wearers[number] if covariance is not None else None
+        estimates.append(decode(name, method, wearer, own, poses, ()))
     return estimates
 
 
 def decode_camera(
-    name: str, model: SceneModel, state: SceneState, marginals: Mapping[int, Array] | None, time_offset: float
+    name: str, model: SceneModel, state: SceneState, covariance: SceneCovariance | None, time_offset: float
 ) -> CameraEstimate:
     """The camera's estimate; ``time_offset`` in seconds is what the video's clock was put forward already."""
     poses, time = state.camera.poses, model.wearers[0].frames.time
-    objective, covariance = SceneObjective(model).camera, None
-    if marginals is not None and model.camera.free_pose:
-        if objective.frame_width:
-            covariance = np.stack([marginals[key] for key in objective.frame_keys])
-        else:
-            covariance = marginals[objective.static_key][None, :6, :6]
     calibration = None
     if model.camera.imu is not None:
         calibration = SensorCalibration(float(wrap_angle(state.camera.heading)), state.camera.R_camera_imu)
@@ -51,7 +67,7 @@ def decode_camera(
         model.camera.model,
         CameraPath(time[: len(poses)], poses.R_world_camera, poses.p_world_camera),
         calibration,
-        covariance,
+        covariance.camera if covariance is not None else None,
         reprojection_rms(model, state),
         time_offset + state.camera.clock,
     )

@@ -1,13 +1,23 @@
 """The last stage: the estimate of a scene, with how sure it is and what is odd about it."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from vip_factors.associate.associate import Association
 from vip_factors.errors import SolveError
 from vip_factors.estimate import SceneEstimate, SolveReport
 from vip_factors.geometry.rotations import Array
 from vip_factors.graph.scene_batch import SceneObjective
-from vip_factors.graph.scene_decode import camera_with_sigmas, decode_camera, decode_wearers, with_sigmas
+from vip_factors.graph.scene_decode import (
+    SceneCovariance,
+    camera_with_sigmas,
+    decode_camera,
+    decode_wearers,
+    scene_covariance,
+    with_sigmas,
+)
 from vip_factors.initialise.camera import Sightings
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
@@ -23,20 +33,35 @@ def scene_estimate(
     """The estimate: motions and camera of the full rate, how sure headings and mountings are of the coarse problem."""
     assert scene.camera is not None
     shared = _marginals_of_shared(coarse)
-    marginals = None
-    if settings.covariance:
-        marginals = chain_marginals(SceneObjective(fine.model).linearise(fine.state))
+    covariance = _covariance(coarse, fine) if settings.covariance else None
     names = [wearer.name for wearer in scene.wearers]
     wearers = tuple(
         with_sigmas(estimate, coarse.model, number, shared)
-        for number, estimate in enumerate(decode_wearers(names, "VIP", fine.model, fine.state, marginals))
+        for number, estimate in enumerate(decode_wearers(names, "VIP", fine.model, fine.state, covariance))
     )
-    camera = decode_camera(scene.camera.name, fine.model, fine.state, marginals, scene.camera.time_offset)
+    camera = decode_camera(scene.camera.name, fine.model, fine.state, covariance, scene.camera.time_offset)
     camera = camera_with_sigmas(camera, coarse.model, shared)
     undetermined = ["the data do not determine all headings, mountings and the camera: in part they are guesses"]
     found = [*association.findings, *undetermined[: shared is None], *find_oddities(scene, fine, wearers, seen)]
     findings = tuple(dict.fromkeys(found))
     return SceneEstimate(scene.name, "VIP", wearers, camera, association.wearer, reports, findings, flatten(settings))
+
+
+def _covariance(coarse: Fused, fine: Fused) -> SceneCovariance:
+    """How sure the poses of the full rate are: as sure as those of the nearest coarse frame.
+
+    There headings and mountings are free: at the full rate they are kept, as if they were known. What is assumed of
+    poses counts as it does at the full rate, though.
+    """
+    believed = tuple(
+        replace(one, settings=other.settings)
+        for one, other in zip(coarse.model.wearers, fine.model.wearers, strict=True)
+    )
+    objective = SceneObjective(replace(coarse.model, wearers=believed))
+    covariance = scene_covariance(objective, chain_marginals(objective.linearise(coarse.state)))
+    coarse_time, time = (fused.model.wearers[0].frames.time for fused in (coarse, fine))
+    middles = (coarse_time[1:] + coarse_time[:-1]) / 2
+    return covariance.at(np.searchsorted(middles, time))
 
 
 def _marginals_of_shared(fused: Fused) -> Mapping[int, Array] | None:

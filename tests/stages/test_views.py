@@ -1,5 +1,7 @@
 """Detections put onto the estimate's frames: each video frame speaks once, and gaps stay gaps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -68,3 +70,13 @@ def test_the_scatter_is_measured_whatever_was_assumed(spread: float) -> None:
     random = np.random.default_rng(0)
     whitened = spread / (SETTINGS.persistence * 0.5) * random.standard_normal((200, 17, 2))
     assert scatter(whitened, seen, 0.5, SETTINGS) == pytest.approx(spread, rel=0.05)
+
+
+def test_speeds_are_known_however_the_detector_trembles() -> None:
+    random, time = np.random.default_rng(0), np.arange(60) / 30
+    found = moving(time, missing=(20,))
+    trembling = replace(found, pixels=found.pixels + 5 * random.standard_normal(found.pixels.shape))
+    seen = view(trembling, time)
+    error = seen.pixels_per_second[seen.seen] - [100, 0]
+    assert np.sqrt(np.mean(error**2)) < 30  # px/s; the differences of neighbours would be off by 106
+    np.testing.assert_allclose(view(found, time).pixels_per_second[seen.seen], [[100, 0]] * seen.seen.sum(), atol=1e-6)

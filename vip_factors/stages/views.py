@@ -1,6 +1,7 @@
 """What the camera saw of each wearer, put onto the estimate's frames."""
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import forward_kinematics
@@ -19,6 +20,7 @@ from vip_factors.sensors.placement import stature_of
 AREA_OF_HEIGHT = 0.43
 SAME_INSTANT = 2e-3  # s: a video frame so near to a frame of the estimate is taken as it is
 RAYLEIGH_MEDIAN = 1.1774  # median length of a vector of two normal numbers
+SPEED_REACH = 0.15  # s before and after: a step's swing is thrice as long
 BRIDGED_GAPS = 1.5  # video frame periods over which a keypoint is interpolated
 
 
@@ -117,10 +119,26 @@ def _spoken_to(video: Array, time: Array, nearest: np.ndarray) -> np.ndarray:
 
 
 def _speed(video: Array, pixels: Array, time: Array) -> Array:
-    """How fast the keypoints move at the frames, ``(T, K, 2)`` pixels per second; zero where that is not known."""
+    """How fast the keypoints move at the frames, ``(T, K, 2)`` pixels per second; zero where that is not known.
+
+    The slope of a straight line through the video frames within ``SPEED_REACH`` of each: the difference of two noisy
+    detections would mostly be noise, and what is regressed on noise comes out too small.
+    """
     if len(video) < 3:
         return np.zeros((len(time), *pixels.shape[1:]))
-    speed = np.zeros_like(pixels)
-    speed[1:-1] = (pixels[2:] - pixels[:-2]) / (video[2:] - video[:-2])[:, None, None]
+    period = float(np.median(np.diff(video)))
+    size = 2 * max(1, round(SPEED_REACH / period)) + 1
+    known = np.isfinite(pixels)
+    p = np.where(known, pixels, 0.0)
+    t = np.where(known, (video - video[0])[:, None, None], 0.0)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(uniform_filter1d(values, size, axis=0, mode="constant"))
+
+    share = np.maximum(mean(known.astype(float)), 1e-9)
+    mean_t, mean_p = mean(t) / share, mean(p) / share
+    spread = mean(t * t) / share - mean_t**2
+    enough = (spread > (0.5 * period) ** 2) & known
+    slope = np.where(enough, (mean(t * p) / share - mean_t * mean_p) / np.where(enough, spread, 1.0), 0.0)
     nearest = np.clip(np.searchsorted((video[1:] + video[:-1]) / 2, time), 0, len(video) - 1)
-    return np.nan_to_num(speed[nearest])
+    return np.asarray(slope[nearest])

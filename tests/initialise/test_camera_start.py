@@ -83,6 +83,9 @@ def test_cuts_and_zooms_leap_and_steady_cameras_do_not(standing: CameraPath, mov
     zoomed = seen.p_camera_pelvis.copy()
     zoomed[45:, 2] /= 1.6
     np.testing.assert_allclose(leaps(Sightings(TIME, seen.R_camera_world, zoomed)), [1.5], atol=0.1)
+    flipping = seen.R_camera_world.copy()
+    flipping[40:50:2] = flipping[40:50:2] @ rotation_z(1.0)
+    assert len(leaps(Sightings(TIME, flipping, seen.p_camera_pelvis))) == 0
     cut = seen.R_camera_world.copy()
     cut[45:] = cut[45:] @ rotation_z(0.6)
     np.testing.assert_allclose(leaps(Sightings(TIME, cut, seen.p_camera_pelvis)), [1.5], atol=0.1)

@@ -25,8 +25,10 @@ MEAN_ROUNDS = 10  # of reweighting: a robust mean settles in five
 MEAN_SCALE = np.deg2rad(5.0)  # beyond which a hypothesis counts less: PnP on an inertial skeleton is off by so much
 LEAP_SIGHTINGS, LEAP_WINDOW = 5, 0.6  # on either side; s that they may span
 # A runner crosses 1 m between the middles of five sightings at 30 Hz; PnP's depth is off by some 5 %.
-LEAP_M, LEAP_OF_DEPTH = 0.5, 0.2
-LEAP_TURN = np.deg2rad(20.0)  # a pan at 90 degrees a second turns by 15 between them
+LEAP_M, LEAP_OF_DEPTH = 0.5, 0.15
+# A pan at 90 degrees a second turns by 15 between them; PnP on a skeleton of careless mountings by 24.
+LEAP_TURN = np.deg2rad(30.0)
+LEAP_SCATTER = 1 / 3  # of the turn, at most, on either side: hypotheses that flip to and fro scatter by more
 SMOOTHING = 0.5  # s, window of the median over single hypotheses
 
 
@@ -124,11 +126,19 @@ def leaps(sightings: Sightings) -> Array:
         if time[k + n - 1] - time[k - n] > LEAP_WINDOW:
             continue
         before, after = np.median(p[k - n : k], axis=0), np.median(p[k : k + n], axis=0)
-        turn = angle_between(mean_rotation(R[k - n : k]), mean_rotation(R[k : k + n]))
-        if turn > LEAP_TURN or np.linalg.norm(after - before) > LEAP_M + LEAP_OF_DEPTH * abs(before[2]):
+        if _turns(R[k - n : k], R[k : k + n]) or np.linalg.norm(after - before) > LEAP_M + LEAP_OF_DEPTH * abs(
+            before[2]
+        ):
             found.append(time[k])
     times = np.array(found)
     return times[np.diff(times, prepend=-np.inf) > LEAP_WINDOW]
+
+
+def _turns(before: Array, after: Array) -> bool:
+    first, second = mean_rotation(before), mean_rotation(after)
+    turn = angle_between(first, second)
+    scatter = max(np.median(angle_between(first, before)), np.median(angle_between(second, after)))
+    return bool(turn > LEAP_TURN and scatter < LEAP_SCATTER * turn)
 
 
 def world_turn(camera: CameraPath, sightings: Sightings) -> float:

@@ -24,7 +24,7 @@ LARGER_CORNER, OFF_MIDDLE = 0.68, 0.42
 def find_oddities(scene: Scene, fine: Fused, wearers: Sequence[Estimate], seen: Sequence[Sightings]) -> Iterator[str]:
     """Sentences about wearers, then about the camera."""
     assert scene.camera is not None
-    spreads = fine.measured_spreads()
+    spreads, frame_rate = fine.measured_spreads(), 1 / fine.model.wearers[0].frames.step
     for recording, view, estimate, sightings, spread in zip(
         scene.wearers, fine.model.views, wearers, seen, spreads, strict=True
     ):
@@ -32,7 +32,7 @@ def find_oddities(scene: Scene, fine: Fused, wearers: Sequence[Estimate], seen: 
         if not view.seen.any():
             yield f"{who} is never seen: the pose is of the IMUs alone, and the place relative to the others unknown"
             continue
-        seconds = float(view.seen.any(axis=1).sum()) / max(scene.camera.detections.rate, 1e-9)
+        seconds = float(view.seen.any(axis=1).sum()) / max(min(scene.camera.detections.rate, frame_rate), 1e-9)
         if seconds < SHORTLY_SEEN:
             yield (
                 f"{who} is seen for {seconds:.1f} s only: whoever stood there likewise would do as well, so check "

@@ -1,0 +1,105 @@
+"""Bad input of a scene yields a sentence that names what was found and what to do; a good scene yields none."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from filmed_gestures import HASTY, QUICK, camera_of, enlarged, filmed_gestures, spliced, with_detections
+
+from vip_factors.estimate import SceneEstimate
+from vip_factors.pipeline import smooth_scene
+from vip_factors.sensors.scene import Scene
+
+
+@cache
+def good(camera: str = "fixed", azimuth_deg: float = 20.0) -> Scene:
+    return filmed_gestures(camera, azimuth_deg=azimuth_deg)
+
+
+def sentence(estimate: SceneEstimate, *words: str) -> str:
+    """The one finding that holds all of some words."""
+    found = [one for one in estimate.findings if all(word in one for word in words)]
+    assert len(found) == 1, estimate.findings
+    return found[0]
+
+
+def assert_imus_alone(estimate: SceneEstimate) -> None:
+    assert estimate.method == "SIP"
+    assert estimate.camera is None
+    sentence(estimate, "IMUs alone")
+
+
+@pytest.mark.parametrize("camera", ["fixed", "hand-held"])
+def test_nothing_is_odd_about_a_good_scene(camera: str) -> None:
+    assert smooth_scene(good(camera), QUICK).findings == ()
+
+
+@pytest.mark.parametrize("factor", [0.5, 2 / 3, 1.5, 2.0])
+def test_another_resolution_than_the_calibrations(factor: float) -> None:
+    scene = with_detections(good(), lambda found: replace(found, pixels=found.pixels * factor))
+    told = sentence(smooth_scene(scene, HASTY), "resolution")
+    assert "1920 by 1080 pixels" in told
+
+
+def test_the_wrong_order_of_keypoints_is_named() -> None:
+    scene = with_detections(good(), lambda found: replace(found, pixels=found.pixels[:, found.keypoints.mirrored]))
+    told = sentence(smooth_scene(scene, HASTY), "another order")
+    assert "openpose18 with left and right exchanged" in told
+    assert "name the right keypoint set" in told
+
+
+def test_an_order_of_no_known_set_is_suspected() -> None:
+    scene = with_detections(good(), lambda found: replace(found, pixels=np.roll(found.pixels, 1, axis=1)))
+    estimate = smooth_scene(scene, HASTY)
+    sentence(estimate, "'anna'", "keypoints' order")
+    assert_imus_alone(estimate)
+
+
+def test_nobody_is_ever_visible() -> None:
+    estimate = smooth_scene(with_detections(good(), lambda found: found.select(np.zeros(len(found), bool))), HASTY)
+    sentence(estimate, "nobody is visible", "check the detections")
+    assert_imus_alone(estimate)
+
+
+def test_everybody_visible_wears_no_imus() -> None:
+    two = filmed_gestures(people=("anna", "bob"), backwards=True)
+    assert two.truth is not None
+    strangers = camera_of(two).detections.select(two.truth.wearer == 1)
+    scene = Scene("strangers", two.wearers[:1], replace(camera_of(two), detections=strangers))
+    estimate = smooth_scene(scene, HASTY)
+    sentence(estimate, "'anna'", "none moves as the sensors", "not in the picture")
+    assert_imus_alone(estimate)
+
+
+def test_two_wearers_with_the_same_motion() -> None:
+    estimate = smooth_scene(filmed_gestures(people=("anna", "bob"), in_step=True), HASTY)
+    sentence(estimate, "'anna' and 'bob'", "cannot be told apart")
+
+
+@pytest.mark.parametrize("imu", [True, False], ids=["camera with IMU", "camera without"])
+def test_a_camera_that_jumps(imu: bool) -> None:
+    scene, other = good("hand-held"), good("hand-held", 80.0)
+    scene = with_detections(scene, lambda found: spliced(found, camera_of(other).detections))
+    if not imu:
+        scene = replace(scene, camera=replace(camera_of(scene), mount=None))
+    told = sentence(smooth_scene(scene, HASTY), "leaps", "a cut in the video", "Cut the recording")
+    assert 1.8 < float(told.split(" at ")[1].split()[0]) < 2.2
+
+
+@pytest.mark.parametrize("camera", ["fixed", "hand-held"])
+def test_a_change_of_zoom(camera: str) -> None:
+    scene = with_detections(good(camera), lambda found: enlarged(found, 1.6, (960, 540)))
+    sentence(smooth_scene(scene, HASTY), "leaps", "a change of zoom", "Cut the recording")
+
+
+def test_clocks_that_are_apart() -> None:
+    scene = replace(good(), camera=replace(camera_of(good()), time_offset=0.3))
+    sentence(smooth_scene(scene, QUICK), "'anna'", "scatter", "clock offset (vip-factors sync)")
+
+
+def test_a_scene_that_was_not_filmed_while_the_sensors_ran() -> None:
+    scene = replace(good(), camera=replace(camera_of(good()), time_offset=60.0))
+    estimate = smooth_scene(scene, HASTY)
+    sentence(estimate, "do not overlap in time", "time offset")
+    assert_imus_alone(estimate)

@@ -1,0 +1,208 @@
+"""The pipeline on realistic scenes, with what goes wrong in them."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from filmed_gestures import HASTY, QUICK, camera_of, filmed_gestures, without_detections
+
+from vip_factors.estimate import SceneEstimate
+from vip_factors.evaluate.scene import evaluate_scene
+from vip_factors.geometry.rotations import rotation_z
+from vip_factors.pipeline import smooth, smooth_scene
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.scene import Scene
+from vip_factors.simulate.scene_settings import CameraKind
+
+TRACKER = replace(QUICK, acceleration=False)
+WITH_COVARIANCE = replace(QUICK, covariance=True)
+
+
+@cache
+def scene(camera: CameraKind = "fixed", seconds: float = 4.0) -> Scene:
+    careless = 12.0 if camera == "fixed" else None
+    return filmed_gestures(camera, seconds, mounting_error_deg=careless)
+
+
+@cache
+def solved() -> SceneEstimate:
+    return smooth_scene(scene(), WITH_COVARIANCE)
+
+
+@cache
+def pair() -> Scene:
+    return filmed_gestures(people=("anna", "bob"), seconds=5.0)
+
+
+def mpjpe(estimate: SceneEstimate, of: Scene) -> float:
+    return evaluate_scene(estimate, of)["mpjpe"]
+
+
+def with_streams(one: Scene, change: dict[str, ImuStream | None], wearer: int = 0) -> Scene:
+    """Some sensors' streams replaced, or left out."""
+    recording = one.wearers[wearer]
+    streams = {name: change.get(name, stream) for name, stream in recording.imus.items()}
+    kept = {name: stream for name, stream in streams.items() if stream is not None}
+    wearers = list(one.wearers)
+    wearers[wearer] = replace(recording, imus=kept)
+    return replace(one, wearers=tuple(wearers))
+
+
+def turned(stream: ImuStream, angle: float) -> ImuStream:
+    """The stream in an inertial frame that lies otherwise about the vertical."""
+    assert stream.R_inertial_sensor is not None
+    return replace(stream, R_inertial_sensor=rotation_z(angle) @ stream.R_inertial_sensor)
+
+
+def test_the_camera_makes_up_for_careless_mountings() -> None:
+    found = mpjpe(solved(), scene())
+    tracked = smooth_scene(scene(), replace(TRACKER, fusion=replace(QUICK.fusion, use_camera=False)))
+    assert tracked.method == "IT"
+    assert found < 30.0  # mm
+    assert found < 0.8 * mpjpe(tracked, scene())
+
+
+def test_a_gap_in_the_video_is_bridged_by_the_sensors() -> None:
+    filmed = without_detections(scene("fixed", 5.0), 1.5, 3.5)
+    estimate = smooth_scene(filmed, QUICK)
+    assert estimate.method == "VIP"
+    assert mpjpe(estimate, filmed) < 30.0
+    assert estimate.camera is not None
+    assert estimate.camera.residual_px is not None
+    time, unseen = estimate.wearers[0].motion.time, np.isnan(estimate.camera.residual_px[:, 0])
+    assert unseen[(time > 1.6) & (time < 3.4)].all()
+    root = estimate.wearers[0].motion.p_world_pelvis
+    assert np.linalg.norm(np.diff(root, axis=0), axis=1).max() < 3.0 / 15  # m a frame: nobody leaps
+
+
+def test_a_wearer_out_of_view_for_a_while() -> None:
+    filmed = without_detections(pair(), 1.5, 3.0, wearer=1)
+    estimate = smooth_scene(filmed, QUICK)
+    evaluation = evaluate_scene(estimate, filmed)
+    assert max(one["mpjpe"] for one in evaluation.wearers.values()) < 35.0
+    assert evaluation["association_precision"] > 95.0
+    assert evaluation.pairs["anna - bob"]["distance_mm"] < 150.0
+
+
+def test_a_wearer_who_is_never_seen() -> None:
+    filmed = without_detections(pair(), -1.0, 9.0, wearer=1)
+    estimate = smooth_scene(filmed, QUICK)
+    assert any("'bob' is never seen" in one for one in estimate.findings)
+    assert not any("'anna' is never seen" in one for one in estimate.findings)
+    wearers = evaluate_scene(estimate, filmed).wearers
+    assert wearers["anna"]["mpjpe"] < 30.0
+    assert wearers["bob"]["mpjpe"] < 60.0  # of the IMUs alone
+
+
+def test_a_sensor_that_drops_out() -> None:
+    stream = scene().wearers[0].imus["left_forearm"]
+    assert stream.specific_force is not None
+    assert stream.R_inertial_sensor is not None
+    kept = (stream.time < 1.0) | (stream.time > 3.0)
+    halved = ImuStream(stream.name, stream.time[kept], stream.specific_force[kept], stream.R_inertial_sensor[kept])
+    filmed = with_streams(scene(), {"left_forearm": halved})
+    assert mpjpe(smooth_scene(filmed, QUICK), filmed) < 35.0
+
+
+def test_bones_without_sensors_are_seen_by_the_camera() -> None:
+    bare = with_streams(scene(), dict.fromkeys(("left_forearm", "right_forearm", "left_shank")))
+    found, alone = smooth_scene(bare, QUICK), smooth(bare.wearers[0], TRACKER)
+    assert mpjpe(found, bare) < 45.0
+    assert mpjpe(found, bare) < 0.8 * mpjpe(SceneEstimate("alone", "IT", (alone,)), bare)
+
+
+def test_a_hand_held_camera_without_an_imu() -> None:
+    filmed = scene("hand-held")
+    filmed = replace(filmed, camera=replace(camera_of(filmed), mount=None))
+    estimate = smooth_scene(filmed, QUICK)
+    evaluation = evaluate_scene(estimate, filmed)
+    assert estimate.camera is not None
+    assert estimate.camera.calibration is None
+    assert evaluation["mpjpe"] < 35.0
+    assert evaluation["camera_rotation"] < 5.0  # degrees
+
+
+@pytest.mark.parametrize("camera", ["fixed", "hand-held"])
+def test_a_known_camera_is_believed_and_puts_the_wearer_where_they_were(camera: CameraKind) -> None:
+    filmed = scene(camera)
+    assert filmed.truth is not None
+    filmed = replace(filmed, camera=replace(camera_of(filmed), known_path=filmed.truth.camera))
+    estimate = smooth_scene(filmed, QUICK)
+    assert estimate.camera is not None
+    assert filmed.truth is not None
+    time = estimate.camera.path.time
+    np.testing.assert_allclose(
+        estimate.camera.path.p_world_camera, filmed.truth.camera.at(time).p_world_camera, atol=1e-6
+    )
+    assert mpjpe(estimate, filmed) < 30.0
+    assert filmed.wearers[0].truth is not None
+    motion, true = estimate.wearers[0].motion, filmed.wearers[0].truth.motion
+    there = np.stack([np.interp(motion.time, true.time, column) for column in true.p_world_pelvis.T], axis=1)
+    assert np.median(np.linalg.norm(motion.p_world_pelvis - there, axis=1)) < 0.15  # m, without any alignment
+
+
+def test_without_a_camera_nobody_knows_who_stands_where() -> None:
+    estimate = smooth_scene(replace(pair(), camera=None, truth=None), HASTY)
+    assert estimate.method == "SIP"
+    assert estimate.camera is None
+    assert len(estimate.wearers) == 2
+    assert any("not placed relative to one another" in one for one in estimate.findings)
+
+
+def test_the_videos_clock_is_found() -> None:
+    offset = 0.05
+    filmed = filmed_gestures(seconds=5.0, time_offset_s=offset)
+    settings = replace(QUICK, fusion=replace(QUICK.fusion, estimate_clock=True))
+    estimate = smooth_scene(filmed, settings)
+    assert estimate.camera is not None
+    assert estimate.camera.time_offset == pytest.approx(offset, abs=0.015)
+
+
+def assert_positive_definite(covariance: np.ndarray) -> None:
+    np.testing.assert_allclose(covariance, np.swapaxes(covariance, -1, -2), rtol=1e-6, atol=1e-12)
+    assert np.linalg.eigvalsh(covariance).min() > 0
+
+
+@pytest.mark.parametrize("camera", ["fixed", "hand-held"])
+def test_covariance_of_poses_and_camera(camera: CameraKind) -> None:
+    estimate = solved() if camera == "fixed" else smooth_scene(scene(camera), WITH_COVARIANCE)
+    wearer, filmed = estimate.wearers[0], estimate.camera
+    assert wearer.covariance is not None
+    assert filmed is not None
+    assert filmed.covariance is not None
+    frames = len(wearer.motion)
+    assert wearer.covariance.joints.shape == (frames, 24, 3, 3)
+    assert wearer.covariance.root.shape == (frames, 3, 3)
+    assert filmed.covariance.shape == (1 if camera == "fixed" else frames, 6, 6)
+    for one in (wearer.covariance.joints, wearer.covariance.root, filmed.covariance):
+        assert_positive_definite(one)
+
+
+def test_covariance_is_on_request() -> None:
+    estimate = smooth_scene(scene(), HASTY)
+    assert estimate.wearers[0].covariance is None
+    assert estimate.camera is not None
+    assert estimate.camera.covariance is None
+
+
+def test_a_heading_that_nothing_shows_is_less_sure() -> None:
+    """Elbows and wrists are hidden: what tells the headings of the arms there is their motion alone."""
+    found = camera_of(scene()).detections
+    hidden = [index for index, name in enumerate(found.keypoints.keypoints) if "elbow" in name or "wrist" in name]
+    confidence = found.confidence.copy()
+    confidence[:, hidden] = 0.0
+    blind = replace(scene(), camera=replace(camera_of(scene()), detections=replace(found, confidence=confidence)))
+    shown, unseen = solved().wearers[0].calibration, smooth_scene(blind, QUICK).wearers[0].calibration
+    for name in ("left_forearm", "right_forearm", "left_upper_arm", "right_upper_arm"):
+        assert unseen[name].heading_sigma > 1.1 * shown[name].heading_sigma
+    for name in ("left_shank", "right_shank"):
+        assert unseen[name].heading_sigma == pytest.approx(shown[name].heading_sigma, rel=0.05)
+
+
+def test_where_the_inertial_frames_point_does_not_matter() -> None:
+    """All of them turned about the vertical: another magnetic north, and the same motion."""
+    wearer = scene().wearers[0]
+    elsewhere = with_streams(scene(), {name: turned(stream, 2.0) for name, stream in wearer.imus.items()})
+    estimate = smooth_scene(elsewhere, QUICK)
+    assert mpjpe(estimate, scene()) == pytest.approx(mpjpe(solved(), scene()), abs=0.1)  # mm

@@ -126,6 +126,9 @@ def estimate_of(scene: Scene, injected: Injected | None = None) -> SceneEstimate
     R_true, p_true = path.R_world_camera, path.p_world_camera + error.camera_m * path.R_world_camera[:, :, 2]
     found = CameraPath(path.time, R_gauge @ R_true @ exp([0, 0, error.camera_rad]), p_true @ R_gauge.T + shift)
     camera = CameraEstimate(
-        "phone", scene.camera.model, found, SensorCalibration(-0.4 + error.yaw, transpose(exp([error.mounting, 0, 0])), error.sigma)
+        "phone",
+        scene.camera.model,
+        found,
+        SensorCalibration(-0.4 + error.yaw, transpose(exp([error.mounting, 0, 0])), error.sigma),
     )
     return SceneEstimate(scene.name, "VIP", tuple(wearers), camera, scene.truth.wearer.copy())

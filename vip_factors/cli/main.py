@@ -13,16 +13,16 @@ BAD_INPUT, INTERRUPTED = 2, 130  # 130: what shells report for a program stopped
 # Name → one line. The module of the same name (with _ for -) holds ``main(prog, arguments)``, imported when asked for.
 COMMANDS = {
     "demo": "reconstruct a recording that the package makes itself, and draw it",
-    "convert": "bring foreign sensor logs into one recording (MCAP)",
+    "convert": "bring foreign sensor logs, 2D poses and a camera into one recording (MCAP)",
     "calibrate-camera": "find a camera's focal length and distortion, and the floor, from views of a board",
-    "info": "say what a recording or an estimate holds",
-    "simulate": "make a recording with known truth from a motion",
+    "info": "say what a recording, a scene or an estimate holds",
+    "simulate": "make a recording, or a filmed scene, with known truth from motions",
     "sync": "find the offset between the clocks of video and sensors",
-    "smooth": "reconstruct a recording: motion, headings, mountings",
+    "smooth": "reconstruct: motion, headings, mountings, camera, who is who",
     "evaluate": "compare an estimate with the truth",
     "view": "look at recordings and estimates in Rerun",
-    "train": "learn the pose prior from motions",
-    "benchmark": "measure accuracy on motions with known truth, or speed and memory",
+    "train": "learn the pose prior, or the weights of the association, from motions",
+    "benchmark": "measure accuracy, association, honesty, speed and memory",
 }
 
 
@@ -90,7 +90,12 @@ def _sentence(error: Exception) -> str:
 
 def _help() -> str:
     width = max(map(len, COMMANDS))
-    lines = [f"usage: {PROGRAM} COMMAND [OPTIONS]", "", "Body-worn inertial sensors in, 3D human motion out.", ""]
+    lines = [
+        f"usage: {PROGRAM} COMMAND [OPTIONS]",
+        "",
+        "Body-worn inertial sensors and one camera in, 3D human motion out.",
+        "",
+    ]
     lines += [f"  {name:<{width}}  {line}" for name, line in COMMANDS.items()]
     return "\n".join(
         [*lines, "", f"{PROGRAM} COMMAND --help tells a command's options; {PROGRAM} --version the version."]

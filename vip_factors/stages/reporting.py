@@ -34,7 +34,7 @@ def scene_estimate(
     assert scene.camera is not None
     shared = _marginals_of_shared(coarse)
     covariance = _covariance(coarse, fine) if settings.covariance else None
-    names = [wearer.name for wearer in scene.wearers]
+    names = [wearer.subject.name for wearer in scene.wearers]
     wearers = tuple(
         with_sigmas(estimate, coarse.model, number, shared)
         for number, estimate in enumerate(decode_wearers(names, "VIP", fine.model, fine.state, covariance))

@@ -1,6 +1,6 @@
 """The variables of a filmed scene as arrays, and as GTSAM values."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
@@ -69,10 +69,3 @@ class SceneState:
         values.insert(camera_mounting_key(), gtsam.Rot3(camera.R_camera_imu))
         values.insert(clock_key(), camera.clock)
         return values
-
-    def turned(self, R: Array) -> "SceneState":
-        """The same scene in a world turned about the vertical by ``R`` ``(3, 3)``; for tests of invariance."""
-        angle = float(np.arctan2(R[1, 0], R[0, 0]))
-        poses = CameraPoses(R @ self.camera.poses.R_world_camera, self.camera.poses.p_world_camera @ R.T)
-        camera = replace(self.camera, poses=poses, heading=self.camera.heading + angle)
-        return SceneState(tuple(wearer.turned(angle) for wearer in self.wearers), camera)

@@ -35,13 +35,11 @@ class Filmed:
         wearers: their problems and states.
         camera: its problem.
         state: of all.
-        unseen: indices of the wearers that no detection shows.
     """
 
     wearers: tuple[Tracked, ...]
     camera: CameraProblem
     state: SceneState
-    unseen: tuple[int, ...]
 
 
 def camera_problem(camera: Camera, time: Array, settings: Settings) -> CameraProblem:
@@ -88,8 +86,7 @@ def start_filming(
     poses = path if len(path) == 1 and not camera.moving else path.at(time)
     state = CameraState(CameraPoses(poses.R_world_camera, poses.p_world_camera), heading, problem.prior_R_camera_imu)
     scene = SceneState(tuple(one.state for one in placed), state)
-    unseen = tuple(number for number, one in enumerate(seen) if not len(one))
-    return Filmed(tuple(placed), replace(problem, prior_heading=heading), scene, unseen)
+    return Filmed(tuple(placed), replace(problem, prior_heading=heading), scene)
 
 
 def _anchored(tracked: Tracked, camera: Camera, settings: Settings) -> Tracked:
@@ -114,9 +111,8 @@ def _first_path(
     if not camera.moving:
         path = standing_camera(seen, root)
         return path, _heading_on(path.at(time), problem)
-    if problem.imu is not None and problem.imu.orientation_valid.any():
-        valid = problem.imu.orientation_valid[:, 0]
-        measured = problem.imu.R_inertial_sensor[valid, 0] @ transpose(problem.prior_R_camera_imu)
+    valid, measured = _inertial_orientations(problem, len(time))
+    if valid.any():
         return carried_camera(seen, root, time, interpolate_rotations(time[valid], measured, time))
     path = moving_camera(seen, root, time)
     return path, _heading_on(path, problem)
@@ -124,11 +120,16 @@ def _first_path(
 
 def _heading_on(path: CameraPath, problem: CameraProblem) -> float:
     """The heading of the camera's IMU that fits a path, radians; 0 without one."""
-    if problem.imu is None or not problem.imu.orientation_valid.any():
-        return 0.0
+    valid, measured = _inertial_orientations(problem, len(path))
+    return robust_mean_angle(yaw_of(path.R_world_camera[valid] @ transpose(measured))) if valid.any() else 0.0
+
+
+def _inertial_orientations(problem: CameraProblem, frames: int) -> tuple[np.ndarray, Array]:
+    """In which frames ``(T,)`` the camera's IMU gave an orientation, and there ``R_inertial_camera`` ``(n, 3, 3)``."""
+    if problem.imu is None:
+        return np.zeros(frames, bool), np.zeros((0, 3, 3))
     valid = problem.imu.orientation_valid[:, 0]
-    measured = problem.imu.R_inertial_sensor[valid, 0] @ transpose(problem.prior_R_camera_imu)
-    return robust_mean_angle(yaw_of(path.R_world_camera[valid] @ transpose(measured)))
+    return valid, problem.imu.R_inertial_sensor[valid, 0] @ transpose(problem.prior_R_camera_imu)
 
 
 def _placed(tracked: Tracked, seen: Sightings, path: CameraPath, time: Array, is_gauge: bool, moving: bool) -> Tracked:

@@ -1,0 +1,76 @@
+"""What the fixed-lag tracker answers with, frame by frame. Plain data."""
+
+from dataclasses import dataclass
+
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.calibration import Calibration
+
+
+@dataclass(frozen=True)
+class LivePose:
+    """One wearer at one instant.
+
+    Attributes:
+        time: seconds from the start of the stream.
+        R_parent_child: ``(24, 3, 3)`` joint rotations; the first is R_world_pelvis.
+        p_world_pelvis: ``(3,)`` metres.
+        joint_covariance: ``(24, 3, 3)`` rad², of right perturbations of ``R_parent_child``; None if not asked for.
+        root_covariance: ``(3, 3)`` m²; None if not asked for.
+    """
+
+    time: float
+    R_parent_child: Array
+    p_world_pelvis: Array
+    joint_covariance: Array | None = None
+    root_covariance: Array | None = None
+
+
+@dataclass(frozen=True)
+class LiveCameraPose:
+    """The camera at one instant; ``covariance`` ``(6, 6)`` of right perturbations: rotation (rad), translation (m)."""
+
+    time: float
+    R_world_camera: Array
+    p_world_camera: Array
+    covariance: Array | None = None
+
+
+@dataclass(frozen=True)
+class LiveWearerEstimate:
+    """One wearer.
+
+    Attributes:
+        name: of the subject.
+        newest: the pose at the newest frame (zero lag).
+        smoothed: the pose one lag earlier, never to change again; None as long as there is none.
+        calibration: headings and mountings as they are believed now, with their standard deviations, by sensor.
+        detection: index of the person in the newest video frame who is the wearer; None if not seen.
+    """
+
+    name: str
+    newest: LivePose
+    smoothed: LivePose | None
+    calibration: Calibration
+    detection: int | None = None
+
+
+@dataclass(frozen=True)
+class LiveEstimate:
+    """The answer to one frame; every frame gets one, in order.
+
+    Attributes:
+        frame: number, from 0.
+        time: seconds of the newest frame.
+        wearers: in the order of the set-up.
+        camera, smoothed_camera: the first camera's pose at the newest frame and one lag earlier; None without one.
+        findings: sentences for the user about what has happened since the frame before.
+        seconds: what this update took.
+    """
+
+    frame: int
+    time: float
+    wearers: tuple[LiveWearerEstimate, ...]
+    camera: LiveCameraPose | None = None
+    smoothed_camera: LiveCameraPose | None = None
+    findings: tuple[str, ...] = ()
+    seconds: float = 0.0

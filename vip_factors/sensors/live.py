@@ -121,7 +121,7 @@ class LiveSetup:
     def __post_init__(self) -> None:
         if not self.wearers:
             raise RecordingError(f"stream '{self.name}' has no wearer: expected at least one")
-        names = [carrier.name for carrier in (*self.wearers, *self.cameras)]
+        names = [*(wearer.name for wearer in self.wearers), *(camera.name for camera in self.cameras)]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise RecordingError(f"stream '{self.name}': two carriers are called {', '.join(twice)}: name them apart")

@@ -136,7 +136,7 @@ class LiveSetup:
         """What is known of a scene before its first sample."""
         wearers = tuple(LiveWearer(one.subject, one.placement, one.initial_pose) for one in scene.wearers)
         cameras = []
-        for camera in (scene.camera,) if scene.camera is not None else ():
+        for camera in scene.cameras:
             mount = camera.mount
             live = None
             if mount is not None:
@@ -150,15 +150,13 @@ def live_samples(scene: Scene) -> Iterable[LiveSample]:
     """The samples of a scene in the order of their times, as a live source would send them."""
     samples: list[LiveSample] = []
     streams = [(one.subject.name, stream) for one in scene.wearers for stream in one.imus.values()]
-    camera = scene.camera
-    if camera is not None and camera.mount is not None:
-        streams.append((camera.name, camera.mount.imu))
+    streams += [(camera.name, camera.mount.imu) for camera in scene.cameras if camera.mount is not None]
     for carrier, stream in streams:
         for n, time in enumerate(stream.time):
             R = None if stream.R_inertial_sensor is None else stream.R_inertial_sensor[n]
             force = None if stream.specific_force is None else stream.specific_force[n]
             samples.append(ImuSample(carrier, stream.name, float(time), R, force))
-    if camera is not None:
+    for camera in scene.cameras:
         detections = camera.detections
         for frame, time in enumerate(detections.time):
             rows = detections.of_frame(frame)

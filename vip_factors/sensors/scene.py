@@ -1,4 +1,4 @@
-"""A scene: one or more wearers of sensors, and the camera that filmed them."""
+"""A scene: one or more wearers of sensors, and the camera or cameras that filmed them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -83,6 +83,7 @@ class SceneTruth:
         pixels: ``(N, K, 2)`` where the keypoints really are in the image (distorted), NaN out of view or unknown.
         camera_calibration: heading and mounting of the camera's IMU.
         time_offset: seconds to add to the video's times to get the IMUs'.
+        further: of each further camera, in the scene's order.
     """
 
     camera: CameraPath
@@ -90,6 +91,7 @@ class SceneTruth:
     pixels: Array | None = None
     camera_calibration: SensorCalibration | None = None
     time_offset: float = 0.0
+    further: tuple["SceneTruth", ...] = ()
 
 
 @dataclass(frozen=True)
@@ -101,12 +103,24 @@ class Scene:
         wearers: their recordings, on one clock; subject names are unique.
         camera: what filmed them, or None.
         truth: if known.
+        further_cameras: beside the first one: they stand still at known poses, all in one world, which becomes the
+            scene's. If the first camera's pose is known, it is so in the same world.
+
+    Raises:
+        RecordingError: for a scene whose parts do not belong together, or a further camera that moves or whose pose
+            is not known.
     """
 
     name: str
     wearers: tuple[Recording, ...]
     camera: Camera | None = None
     truth: SceneTruth | None = None
+    further_cameras: tuple[Camera, ...] = ()
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """All of them, the first one first."""
+        return (*((self.camera,) if self.camera is not None else ()), *self.further_cameras)
 
     def __post_init__(self) -> None:
         if not self.wearers:
@@ -116,5 +130,26 @@ class Scene:
             raise RecordingError(
                 f"scene '{self.name}': subjects {', '.join(names)}: give each wearer a name of its own"
             )
-        if self.truth is not None and (self.camera is None or len(self.truth.wearer) != len(self.camera.detections)):
+        self._check_further_cameras()
+        if self.truth is None:
+            return
+        truths = (self.truth, *self.truth.further)
+        if [len(one.wearer) for one in truths] != [len(camera.detections) for camera in self.cameras]:
             raise RecordingError(f"scene '{self.name}': its truth does not belong to its detections")
+
+    def _check_further_cameras(self) -> None:
+        if self.further_cameras and self.camera is None:
+            raise RecordingError(f"scene '{self.name}' has further cameras but no first one: name one of them first")
+        names = [camera.name for camera in self.cameras]
+        if len(set(names)) < len(names):
+            raise RecordingError(f"scene '{self.name}': cameras {', '.join(names)}: give each a name of its own")
+        for camera in self.further_cameras:
+            known = camera.known_path
+            if camera.moving or known is None or len(known) != 1:
+                found = (
+                    "moves" if camera.moving else "has no known pose" if known is None else f"has {len(known)} poses"
+                )
+                raise RecordingError(
+                    f"scene '{self.name}': further camera '{camera.name}' {found}: expected one that stands still at a "
+                    "single known pose (vip-factors calibrate-camera --floor finds it); only the first camera may move"
+                )

@@ -1,0 +1,57 @@
+"""Further cameras of a scene: they stand still at known poses, and live streams have them too."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scene_sample import scene_sample
+
+from vip_factors.errors import RecordingError
+from vip_factors.sensors.live import LiveSetup, VideoFrame, live_samples
+from vip_factors.sensors.scene import Scene
+
+
+def two_cameras() -> Scene:
+    scene = scene_sample(0.5, moving=False)
+    second = replace(scene.camera, name="left", known_path=scene.truth.camera, mount=None)
+    truth = replace(scene.truth, further=(replace(scene.truth, camera_calibration=None),))
+    return replace(scene, further_cameras=(second,), truth=truth)
+
+
+def test_all_cameras_are_listed_and_streamed() -> None:
+    scene = two_cameras()
+    assert [camera.name for camera in scene.cameras] == ["phone", "left"]
+    setup = LiveSetup.of(scene)
+    assert [camera.name for camera in setup.cameras] == ["phone", "left"]
+    assert setup.cameras[1].known_path is scene.truth.camera
+    frames = [one for one in live_samples(scene) if isinstance(one, VideoFrame)]
+    assert sorted({one.camera for one in frames}) == ["left", "phone"]
+    assert len(frames) == 2 * len(scene.camera.detections.time)
+
+
+def changed(**changes: object) -> dict:
+    scene = two_cameras()
+    return {"further_cameras": (replace(scene.further_cameras[0], **changes),)}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "complaint"),
+    [
+        (changed(moving=True), "moves"),
+        (changed(known_path=None), "no known pose"),
+        (changed(name="phone"), "name of its own"),
+        ({"camera": None, "truth": None}, "no first one"),
+        ({"truth": scene_sample(0.5, moving=False).truth}, "truth"),
+    ],
+)
+def test_what_no_further_camera_can_be_is_refused(wrong: dict, complaint: str) -> None:
+    with pytest.raises(RecordingError, match=complaint):
+        replace(two_cameras(), **wrong)
+
+
+def test_a_further_camera_has_one_pose() -> None:
+    scene = two_cameras()
+    path = scene.truth.camera
+    twice = type(path)(np.array([0.0, 1.0]), np.repeat(path.R_world_camera, 2, 0), np.repeat(path.p_world_camera, 2, 0))
+    with pytest.raises(RecordingError, match="2 poses"):
+        replace(scene, further_cameras=(replace(scene.further_cameras[0], known_path=twice),))

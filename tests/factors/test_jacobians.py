@@ -18,6 +18,7 @@ from vip_factors.factors.camera_velocity import CameraVelocitySettings, camera_v
 from vip_factors.factors.floor_contact import FloorContactSettings, floor_contact_factor
 from vip_factors.factors.foot_contact import FootContactSettings, foot_contact_factor
 from vip_factors.factors.gauge_prior import GaugePriorSettings, gauge_prior_factor
+from vip_factors.factors.ground_contact import Foot, ground_contact_factor
 from vip_factors.factors.heading_knots import HeadingAt
 from vip_factors.factors.heading_prior import heading_prior_factor
 from vip_factors.factors.heading_walk import heading_walk_factor
@@ -55,6 +56,7 @@ LENS = CameraModel(1920, 1080, (1400.0, 1390.0), (950.0, 550.0), (-0.2, 0.05, 0.
 PIXEL = np.array([800.0, 300.0])
 BETWEEN = HeadingAt([heading_key(0), heading_key(0, knot=1)], [0.3, 0.7])
 REPROJECTION = ReprojectionSettings(loss=SQUARE)
+FOOT = Foot(joint_index("left_ankle"), np.array([0.01, 0.02, 0.0]), np.array([[0.0, -0.08, -0.05], [0.0, -0.07, 0.13]]))
 # A camera four metres behind the origin (OpenCV axes: z forward, y down), so that the body is in front of it.
 R_WORLD_CAMERA = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 P_WORLD_CAMERA = np.array([0.0, -4.0, 0.5])
@@ -93,6 +95,9 @@ FACTORS: dict[str, Callable[[], gtsam.NonlinearFactor]] = {
     ),
     "reprojection with a clock": lambda: reprojection_factor(
         SKELETON, KEYS[0], camera_key(0), WRIST, POINT, LENS, PIXEL, 5.0, REPROJECTION, (clock_key(), FORCE[:2])
+    ),
+    "ground contact": lambda: ground_contact_factor(
+        SKELETON, KEYS[0], camera_key(0), FOOT, np.array([0.1, 0.4, 1.0]), 5 * R_MEASURED, SQUARE
     ),
     "camera orientation": lambda: camera_orientation_factor(
         camera_key(0),

@@ -1,0 +1,190 @@
+"""Ground contact: the ankle against the point where the ray of its pixel meets the floor (Kaichi et al. 2020, eq. 9).
+
+The ray ends on the plane on which an ankle lies whose sole stands on the floor at z = 0. The paper lets that plane
+pass through "each ankle of the solved model": one that took its height from the pose being solved would cut every ray
+at the ankle's own height and say nothing of depth, so it must be that of a foot which stands.
+"""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import gtsam
+import numpy as np
+
+from vip_factors.body.kinematics import BodyState
+from vip_factors.body.skeleton import Skeleton, ancestors
+from vip_factors.factors.adapter import custom_factor
+from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.factors.chain import FrameKeys, chain_state, split_blocks
+from vip_factors.factors.robust import Loss, RobustLoss
+from vip_factors.geometry.rotations import Array, hat
+from vip_factors.sensors.camera_model import CameraModel
+
+
+class ContactFrom(StrEnum):
+    """What tells that a foot stands."""
+
+    ACCELERATION = "acceleration"  # of the sensor on it, and which foot is lower: one always stands (Kaichi)
+    JOINT_STATE = "joint-state"  # neither moves nor is high: both feet may be off the ground
+
+
+class Weighing(StrEnum):
+    """How exactly the ray's end is known."""
+
+    DISTANCE = "distance"  # alike in all directions, near and far (Kaichi)
+    PIXELS = "pixels"  # from the pixel and the floor: long along a flat ray, short across it
+
+
+@dataclass(frozen=True)
+class GroundContactSettings:
+    """When and how firmly an ankle is held where its pixel meets the floor."""
+
+    use: bool = False
+    contact_from: ContactFrom = ContactFrom.JOINT_STATE
+    weighing: Weighing = Weighing.PIXELS
+    sigma: float = 0.15  # m, where weighed by distance
+    floor_sigma: float = 0.05  # m, where weighed by pixels: soles, carpets, late contacts
+    acceleration_scale: float = 5.0  # m/s²: feet that accelerate more are believed in proportion less (Kaichi: β_G)
+    least_confidence: float = 0.05  # below it nothing is left to say
+    least_grazing_deg: float = 3.0  # a flatter ray meets the floor anywhere: a pixel is metres
+    farthest: float = 20.0  # m along the ray
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # a foot on a step must let go
+
+
+@dataclass(frozen=True)
+class Foot:
+    """One foot: its bone, the ankle ``p_bone_ankle`` ``(3,)`` and the points of its sole ``p_bone_sole`` ``(n, 3)``."""
+
+    bone: int
+    p_bone_ankle: Array
+    p_bone_sole: Array
+
+    def lowest(self, body: BodyState) -> Array:
+        """Which of the sole's points is the lowest, ``(T,)``."""
+        down = np.einsum("tk,nk->tn", body.R_world_bone[:, self.bone, 2], self.p_bone_sole)
+        return np.argmin(down, axis=1)
+
+    def ankle(self, body: BodyState) -> tuple[Array, Array]:
+        """World positions ``(T, 3)`` of the ankle, and its height ``(T,)`` over the lowest point of the sole."""
+        arm = self.p_bone_ankle - self.p_bone_sole[self.lowest(body)]
+        height = np.einsum("tk,tk->t", body.R_world_bone[:, self.bone, 2], arm)
+        return body.point(self.bone, self.p_bone_ankle), height
+
+    def ankle_jacobian(self, body: BodyState) -> tuple[tuple[int, ...], Array, Array]:
+        """The chain of joints, and by them the ankle ``(T, c, 3, 3)`` and its height ``(T, c, 3)``.
+
+        The root's translation moves the ankle alone.
+        """
+        chain, by_joints = body.point_jacobian(self.bone, self.p_bone_ankle)
+        arm = self.p_bone_ankle - self.p_bone_sole[self.lowest(body)]
+        turned = np.einsum("tij,tj->ti", body.R_world_bone[:, self.bone], arm)
+        return chain, by_joints, -np.einsum("tk,tckj->tcj", hat(turned)[:, 2], body.R_world_bone[:, chain])
+
+
+def pixel_rays(model: CameraModel, pixels: Array) -> Array:
+    """Directions ``(..., 3)`` in the camera's frame, of depth one, of pixels ``(..., 2)``."""
+    flat = model.normalise(pixels)
+    return np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1)
+
+
+def ground_contact_residual(p_world_ankle: Array, height: Array, camera: CameraPoses, ray: Array) -> Array:
+    """The ankle less the end of its ray, ``(T, 3)`` metres; the last row is the height of the sole over the floor.
+
+    Args:
+        p_world_ankle: ``(T, 3)``.
+        height: ``(T,)`` of the ankle over the lowest point of the sole.
+        camera: at the ``T`` frames.
+        ray: ``(T, 3)`` of the ankle's pixel, in the camera's frame.
+    """
+    d = np.einsum("tij,tj->ti", camera.R_world_camera, ray)
+    length = (height - camera.p_world_camera[:, 2]) / d[:, 2]
+    return p_world_ankle - camera.p_world_camera - length[:, None] * d
+
+
+def ground_contact_jacobians(height: Array, camera: CameraPoses, ray: Array) -> tuple[Array, Array]:
+    """Derivatives of :func:`ground_contact_residual`; that by the ankle is the identity.
+
+    Returns:
+        By the height ``(T, 3)`` and by the camera's tangent ``(T, 3, 6)``.
+    """
+    R = camera.R_world_camera
+    d = np.einsum("tij,tj->ti", R, ray)
+    slope = d / d[:, 2:]
+    length = (height - camera.p_world_camera[:, 2]) / d[:, 2]
+    along = np.tile(np.eye(3), (len(d), 1, 1))  # projects onto the plane, along the ray
+    along[:, :, 2] -= slope
+    by_camera = np.concatenate([length[:, None, None] * (along @ R @ hat(ray)), -along @ R], axis=2)
+    return -slope, by_camera
+
+
+def rays_meet_floor(height: Array, camera: CameraPoses, ray: Array, settings: GroundContactSettings) -> np.ndarray:
+    """Whether rays ``(T,)`` meet their planes in front of the camera, near enough and not too flat."""
+    d = np.einsum("tij,tj->ti", camera.R_world_camera, ray)
+    norm = np.linalg.norm(d, axis=1)
+    steep = np.abs(d[:, 2]) >= norm * np.sin(np.deg2rad(settings.least_grazing_deg))
+    length = (height - camera.p_world_camera[:, 2]) / np.where(steep, d[:, 2], 1.0)
+    return steep & (length > 0) & (length * norm <= settings.farthest)
+
+
+def ground_contact_whitening(
+    height: Array, camera: CameraPoses, ray: Array, sigma_px: Array, model: CameraModel, confidence: Array,
+    settings: GroundContactSettings,
+) -> Array:  # fmt: skip
+    """What whitens the residual, ``(T, 3, 3)`` per metre: the square root of its inverse covariance, world axes.
+
+    Weighed by pixels, the end of the ray moves by ``J σ_px`` with the pixel and along the ray with the floor's height:
+    a pixel is ``depth / focal`` across the ray, and more along it by one over the sine of the grazing angle.
+
+    Args:
+        height, camera, ray: as of the residual, where rays meet the floor.
+        sigma_px: ``(T,)`` of the ankle's keypoint.
+        model: the camera's intrinsics.
+        confidence: ``(T,)`` positive; divides the variance.
+        settings: of the factor.
+    """
+    root = np.sqrt(confidence)[:, None, None]
+    if settings.weighing is Weighing.DISTANCE:
+        return root * np.eye(3) / settings.sigma
+    slope, by_camera = ground_contact_jacobians(height, camera, ray)
+    length = (height - camera.p_world_camera[:, 2]) / np.einsum("ti,ti->t", camera.R_world_camera[:, 2], ray)
+    across = by_camera[:, :, 3:5] * (sigma_px * length)[:, None, None] / np.array(model.focal)
+    # Times its transpose the covariance, so that its inverse whitens.
+    half = np.concatenate([across, settings.floor_sigma * slope[:, :, None]], axis=2)
+    return root * np.linalg.inv(half)
+
+
+def ground_contact_factor(
+    skeleton: Skeleton, keys: FrameKeys, camera_key: int, foot: Foot, ray: Array, whitening: Array, loss: RobustLoss
+) -> gtsam.CustomFactor:
+    """The GTSAM factor of one foot in one frame.
+
+    Keys in order: the chain of joints, the root, the camera's pose. ``ray`` ``(3,)`` is that of the ankle's pixel in
+    the camera's frame, ``whitening`` ``(3, 3)``.
+    """
+
+    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
+        body = chain_state(skeleton, values, keys, foot.bone, with_root=True)
+        camera = CameraPoses.of(values, camera_key)
+        p, height = foot.ankle(body)
+        residual = whitening @ ground_contact_residual(p, height, camera, ray[None])[0]
+        by_height, by_camera = ground_contact_jacobians(height, camera, ray[None])
+        _, by_joints, of_height = foot.ankle_jacobian(body)
+        chain = by_joints + by_height[:, None, :, None] * of_height[:, :, None]
+        return residual, [*split_blocks(whitening @ chain), whitening, whitening @ by_camera[0]]
+
+    dimensions = [*[3] * (len(ancestors(foot.bone)) + 1), 6]
+    all_keys = [*keys.chain(foot.bone), keys.root, camera_key]
+    return custom_factor("ground contact", loss.noise_model(np.ones(3)), all_keys, dimensions, evaluate)
+
+
+def acceleration_confidence(acceleration: Array, lowest: Array, settings: GroundContactSettings) -> Array:
+    """How surely feet stand, ``(T, G)`` from 0 to 2: ``δ + min(1, β_G / (|a| + ε))`` (Kaichi et al. 2020, eq. 9).
+
+    Args:
+        acceleration: ``(T, G)`` m/s², norms of each foot's acceleration *without gravity*: with it a foot at rest
+            would have 9.81, and be believed half. NaN where it was not measured: then ``δ`` alone counts.
+        lowest: ``(T, G)`` height of the lowest point of each foot; ``δ`` is one for the lowest foot.
+        settings: of the factor.
+    """
+    still = np.minimum(1.0, settings.acceleration_scale / (acceleration + 1e-6))
+    return (lowest == lowest.min(axis=1, keepdims=True)) + np.nan_to_num(still)

@@ -77,7 +77,7 @@ class CameraObjective:
         by_heading = acceleration_by_heading(state.heading, force) / settings.sigma if jacobians else None
         mask = imu.acceleration_valid[1:-1, 0].astype(float)
         coefficients = np.array([1.0, -2.0, 1.0]) / (self.step**2 * settings.sigma)
-        yield MotionTerm("camera acceleration", residual, mask, settings.loss, 0, coefficients, by_heading)
+        yield MotionTerm("camera acceleration", 1, residual, mask, settings.loss, 0, coefficients, by_heading)
 
     def _velocity(self, state: CameraState) -> Array:
         """Whitened residuals ``(T − 1, 6)``."""

@@ -46,19 +46,21 @@ class PoseTerm:
 
 @dataclass(frozen=True)
 class MotionTerm:
-    """Factors on one point over three frames, centred on frames 1 … T − 2.
+    """Factors on one point over three frames, each counted by the frame it is centred on.
 
     Attributes:
         kind: of factor.
-        residual: ``(T − 2, 3)``, whitened.
-        mask: ``(T − 2,)``, dividing the variance; zero where the factor does not exist.
+        start: frame of the first.
+        residual: ``(t, 3)``, whitened.
+        mask: ``(t,)``, dividing the variance; zero where the factor does not exist.
         loss: of the norm of each residual.
         point: index into the sensors, then the contacts.
         coefficients: ``(3,)`` of the point's position before, now and after, whitened.
-        by_heading: ``(T − 2, 3)`` derivative by the sensor's heading, whitened, or None.
+        by_heading: ``(t, 3)`` derivative by the sensor's heading, whitened, or None.
     """
 
     kind: str
+    start: int
     residual: Array
     mask: Array
     loss: RobustLoss
@@ -68,7 +70,7 @@ class MotionTerm:
 
     @property
     def norm(self) -> Array:
-        """Norms ``(T − 2,)`` of the whitened residuals."""
+        """Norms ``(t,)`` of the whitened residuals."""
         return np.sqrt(self.mask) * np.linalg.norm(self.residual, axis=1)
 
     @property
@@ -78,5 +80,5 @@ class MotionTerm:
 
     @property
     def weight(self) -> Array:
-        """Weights ``(T − 2,)`` on the squared residuals in the normal equations."""
+        """Weights ``(t,)`` on the squared residuals in the normal equations."""
         return self.mask * self.loss.weight(self.norm)

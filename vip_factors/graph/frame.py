@@ -70,19 +70,23 @@ def motion_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gt
                 model.skeleton, keys, heading_in(model, t, s, wearer), sensor.bone, sensor.p_bone_point, force, step,
                 settings.acceleration,
             )  # fmt: skip
-    for c, contact in enumerate(model.contacts):
-        confidence = float(model.contact_confidence[t, c])
-        if confidence > 0:
-            yield foot_contact_factor(
-                model.skeleton, keys[1:], contact.bone, contact.p_bone_point, step, confidence, settings.foot_contact
-            )
 
 
 def pair_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gtsam.NonlinearFactor]:
     """Factors that tie frames ``t`` and ``t + 1`` together."""
-    if model.use_acceleration and model.settings.smoothness.use:
-        now, after = frame_keys(t, wearer), frame_keys(t + 1, wearer)
-        yield smoothness_factor(now, after, model.frames.step, model.prior, model.settings.smoothness)
+    if not model.use_acceleration:
+        return
+    now, after = frame_keys(t, wearer), frame_keys(t + 1, wearer)
+    settings, step = model.settings, model.frames.step
+    for c, contact in enumerate(model.contacts):
+        confidence = float(model.contact_confidence[t, c])
+        if confidence > 0:
+            yield foot_contact_factor(
+                model.skeleton, [now, after], contact.bone, contact.p_bone_point, step, confidence,
+                settings.foot_contact,
+            )  # fmt: skip
+    if settings.smoothness.use:
+        yield smoothness_factor(now, after, step, model.prior, settings.smoothness)
 
 
 def static_factors(model: InertialModel, wearer: int = 0) -> Iterator[gtsam.NonlinearFactor]:

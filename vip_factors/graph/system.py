@@ -93,8 +93,8 @@ class ChainSystem:
         """
         assert self.following is not None
         T, w, count = len(self.frame_keys), self.frame_width, frames.stop - frames.start
-        weights = _padded([term.weight for term in terms], T)
-        residuals = _padded([term.residual for term in terms], T)
+        weights = _padded(terms, [term.weight for term in terms], T)
+        residuals = _padded(terms, [term.residual for term in terms], T)
         c = np.stack([term.coefficients for term in terms], axis=1)  # (3, m)
         rows = np.arange(frames.start, frames.stop)
 
@@ -122,7 +122,7 @@ class ChainSystem:
         """The right-hand side of the motion factors, and their coupling with the headings."""
         T, w = len(self.frame_keys), self.frame_width
         force = np.zeros((len(rows), 3 * len(terms)))
-        by_heading = _padded([_heading_rows(term) for term in terms], T)
+        by_heading = _padded(terms, [_heading_rows(term) for term in terms], T)
         coupling = np.zeros((len(rows), len(terms), 3))
         for k, (weight, offset) in enumerate(zip(weights, (1, 0, -1), strict=True)):
             centre = np.clip(rows + offset, 0, T - 1)
@@ -221,10 +221,12 @@ def _rows(scale: Array) -> Array:
     return np.repeat(scale, 3, axis=1)[:, None, :]
 
 
-def _padded(parts: list[Array], T: int) -> Array:
-    """Values of the inner frames, ``(T − 2, …)`` each, as ``(T, m, …)`` with zeros at both ends."""
-    stacked = np.stack(parts, axis=1)
-    return np.pad(stacked, [(1, T - 1 - len(stacked)), *[(0, 0)] * (stacked.ndim - 1)])
+def _padded(terms: Sequence[MotionTerm], parts: list[Array], T: int) -> Array:
+    """Values of the frames that terms have, ``(t, …)`` each, as ``(T, m, …)`` with zeros elsewhere."""
+    stacked = np.zeros((T, len(parts), *parts[0].shape[1:]))
+    for index, (term, part) in enumerate(zip(terms, parts, strict=True)):
+        stacked[term.start : term.start + len(part), index] = part
+    return stacked
 
 
 def _heading_rows(term: MotionTerm) -> Array:

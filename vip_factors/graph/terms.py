@@ -142,7 +142,7 @@ def _limit_terms(model: InertialModel, x: Array, D: Array | None) -> Iterator[Po
 
 
 def motion_terms(model: InertialModel, state: GraphState, body: BodyState, jacobians: bool) -> Iterator[MotionTerm]:
-    """All factors over three frames, for the whole recording."""
+    """All factors over two or three frames, for the whole recording."""
     if not model.use_acceleration:
         return
     step, settings, contact = model.frames.step, model.settings.acceleration, model.settings.foot_contact
@@ -155,11 +155,11 @@ def motion_terms(model: InertialModel, state: GraphState, body: BodyState, jacob
         by_heading = acceleration_by_heading(heading, force) / settings.sigma if jacobians else None
         mask = model.frames.acceleration_valid[centre, s].astype(float)
         coefficients = np.array([1.0, -2.0, 1.0]) / (step**2 * settings.sigma)
-        yield MotionTerm("acceleration", residual, mask, settings.loss, s, coefficients, by_heading)
+        yield MotionTerm("acceleration", 1, residual, mask, settings.loss, s, coefficients, by_heading)
     for c, point in enumerate(model.contacts):
         p = point.of(body)
-        residual = foot_contact_residual(p[centre], p[2:], step) / contact.sigma
+        residual = foot_contact_residual(p[:-1], p[1:], step) / contact.sigma
         coefficients = np.array([0.0, -1.0, 1.0]) / (step * contact.sigma)
-        mask = model.contact_confidence[centre, c]
+        mask = model.contact_confidence[:-1, c]
         index = len(model.sensors) + c
-        yield MotionTerm("foot contact", residual, mask, contact.loss, index, coefficients, None)
+        yield MotionTerm("foot contact", 0, residual, mask, contact.loss, index, coefficients, None)

@@ -1,4 +1,4 @@
-"""The batched scene and its GTSAM graph are the same problem: moving, standing and known cameras, two wearers."""
+"""The batched scene and its GTSAM graph are the same problem: moving, standing, known and further cameras."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ from vip_factors.graph.keys import (
 from vip_factors.graph.model import BodyPoint
 from vip_factors.graph.scene_batch import SceneObjective
 from vip_factors.graph.scene_frame import scene_graph
-from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel
+from vip_factors.graph.scene_model import CameraProblem, KeypointView, KnownCamera, SceneModel
 from vip_factors.graph.scene_state import CameraState, SceneState
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames
@@ -34,7 +34,7 @@ from vip_factors.solve.marginals import chain_marginals, last_marginals
 
 T, S = 5, 6
 R_WORLD_CAMERA = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # looks along the world's y, four metres away
-KINDS = ["moving", "standing", "known path", "no IMU"]
+KINDS = ["moving", "standing", "known path", "no IMU", "further cameras"]
 
 
 def small_scene(kind: str) -> tuple[SceneModel, SceneState]:
@@ -73,8 +73,19 @@ def small_scene(kind: str) -> tuple[SceneModel, SceneState]:
             seen[1] = False
         rate = 100 * random.standard_normal(pixels.shape)
         views.append(KeypointView(points, pixels, random.uniform(3, 10, seen.shape), seen, rate))
-    model = SceneModel((first, second), camera, tuple(views))
+    further = tuple(known_camera(lens, views, random) for _ in range(2 if kind == "further cameras" else 0))
+    model = SceneModel((first, second), camera, tuple(views), further)
     return model, SceneState((state, other), CameraState(poses, 0.4, exp([0.2, 0.1, 0.0]), 0.01))
+
+
+def known_camera(lens: CameraModel, views: list[KeypointView], random: np.random.Generator) -> KnownCamera:
+    """Beside the first one, with what was seen there moved a little."""
+    position = np.array([[0.0, -4.0, 0.3]]) + 0.1 * random.standard_normal((1, 3))
+    moved = tuple(
+        replace(view, pixels=view.pixels + 5, seen=random.uniform(size=view.seen.shape) < 0.7) for view in views
+    )
+    problem = CameraProblem(lens, moving=False, free_pose=False)
+    return KnownCamera(problem, CameraState(CameraPoses(R_WORLD_CAMERA[None], position)), moved)
 
 
 def ordering_of(model: SceneModel) -> gtsam.Ordering:

@@ -61,7 +61,7 @@ def reprojection_jacobians(p_camera: Array, camera: CameraPoses, model: CameraMo
 def reprojection_factor(
     skeleton: Skeleton,
     keys: FrameKeys,
-    camera_key: int,
+    camera: int | CameraPoses,
     bone: int,
     p_bone_point: Array,
     model: CameraModel,
@@ -72,17 +72,20 @@ def reprojection_factor(
 ) -> gtsam.CustomFactor:
     """The GTSAM factor of one keypoint ``pixel`` ``(2,)`` of one wearer in one frame; ``sigma`` in pixels.
 
-    Keys in order: the chain of joints, the root, the camera's pose. With a ``clock``, also the key of the time in
-    seconds by which the video's clock must still be put forward; the detection moves at so many pixels a second.
+    ``camera`` is the key of its pose, or the pose itself if that is known. Keys in order: the chain of joints, the
+    root, the camera's pose unless known. With a ``clock``, also the key of the time in seconds by which the video's
+    clock must still be put forward; the detection moves at so many pixels a second.
     """
 
     def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
         body = chain_state(skeleton, values, keys, bone, with_root=True)
-        camera = CameraPoses.of(values, camera_key)
-        residual, p_camera = reprojection_residual(body.point(bone, p_bone_point)[:, None], camera, model, pixel)
-        by_point, by_camera = (J[:, 0] for J in reprojection_jacobians(p_camera, camera, model))
+        pose = CameraPoses.of(values, camera) if isinstance(camera, int) else camera
+        residual, p_camera = reprojection_residual(body.point(bone, p_bone_point)[:, None], pose, model, pixel)
+        by_point, by_camera = (J[:, 0] for J in reprojection_jacobians(p_camera, pose, model))
         _, by_joints = body.point_jacobian(bone, p_bone_point)
-        jacobians = [*split_blocks(by_point[:, None] @ by_joints), by_point[0], by_camera[0]]
+        jacobians = [*split_blocks(by_point[:, None] @ by_joints), by_point[0]]
+        if isinstance(camera, int):
+            jacobians.append(by_camera[0])
         if clock is None:
             return residual[0, 0], jacobians
         offset_key, pixels_per_second = clock
@@ -92,8 +95,10 @@ def reprojection_factor(
         ]
 
     noise = settings.loss.noise_model(np.full(2, sigma))
-    all_keys = [*keys.chain(bone), keys.root, camera_key]
-    dimensions = [*[3] * (len(ancestors(bone)) + 1), 6]
+    all_keys = [*keys.chain(bone), keys.root]
+    dimensions = [3] * (len(ancestors(bone)) + 1)
+    if isinstance(camera, int):
+        all_keys, dimensions = [*all_keys, camera], [*dimensions, 6]
     if clock is not None:
         all_keys, dimensions = [*all_keys, clock[0]], [*dimensions, 1]
     return custom_factor("reprojection", noise, all_keys, dimensions, evaluate)

@@ -1,6 +1,6 @@
 """A whole scene as one objective: the wearers' own, the camera's own, and the reprojections between them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import gtsam
@@ -10,8 +10,8 @@ from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.graph.batch import BatchObjective
 from vip_factors.graph.camera_batch import CameraObjective
 from vip_factors.graph.reprojection_batch import reprojection_cost, reprojection_equations, reprojections
-from vip_factors.graph.scene_model import KeypointView, SceneModel
-from vip_factors.graph.scene_state import SceneState
+from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel
+from vip_factors.graph.scene_state import CameraState, SceneState
 from vip_factors.graph.scene_system import SceneSystem
 from vip_factors.graph.terms import FRAME
 
@@ -41,15 +41,12 @@ class SceneObjective:
         for objective, wearer in zip(self.wearers, state.wearers, strict=True):
             for kind, cost in objective.cost(wearer).items():
                 costs[kind] = costs.get(kind, 0.0) + cost
-        poses = state.camera.at_frames(slice(0, self.model.frames))
-        settings = self.model.camera.settings.reprojection
-        costs["reprojection"] = sum(
-            reprojection_cost(
-                reprojections(view, self.model.camera, poses, state.camera.clock, self._body(state, number))[0],
-                settings,
-            )
-            for number, view in enumerate(self.model.views)
-        )
+        everything, costs["reprojection"] = slice(0, self.model.frames), 0.0
+        for number in range(len(self.wearers)):
+            body = self._body(state, number)
+            for camera, one, view in self._views(state, number):
+                residual, _ = reprojections(view, camera, one.at_frames(everything), one.clock, body)
+                costs["reprojection"] += reprojection_cost(residual, camera.settings.reprojection)
         return costs
 
     def linearise(self, state: SceneState) -> SceneSystem:
@@ -68,6 +65,13 @@ class SceneObjective:
                 chain.gradient[frames, :FRAME] += equations.gradient[:, :FRAME]
                 camera.add_frames(frames, equations.hessian[:, FRAME:, FRAME:], equations.gradient[:, FRAME:])
                 coupling[frames] = equations.coupling[:, :, camera.columns]
+                for known in self.model.further:
+                    equations = reprojection_equations(
+                        _part(known.views[number], frames), known.problem, known.state.at_frames(frames), 0.0,
+                        BodyState(body.R_world_bone[frames], body.p_world_joint[frames]),
+                    )  # fmt: skip
+                    chain.own[frames, :FRAME, :FRAME] += equations.hessian[:, :FRAME, :FRAME]
+                    chain.gradient[frames, :FRAME] += equations.gradient[:, :FRAME]
             couplings.append(coupling)
         return SceneSystem(chains, camera, couplings, [np.any(view.seen, axis=1) for view in self.model.views])
 
@@ -77,6 +81,12 @@ class SceneObjective:
             objective.retract(wearer, delta) for objective, wearer in zip(self.wearers, state.wearers, strict=True)
         )
         return SceneState(tuple(wearers), self.camera.retract(state.camera, delta))
+
+    def _views(self, state: SceneState, number: int) -> Iterator[tuple[CameraProblem, CameraState, KeypointView]]:
+        """What each camera saw of one wearer."""
+        yield self.model.camera, state.camera, self.model.views[number]
+        for known in self.model.further:
+            yield known.problem, known.state, known.views[number]
 
     def _body(self, state: SceneState, number: int) -> BodyState:
         wearer = state.wearers[number]

@@ -7,6 +7,7 @@ import numpy as np
 
 from vip_factors.factors.camera_acceleration import camera_acceleration_factor
 from vip_factors.factors.camera_orientation import camera_orientation_factor
+from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.camera_velocity import camera_velocity_factor
 from vip_factors.factors.heading_prior import heading_prior_factor
 from vip_factors.factors.reprojection import reprojection_factor
@@ -19,13 +20,20 @@ from vip_factors.graph.keys import (
     clock_key,
     frame_keys,
 )
-from vip_factors.graph.scene_model import SceneModel
+from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel
 
 
 def view_factors(model: SceneModel, wearer: int, t: int) -> Iterator[gtsam.NonlinearFactor]:
-    """What the camera saw of one wearer in frame ``t``."""
-    view, camera = model.views[wearer], model.camera
-    pose = camera_key(t if camera.moving else 0)
+    """What the cameras saw of one wearer in frame ``t``."""
+    pose = camera_key(t if model.camera.moving else 0)
+    yield from _one_view(model, wearer, t, model.views[wearer], model.camera, pose)
+    for known in model.further:
+        yield from _one_view(model, wearer, t, known.views[wearer], known.problem, known.state.poses)
+
+
+def _one_view(
+    model: SceneModel, wearer: int, t: int, view: KeypointView, camera: CameraProblem, pose: int | CameraPoses
+) -> Iterator[gtsam.NonlinearFactor]:
     for k in np.flatnonzero(view.seen[t]):
         point = view.points[k]
         clock = (clock_key(), view.pixels_per_second[t, k]) if camera.free_clock else None

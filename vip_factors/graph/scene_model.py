@@ -10,6 +10,7 @@ from vip_factors.factors.camera_velocity import CameraVelocitySettings
 from vip_factors.factors.reprojection import ReprojectionSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.graph.model import BodyPoint, InertialModel
+from vip_factors.graph.scene_state import CameraState
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 
@@ -82,18 +83,35 @@ class KeypointView:
 
 
 @dataclass(frozen=True)
+class KnownCamera:
+    """A further camera that stands still at a known pose: it brings no variable, only what it saw of the wearers.
+
+    Attributes:
+        problem: its intrinsics and the reprojections' settings; nothing in it is free, and it has no IMU.
+        state: its single pose.
+        views: of each wearer.
+    """
+
+    problem: CameraProblem
+    state: CameraState
+    views: tuple[KeypointView, ...]
+
+
+@dataclass(frozen=True)
 class SceneModel:
     """The least-squares problem of a scene; all wearers have the same frames.
 
     Attributes:
         wearers: their own problems.
         camera: the camera's.
-        views: of each wearer.
+        views: of each wearer, before that camera.
+        further: cameras beside it.
     """
 
     wearers: tuple[InertialModel, ...]
     camera: CameraProblem
     views: tuple[KeypointView, ...]
+    further: tuple[KnownCamera, ...] = ()
 
     @property
     def frames(self) -> int:

@@ -55,7 +55,7 @@ def detections_of(info: CameraInfo, messages: Sequence[Detections2D]) -> tuple[D
         FileFormatError: for people with another number of keypoints, or frames out of order.
         RecordingError: if times do not increase.
     """
-    keypoints = _keypoint_set(info)
+    keypoints = keypoint_set_of(info)
     K = len(keypoints)
     frames = np.array([one.frame for one in messages], dtype=int)
     if np.any(np.diff(frames) <= 0):
@@ -87,7 +87,8 @@ def detections_of(info: CameraInfo, messages: Sequence[Detections2D]) -> tuple[D
     return detections, DetectionTruth(wearer, pixels)
 
 
-def _keypoint_set(info: CameraInfo) -> KeypointSet:
+def keypoint_set_of(info: CameraInfo) -> KeypointSet:
+    """The keypoints that a camera's detector answers with."""
     ours = KEYPOINT_SETS.get(info.keypoint_set)
     if ours is not None and ours.keypoints == tuple(info.keypoints):
         return ours

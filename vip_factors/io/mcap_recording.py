@@ -71,8 +71,8 @@ def recording_messages(writer: MessageWriter, recording: Recording, prefix: str 
     """
     start_ns = recording.start_ns
     writer.write(prefix + INFO, _info_message(recording), start_ns)
-    writer.write(prefix + SUBJECT, _subject_message(recording.subject), start_ns)
-    writer.write(prefix + PLACEMENT, _placement_message(recording.placement), start_ns)
+    writer.write(prefix + SUBJECT, subject_message(recording.subject), start_ns)
+    writer.write(prefix + PLACEMENT, placement_message(recording.placement), start_ns)
     streams: list[Iterable[TimedMessage]] = [
         sample_messages(writer, prefix + IMU + stream.name, stream, start_ns) for stream in recording.imus.values()
     ]
@@ -93,7 +93,8 @@ def _info_message(recording: Recording) -> RecordingInfo:
     return message
 
 
-def _subject_message(subject: Subject) -> SubjectMessage:
+def subject_message(subject: Subject) -> SubjectMessage:
+    """A subject, with the skeleton."""
     return SubjectMessage(
         name=subject.name,
         stature_m=subject.stature_m,
@@ -105,7 +106,8 @@ def _subject_message(subject: Subject) -> SubjectMessage:
     )
 
 
-def _placement_message(placement: Placement) -> SensorPlacement:
+def placement_message(placement: Placement) -> SensorPlacement:
+    """All sites."""
     message = SensorPlacement(preset=placement.name)
     for site in placement.sites:
         message.sites.add(
@@ -176,9 +178,9 @@ def _recording(contents: McapContents, ours: Sequence[McapMessages]) -> Recordin
     start_ns = time_ns_of(info.start)
     return Recording(
         name=info.name,
-        subject=_subject(subjects[-1]) if subjects else Subject(),
+        subject=subject_of(subjects[-1]) if subjects else Subject(),
         imus=read_streams(path, [one for one in ours if is_ours(one.channel, ImuSample)], start_ns),
-        placement=_placement(placements[-1]) if placements else Placement(),
+        placement=placement_of(placements[-1]) if placements else Placement(),
         initial_pose=info.initial_pose or "none",
         truth=_truth(path, ours),
         notes="\n".join([info.notes, *contents.damage] if info.notes else contents.damage),
@@ -186,7 +188,8 @@ def _recording(contents: McapContents, ours: Sequence[McapMessages]) -> Recordin
     )
 
 
-def _subject(message: SubjectMessage) -> Subject:
+def subject_of(message: SubjectMessage) -> Subject:
+    """The subject of a message."""
     return Subject(
         name=message.name,
         stature_m=message.stature_m,
@@ -197,7 +200,8 @@ def _subject(message: SubjectMessage) -> Subject:
     )
 
 
-def _placement(message: SensorPlacement) -> Placement:
+def placement_of(message: SensorPlacement) -> Placement:
+    """The placement of a message."""
     sites = tuple(
         SensorSite(one.sensor, one.bone, vector(one.p_bone_sensor), rotation(one.mounting_wxyz), one.mounting_sigma_rad)
         for one in message.sites

@@ -55,6 +55,16 @@ LiveSample = ImuSample | VideoFrame
 
 
 @dataclass(frozen=True)
+class LiveFinding:
+    """One sentence for the user about messages that could not be used, or that were lost."""
+
+    sentence: str
+
+
+LiveItem = LiveSample | LiveFinding
+
+
+@dataclass(frozen=True)
 class LiveWearer:
     """One wearer: body, where each sensor sits, and the pose declared for the start."""
 

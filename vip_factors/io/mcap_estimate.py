@@ -109,7 +109,7 @@ def estimate_messages(
         prefix: what the topics begin with.
     """
     motion = estimate.motion
-    writer.write(prefix + INFO, _info_message(estimate, start_ns), start_ns)
+    writer.write(prefix + INFO, info_message(estimate, start_ns), start_ns)
     writer.write(prefix + MOTION, motion_message(motion), start_ns)
     writer.write(prefix + CALIBRATION, calibration_message(estimate.calibration), start_ns)
     for report in estimate.reports:
@@ -147,7 +147,8 @@ def _start_of(recording: McapContents) -> int:
     return time_ns_of(infos[-1].start) if infos else 0
 
 
-def _info_message(estimate: Estimate, start_ns: int) -> EstimateInfo:
+def info_message(estimate: Estimate, start_ns: int) -> EstimateInfo:
+    """What an estimate is."""
     message = EstimateInfo(
         name=estimate.name,
         method=estimate.method,

@@ -181,19 +181,24 @@ def motion_message(motion: Motion) -> MotionInfo:
 
 
 def pose_messages(
-    writer: MessageWriter, topic: str, motion: Motion, start_ns: int, covariance: PoseCovariance | None = None
+    writer: MessageWriter,
+    topic: str,
+    motion: Motion,
+    start_ns: int,
+    covariance: PoseCovariance | None = None,
+    first: int = 0,
 ) -> Iterator[TimedMessage]:
-    """The frames of a motion, serialised, in the order of time."""
+    """The frames of a motion, serialised, in the order of time; the first of them has the number ``first``."""
     channel = writer.channel(topic, BodyPose)
     wxyz = quaternion_from_matrix(motion.R_parent_child, Order.WXYZ).reshape(len(motion), 4 * JOINT_COUNT)
-    for frame, time_ns in enumerate(nanoseconds(motion.time, start_ns)):
+    for row, time_ns in enumerate(nanoseconds(motion.time, start_ns)):
         message = BodyPose(
-            frame=frame, joint_rotations_wxyz=wxyz[frame], p_world_pelvis=vector_message(motion.p_world_pelvis[frame])
+            frame=first + row, joint_rotations_wxyz=wxyz[row], p_world_pelvis=vector_message(motion.p_world_pelvis[row])
         )
         set_timestamp(message.timestamp, time_ns)
         if covariance is not None:
-            message.joint_covariance.extend(covariance.joints[frame].ravel())
-            message.root_covariance.extend(covariance.root[frame].ravel())
+            message.joint_covariance.extend(covariance.joints[row].ravel())
+            message.root_covariance.extend(covariance.root[row].ravel())
         yield time_ns, channel, message.SerializeToString()
 
 

@@ -78,16 +78,7 @@ def write_scene_estimate(
         raise InputError(f"estimate '{estimate.name}' has no wearer: expected at least one")
     prefixes = wearer_topics(_names(estimate), SINGLE, WEARER)
     with estimate_file(path, overwrite, append_to, start_ns) as (writer, start_ns):
-        info = SceneEstimateInfo(
-            name=estimate.name,
-            method=estimate.method,
-            wearer_topics=prefixes,
-            wearer_of_detection=np.asarray(estimate.wearer_of_detection, int).tolist(),
-            findings=estimate.findings,
-            settings=dict(estimate.settings),
-        )
-        set_timestamp(info.start, start_ns)
-        writer.write(INFO, info, start_ns)
+        writer.write(INFO, scene_info_message(estimate, prefixes, start_ns), start_ns)
         for report in estimate.reports:
             writer.write(REPORT, report_message(report), start_ns)
         streams: list[Iterable[TimedMessage]] = []
@@ -97,6 +88,20 @@ def write_scene_estimate(
             streams += estimate_messages(writer, one, start_ns, scene, prefix)
         writer.flush()
         writer.add_in_order(*streams)
+
+
+def scene_info_message(estimate: SceneEstimate, prefixes: Sequence[str], start_ns: int) -> SceneEstimateInfo:
+    """What the estimate of a scene is; ``prefixes`` are what its wearers' topics begin with."""
+    info = SceneEstimateInfo(
+        name=estimate.name,
+        method=estimate.method,
+        wearer_topics=prefixes,
+        wearer_of_detection=np.asarray(estimate.wearer_of_detection, int).tolist(),
+        findings=estimate.findings,
+        settings=dict(estimate.settings),
+    )
+    set_timestamp(info.start, start_ns)
+    return info
 
 
 def _names(estimate: SceneEstimate) -> list[str]:
@@ -122,7 +127,7 @@ def _camera_messages(
     if camera.calibration is not None:
         writer.write(CALIBRATION, calibration_message({camera.name: camera.calibration}), start_ns)
     streams: list[Iterable[TimedMessage]] = [
-        _pose_messages(writer, camera, start_ns),
+        camera_pose_messages(writer, CAMERA_POSE, camera.path, start_ns, camera.covariance),
         path_messages(writer, CAMERA_PATH, camera.path, start_ns),
     ]
     if residual is not None:
@@ -131,18 +136,25 @@ def _camera_messages(
     return streams
 
 
-def _pose_messages(writer: MessageWriter, camera: CameraEstimate, start_ns: int) -> Iterator[TimedMessage]:
-    channel = writer.channel(CAMERA_POSE, CameraPose)
-    path = camera.path
+def camera_pose_messages(
+    writer: MessageWriter,
+    topic: str,
+    path: CameraPath,
+    start_ns: int,
+    covariance: Array | None = None,
+    first: int = 0,
+) -> Iterator[TimedMessage]:
+    """The poses of a camera, serialised, in the order of time; the first of them has the number ``first``."""
+    channel = writer.channel(topic, CameraPose)
     turns = quaternion_from_matrix(path.R_world_camera, Order.WXYZ).tolist()
-    for frame, (time_ns, seconds) in enumerate(zip(nanoseconds(path.time, start_ns), path.time.tolist(), strict=True)):
-        w, x, y, z = turns[frame]
+    for row, (time_ns, seconds) in enumerate(zip(nanoseconds(path.time, start_ns), path.time.tolist(), strict=True)):
+        w, x, y, z = turns[row]
         message = CameraPose(
-            frame=frame,
+            frame=first + row,
             seconds=seconds,
             rotation_wxyz=QuaternionWxyz(w=w, x=x, y=y, z=z),
-            p_world_camera=vector_message(path.p_world_camera[frame]),
-            covariance=camera.covariance[frame].ravel() if camera.covariance is not None else (),
+            p_world_camera=vector_message(path.p_world_camera[row]),
+            covariance=covariance[row].ravel() if covariance is not None else (),
         )
         set_timestamp(message.timestamp, time_ns)
         yield time_ns, channel, message.SerializeToString()

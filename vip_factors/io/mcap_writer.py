@@ -21,12 +21,17 @@ TimedMessage = tuple[int, int, bytes]
 
 
 class MessageWriter:
-    """Writes messages to an open file; one channel per topic. A context manager, which finishes the file."""
+    """Writes messages to an open file; one channel per topic. A context manager, which finishes the file.
 
-    def __init__(self, file: IO[bytes]) -> None:
+    Args:
+        file: open for writing bytes.
+        chunk_bytes: after which a chunk ends by itself.
+    """
+
+    def __init__(self, file: IO[bytes], chunk_bytes: int = CHUNK_BYTES) -> None:
         from mcap.writer import CompressionType, Writer
 
-        self._writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer = Writer(file, chunk_size=chunk_bytes, compression=CompressionType.ZSTD)
         self._writer.start(profile="", library=f"vip_factors {__version__}")
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._channels: dict[str, int] = {}
@@ -37,7 +42,11 @@ class MessageWriter:
 
     def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
         if error is None:
-            self._writer.finish()
+            self.finish()
+
+    def finish(self) -> None:
+        """Write the index at the end of the file; nothing may follow."""
+        self._writer.finish()
 
     def channel(self, topic: str, message_class: "type[Message]") -> int:
         """Id of the channel of a topic, registered with its schema at the first call."""

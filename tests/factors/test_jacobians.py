@@ -93,6 +93,17 @@ FACTORS: dict[str, Callable[[], gtsam.NonlinearFactor]] = {
     "reprojection": lambda: reprojection_factor(
         SKELETON, KEYS[0], camera_key(0), WRIST, POINT, LENS, PIXEL, 5.0, REPROJECTION
     ),
+    "reprojection of a known camera": lambda: reprojection_factor(
+        SKELETON,
+        KEYS[0],
+        CameraPoses(R_WORLD_CAMERA[None], P_WORLD_CAMERA[None]),
+        WRIST,
+        POINT,
+        LENS,
+        PIXEL,
+        5.0,
+        REPROJECTION,
+    ),
     "reprojection with a clock": lambda: reprojection_factor(
         SKELETON, KEYS[0], camera_key(0), WRIST, POINT, LENS, PIXEL, 5.0, REPROJECTION, (clock_key(), FORCE[:2])
     ),

@@ -25,7 +25,7 @@ from vip_factors.graph.keys import (
 from vip_factors.graph.model import BodyPoint
 from vip_factors.graph.scene_batch import SceneObjective
 from vip_factors.graph.scene_frame import scene_graph
-from vip_factors.graph.scene_model import CameraProblem, KeypointView, KnownCamera, SceneModel
+from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel, Viewpoint
 from vip_factors.graph.scene_state import CameraState, SceneState
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames
@@ -78,14 +78,14 @@ def small_scene(kind: str) -> tuple[SceneModel, SceneState]:
     return model, SceneState((state, other), CameraState(poses, 0.4, exp([0.2, 0.1, 0.0]), 0.01))
 
 
-def known_camera(lens: CameraModel, views: list[KeypointView], random: np.random.Generator) -> KnownCamera:
+def known_camera(lens: CameraModel, views: list[KeypointView], random: np.random.Generator) -> Viewpoint:
     """Beside the first one, with what was seen there moved a little."""
     position = np.array([[0.0, -4.0, 0.3]]) + 0.1 * random.standard_normal((1, 3))
     moved = tuple(
         replace(view, pixels=view.pixels + 5, seen=random.uniform(size=view.seen.shape) < 0.7) for view in views
     )
     problem = CameraProblem(lens, moving=False, free_pose=False)
-    return KnownCamera(problem, CameraState(CameraPoses(R_WORLD_CAMERA[None], position)), moved)
+    return Viewpoint(problem, CameraState(CameraPoses(R_WORLD_CAMERA[None], position)), moved)
 
 
 def ordering_of(model: SceneModel) -> gtsam.Ordering:

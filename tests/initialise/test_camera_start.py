@@ -12,6 +12,7 @@ from vip_factors.initialise.camera import (
     moving_camera,
     robust_mean_angle,
     standing_camera,
+    together,
     world_turn,
 )
 from vip_factors.sensors.camera_path import CameraPath
@@ -70,6 +71,17 @@ def test_a_turned_world_is_turned_back_and_its_wearer_placed(standing: CameraPat
     assert world_turn(standing, seen) == pytest.approx(1.1, abs=1e-6)
     own = walked() @ rotation_z(-1.1).T + np.array([5.0, 2.0, 0.0])
     np.testing.assert_allclose(filmed_path(standing, seen, own @ rotation_z(1.1).T, TIME), walked(), atol=1e-9)
+
+
+def test_several_cameras_see_as_one(standing: CameraPath) -> None:
+    shifted = CameraPath(np.zeros(1), rotation_z(0.7) @ standing.R_world_camera[:1], np.array([[3.0, 1.0, 1.2]]))
+    one, other = sighted(standing, turn=1.1), sighted(shifted, turn=1.1)
+    path, seen = together([(standing, one), (shifted, other)])
+    assert len(seen) == len(one) + len(other)
+    assert world_turn(path, seen) == pytest.approx(1.1, abs=1e-6)
+    own = walked() @ rotation_z(-1.1).T + np.array([5.0, 2.0, 0.0])
+    np.testing.assert_allclose(filmed_path(path, seen, own @ rotation_z(1.1).T, TIME), walked(), atol=0.02)
+    assert world_turn(standing, one.turned(1.1)) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_the_mean_angle_is_of_the_fullest_direction() -> None:

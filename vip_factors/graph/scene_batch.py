@@ -1,6 +1,6 @@
 """A whole scene as one objective: the wearers' own, the camera's own, and the reprojections between them."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import gtsam
@@ -10,8 +10,8 @@ from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.graph.batch import BatchObjective
 from vip_factors.graph.camera_batch import CameraObjective
 from vip_factors.graph.reprojection_batch import reprojection_cost, reprojection_equations, reprojections
-from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel
-from vip_factors.graph.scene_state import CameraState, SceneState
+from vip_factors.graph.scene_model import KeypointView, SceneModel
+from vip_factors.graph.scene_state import SceneState
 from vip_factors.graph.scene_system import SceneSystem
 from vip_factors.graph.terms import FRAME
 
@@ -44,9 +44,10 @@ class SceneObjective:
         everything, costs["reprojection"] = slice(0, self.model.frames), 0.0
         for number in range(len(self.wearers)):
             body = self._body(state, number)
-            for camera, one, view in self._views(state, number):
-                residual, _ = reprojections(view, camera, one.at_frames(everything), one.clock, body)
-                costs["reprojection"] += reprojection_cost(residual, camera.settings.reprojection)
+            for one in self.model.viewpoints(state.camera):
+                poses, clock = one.state.at_frames(everything), one.state.clock
+                residual, _ = reprojections(one.views[number], one.problem, poses, clock, body)
+                costs["reprojection"] += reprojection_cost(residual, one.problem.settings.reprojection)
         return costs
 
     def linearise(self, state: SceneState) -> SceneSystem:
@@ -81,12 +82,6 @@ class SceneObjective:
             objective.retract(wearer, delta) for objective, wearer in zip(self.wearers, state.wearers, strict=True)
         )
         return SceneState(tuple(wearers), self.camera.retract(state.camera, delta))
-
-    def _views(self, state: SceneState, number: int) -> Iterator[tuple[CameraProblem, CameraState, KeypointView]]:
-        """What each camera saw of one wearer."""
-        yield self.model.camera, state.camera, self.model.views[number]
-        for known in self.model.further:
-            yield known.problem, known.state, known.views[number]
 
     def _body(self, state: SceneState, number: int) -> BodyState:
         wearer = state.wearers[number]

@@ -83,12 +83,12 @@ class KeypointView:
 
 
 @dataclass(frozen=True)
-class KnownCamera:
-    """A further camera that stands still at a known pose: it brings no variable, only what it saw of the wearers.
+class Viewpoint:
+    """Where one camera is, and what it saw.
 
     Attributes:
-        problem: its intrinsics and the reprojections' settings; nothing in it is free, and it has no IMU.
-        state: its single pose.
+        problem: the camera's.
+        state: its poses.
         views: of each wearer.
     """
 
@@ -105,13 +105,17 @@ class SceneModel:
         wearers: their own problems.
         camera: the camera's.
         views: of each wearer, before that camera.
-        further: cameras beside it.
+        further: cameras beside it, which stand still at known poses: they bring no variable, only reprojections.
     """
 
     wearers: tuple[InertialModel, ...]
     camera: CameraProblem
     views: tuple[KeypointView, ...]
-    further: tuple[KnownCamera, ...] = ()
+    further: tuple[Viewpoint, ...] = ()
+
+    def viewpoints(self, camera: CameraState) -> tuple[Viewpoint, ...]:
+        """All cameras, with the first one in a state."""
+        return (Viewpoint(self.camera, camera, self.views), *self.further)
 
     @property
     def frames(self) -> int:

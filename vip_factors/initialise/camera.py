@@ -4,7 +4,8 @@ Every hypothesis is a camera that sees one wearer's skeleton as one detection sh
 the vertical of all these worlds is the same, their headings and root paths are not.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -48,6 +49,10 @@ class Sightings:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def turned(self, yaw: float) -> "Sightings":
+        """The same with the wearer's own world turned about the vertical by ``yaw`` radians."""
+        return replace(self, R_camera_world=self.R_camera_world @ rotation_z(-yaw))
 
 
 def robust_mean_rotation(R: Array) -> Array:
@@ -109,7 +114,8 @@ def _local_mean(R: Array, time: Array, at: float) -> Array:
 
 def running_median(values: Array, time: Array) -> Array:
     """Medians of ``(n, 3)`` over about half a second."""
-    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    instants = np.unique(time)  # several cameras may see at one instant
+    step = float(np.median(np.diff(instants))) * len(instants) / len(time) if len(instants) > 1 else 1.0
     window = max(1, min(len(values), round(SMOOTHING / step) | 1))
     return np.asarray(median_filter(values, size=(window, 1), mode="nearest"))
 
@@ -139,6 +145,19 @@ def _turns(before: Array, after: Array) -> bool:
     turn = angle_between(first, second)
     scatter = max(np.median(angle_between(first, before)), np.median(angle_between(second, after)))
     return bool(turn > LEAP_TURN and scatter < LEAP_SCATTER * turn)
+
+
+def together(looks: Sequence[tuple[CameraPath, Sightings]]) -> tuple[CameraPath, Sightings]:
+    """What several cameras of one world saw of a wearer, as one camera would see it that lies in the world's origin."""
+    time, R, p = [], [], []
+    for path, seen in looks:
+        there = path.at(seen.time)
+        time.append(seen.time)
+        R.append(there.R_world_camera @ seen.R_camera_world)
+        p.append(there.p_world_camera + np.einsum("tij,tj->ti", there.R_world_camera, seen.p_camera_pelvis))
+    order = np.argsort(np.concatenate(time), kind="stable")
+    sightings = Sightings(*(np.concatenate(parts)[order] for parts in (time, R, p)))
+    return CameraPath(np.zeros(1), np.eye(3)[None], np.zeros((1, 3))), sightings
 
 
 def world_turn(camera: CameraPath, sightings: Sightings) -> float:

@@ -1,0 +1,219 @@
+"""Estimate files written as they go."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_answers import LAG, answer, answers, live_scene, setup_of, truth_of
+
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.io.live_mcap import LIVE_CAMERA, LIVE_UPDATE, LiveMcapSink, partial_path
+from vip_factors.io.mcap_contents import McapWarning, read_contents
+from vip_factors.io.mcap_estimate import read_estimate
+from vip_factors.io.mcap_messages import of_topic
+from vip_factors.io.mcap_scene_estimate import read_scene_estimate
+from vip_factors.io.schemas.body_pose_pb2 import BodyPose
+from vip_factors.io.schemas.camera_estimate_pb2 import CameraPose
+from vip_factors.io.schemas.live_update_pb2 import LiveUpdate
+from vip_factors.live_estimate import LiveEstimate
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.scene import Scene
+
+TESTS = Path(__file__).parents[1]
+
+
+def write(scene: Scene, path: Path, estimates: list[LiveEstimate], **options: object) -> None:
+    with LiveMcapSink(path, setup_of(scene), 60.0, **options) as sink:
+        for one in estimates:
+            sink.write(one)
+
+
+def test_the_smoothed_poses_are_an_estimate_of_the_scene(tmp_path: Path) -> None:
+    scene = live_scene(1.2)
+    given = list(answers(scene))
+    write(scene, tmp_path / "e.mcap", given, settings={"live.lag": "0.25"})
+    assert [path.name for path in tmp_path.iterdir()] == ["e.mcap"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", McapWarning)
+        read = read_scene_estimate(tmp_path / "e.mcap")
+    assert read.name == scene.name
+    assert read.settings == {"live.lag": "0.25"}
+    assert read.findings == ("the stream has begun",)
+    for index, one in enumerate(read.wearers):
+        truth = truth_of(scene, index).frames(slice(0, len(given) - LAG))
+        np.testing.assert_allclose(one.motion.R_parent_child, truth.R_parent_child, atol=1e-12)
+        np.testing.assert_array_equal(one.motion.p_world_pelvis, truth.p_world_pelvis)
+        np.testing.assert_allclose(one.motion.time, truth.time, atol=1e-12)
+        np.testing.assert_array_equal(one.covariance.root[3], 1e-4 * np.eye(3))
+        assert one.calibration["head"].heading_sigma == given[-1].wearers[index].calibration["head"].heading_sigma
+    assert len(read.camera.path) == len(given) - LAG
+    np.testing.assert_allclose(read.camera.path.time[5], given[5].time, atol=1e-12)
+    assert read.camera.covariance.shape == (len(given) - LAG, 6, 6)
+
+
+def test_newest_poses_and_updates_stand_beside_them(tmp_path: Path) -> None:
+    scene = live_scene(1.2)
+    given = list(answers(scene))
+    write(scene, tmp_path / "e.mcap", given)
+    contents = read_contents(tmp_path / "e.mcap")
+    messages = list(contents.messages.values())
+    poses = of_topic(contents.path, messages, "/estimate/live/wearer/bob/pose", BodyPose)
+    assert [one.frame for one in poses] == list(range(len(given)))
+    np.testing.assert_allclose(poses[40].p_world_pelvis.x, given[40].wearers[1].newest.p_world_pelvis[0])
+    cameras = of_topic(contents.path, messages, LIVE_CAMERA, CameraPose)
+    assert [one.seconds for one in cameras] == [one.time for one in given]
+    updates = of_topic(contents.path, messages, LIVE_UPDATE, LiveUpdate)
+    assert [one.frame for one in updates] == list(range(len(given)))
+    assert list(updates[0].findings) == ["the stream has begun"]
+    assert list(updates[9].detection_of_wearer) == [0, 1]
+    assert updates[9].update_s == 0.005
+    assert contents.damage == []
+
+
+def test_one_wearer_is_read_as_a_plain_estimate_too(tmp_path: Path) -> None:
+    scene = live_scene(0.6, 1, filmed=False)
+    given = list(answers(scene, covariance=False))
+    write(scene, tmp_path / "e.mcap", given)
+    alone = read_estimate(tmp_path / "e.mcap")
+    assert len(alone.motion) == len(given) - LAG
+    assert alone.covariance is None
+    assert read_scene_estimate(tmp_path / "e.mcap").camera is None
+
+
+WRITER = """
+import sys, time
+sys.path.insert(0, sys.argv[1])
+from live_answers import answers, live_scene, setup_of
+from vip_factors.io.live_mcap import LiveMcapSink
+scene = live_scene(3.0)
+sink = LiveMcapSink(sys.argv[2], setup_of(scene), 60.0)
+for estimate in answers(scene):
+    sink.write(estimate)
+    if estimate.frame == 100:
+        print("now", flush=True)
+        time.sleep(60)
+"""
+
+
+def test_a_killed_process_leaves_what_it_had(tmp_path: Path) -> None:
+    out = tmp_path / "e.mcap"
+    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(TESTS), str(out)], stdout=subprocess.PIPE)
+    assert writer.stdout.readline() == b"now\n"
+    writer.send_signal(signal.SIGKILL)
+    writer.communicate()
+    assert [path.name for path in tmp_path.iterdir()] == ["e.partial.mcap"]
+    with pytest.warns(McapWarning, match="cut off"):
+        read = read_scene_estimate(tmp_path / "e.partial.mcap")
+    for one in read.wearers:  # half a second may be lost
+        assert 100 - LAG - 30 <= len(one.motion) <= 101 - LAG
+        assert one.calibration
+    assert len(read.camera.path) >= 100 - LAG - 30
+    # What the crash left is not overwritten without being asked.
+    with pytest.raises(InputError, match="killed"):
+        LiveMcapSink(out, setup_of(live_scene(0.1)), 60.0)
+    write(live_scene(0.6), out, list(answers(live_scene(0.6))), overwrite=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["e.mcap"]
+
+
+def test_a_cut_anywhere_loses_only_what_follows(tmp_path: Path) -> None:
+    scene = live_scene(2.0, 1)
+    write(scene, tmp_path / "e.mcap", list(answers(scene)))
+    whole = (tmp_path / "e.mcap").read_bytes()
+    lengths = []
+    for share in (0.6, 0.8, 0.95):
+        (tmp_path / "cut.mcap").write_bytes(whole[: int(share * len(whole))])
+        with pytest.warns(McapWarning):
+            lengths.append(len(read_estimate(tmp_path / "cut.mcap").motion))
+    assert 0 < lengths[0] < lengths[1] < lengths[2]
+
+
+def test_it_is_flushed_while_it_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    scene = live_scene(1.0)
+    sink = LiveMcapSink(tmp_path / "e.mcap", setup_of(scene), 60.0)
+    sizes = []
+    for frame in range(40):
+        now[0] += 0.1  # slower than real time
+        sink.write(answer(scene, frame))
+        sizes.append(os.path.getsize(partial_path(tmp_path / "e.mcap")))
+    assert all(after > before for before, after in zip(sizes, sizes[6:], strict=False))
+    sink.close()
+    sink.close()
+
+
+def test_after_an_error_the_name_says_that_it_is_not_whole(tmp_path: Path) -> None:
+    scene = live_scene(0.6)
+
+    def broken() -> None:
+        with LiveMcapSink(tmp_path / "e.mcap", setup_of(scene), 60.0) as sink:
+            for one in answers(scene):
+                sink.write(one)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        broken()
+    assert [path.name for path in tmp_path.iterdir()] == ["e.partial.mcap"]
+    assert len(read_scene_estimate(tmp_path / "e.partial.mcap").wearers) == 2
+
+
+def test_existing_files_stay(tmp_path: Path) -> None:
+    scene = live_scene(0.1)
+    (tmp_path / "e.mcap").write_bytes(b"mine")
+    with pytest.raises(InputError, match="exists already"):
+        LiveMcapSink(tmp_path / "e.mcap", setup_of(scene), 60.0)
+    with pytest.raises(InputError, match="no folder"):
+        LiveMcapSink(tmp_path / "none" / "e.mcap", setup_of(scene), 60.0)
+    sink = LiveMcapSink(tmp_path / "f.mcap", setup_of(scene), 60.0)
+    (tmp_path / "f.mcap").write_bytes(b"quicker")
+    with pytest.raises(InputError, match="exists already"):
+        sink.close()
+    assert (tmp_path / "f.mcap").read_bytes() == b"quicker"
+    assert (tmp_path / "f.partial.mcap").exists()
+
+
+def test_a_stream_without_smoothed_poses_says_so(tmp_path: Path) -> None:
+    scene = live_scene(0.1)
+    write(scene, tmp_path / "e.mcap", list(answers(scene)))
+    with pytest.raises(FileFormatError, match="live/update"):
+        read_scene_estimate(tmp_path / "e.mcap")
+
+
+def test_a_wearer_who_begins_later_or_misses_frames(tmp_path: Path) -> None:
+    scene = live_scene(1.0)
+    given = []
+    for one in answers(scene):
+        ann, bob = one.wearers
+        if one.frame < LAG + 10:
+            bob = replace(bob, smoothed=None)
+        if 40 <= one.frame < 43:
+            ann = replace(ann, smoothed=None)
+        if one.frame == 44:
+            ann = replace(ann, smoothed=given[-1].wearers[0].smoothed)  # said twice
+        given.append(replace(one, wearers=(ann, bob)))
+    write(scene, tmp_path / "e.mcap", given)
+    ann, bob = read_scene_estimate(tmp_path / "e.mcap").wearers
+    assert bob.motion.start == pytest.approx(10 / 60)
+    assert len(ann.motion) == len(given) - LAG
+    truth = truth_of(scene, 0).p_world_pelvis
+    np.testing.assert_array_equal(ann.motion.p_world_pelvis[24], truth[24])
+    np.testing.assert_array_equal(ann.motion.p_world_pelvis[25:28], truth[[24] * 3])  # held
+    np.testing.assert_array_equal(ann.motion.p_world_pelvis[30:], truth[30 : len(ann.motion)])
+    findings = read_scene_estimate(tmp_path / "e.mcap").findings
+    assert any("ann: 3 frames are missing" in one for one in findings)
+
+
+def test_a_camera_known_to_stand_still_has_one_pose(tmp_path: Path) -> None:
+    scene = live_scene(1.0)
+    first = scene.truth.camera
+    known = CameraPath(first.time[:1], first.R_world_camera[:1], first.p_world_camera[:1])
+    scene = replace(scene, camera=replace(scene.camera, moving=False, known_path=known))
+    write(scene, tmp_path / "e.mcap", list(answers(scene)))
+    assert len(read_scene_estimate(tmp_path / "e.mcap").camera.path) == 1

@@ -1,0 +1,306 @@
+"""An estimate file written as it goes: readable up to the last half second whatever happens to the program.
+
+The smoothed poses are an ordinary estimate of a scene; the newest ones stand on topics of their own beside it.
+"""
+
+import os
+import time
+from collections.abc import Iterable, Mapping
+from itertools import chain
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+
+from vip_factors.body.motion import Motion
+from vip_factors.errors import InputError
+from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
+from vip_factors.io.atomic import check_target
+from vip_factors.io.live_frames import GaplessPoses, motion_of_poses, path_of_poses
+from vip_factors.io.mcap_camera import intrinsics_message, path_messages
+from vip_factors.io.mcap_estimate import (
+    CALIBRATION,
+    INFO,
+    MOTION,
+    POINTS,
+    POSE,
+    SCENE,
+    SINGLE,
+    TRANSFORMS,
+    info_message,
+)
+from vip_factors.io.mcap_messages import calibration_message, motion_message, pose_messages, set_timestamp
+from vip_factors.io.mcap_scene import MODEST_FRAMES, point_messages, scene_wanted, skeleton_scene, transform_messages
+from vip_factors.io.mcap_scene_estimate import (
+    CAMERA_INFO,
+    CAMERA_PATH,
+    CAMERA_POSE,
+    INTRINSICS,
+    WEARER,
+    camera_pose_messages,
+    scene_info_message,
+)
+from vip_factors.io.mcap_scene_estimate import INFO as SCENE_INFO
+from vip_factors.io.mcap_scene_recording import wearer_topics
+from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
+from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo
+from vip_factors.io.schemas.live_update_pb2 import LiveUpdate
+from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose
+from vip_factors.sensors.live import LiveCamera, LiveSetup, LiveWearer
+
+LIVE, LIVE_WEARER = "/estimate/live", "/estimate/live/wearer/"
+LIVE_UPDATE, LIVE_CAMERA = "/estimate/live/update", "/estimate/live/camera/pose"
+METHOD = "fixed lag"
+FLUSH_S = 0.5  # seconds of wall time or of the stream, whichever ends first: what a crash may cost
+CHUNK_BYTES = 1 << 20  # more than comes in half a second, so that every flush makes one chunk
+MOST_FINDINGS = 200  # different sentences kept for the estimate; all of them are on LIVE_UPDATE
+
+
+class LiveMcapSink:
+    """Writes ``NAME.partial.mcap`` and calls it ``NAME.mcap`` at a normal end. A context manager, whose end after an
+    exception (but not after Ctrl-C) leaves the partial file, readable up to there.
+
+    Args:
+        path: of the file.
+        setup: of the stream.
+        rate: frames per second of the tracker.
+        settings: the effective settings as text.
+        overwrite: whether an existing file, or what a crash left of one, may be replaced.
+
+    Raises:
+        InputError: if there is a file already, or none can be written there.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        setup: LiveSetup,
+        rate: float,
+        settings: Mapping[str, str] | None = None,
+        overwrite: bool = False,
+    ) -> None:
+        self.path = check_target(path, overwrite)
+        self.partial = partial_path(self.path)
+        self._setup, self._settings, self._overwrite = setup, dict(settings or {}), overwrite
+        prefixes = wearer_topics([one.name for one in setup.wearers], SINGLE, WEARER)
+        live = wearer_topics([one.name for one in setup.wearers], LIVE, LIVE_WEARER)
+        self._wearers = [
+            _Wearer(one, rate, prefix, newest, setup.start_ns)
+            for one, prefix, newest in zip(setup.wearers, prefixes, live, strict=True)
+        ]
+        self._camera = _Camera(setup.camera, setup.start_ns) if setup.camera is not None else None
+        self._waiting: list[LiveEstimate] = []
+        self._most = max(1, round(FLUSH_S * rate))
+        self._findings: dict[str, None] = {}  # ordered, each once
+        self._told: tuple[int, int] = (0, 0)  # wearers and findings in the last SceneEstimateInfo
+        try:
+            self._file = open(self.partial, "wb" if overwrite else "xb")
+        except FileExistsError as error:
+            raise InputError(
+                f"{self.partial} exists already, left by a stream that was killed or still runs: look at it and rename "
+                "it, or allow overwriting it (overwrite)"
+            ) from error
+        self._writer = MessageWriter(self._file, CHUNK_BYTES)
+        self._writer.flush()
+        self._flushed = time.monotonic()
+
+    def __enter__(self) -> "LiveMcapSink":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        if kind is None or issubclass(kind, KeyboardInterrupt):
+            self.close()
+        else:
+            self.abandon()
+
+    def write(self, estimate: LiveEstimate) -> None:
+        """Take in the answer to one frame.
+
+        Raises:
+            OSError: if the file cannot be written.
+        """
+        if self._waiting and estimate.frame != self._waiting[-1].frame + 1:
+            self.flush()  # the frames of a batch follow each other
+        self._waiting.append(estimate)
+        if len(self._waiting) >= self._most or time.monotonic() - self._flushed >= FLUSH_S:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write all that waits, so that it survives a crash."""
+        if self._waiting:
+            self._write_waiting(self._waiting)
+            self._waiting = []
+        self._writer.flush()
+        self._flushed = time.monotonic()
+
+    def close(self) -> None:
+        """Complete the file and give it its name; a second call does nothing.
+
+        Raises:
+            InputError: if a file of that name has appeared; then what was written stays under its partial name.
+        """
+        if self._file.closed:
+            return
+        self._complete()
+        check_target(self.path, self._overwrite)
+        os.replace(self.partial, self.path)
+
+    def abandon(self) -> None:
+        """Complete the file, as after an error, but leave it its partial name."""
+        if not self._file.closed:
+            self._complete()
+
+    def _complete(self) -> None:
+        with self._file:
+            self.flush()
+            begun = [one for one in self._wearers if one.begun]
+            for wearer in begun:
+                wearer.write_motion(self._writer, frames=wearer.smoothed.taken)
+            if self._camera is not None and self._camera.smoothed:
+                self._camera.write_info(self._writer, poses=self._camera.smoothed)
+            if begun:
+                self._write_scene_info(self._setup.start_ns)
+            self._writer.finish()
+            self._file.flush()
+            os.fsync(self._file.fileno())
+
+    def _write_waiting(self, estimates: list[LiveEstimate]) -> None:
+        writer, streams = self._writer, [self._updates(estimates)]
+        for index, wearer in enumerate(self._wearers):
+            answers = [one.wearers[index] for one in estimates]
+            for answer in answers:
+                missing = wearer.smoothed.take(answer.smoothed) if answer.smoothed is not None else 0
+                if missing and answer.smoothed is not None:
+                    before = f"before {answer.smoothed.time:.2f} s"
+                    self._find([f"{answer.name}: {missing} frames are missing {before}; the last pose is held there"])
+            streams += wearer.streams(writer, estimates[0].frame, [answer.newest for answer in answers])
+            end_ns = nanoseconds_of(estimates[-1].time, self._setup.start_ns)
+            writer.write(wearer.prefix + CALIBRATION, calibration_message(answers[-1].calibration), end_ns)
+        if self._camera is not None:
+            streams += self._camera.streams(writer, estimates)
+        self._find(chain.from_iterable(one.findings for one in estimates))
+        told = (sum(one.begun for one in self._wearers), len(self._findings))
+        if told[0] and told != self._told:
+            self._write_scene_info(nanoseconds_of(estimates[0].time, self._setup.start_ns))
+            self._told = told
+        writer.add_in_order(*streams)
+
+    def _updates(self, estimates: list[LiveEstimate]) -> list[TimedMessage]:
+        channel = self._writer.channel(LIVE_UPDATE, LiveUpdate)
+        messages = []
+        for one in estimates:
+            seen = [-1 if wearer.detection is None else wearer.detection for wearer in one.wearers]
+            message = LiveUpdate(frame=one.frame, update_s=one.seconds, detection_of_wearer=seen, findings=one.findings)
+            time_ns = nanoseconds_of(one.time, self._setup.start_ns)
+            set_timestamp(message.timestamp, time_ns)
+            messages.append((time_ns, channel, message.SerializeToString()))
+        return messages
+
+    def _find(self, sentences: Iterable[str]) -> None:
+        for sentence in sentences:
+            if len(self._findings) < MOST_FINDINGS:
+                self._findings[sentence] = None
+
+    def _write_scene_info(self, time_ns: int) -> None:
+        """Of the wearers who have poses: a reader expects those whom it names."""
+        prefixes = [one.prefix for one in self._wearers if one.begun]
+        estimate = SceneEstimate(self._setup.name, METHOD, (), findings=tuple(self._findings), settings=self._settings)
+        message = scene_info_message(estimate, prefixes, self._setup.start_ns)
+        self._writer.write(SCENE_INFO, message, time_ns)
+
+
+class _Wearer:
+    """The topics of one wearer."""
+
+    def __init__(self, wearer: LiveWearer, rate: float, prefix: str, live: str, start_ns: int) -> None:
+        self.prefix, self._live, self._start_ns = prefix, live, start_ns
+        self._wearer, self._skeleton, self._rate = wearer, wearer.subject.body(), rate
+        self.smoothed = GaplessPoses(rate)
+        self.begun = False  # whether what comes before the first pose is in the file
+        self._shown = True  # whether viewers' messages are written
+
+    def streams(self, writer: MessageWriter, frame: int, newest: list[LivePose]) -> list[Iterable[TimedMessage]]:
+        """What has come since the last time: smoothed poses, and the newest ones, which begin with this frame."""
+        motion, covariance = self._motion(newest, newest[0].time)
+        streams: list[Iterable[TimedMessage]] = [
+            pose_messages(writer, self._live + POSE, motion, self._start_ns, covariance, frame)
+        ]
+        first, poses = self.smoothed.waiting()
+        if not poses:
+            return streams
+        motion, covariance = self._motion(poses, (self.smoothed.start or 0.0) + first / self._rate)
+        if not self.begun:
+            self._begin(writer, motion)
+        streams.append(pose_messages(writer, self.prefix + POSE, motion, self._start_ns, covariance, first))
+        if self._shown and first < MODEST_FRAMES:
+            streams.append(transform_messages(writer, self.prefix + TRANSFORMS, motion, self._start_ns))
+            streams.append(point_messages(writer, self.prefix + POINTS, motion, self._start_ns))
+        return streams
+
+    def write_motion(self, writer: MessageWriter, frames: int) -> None:
+        """What all frames share; 0 frames: nobody knows yet how many."""
+        start = self.smoothed.start or 0.0
+        message = motion_message(self._motion([], start)[0])
+        message.frames = frames
+        writer.write(self.prefix + MOTION, message, self._start_ns)
+
+    def _begin(self, writer: MessageWriter, motion: Motion) -> None:
+        sensors = tuple(site.sensor for site in self._wearer.placement.sites)
+        info = Estimate(self._wearer.name, METHOD, motion, {}, sensors=sensors)
+        writer.write(self.prefix + INFO, info_message(info, self._start_ns), self._start_ns)
+        self.write_motion(writer, frames=0)
+        self._shown = scene_wanted(None, motion)
+        if self._shown:
+            writer.write(self.prefix + SCENE, skeleton_scene(motion), self._start_ns)
+        self.begun = True
+
+    def _motion(self, poses: list[LivePose], start: float) -> tuple[Motion, PoseCovariance | None]:
+        return motion_of_poses(poses, self._skeleton, self._rate, start, self._wearer.name)
+
+
+class _Camera:
+    """The topics of the first camera."""
+
+    def __init__(self, camera: LiveCamera, start_ns: int) -> None:
+        self._camera, self._start_ns = camera, start_ns
+        self._known = not camera.moving and camera.known_path is not None  # then one pose says all
+        self.smoothed = 0  # poses written
+
+    def streams(self, writer: MessageWriter, estimates: list[LiveEstimate]) -> list[Iterable[TimedMessage]]:
+        """What has come since the last time."""
+        streams: list[Iterable[TimedMessage]] = []
+        newest = [one.camera for one in estimates if one.camera is not None]
+        if newest:
+            path, covariance = path_of_poses(newest)
+            first = next(one.frame for one in estimates if one.camera is not None)
+            streams.append(camera_pose_messages(writer, LIVE_CAMERA, path, self._start_ns, covariance, first))
+        smoothed = self._new([one.smoothed_camera for one in estimates])
+        if smoothed:
+            if not self.smoothed:
+                intrinsics = intrinsics_message(self._camera.model, self._camera.name, self._start_ns)
+                writer.write(INTRINSICS, intrinsics, self._start_ns)
+                self.write_info(writer, poses=0)
+            path, covariance = path_of_poses(smoothed)
+            first = self.smoothed
+            streams.append(camera_pose_messages(writer, CAMERA_POSE, path, self._start_ns, covariance, first))
+            streams.append(path_messages(writer, CAMERA_PATH, path, self._start_ns))
+            self.smoothed += len(smoothed)
+        return streams
+
+    def write_info(self, writer: MessageWriter, poses: int) -> None:
+        """What the camera is; 0 poses: nobody knows yet how many."""
+        writer.write(CAMERA_INFO, CameraEstimateInfo(name=self._camera.name, poses=poses), self._start_ns)
+
+    def _new(self, poses: list[LiveCameraPose | None]) -> list[LiveCameraPose]:
+        found = [one for one in poses if one is not None]
+        return found[: 1 - self.smoothed] if self._known else found
+
+
+def partial_path(path: Path) -> Path:
+    """Where a file is written until it is complete: ``walk.mcap`` → ``walk.partial.mcap``."""
+    return path.with_name(f"{path.stem}.partial{path.suffix}")
+
+
+def nanoseconds_of(seconds: float, start_ns: int) -> int:
+    """Absolute nanoseconds of a time in seconds from the start of the stream."""
+    return nanoseconds(np.array([seconds]), start_ns)[0]

@@ -89,6 +89,8 @@ class BatchObjective:
     def _static_rows(self, state: GraphState) -> list[tuple[str, Array, list[int], Array]]:
         """Kind, whitened residual, columns and Jacobian of the priors that are not per frame."""
         model, S, rows = self.model, len(self.model.sensors), []
+        if not model.is_beginning:
+            return rows
         if model.free_headings and not self.walk_keys:
             residual = heading_prior_residual(state.headings, model.prior_headings) / model.heading_sigmas
             rows.append(("heading prior", residual, list(range(FRAME, FRAME + S)), np.diag(1 / model.heading_sigmas)))

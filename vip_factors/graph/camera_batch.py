@@ -87,6 +87,8 @@ class CameraObjective:
     def _static_rows(self, state: CameraState) -> list[tuple[str, Array, Array, Array]]:
         """Kind, whitened residual, columns and Jacobian of the priors."""
         camera, rows = self.camera, []
+        if not camera.is_beginning:
+            return rows
         if camera.imu is not None:
             sigma = np.deg2rad(camera.settings.heading_sigma_deg)
             residual = heading_prior_residual(np.array([state.heading]), np.array([camera.prior_heading])) / sigma

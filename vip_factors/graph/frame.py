@@ -91,6 +91,8 @@ def pair_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gtsa
 
 def static_factors(model: InertialModel, wearer: int = 0) -> Iterator[gtsam.NonlinearFactor]:
     """Priors on headings and their walk, mountings and on the root of the first frame."""
+    if not model.is_beginning:
+        return
     for s, sigma in enumerate(model.heading_sigmas):
         if model.free_headings:
             yield heading_prior_factor(heading_key(s, wearer), float(model.prior_headings[s]), float(sigma))

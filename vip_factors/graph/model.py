@@ -83,6 +83,8 @@ class InertialModel:
         is_gauge: whether this wearer's first root position and gauge heading define the world. Where headings walk, the
             gauge sensor's is pinned at the first knot only: what it drifts shows against a camera that stands, and
             without one it stays as the walk's prior has it.
+        is_beginning: False for a stretch of something longer, whose beginning holds the priors on what all frames
+            share and on the first root position.
         heading_knots: ``(K,)`` seconds at which headings are variables, linear in between; one or none: constant.
     """
 
@@ -106,6 +108,7 @@ class InertialModel:
     free_pose_mean: bool = False
     gauge_sensor: int = 0
     is_gauge: bool = True
+    is_beginning: bool = True
     heading_knots: Array = field(default_factory=lambda: np.zeros(0))
 
     @property

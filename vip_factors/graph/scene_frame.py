@@ -67,6 +67,8 @@ def camera_factors(model: SceneModel, t: int) -> Iterator[gtsam.NonlinearFactor]
 def camera_static_factors(model: SceneModel) -> Iterator[gtsam.NonlinearFactor]:
     """Priors on what all frames share."""
     camera = model.camera
+    if not camera.is_beginning:
+        return
     if camera.imu is not None:
         sigma = float(np.deg2rad(camera.settings.heading_sigma_deg))
         yield heading_prior_factor(camera_heading_key(), camera.prior_heading, sigma)

@@ -41,6 +41,7 @@ class CameraProblem:
         prior_heading: radians, of that sensor.
         prior_R_camera_imu, mounting_sigma: its rough mounting, and radians about each axis.
         free_clock: whether the video's clock offset moves.
+        is_beginning: False for a stretch of something longer, whose beginning holds the priors.
         settings: of the factors.
     """
 
@@ -53,6 +54,7 @@ class CameraProblem:
     prior_R_camera_imu: Array = field(default_factory=lambda: np.eye(3))
     mounting_sigma: float = 0.2
     free_clock: bool = False
+    is_beginning: bool = True
     settings: CameraFactorSettings = field(default_factory=CameraFactorSettings)
 
     def orientation_weight(self, step: float) -> float:

@@ -3,12 +3,33 @@
 Rotations are perturbed on the right, ``R_parent_child ← R_parent_child Exp(δ)``, as the graph's variables are.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton, ancestors
 from vip_factors.geometry.rotations import Array, hat, transpose
+
+# Of each joint (row), the bones it moves; the last row is the root's translation, which moves them all.
+MOVES = np.ones((JOINT_COUNT + 1, JOINT_COUNT))
+for _bone in range(JOINT_COUNT):
+    MOVES[:JOINT_COUNT, _bone] = np.isin(np.arange(JOINT_COUNT), ancestors(_bone))
+
+
+def _generations() -> Iterator[tuple[slice, np.ndarray]]:
+    """Joints whose parents are known once all before them are, and those parents."""
+    start = 1
+    while start < JOINT_COUNT:
+        stop = start + 1
+        while stop < JOINT_COUNT and PARENTS[stop] < start:
+            stop += 1
+        yield slice(start, stop), np.array(PARENTS[start:stop])
+        start = stop
+
+
+GENERATIONS = tuple(_generations())
 
 
 @dataclass(frozen=True)
@@ -26,6 +47,29 @@ class BodyState:
     def point(self, bone: int, p_bone_point: Array) -> Array:
         """World positions ``(T, 3)`` of a point fixed to a bone (``p_bone_point`` in metres, bone axes)."""
         return self.p_world_joint[:, bone] + self.R_world_bone[:, bone] @ p_bone_point
+
+    def points(self, bones: np.ndarray, p_bone_point: Array) -> Array:
+        """World positions ``(T, n, 3)`` of points fixed to bones ``(n,)``, each ``(n, 3)`` metres in its bone's axes."""
+        return self.p_world_joint[:, bones] + (self.R_world_bone[:, bones] @ p_bone_point[..., None])[..., 0]
+
+    @cached_property
+    def screws(self) -> Array:
+        """How each joint moves the bones beyond it, as twists ``(T, 25, 6, 3)`` by its perturbation.
+
+        A twist is the angular velocity, then the velocity of what is at the root's position, in world axes. The
+        last of the 25 is the root's translation.
+        """
+        R = self.R_world_bone
+        screws = np.zeros((len(R), JOINT_COUNT + 1, 6, 3))
+        screws[:, :-1, :3] = R
+        screws[:, :-1, 3:] = hat(self.p_world_joint - self.p_world_joint[:, :1]) @ R
+        screws[:, -1, 3:] = np.eye(3)
+        return screws
+
+    def point_twists(self, p_world_point: Array) -> Array:
+        """Derivatives ``(T, n, 3, 6)`` of points ``(T, n, 3)`` by the twists of their bones."""
+        arm = p_world_point - self.p_world_joint[:, :1]
+        return np.concatenate([hat(-arm), np.broadcast_to(np.eye(3), (*arm.shape, 3))], axis=-1)
 
     def orientation_jacobian(self, bone: int) -> tuple[tuple[int, ...], Array]:
         """How a bone turns, in the world, when the joints of its chain are perturbed.
@@ -58,14 +102,13 @@ def forward_kinematics(skeleton: Skeleton, R_parent_child: Array, p_world_pelvis
         p_world_pelvis: ``(T, 3)`` metres.
     """
     R_world_bone = np.empty_like(R_parent_child)
-    p_world_joint = np.empty(R_parent_child.shape[:-1])
     R_world_bone[:, 0] = R_parent_child[:, 0]
-    p_world_joint[:, 0] = p_world_pelvis
-    for joint in range(1, JOINT_COUNT):
-        parent = PARENTS[joint]
-        np.matmul(R_world_bone[:, parent], R_parent_child[:, joint], out=R_world_bone[:, joint])
-        p_world_joint[:, joint] = p_world_joint[:, parent] + R_world_bone[:, parent] @ skeleton.p_parent_joint[joint]
-    return BodyState(R_world_bone, p_world_joint)
+    for joints, parents in GENERATIONS:
+        R_world_bone[:, joints] = R_world_bone[:, parents] @ R_parent_child[:, joints]
+    bones = np.empty(R_parent_child.shape[:-1])  # from each joint's parent to the joint, world axes
+    bones[:, 0] = p_world_pelvis
+    bones[:, 1:] = (R_world_bone[:, PARENTS[1:]] @ skeleton.p_parent_joint[1:, :, None])[..., 0]
+    return BodyState(R_world_bone, MOVES[:-1].T @ bones)
 
 
 def local_rotations(R_world_bone: Array) -> Array:

@@ -14,51 +14,76 @@ Array = NDArray[np.float64]
 SMALL_ANGLE = 1e-2
 
 
+# hat(v) as numbers in a row is linear in v, and so are the trace and the skew part of a matrix in its numbers: one
+# product with these does what would be many small operations, which on few rotations cost more than the arithmetic.
+_HAT = np.zeros((3, 9))
+_HAT[0, 7], _HAT[1, 2], _HAT[2, 3] = 1.0, 1.0, 1.0
+_HAT[0, 5], _HAT[1, 6], _HAT[2, 1] = -1.0, -1.0, -1.0
+_TRACE_AND_SKEW = np.column_stack([np.eye(3).ravel(), _HAT.T])
+_EYE = np.eye(3).ravel()
+
+
 def hat(v: ArrayLike) -> Array:
     """Skew-symmetric matrices ``(..., 3, 3)`` with ``hat(v) @ w == cross(v, w)``, from vectors ``(..., 3)``."""
     v = np.asarray(v, dtype=float)
-    matrix = np.zeros((*v.shape, 3))
-    matrix[..., 0, 1], matrix[..., 0, 2] = -v[..., 2], v[..., 1]
-    matrix[..., 1, 0], matrix[..., 1, 2] = v[..., 2], -v[..., 0]
-    matrix[..., 2, 0], matrix[..., 2, 1] = -v[..., 1], v[..., 0]
-    return matrix
+    return (v @ _HAT).reshape(*v.shape, 3)
 
 
-def _series(angle: Array, closed: Array, coefficients: tuple[float, float, float]) -> Array:
-    square = angle * angle
-    series = coefficients[0] + square * (coefficients[1] + square * coefficients[2])
-    return np.where(angle < SMALL_ANGLE, series, closed)
+def _square(v: Array) -> Array:
+    """Squared length ``(..., 1)``."""
+    return np.einsum("...i,...i->...", v, v)[..., None]
 
 
-def _sine_terms(angle: Array) -> tuple[Array, Array, Array]:
-    """``sin θ/θ``, ``(1 − cos θ)/θ²`` and ``(θ − sin θ)/θ³``."""
-    safe = np.where(angle < SMALL_ANGLE, 1.0, angle)
+def _combined(v: Array, one: Array, of_hat: Array | float, of_outer: Array) -> Array:
+    """``one I + of_hat hat(v) + of_outer v vᵀ`` of vectors ``(..., 3)``; the coefficients are ``(..., 1)``."""
+    matrix = ((of_outer * v)[..., :, None] * v[..., None, :]).reshape(*v.shape[:-1], 9)
+    matrix += one * _EYE
+    matrix += (of_hat * v) @ _HAT
+    return matrix.reshape(*v.shape, 3)
+
+
+def _sine_terms(square: Array) -> tuple[Array, Array, Array]:
+    """``sin θ/θ``, ``(1 − cos θ)/θ²`` and ``(θ − sin θ)/θ³``, of θ²."""
+    small = square < SMALL_ANGLE**2
+    safe = np.where(small, 1.0, np.sqrt(square))
     sine, half_sine = np.sin(safe), np.sin(safe / 2)
-    a = _series(angle, sine / safe, (1.0, -1 / 6, 1 / 120))
-    b = _series(angle, 2 * half_sine**2 / safe**2, (0.5, -1 / 24, 1 / 720))
-    c = _series(angle, (safe - sine) / safe**3, (1 / 6, -1 / 120, 1 / 5040))
+    a = np.where(small, 1 + square * (-1 / 6 + square / 120), sine / safe)
+    b = np.where(small, 0.5 + square * (-1 / 24 + square / 720), 2 * half_sine**2 / safe**2)
+    c = np.where(small, 1 / 6 + square * (-1 / 120 + square / 5040), (safe - sine) / safe**3)
     return a, b, c
 
 
 def exp(rotation_vector: ArrayLike) -> Array:
     """Rotation matrices ``(..., 3, 3)`` of rotation vectors ``(..., 3)`` in radians (Rodrigues; thesis eq. 2.13)."""
     v = np.asarray(rotation_vector, dtype=float)
-    a, b, _ = _sine_terms(np.linalg.norm(v, axis=-1))
-    K = hat(v)
-    return np.eye(3) + a[..., None, None] * K + b[..., None, None] * (K @ K)
+    square = _square(v)
+    a, b, _ = _sine_terms(square)
+    return _combined(v, 1 - b * square, a, b)  # for hat(v)² = v vᵀ − θ² I
 
 
 def log(R: ArrayLike) -> Array:
     """Rotation vectors ``(..., 3)`` of angle in [0, π] radians, of rotation matrices ``(..., 3, 3)``.
 
-    Accurate at the identity and at half turns: the quaternion of the matrix is found first, by the largest of its
-    four components, and its vector part is scaled by ``2 atan2(|v|, w)/|v|``.
+    Up to 120° it is the skew part, of length ``sin θ``, scaled to its angle. Beyond, where that part vanishes towards
+    the half turn, the quaternion of the matrix is found first, by the largest of its four components.
     """
-    w, v = _quaternion_parts(np.asarray(R, dtype=float))
+    R = np.asarray(R, dtype=float)
+    parts = R.reshape(*R.shape[:-2], 9) @ _TRACE_AND_SKEW
+    trace, skew = parts[..., :1], parts[..., 1:]
+    sine = 0.5 * np.sqrt(_square(skew))
+    tiny = sine < 1e-12
+    v = np.where(tiny, 0.5, 0.5 * np.arctan2(sine, 0.5 * (trace - 1)) / np.where(tiny, 1.0, sine)) * skew
+    far = trace[..., 0] < 0
+    if far.any():
+        v[far] = _log_of_large(R[far])
+    return v
+
+
+def _log_of_large(R: Array) -> Array:
+    """:func:`log` of ``(n, 3, 3)`` rotations that are not small."""
+    w, v = _quaternion_parts(R)
     sine = np.linalg.norm(v, axis=-1)
-    safe = np.where(sine < 1e-12, 1.0, sine)
-    scale = np.where(sine < 1e-12, 2.0, 2 * np.arctan2(sine, w) / safe)
-    return scale[..., None] * v
+    return (2 * np.arctan2(sine, w) / sine)[..., None] * v
 
 
 def _quaternion_parts(R: Array) -> tuple[Array, Array]:
@@ -84,21 +109,22 @@ def _quaternion_parts(R: Array) -> tuple[Array, Array]:
 def right_jacobian(rotation_vector: ArrayLike) -> Array:
     """``J_r`` with ``Exp(v + dv) ≈ Exp(v) Exp(J_r dv)``, ``(..., 3, 3)``; Solà et al. eq. 143."""
     v = np.asarray(rotation_vector, dtype=float)
-    _, b, c = _sine_terms(np.linalg.norm(v, axis=-1))
-    K = hat(v)
-    return np.eye(3) - b[..., None, None] * K + c[..., None, None] * (K @ K)
+    square = _square(v)
+    _, b, c = _sine_terms(square)
+    return _combined(v, 1 - c * square, -b, c)
 
 
 def inverse_right_jacobian(rotation_vector: ArrayLike) -> Array:
     """``J_r⁻¹`` with ``Log(R Exp(δ)) ≈ Log(R) + J_r⁻¹ δ``, ``(..., 3, 3)``; Solà et al. eq. 144."""
     v = np.asarray(rotation_vector, dtype=float)
-    angle = np.linalg.norm(v, axis=-1)
-    safe = np.where(angle < SMALL_ANGLE, 1.0, angle)
-    half = safe / 2
+    square = _square(v)
+    small = square < SMALL_ANGLE**2
+    half = np.where(small, 0.5, 0.5 * np.sqrt(square))
+    cotangent = half / np.tan(half)
+    one = np.where(small, 1 - square * (1 / 12 + square * (1 / 720 + square / 30240)), cotangent)
     # (1 − (θ/2) cot(θ/2))/θ²: finite up to θ < 2π.
-    d = _series(angle, (1 - half * np.cos(half) / np.sin(half)) / safe**2, (1 / 12, 1 / 720, 1 / 30240))
-    K = hat(v)
-    return np.eye(3) + 0.5 * K + d[..., None, None] * (K @ K)
+    outer = np.where(small, 1 / 12 + square * (1 / 720 + square / 30240), (1 - cotangent) / np.where(small, 1, square))
+    return _combined(v, one, 0.5, outer)
 
 
 def inverse_left_jacobian(rotation_vector: ArrayLike) -> Array:

@@ -9,7 +9,9 @@ from test_batch import small_model
 
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.skeleton import joint_index
 from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.factors.ground_contact import Foot, pixel_rays
 from vip_factors.geometry.rotations import exp, rotation_z
 from vip_factors.graph.keys import (
     camera_heading_key,
@@ -25,7 +27,7 @@ from vip_factors.graph.keys import (
 from vip_factors.graph.model import BodyPoint
 from vip_factors.graph.scene_batch import SceneObjective
 from vip_factors.graph.scene_frame import scene_graph
-from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel, Viewpoint
+from vip_factors.graph.scene_model import CameraProblem, GroundView, KeypointView, SceneModel, Viewpoint
 from vip_factors.graph.scene_state import CameraState, SceneState
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames
@@ -72,10 +74,23 @@ def small_scene(kind: str) -> tuple[SceneModel, SceneState]:
         if number:
             seen[1] = False
         rate = 100 * random.standard_normal(pixels.shape)
-        views.append(KeypointView(points, pixels, random.uniform(3, 10, seen.shape), seen, rate))
+        ground = standing_feet(lens, points, pixels, seen, random)
+        views.append(KeypointView(points, pixels, random.uniform(3, 10, seen.shape), seen, rate, ground))
     further = tuple(known_camera(lens, views, random) for _ in range(2 if kind == "further cameras" else 0))
     model = SceneModel((first, second), camera, tuple(views), further)
     return model, SceneState((state, other), CameraState(poses, 0.4, exp([0.2, 0.1, 0.0]), 0.01))
+
+
+def standing_feet(
+    lens: CameraModel, points: tuple[BodyPoint, ...], pixels: np.ndarray, seen: np.ndarray, random: np.random.Generator
+) -> GroundView:
+    """Both feet, on the ground in some of the frames."""
+    ankles = [joint_index("left_ankle"), joint_index("right_ankle")]
+    columns = [next(k for k, point in enumerate(points) if point.bone == ankle) for ankle in ankles]
+    sole = np.array([[0.0, -0.08, -0.05], [0.0, -0.07, 0.13]])
+    feet = tuple(Foot(ankle, np.zeros(3), sole) for ankle in ankles)
+    whitening = 2 * np.eye(3) + random.standard_normal((T, 2, 3, 3))
+    return GroundView(feet, pixel_rays(lens, pixels[:, columns]), whitening, seen[:, columns])
 
 
 def known_camera(lens: CameraModel, views: list[KeypointView], random: np.random.Generator) -> Viewpoint:
@@ -155,8 +170,17 @@ def test_turning_the_world_leaves_the_cost_alone(kind: str) -> None:
     camera = replace(state.camera, poses=moved, heading=state.camera.heading + 1.1)
     turned_state = SceneState(tuple(wearer.turned(1.1) for wearer in state.wearers), camera)
     costs = dict(SceneObjective(model).cost(state))
-    turned = replace(model, camera=replace(model.camera, prior_heading=model.camera.prior_heading + 1.1))
+    turned = replace(
+        model,
+        camera=replace(model.camera, prior_heading=model.camera.prior_heading + 1.1),
+        views=tuple(with_turned_ground(view, turn) for view in model.views),
+    )
     assert dict(SceneObjective(turned).cost(turned_state)) == pytest.approx(costs, rel=1e-9)
+
+
+def with_turned_ground(view: KeypointView, turn: np.ndarray) -> KeypointView:
+    assert view.ground is not None
+    return replace(view, ground=replace(view.ground, whitening=view.ground.whitening @ turn.T))
 
 
 @pytest.mark.parametrize("kind", KINDS)

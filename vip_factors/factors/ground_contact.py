@@ -154,26 +154,30 @@ def ground_contact_whitening(
 
 
 def ground_contact_factor(
-    skeleton: Skeleton, keys: FrameKeys, camera_key: int, foot: Foot, ray: Array, whitening: Array, loss: RobustLoss
-) -> gtsam.CustomFactor:
+    skeleton: Skeleton, keys: FrameKeys, camera: int | CameraPoses, foot: Foot, ray: Array, whitening: Array,
+    loss: RobustLoss,
+) -> gtsam.CustomFactor:  # fmt: skip
     """The GTSAM factor of one foot in one frame.
 
-    Keys in order: the chain of joints, the root, the camera's pose. ``ray`` ``(3,)`` is that of the ankle's pixel in
-    the camera's frame, ``whitening`` ``(3, 3)``.
+    ``camera`` is the key of its pose, or the pose itself if that is known. Keys in order: the chain of joints, the
+    root, the camera's pose unless known. ``ray`` ``(3,)`` is that of the ankle's pixel in the camera's frame,
+    ``whitening`` ``(3, 3)``.
     """
 
     def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
         body = chain_state(skeleton, values, keys, foot.bone, with_root=True)
-        camera = CameraPoses.of(values, camera_key)
+        pose = CameraPoses.of(values, camera) if isinstance(camera, int) else camera
         p, height = foot.ankle(body)
-        residual = whitening @ ground_contact_residual(p, height, camera, ray[None])[0]
-        by_height, by_camera = ground_contact_jacobians(height, camera, ray[None])
+        residual = whitening @ ground_contact_residual(p, height, pose, ray[None])[0]
+        by_height, by_camera = ground_contact_jacobians(height, pose, ray[None])
         _, by_joints, of_height = foot.ankle_jacobian(body)
         chain = by_joints + by_height[:, None, :, None] * of_height[:, :, None]
-        return residual, [*split_blocks(whitening @ chain), whitening, whitening @ by_camera[0]]
+        jacobians = [*split_blocks(whitening @ chain), whitening]
+        return residual, [*jacobians, whitening @ by_camera[0]] if isinstance(camera, int) else jacobians
 
-    dimensions = [*[3] * (len(ancestors(foot.bone)) + 1), 6]
-    all_keys = [*keys.chain(foot.bone), keys.root, camera_key]
+    all_keys, dimensions = [*keys.chain(foot.bone), keys.root], [3] * (len(ancestors(foot.bone)) + 1)
+    if isinstance(camera, int):
+        all_keys, dimensions = [*all_keys, camera], [*dimensions, 6]
     return custom_factor("ground contact", loss.noise_model(np.ones(3)), all_keys, dimensions, evaluate)
 
 

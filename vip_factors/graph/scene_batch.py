@@ -9,9 +9,15 @@ import numpy as np
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.graph.batch import BatchObjective
 from vip_factors.graph.camera_batch import CameraObjective
-from vip_factors.graph.reprojection_batch import reprojection_cost, reprojection_equations, reprojections
-from vip_factors.graph.scene_model import KeypointView, SceneModel
-from vip_factors.graph.scene_state import SceneState
+from vip_factors.graph.ground_batch import ground_cost, ground_equations
+from vip_factors.graph.reprojection_batch import (
+    ReprojectionEquations,
+    reprojection_cost,
+    reprojection_equations,
+    reprojections,
+)
+from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel
+from vip_factors.graph.scene_state import CameraState, SceneState
 from vip_factors.graph.scene_system import SceneSystem
 from vip_factors.graph.terms import FRAME
 
@@ -45,9 +51,13 @@ class SceneObjective:
         for number in range(len(self.wearers)):
             body = self._body(state, number)
             for one in self.model.viewpoints(state.camera):
+                view, settings = one.views[number], one.problem.settings
                 poses, clock = one.state.at_frames(everything), one.state.clock
-                residual, _ = reprojections(one.views[number], one.problem, poses, clock, body)
-                costs["reprojection"] += reprojection_cost(residual, one.problem.settings.reprojection)
+                residual, _ = reprojections(view, one.problem, poses, clock, body)
+                costs["reprojection"] += reprojection_cost(residual, settings.reprojection)
+                if view.ground is not None:
+                    cost = ground_cost(view.ground, poses, body, settings.ground_contact)
+                    costs["ground contact"] = costs.get("ground contact", 0.0) + cost
         return costs
 
     def linearise(self, state: SceneState) -> SceneSystem:
@@ -58,19 +68,13 @@ class SceneObjective:
         for number, (chain, view) in enumerate(zip(chains, self.model.views, strict=True)):
             body, coupling = self._body(state, number), np.zeros((T, FRAME, len(camera.columns)))
             for frames in (slice(start, min(start + CHUNK, T)) for start in range(0, T, CHUNK)):
-                equations = reprojection_equations(
-                    _part(view, frames), self.model.camera, state.camera.at_frames(frames), state.camera.clock,
-                    BodyState(body.R_world_bone[frames], body.p_world_joint[frames]),
-                )  # fmt: skip
+                equations = _view_equations(view, frames, self.model.camera, state.camera, body)
                 chain.own[frames, :FRAME, :FRAME] += equations.hessian[:, :FRAME, :FRAME]
                 chain.gradient[frames, :FRAME] += equations.gradient[:, :FRAME]
                 camera.add_frames(frames, equations.hessian[:, FRAME:, FRAME:], equations.gradient[:, FRAME:])
                 coupling[frames] = equations.coupling[:, :, camera.columns]
                 for known in self.model.further:
-                    equations = reprojection_equations(
-                        _part(known.views[number], frames), known.problem, known.state.at_frames(frames), 0.0,
-                        BodyState(body.R_world_bone[frames], body.p_world_joint[frames]),
-                    )  # fmt: skip
+                    equations = _view_equations(known.views[number], frames, known.problem, known.state, body)
                     chain.own[frames, :FRAME, :FRAME] += equations.hessian[:, :FRAME, :FRAME]
                     chain.gradient[frames, :FRAME] += equations.gradient[:, :FRAME]
             couplings.append(coupling)
@@ -86,6 +90,18 @@ class SceneObjective:
     def _body(self, state: SceneState, number: int) -> BodyState:
         wearer = state.wearers[number]
         return forward_kinematics(self.model.wearers[number].skeleton, wearer.R_parent_child, wearer.p_world_pelvis)
+
+
+def _view_equations(
+    view: KeypointView, frames: slice, camera: CameraProblem, state: CameraState, body: BodyState
+) -> ReprojectionEquations:
+    """What one camera saw of one wearer in a stretch of frames: keypoints, and feet on the ground."""
+    poses, part = state.at_frames(frames), BodyState(body.R_world_bone[frames], body.p_world_joint[frames])
+    equations = reprojection_equations(_part(view, frames), camera, poses, state.clock, part)
+    if view.ground is None:
+        return equations
+    ground = ground_equations(view.ground.at_frames(frames), poses, part, camera.settings.ground_contact)
+    return ReprojectionEquations(equations.hessian + ground.hessian, equations.gradient + ground.gradient)
 
 
 def _part(view: KeypointView, frames: slice) -> KeypointView:

@@ -9,6 +9,7 @@ from vip_factors.factors.camera_acceleration import camera_acceleration_factor
 from vip_factors.factors.camera_orientation import camera_orientation_factor
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.camera_velocity import camera_velocity_factor
+from vip_factors.factors.ground_contact import ground_contact_factor
 from vip_factors.factors.heading_prior import heading_prior_factor
 from vip_factors.factors.reprojection import reprojection_factor
 from vip_factors.factors.rotation_prior import rotation_prior_factor
@@ -40,6 +41,14 @@ def _one_view(
         yield reprojection_factor(
             model.wearers[wearer].skeleton, frame_keys(t, wearer), pose, point.bone, point.p_bone_point,
             camera.model, view.pixels[t, k], float(view.sigma[t, k]), camera.settings.reprojection, clock,
+        )  # fmt: skip
+    ground = view.ground
+    if ground is None:
+        return
+    for g in np.flatnonzero(ground.stands[t]):
+        yield ground_contact_factor(
+            model.wearers[wearer].skeleton, frame_keys(t, wearer), pose, ground.feet[g], ground.rays[t, g],
+            ground.whitening[t, g], camera.settings.ground_contact.loss,
         )  # fmt: skip
 
 

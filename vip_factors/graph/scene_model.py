@@ -7,6 +7,7 @@ import numpy as np
 from vip_factors.factors.camera_acceleration import CameraAccelerationSettings
 from vip_factors.factors.camera_orientation import CameraOrientationSettings
 from vip_factors.factors.camera_velocity import CameraVelocitySettings
+from vip_factors.factors.ground_contact import Foot, GroundContactSettings
 from vip_factors.factors.reprojection import ReprojectionSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.graph.model import BodyPoint, InertialModel
@@ -23,6 +24,7 @@ class CameraFactorSettings:
     orientation: CameraOrientationSettings = field(default_factory=CameraOrientationSettings)
     acceleration: CameraAccelerationSettings = field(default_factory=CameraAccelerationSettings)
     velocity: CameraVelocitySettings = field(default_factory=CameraVelocitySettings)
+    ground_contact: GroundContactSettings = field(default_factory=GroundContactSettings)
     heading_sigma_deg: float = 45.0  # of the camera IMU's heading, which nothing but the picture tells
     # s, of the clock offset where it is a variable: a clap found by eye is good to a video frame or two.
     clock_sigma: float = 0.05
@@ -66,6 +68,27 @@ class CameraProblem:
 
 
 @dataclass(frozen=True)
+class GroundView:
+    """Where one camera saw one wearer's ``G`` feet stand.
+
+    Attributes:
+        feet: of the body.
+        rays: ``(T, G, 3)`` of the ankles' pixels, in the camera's frame.
+        whitening: ``(T, G, 3, 3)`` per metre.
+        stands: ``(T, G)`` where the factor exists; elsewhere the others mean nothing.
+    """
+
+    feet: tuple[Foot, ...]
+    rays: Array
+    whitening: Array
+    stands: np.ndarray
+
+    def at_frames(self, frames: slice) -> "GroundView":
+        """A stretch of frames."""
+        return GroundView(self.feet, self.rays[frames], self.whitening[frames], self.stands[frames])
+
+
+@dataclass(frozen=True)
 class KeypointView:
     """Where one wearer's ``K`` keypoints were seen in the ``T`` frames.
 
@@ -75,6 +98,7 @@ class KeypointView:
         sigma: ``(T, K)`` pixels; one where not seen.
         seen: ``(T, K)``.
         pixels_per_second: ``(T, K, 2)`` how fast the detections move, for the clock offset.
+        ground: of the feet among them, if their contact with the ground is used.
     """
 
     points: tuple[BodyPoint, ...]
@@ -82,6 +106,7 @@ class KeypointView:
     sigma: Array
     seen: np.ndarray
     pixels_per_second: Array
+    ground: GroundView | None = None
 
 
 @dataclass(frozen=True)

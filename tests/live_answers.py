@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from scene_sample import scene_sample
 
+from vip_factors.body.motion import Motion
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.live import LiveSetup
@@ -42,7 +43,7 @@ def answer(scene: Scene, frame: int, covariance: bool = True, lag: int = LAG) ->
     return LiveEstimate(frame, time, tuple(wearers), camera, late, findings, 0.005)
 
 
-def truth_of(scene: Scene, index: int):  # noqa: ANN201
+def truth_of(scene: Scene, index: int) -> Motion:
     return scene.wearers[index].truth.motion
 
 

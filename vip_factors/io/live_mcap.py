@@ -94,7 +94,7 @@ class LiveMcapSink:
         self._findings: dict[str, None] = {}  # ordered, each once
         self._told: tuple[int, int] = (0, 0)  # wearers and findings in the last SceneEstimateInfo
         try:
-            self._file = open(self.partial, "wb" if overwrite else "xb")
+            self._file = open(self.partial, "wb" if overwrite else "xb")  # noqa: SIM115 — open as long as the stream
         except FileExistsError as error:
             raise InputError(
                 f"{self.partial} exists already, left by a stream that was killed or still runs: look at it and rename "
@@ -165,7 +165,8 @@ class LiveMcapSink:
             os.fsync(self._file.fileno())
 
     def _write_waiting(self, estimates: list[LiveEstimate]) -> None:
-        writer, streams = self._writer, [self._updates(estimates)]
+        writer = self._writer
+        streams: list[Iterable[TimedMessage]] = [self._updates(estimates)]
         for index, wearer in enumerate(self._wearers):
             answers = [one.wearers[index] for one in estimates]
             for answer in answers:

@@ -7,7 +7,7 @@ import rerun as rr
 from rerun.components import FillMode
 
 from vip_factors.body.motion import Motion
-from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.body.skeleton import JOINT_NAMES, Skeleton
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration
@@ -39,17 +39,30 @@ def log_body(
         colours: of the segments by side.
         ghost: draw see-through, for what something else is compared with.
     """
+    log_poses(stream, entity, motion)
+    log_shape(stream, entity, motion.skeleton, colours, ghost=ghost)
+
+
+def log_poses(stream: rr.RecordingStream, entity: str, motion: Motion) -> None:
+    """Log the world poses of all bones, ``entity/<bone>``."""
     state = motion.state
     quaternions = quaternion_from_matrix(state.R_world_bone, Order.XYZW).astype(np.float32)
     positions = state.p_world_joint.astype(np.float32)
     time = time_column(motion.time)
-    segments = mannequin(motion.skeleton)
     for bone, name in enumerate(JOINT_NAMES):
         stream.send_columns(
             f"{entity}/{name}",
             indexes=[time],
             columns=rr.Transform3D.columns(translation=positions[:, bone], quaternion=quaternions[:, bone]),
         )
+
+
+def log_shape(
+    stream: rr.RecordingStream, entity: str, skeleton: Skeleton, colours: Mapping[Side, Colour], *, ghost: bool = False
+) -> None:
+    """Log the segments that move with the bones below ``entity``, for ever."""
+    segments = mannequin(skeleton)
+    for bone, name in enumerate(JOINT_NAMES):
         mine = [segment for segment in segments if segment.bone == bone]
         if mine:
             stream.log(f"{entity}/{name}", _capsules(mine, colours, ghost), static=True)
@@ -58,13 +71,10 @@ def log_body(
 def log_rest_body(stream: rr.RecordingStream, entity: str, motion: Motion, colours: Mapping[Side, Colour]) -> None:
     """Log the first frame of a motion as a body that stands still for ever."""
     state = motion.state
-    segments = mannequin(motion.skeleton)
     for bone, name in enumerate(JOINT_NAMES):
         pose = rr.Transform3D(translation=state.p_world_joint[0, bone], mat3x3=state.R_world_bone[0, bone])
         stream.log(f"{entity}/{name}", pose, static=True)
-        mine = [segment for segment in segments if segment.bone == bone]
-        if mine:
-            stream.log(f"{entity}/{name}", _capsules(mine, colours, False), static=True)
+    log_shape(stream, entity, motion.skeleton, colours)
 
 
 def _capsules(segments: list[Segment], colours: Mapping[Side, Colour], ghost: bool) -> rr.Capsules3D:

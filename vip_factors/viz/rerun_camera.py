@@ -16,6 +16,11 @@ CAMERA_COLOUR: Colour = (240, 210, 90)
 def log_camera(stream: rr.RecordingStream, entity: str, path: CameraPath, model: CameraModel) -> None:
     """Log a moving (or standing) camera: ``entity`` carries its pose, ``entity/image`` its pinhole and pictures."""
     _log_poses(stream, entity, path)
+    log_frustum(stream, entity, model)
+
+
+def log_frustum(stream: rr.RecordingStream, entity: str, model: CameraModel) -> None:
+    """Log the pinhole of a camera whose pose is logged at ``entity``."""
     stream.log(f"{entity}/image", _pinhole(model, CAMERA_COLOUR), static=True)
 
 
@@ -37,6 +42,11 @@ def _log_poses(stream: rr.RecordingStream, entity: str, path: CameraPath) -> Non
         pose = rr.Transform3D(translation=path.p_world_camera[0], mat3x3=path.R_world_camera[0])
         stream.log(entity, pose, static=True)
         return
+    log_camera_poses(stream, entity, path)
+
+
+def log_camera_poses(stream: rr.RecordingStream, entity: str, path: CameraPath) -> None:
+    """Log the poses of a moving camera, or a part of them."""
     columns = rr.Transform3D.columns(
         translation=path.p_world_camera.astype(np.float32),
         quaternion=quaternion_from_matrix(path.R_world_camera, Order.XYZW).astype(np.float32),

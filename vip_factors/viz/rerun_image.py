@@ -42,18 +42,42 @@ def log_people(
         line, dot: widths in points of the screen, whatever the zoom; 0 leaves them out.
         order: what is drawn over what: higher is nearer.
     """
+    log_people_style(stream, entity, colour, line=line, dot=dot, order=order)
+    log_people_frames(stream, entity, time, frame, pixels, keypoints, lines=line > 0, dots=dot > 0)
+
+
+def log_people_style(
+    stream: rr.RecordingStream, entity: str, colour: Colour, *, line: float, dot: float, order: float
+) -> None:
+    """Log how the skeletons below ``entity`` look, for ever; arguments as of :func:`log_people`."""
     # Rerun takes negative radii as points of the screen.
-    pairs = pixels[:, limb_pairs(keypoints)]
-    drawn = np.isfinite(pairs).all(axis=(2, 3))
     if line > 0:
         style = rr.LineStrips2D.from_fields(colors=[colour], radii=[-line], draw_order=order)
         stream.log(f"{entity}/limbs", style, static=True)
-        columns = rr.LineStrips2D.columns(strips=pairs[drawn].astype(np.float32))
-        _send(stream, f"{entity}/limbs", time, np.repeat(frame, drawn.sum(axis=1)), columns)
-    seen = np.isfinite(pixels).all(axis=2)
     if dot > 0:
         points = rr.Points2D.from_fields(colors=[colour], radii=[-dot], draw_order=order + 1)
         stream.log(f"{entity}/points", points, static=True)
+
+
+def log_people_frames(
+    stream: rr.RecordingStream,
+    entity: str,
+    time: Array,
+    frame: np.ndarray,
+    pixels: Array,
+    keypoints: KeypointSet,
+    *,
+    lines: bool = True,
+    dots: bool = True,
+) -> None:
+    """Log 2D skeletons, or a part of the frames; arguments as of :func:`log_people`."""
+    pairs = pixels[:, limb_pairs(keypoints)]
+    drawn = np.isfinite(pairs).all(axis=(2, 3))
+    if lines:
+        columns = rr.LineStrips2D.columns(strips=pairs[drawn].astype(np.float32))
+        _send(stream, f"{entity}/limbs", time, np.repeat(frame, drawn.sum(axis=1)), columns)
+    seen = np.isfinite(pixels).all(axis=2)
+    if dots:
         columns = rr.Points2D.columns(positions=pixels[seen].astype(np.float32))
         _send(stream, f"{entity}/points", time, np.repeat(frame, seen.sum(axis=1)), columns)
 

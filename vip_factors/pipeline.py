@@ -1,13 +1,12 @@
 """The pipeline on one page: recording → inertial tracker → sparse inertial poser → estimate.
 
-And with a camera: scene → inertial trackers → association → video-inertial fusion, twice → estimate (thesis 4.3).
+And with cameras: scene → inertial trackers → association → video-inertial fusion, twice → estimate (thesis 4.3).
 """
 
 from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
-from vip_factors.associate.associate import associate
 from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
 from vip_factors.graph.batch import BatchObjective
 from vip_factors.graph.decode import decode, motion_of, pose_covariance
@@ -18,12 +17,13 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 from vip_factors.solve.marginals import chain_marginals
-from vip_factors.stages.filming import sightings, start_filming
-from vip_factors.stages.fusion import fuse, fuse_finely, gravity_in_camera
+from vip_factors.stages.filming import start_filming
+from vip_factors.stages.fusion import fuse, fuse_finely
 from vip_factors.stages.inertial import at_frames, inertial_tracker
 from vip_factors.stages.inertial_model import FEW_SENSORS, alone, kept, loosened, with_contacts
-from vip_factors.stages.reporting import scene_estimate
+from vip_factors.stages.reporting import scene_estimate, who_is_who
 from vip_factors.stages.scene_frames import scene_frames
+from vip_factors.stages.shots import of_use, watch, watch_again
 from vip_factors.stages.solver import Progress, Solver
 
 DEFAULT = Settings()
@@ -72,10 +72,10 @@ def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progres
 
 @one_blas_thread
 def smooth_scene(scene: Scene, settings: Settings = DEFAULT, progress: Progress | None = None) -> SceneEstimate:
-    """Reconstruct a scene: of its wearers' IMUs and of what its camera saw, or of the IMUs alone.
+    """Reconstruct a scene: of its wearers' IMUs and of what its cameras saw, or of the IMUs alone.
 
     Args:
-        scene: with or without a camera; one that never shows a wearer is left out, and a finding says so.
+        scene: with or without cameras; one that never shows a wearer is left out, and a finding says so.
         settings: of all rooms.
         progress: called with the name of the stage and the fraction of it done.
 
@@ -87,7 +87,6 @@ def smooth_scene(scene: Scene, settings: Settings = DEFAULT, progress: Progress 
         return _inertial(scene, settings, progress, ())
     stiff = replace(settings.solve, relative_decrease=settings.fusion.relative_decrease)
     solver = Solver(stiff, progress or (lambda stage, fraction: None))
-    camera, detections = scene.camera, scene.camera.detections.shifted(scene.camera.time_offset)
     frames = scene_frames(scene, settings.frame_rate, settings.coarse_factor)
     wearers = tuple(
         inertial_tracker(wearer, resample_streams([wearer.imus[name] for name in wearer.placed], frames.coarse),
@@ -95,30 +94,24 @@ def smooth_scene(scene: Scene, settings: Settings = DEFAULT, progress: Progress 
         for wearer in scene.wearers
     )  # fmt: skip
 
-    gravity = gravity_in_camera(scene, detections.time)
     tell = solver.telling("association")
     names = [wearer.subject.name for wearer in scene.wearers]
     motions = [motion_of(one.model, one.state, name) for one, name in zip(wearers, names, strict=True)]
-    association = associate(
-        detections, camera.model, motions, settings.association, gravity_camera=gravity, progress=tell
-    )
-    seen = tuple(sightings(association, number, detections, one) for number, one in enumerate(wearers))
-    if not any(len(one) for one in seen):
+    filmed_by = watch(scene, wearers, motions, settings, tell)
+    shots = of_use(filmed_by)
+    if not shots:
         alone = "no wearer was found in the video: the estimate is of the IMUs alone, without a camera"
-        return _inertial(scene, settings, progress, (*association.findings, alone))
-    filmed = start_filming(camera, wearers, seen, settings)
-    fused = fuse(filmed, None, association, detections, settings, solver)
+        return _inertial(scene, settings, progress, (*who_is_who(scene, filmed_by), alone))
+    filmed = start_filming(shots, wearers, settings)
+    fused = fuse(filmed, None, shots, settings, solver)
     for _ in range(settings.fusion.rounds - 1):
-        motions = fused.motions(names)
-        association = associate(
-            detections, camera.model, motions, settings.association, fused.camera_path, gravity, progress=tell
-        )
-        fused = fuse(filmed, fused, association, detections, settings, solver)
+        shots = watch_again(shots, fused.camera_path, fused.motions(names), settings, tell)
+        fused = fuse(filmed, fused, shots, settings, solver)
     for _ in range(settings.fusion.refits):
         if not fused.is_settled():
-            fused = fuse(filmed, fused, association, detections, settings, solver)
-    fine = fuse_finely(scene, filmed, fused, association, detections, frames.fine, settings, solver)
-    return scene_estimate(scene, fused, fine, association, seen, tuple(solver.reports), settings)
+            fused = fuse(filmed, fused, shots, settings, solver)
+    fine = fuse_finely(scene, filmed, fused, shots, frames.fine, settings, solver)
+    return scene_estimate(scene, fused, fine, shots, tuple(solver.reports), settings)
 
 
 def _inertial(scene: Scene, settings: Settings, progress: Progress | None, findings: tuple[str, ...]) -> SceneEstimate:

@@ -19,9 +19,9 @@ from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
-from vip_factors.stages.fusion import gravity_in_camera
 from vip_factors.stages.inertial import inertial_tracker
 from vip_factors.stages.scene_frames import scene_frames
+from vip_factors.stages.shots import gravity_in_camera
 from vip_factors.stages.solver import Solver
 
 Tell = Callable[[str, float], None]
@@ -92,7 +92,7 @@ def first_association(scene: Scene, settings: Settings, seed: int = 0, camera: s
         motions.append(motion_of(tracked.model, tracked.state))
     tracked_at = perf_counter()
     detections = scene.camera.detections.shifted(scene.camera.time_offset)
-    gravity = gravity_in_camera(scene, detections.time)
+    gravity = gravity_in_camera(scene.camera, detections.time)
     found = associate(detections, scene.camera.model, motions, settings.association, gravity_camera=gravity)
     end = perf_counter()
     return _trial(scene, found.wearer, "inertial tracker", seed, camera, tracked_at - begin, end - tracked_at)

@@ -1,14 +1,14 @@
-"""Camera and wearers put into one world: where the fusion starts from."""
+"""Cameras and wearers put into one world: where the fusion starts from."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.associate.associate import Association
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, transpose, yaw_of
-from vip_factors.graph.scene_model import CameraProblem
+from vip_factors.graph.scene_model import CameraProblem, Viewpoint
 from vip_factors.graph.scene_state import CameraState, SceneState
 from vip_factors.initialise.camera import (
     Sightings,
@@ -17,29 +17,32 @@ from vip_factors.initialise.camera import (
     moving_camera,
     robust_mean_angle,
     standing_camera,
+    together,
     world_turn,
 )
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Camera
 from vip_factors.settings import Settings
 from vip_factors.stages.inertial import Tracked
+from vip_factors.stages.shots import Shot, path_at
 
 
 @dataclass(frozen=True)
 class Filmed:
-    """Wearers and camera in one world.
+    """Wearers and cameras in one world.
 
     Attributes:
         wearers: their problems and states.
-        camera: its problem.
+        camera: the first one's problem.
         state: of all.
+        further: cameras of known pose, without views yet.
     """
 
     wearers: tuple[Tracked, ...]
     camera: CameraProblem
     state: SceneState
+    further: tuple[Viewpoint, ...] = ()
 
 
 def camera_problem(camera: Camera, time: Array, settings: Settings) -> CameraProblem:
@@ -60,38 +63,59 @@ def camera_problem(camera: Camera, time: Array, settings: Settings) -> CameraPro
     )
 
 
-def sightings(association: Association, wearer: int, detections: Detections, tracked: Tracked) -> Sightings:
-    """The hypothesis cameras of one wearer."""
-    rows = np.flatnonzero(association.wearer == wearer)
-    time, pelvis = detections.time[detections.frame[rows]], tracked.state.p_world_pelvis
-    inside = (time >= tracked.model.frames.time[0]) & (time <= tracked.model.frames.time[-1])
-    rows, time = rows[inside], time[inside]
-    R, p = association.R_camera_world[rows], association.p_camera_world[rows]
-    root = _at(pelvis, tracked.model.frames.time, time)
-    return Sightings(time, R, np.einsum("nij,nj->ni", R, root) + p)
+def start_filming(shots: Sequence[Shot], wearers: Sequence[Tracked], settings: Settings) -> Filmed:
+    """The first camera by the wearer it saw most, and the other wearers by that camera.
 
+    Cameras of known pose place the wearers whom they saw before that: their world is the scene's.
 
-def start_filming(
-    camera: Camera, wearers: tuple[Tracked, ...], seen: tuple[Sightings, ...], settings: Settings
-) -> Filmed:
-    """The camera by the wearer it saw most, and the other wearers by that camera."""
-    time = wearers[0].model.frames.time
+    Args:
+        shots: that are of use (:func:`~vip_factors.stages.shots.of_use`).
+        wearers: each in a world of their own.
+        settings: of all rooms.
+    """
+    camera, seen, time = shots[0].camera, list(shots[0].seen), wearers[0].model.frames.time
     problem = camera_problem(camera, time, settings)
-    first = int(np.argmax([len(one) for one in seen]))
-    path, heading = _first_path(camera, problem, wearers[first], seen[first], time)
-    placed = []
-    for number, (tracked, one) in enumerate(zip(wearers, seen, strict=True)):
+    placed = [_anchored(one, [shot.camera for shot in shots], settings) for one in wearers]
+    known = [shot for shot in shots if shot.camera.known_path is not None]
+    settled = [number for number in range(len(placed)) if any(len(shot.seen[number]) for shot in known)]
+    for number in settled:
+        look = _look(known, number)
+        placed[number] = _placed(placed[number], look, time)
+        seen[number] = seen[number].turned(world_turn(*look))
+    first = max([n for n in settled if len(seen[n])] or range(len(placed)), key=lambda number: len(seen[number]))
+    path, heading = _first_path(camera, problem, placed[first], seen[first], time)
+    for number in set(range(len(placed))) - set(settled):
         is_gauge = number == first and camera.known_path is None
-        placed.append(_placed(_anchored(tracked, camera, settings), one, path, time, is_gauge, camera.moving))
+        if is_gauge and camera.moving:
+            continue  # the camera was placed by this very path
+        placed[number] = _placed(placed[number], (path, seen[number]), time, is_gauge)
     poses = path if len(path) == 1 and not camera.moving else path.at(time)
     state = CameraState(CameraPoses(poses.R_world_camera, poses.p_world_camera), heading, problem.prior_R_camera_imu)
     scene = SceneState(tuple(one.state for one in placed), state)
-    return Filmed(tuple(placed), replace(problem, prior_heading=heading), scene)
+    further = tuple(_known_viewpoint(shot.camera, settings) for shot in shots[1:])
+    return Filmed(tuple(placed), replace(problem, prior_heading=heading), scene, further)
 
 
-def _anchored(tracked: Tracked, camera: Camera, settings: Settings) -> Tracked:
-    """The wearer with looser foot contacts, or without any, if the camera holds the root without them."""
-    anchor = not camera.moving or camera.known_path is not None
+def _look(known: Sequence[Shot], wearer: int) -> tuple[CameraPath, Sightings]:
+    """What the cameras of known pose saw of a wearer."""
+    looks = [
+        (shot.camera.known_path, shot.seen[wearer])
+        for shot in known
+        if shot.camera.known_path is not None and len(shot.seen[wearer])
+    ]
+    return looks[0] if len(looks) == 1 else together(looks)
+
+
+def _known_viewpoint(camera: Camera, settings: Settings) -> Viewpoint:
+    assert camera.known_path is not None
+    problem = CameraProblem(camera.model, False, False, settings=settings.camera)
+    poses = CameraPoses(camera.known_path.R_world_camera, camera.known_path.p_world_camera)
+    return Viewpoint(problem, CameraState(poses), ())
+
+
+def _anchored(tracked: Tracked, cameras: Sequence[Camera], settings: Settings) -> Tracked:
+    """The wearer with looser foot contacts, or without any, if a camera holds the root without them."""
+    anchor = any(not camera.moving or camera.known_path is not None for camera in cameras)
     factors, fusion = tracked.model.settings, settings.fusion
     contact = replace(factors.foot_contact, sigma=fusion.contact_loosening * factors.foot_contact.sigma)
     if anchor and not fusion.contacts_with_standing_camera:
@@ -107,7 +131,7 @@ def _first_path(
     if camera.known_path is not None:
         known = camera.known_path if not camera.moving else camera.known_path.at(time)
         return known, _heading_on(known.at(time), problem)
-    root = _at(tracked.state.p_world_pelvis, time, seen.time)
+    root = path_at(tracked.state.p_world_pelvis, time, seen.time)
     if not camera.moving:
         path = standing_camera(seen, root)
         return path, _heading_on(path.at(time), problem)
@@ -132,16 +156,14 @@ def _inertial_orientations(problem: CameraProblem, frames: int) -> tuple[np.ndar
     return valid, problem.imu.R_inertial_sensor[valid, 0] @ transpose(problem.prior_R_camera_imu)
 
 
-def _placed(tracked: Tracked, seen: Sightings, path: CameraPath, time: Array, is_gauge: bool, moving: bool) -> Tracked:
-    """A wearer in the camera's world; one that was never seen stays in their own."""
+def _placed(tracked: Tracked, look: tuple[CameraPath, Sightings], time: Array, is_gauge: bool = False) -> Tracked:
+    """A wearer in the world of a camera that saw them; one that was never seen stays in their own."""
     model, state = tracked.model, tracked.state
-    if not len(seen):
+    if not len(look[1]):
         return tracked
-    if is_gauge and moving:
-        return tracked  # the camera was placed by this very path
-    turn = 0.0 if is_gauge else world_turn(path, seen)
+    turn = 0.0 if is_gauge else world_turn(*look)
     state = state.turned(turn)
-    state = replace(state, p_world_pelvis=filmed_path(path, seen, state.p_world_pelvis, time))
+    state = replace(state, p_world_pelvis=filmed_path(*look, state.p_world_pelvis, time))
     model = replace(
         model,
         is_gauge=is_gauge,
@@ -149,7 +171,3 @@ def _placed(tracked: Tracked, seen: Sightings, path: CameraPath, time: Array, is
         p_world_start=state.p_world_pelvis[0],
     )
     return Tracked(model, state)
-
-
-def _at(p: Array, time: Array, wanted: Array) -> Array:
-    return np.stack([np.interp(wanted, time, column) for column in p.T], axis=1).reshape(-1, 3)

@@ -5,9 +5,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from vip_factors.estimate import Estimate
-from vip_factors.initialise.camera import Sightings, leaps
+from vip_factors.initialise.camera import leaps
+from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.fusion import Fused
+from vip_factors.stages.shots import Shot
 
 UNSURE_HEADING = np.deg2rad(15.0)  # a heading no better known than this came from the straps
 # Scatter of the detections about the skeleton in OKS sigmas: 0.3–0.45 with everything right, OpenPose's own is 0.5; 0.7
@@ -21,42 +23,65 @@ CORNER, OUTSIDE, FEW = 0.55, 0.1, 0.02  # of the image's sides; of its sides; of
 LARGER_CORNER, OFF_MIDDLE = 0.68, 0.42
 
 
-def find_oddities(scene: Scene, fine: Fused, wearers: Sequence[Estimate], seen: Sequence[Sightings]) -> Iterator[str]:
-    """Sentences about wearers, then about the camera."""
-    assert scene.camera is not None
-    spreads, frame_rate = fine.measured_spreads(), 1 / fine.model.wearers[0].frames.step
-    for recording, view, estimate, sightings, spread in zip(
-        scene.wearers, fine.model.views, wearers, seen, spreads, strict=True
-    ):
-        who = f"wearer '{recording.subject.name}'"
-        if not view.seen.any():
-            yield f"{who} is never seen: the pose is of the IMUs alone, and the place relative to the others unknown"
-            continue
-        seconds = float(view.seen.any(axis=1).sum()) / max(min(scene.camera.detections.rate, frame_rate), 1e-9)
-        if seconds < SHORTLY_SEEN:
-            yield (
-                f"{who} is seen for {seconds:.1f} s only: whoever stood there likewise would do as well, so check "
-                "that it is the wearer"
-            )
-        unsure = [name for name, one in estimate.calibration.items() if one.heading_sigma > UNSURE_HEADING]
-        if unsure:
-            yield (
-                f"{who}: the headings of {', '.join(unsure)} are not determined by the data (standard deviation above "
-                f"{np.rad2deg(UNSURE_HEADING):.0f}°): keypoints beyond them (toes, hands) or longer motion would help"
-            )
-        times = leaps(sightings)
-        if len(times):
-            yield (
-                f"{who} leaps in the picture at {', '.join(f'{time:.2f}' for time in times[:5])} s, faster than people "
-                "and cameras move: a cut in the video, a change of zoom, or a stranger? Cut the recording there"
-            )
-        if spread > IMPLAUSIBLE_SCATTER:
-            yield (
-                f"{who}: the keypoints scatter about the skeleton by {spread:.2f} OKS sigmas, where 0.3 to 0.5 are "
-                "usual: check the clock offset (vip-factors sync), the camera's calibration (another zoom?), the order "
-                "of the keypoints and the wearer's stature"
-            )
-    yield from _image_findings(scene.camera)
+def find_oddities(scene: Scene, shots: Sequence[Shot], fine: Fused, wearers: Sequence[Estimate]) -> Iterator[str]:
+    """Sentences about wearers, then about the cameras."""
+    used = [shot.camera.name for shot in shots]
+    for left_out in (camera for camera in scene.cameras if camera.name not in used):
+        yield f"camera '{left_out.name}' is left out: what it shows does not tell where it was"
+    for number, (recording, estimate) in enumerate(zip(scene.wearers, wearers, strict=True)):
+        yield from _wearer_findings(recording, number, shots, fine, estimate)
+    for shot in shots:
+        for sentence in _image_findings(shot.camera):
+            yield of_camera(shot.camera, scene) + sentence
+
+
+def of_camera(camera: Camera, scene: Scene) -> str:
+    """What a sentence about a camera begins with, where there are several."""
+    return f"camera '{camera.name}': " if len(scene.cameras) > 1 else ""
+
+
+def _wearer_findings(
+    recording: Recording, number: int, shots: Sequence[Shot], fine: Fused, estimate: Estimate
+) -> Iterator[str]:
+    who, frame_rate = f"wearer '{recording.subject.name}'", 1 / fine.model.wearers[0].frames.step
+    views = [one.views[number] for one in fine.model.viewpoints(fine.state.camera)]
+    seen = np.any([view.seen.any(axis=1) for view in views], axis=0)
+    if not seen.any():
+        yield f"{who} is never seen: the pose is of the IMUs alone, and the place relative to the others unknown"
+        return
+    seconds = float(seen.sum()) / max(min(max(shot.detections.rate for shot in shots), frame_rate), 1e-9)
+    if seconds < SHORTLY_SEEN:
+        yield (
+            f"{who} is seen for {seconds:.1f} s only: whoever stood there likewise would do as well, so check "
+            "that it is the wearer"
+        )
+    unsure = [name for name, one in estimate.calibration.items() if one.heading_sigma > UNSURE_HEADING]
+    if unsure:
+        yield (
+            f"{who}: the headings of {', '.join(unsure)} are not determined by the data (standard deviation above "
+            f"{np.rad2deg(UNSURE_HEADING):.0f}°): keypoints beyond them (toes, hands) or longer motion would help"
+        )
+    spreads = fine.measured_spreads()
+    for index, shot in enumerate(shots):
+        if views[index].seen.any():
+            before = f"{who} before camera '{shot.camera.name}'" if len(shots) > 1 else who
+            yield from _view_findings(before, shot, number, spreads[index][number])
+
+
+def _view_findings(who: str, shot: Shot, number: int, spread: float) -> Iterator[str]:
+    times = leaps(shot.seen[number])
+    if len(times):
+        yield (
+            f"{who} leaps in the picture at {', '.join(f'{time:.2f}' for time in times[:5])} s, faster than people "
+            "and cameras move: a cut in the video, a change of zoom, or a stranger? Cut the recording there"
+        )
+    if spread > IMPLAUSIBLE_SCATTER:
+        pose = ", its known pose" if shot.camera.known_path is not None else ""
+        yield (
+            f"{who}: the keypoints scatter about the skeleton by {spread:.2f} OKS sigmas, where 0.3 to 0.5 are "
+            "usual: check the clock offset (vip-factors sync), the camera's calibration (another zoom?)"
+            f"{pose}, the order of the keypoints and the wearer's stature"
+        )
 
 
 def _image_findings(camera: Camera) -> Iterator[str]:

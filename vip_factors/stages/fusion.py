@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.associate.associate import Association
-from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.motion import Motion
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
@@ -15,16 +14,16 @@ from vip_factors.graph.following import FollowingObjective
 from vip_factors.graph.model import InertialModel
 from vip_factors.graph.reprojection_batch import reprojections
 from vip_factors.graph.scene_batch import SceneObjective
-from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel
+from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel, Viewpoint
 from vip_factors.graph.scene_state import CameraState, SceneState
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.stages.filming import Filmed, camera_problem
 from vip_factors.stages.inertial import at_frames
 from vip_factors.stages.inertial_model import kept, loosened, with_contacts
+from vip_factors.stages.shots import Shot
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.views import image_scale, keypoint_view, scatter
 
@@ -35,25 +34,25 @@ SETTLED = 1.5  # a detector believed less than this much too rough costs less th
 class Fused:
     """A scene's problem and its solution.
 
-    ``spreads`` is what was taken for the scatter of each wearer's detections, in OKS sigmas.
+    ``spreads`` is what was taken for the scatter of each camera's detections of each wearer, in OKS sigmas.
     """
 
     model: SceneModel
     state: SceneState
-    spreads: tuple[float, ...]
+    spreads: tuple[tuple[float, ...], ...]
 
-    def measured_spreads(self) -> tuple[float, ...]:
-        """How each wearer's detections scatter about the solution, in OKS sigmas."""
-        settings = self.model.camera.settings.reprojection
-        if not settings.adaptive:
+    def measured_spreads(self) -> tuple[tuple[float, ...], ...]:
+        """How each camera's detections of each wearer scatter about the solution, in OKS sigmas."""
+        if not self.model.camera.settings.reprojection.adaptive:
             return self.spreads
-        poses, spreads = self.state.camera.at_frames(slice(0, self.model.frames)), []
-        for number, (view, spread) in enumerate(zip(self.model.views, self.spreads, strict=True)):
-            wearer, own = self.model.wearers[number], self.state.wearers[number]
-            body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
-            residual, _ = reprojections(view, self.model.camera, poses, self.state.camera.clock, body)
-            spreads.append(scatter(residual, view, spread, settings))
-        return tuple(spreads)
+        bodies = [
+            forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
+            for wearer, own in zip(self.model.wearers, self.state.wearers, strict=True)
+        ]
+        viewpoints = self.model.viewpoints(self.state.camera)
+        return tuple(
+            _scatter_before(one, bodies, spreads) for one, spreads in zip(viewpoints, self.spreads, strict=True)
+        )
 
     def is_settled(self) -> bool:
         """Whether the detections scatter about the solution as it was made to believe."""
@@ -74,19 +73,24 @@ class Fused:
         return CameraPath(time[: len(poses)], poses.R_world_camera, poses.p_world_camera)
 
 
-def fuse(
-    filmed: Filmed, before: Fused | None, association: Association, detections: Detections, settings: Settings,
-    solver: Solver,
-) -> Fused:  # fmt: skip
+def _scatter_before(camera: Viewpoint, bodies: Sequence[BodyState], spreads: Sequence[float]) -> tuple[float, ...]:
+    found, poses = [], camera.state.at_frames(slice(0, len(bodies[0].p_world_joint)))
+    for view, body, spread in zip(camera.views, bodies, spreads, strict=True):
+        residual, _ = reprojections(view, camera.problem, poses, camera.state.clock, body)
+        found.append(scatter(residual, view, spread, camera.problem.settings.reprojection))
+    return tuple(found)
+
+
+def fuse(filmed: Filmed, before: Fused | None, shots: Sequence[Shot], settings: Settings, solver: Solver) -> Fused:
     """Everything free, on the coarse frames; ``before`` is the round before this one."""
     start = before.state if before else filmed.state
-    spreads = before.measured_spreads() if before else (settings.camera.reprojection.spread,) * len(start.wearers)
+    usual = (settings.camera.reprojection.spread,) * len(start.wearers)
+    spreads = before.measured_spreads() if before else (usual,) * len(shots)
     wearers = tuple(
         with_contacts(_with_plain_prior(one.model, settings), state, path_known=before is not None)
         for one, state in zip(filmed.wearers, start.wearers, strict=True)
     )
-    views = _views(wearers, filmed.camera, start, association, detections, spreads)
-    model = SceneModel(wearers, filmed.camera, views)
+    model = _scene_model(wearers, filmed.camera, filmed.further, start, shots, spreads)
     return Fused(model, solver.solve(SceneObjective(model), start, "video-inertial fusion"), spreads)
 
 
@@ -96,34 +100,38 @@ def _with_plain_prior(model: InertialModel, settings: Settings) -> InertialModel
 
 
 def fuse_finely(
-    scene: Scene, filmed: Filmed, coarse: Fused, association: Association, detections: Detections, time: Array,
-    settings: Settings, solver: Solver,
-) -> Fused:  # fmt: skip
+    scene: Scene, filmed: Filmed, coarse: Fused, shots: Sequence[Shot], time: Array, settings: Settings, solver: Solver
+) -> Fused:
     """At the full frame rate, with headings, mountings and mean poses kept.
 
     The coarse solution has settled how camera and wearers lie to each other: what is left is fast and small. A moving
     camera follows the wearers as they are, and then each wearer is refined in front of it, by itself.
     """
-    assert scene.camera is not None
     before = coarse.model.wearers[0].frames.time
     wearers, states = [], []
     for recording, tracked, own in zip(scene.wearers, filmed.wearers, coarse.state.wearers, strict=True):
         streams = [recording.imus[name] for name in tracked.model.frames.sensors]
         states.append(at_frames(own, before, time))
         wearers.append(with_contacts(kept(tracked.model, resample_streams(streams, time)), states[-1], True))
-    camera = replace(camera_problem(scene.camera, time, settings), free_clock=False)
+    camera = replace(camera_problem(shots[0].camera, time, settings), free_clock=False)
     camera = replace(camera, prior_heading=coarse.state.camera.heading)
     state, spreads = SceneState(tuple(states), _camera_at(coarse, time)), coarse.measured_spreads()
-    model = SceneModel(tuple(wearers), camera, _views(wearers, camera, state, association, detections, spreads))
+    model = _scene_model(tuple(wearers), camera, filmed.further, state, shots, spreads)
     if camera.moving and camera.free_pose:
         found = solver.solve(FollowingObjective(model, state.wearers), state.camera, "full rate, camera")
         state = replace(state, camera=found)
     for number, name in enumerate(recording.subject.name for recording in scene.wearers):
-        alone = replace(model, wearers=(wearers[number],), views=(model.views[number],), camera=_held(camera))
         start = SceneState((state.wearers[number],), state.camera)
-        refined = solver.solve(SceneObjective(alone), start, f"full rate, {name}")
+        refined = solver.solve(SceneObjective(_alone(model, number)), start, f"full rate, {name}")
         states[number] = refined.wearers[0]
     return Fused(model, SceneState(tuple(states), state.camera), spreads)
+
+
+def _alone(model: SceneModel, number: int) -> SceneModel:
+    """One wearer before cameras that are kept as they are."""
+    further = tuple(replace(one, views=one.views[number : number + 1]) for one in model.further)
+    wearers, views = model.wearers[number : number + 1], model.views[number : number + 1]
+    return SceneModel(wearers, _held(model.camera), views, further)
 
 
 def _held(camera: CameraProblem) -> CameraProblem:
@@ -139,28 +147,32 @@ def _camera_at(coarse: Fused, time: Array) -> CameraState:
     return replace(camera, poses=CameraPoses(path.R_world_camera, path.p_world_camera))
 
 
+def _scene_model(
+    wearers: tuple[InertialModel, ...], camera: CameraProblem, further: Sequence[Viewpoint], state: SceneState,
+    shots: Sequence[Shot], spreads: Sequence[Sequence[float]],
+) -> SceneModel:  # fmt: skip
+    """The scene's problem: what each camera saw, put onto the frames."""
+    cameras = [Viewpoint(camera, state.camera, ()), *further]
+    first, *others = (
+        replace(one, views=_views(wearers, one, state, shot, spread))
+        for one, shot, spread in zip(cameras, shots, spreads, strict=True)
+    )
+    return SceneModel(wearers, camera, first.views, tuple(others))
+
+
 def _views(
-    wearers: Sequence[InertialModel], camera: CameraProblem, state: SceneState, association: Association,
-    detections: Detections, spreads: Sequence[float],
-) -> tuple[KeypointView, ...]:  # fmt: skip
+    wearers: Sequence[InertialModel], camera: Viewpoint, state: SceneState, shot: Shot, spreads: Sequence[float]
+) -> tuple[KeypointView, ...]:
+    state = replace(state, camera=camera.state)
     return tuple(
         keypoint_view(
-            detections,
-            association.wearer == number,
+            shot.detections,
+            shot.association.wearer == number,
             wearer.skeleton,
             wearer.frames.time,
-            image_scale(wearer.skeleton, state, number, camera.model),
+            image_scale(wearer.skeleton, state, number, camera.problem.model),
             spreads[number],
-            camera.settings.reprojection,
+            camera.problem.settings.reprojection,
         )
         for number, wearer in enumerate(wearers)
     )
-
-
-def gravity_in_camera(scene: Scene, time: Array) -> Array | None:
-    """Which way is down in the camera's frame at the video's instants ``(F, 3)``, by its IMU; None without one."""
-    mount = scene.camera.mount if scene.camera is not None else None
-    if mount is None or mount.imu.R_inertial_sensor is None:
-        return None
-    nearest = np.clip(np.searchsorted(mount.imu.time, time), 0, len(mount.imu) - 1)
-    return -mount.imu.R_inertial_sensor[nearest, 2] @ mount.R_camera_imu.T

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.associate.associate import Association
 from vip_factors.errors import SolveError
 from vip_factors.estimate import SceneEstimate, SolveReport
 from vip_factors.geometry.rotations import Array
@@ -18,17 +17,17 @@ from vip_factors.graph.scene_decode import (
     scene_covariance,
     with_sigmas,
 )
-from vip_factors.initialise.camera import Sightings
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 from vip_factors.solve.marginals import chain_marginals, last_marginals
-from vip_factors.stages.findings import find_oddities
+from vip_factors.stages.findings import find_oddities, of_camera
 from vip_factors.stages.fusion import Fused
+from vip_factors.stages.shots import Shot
 
 
 def scene_estimate(
-    scene: Scene, coarse: Fused, fine: Fused, association: Association, seen: Sequence[Sightings],
-    reports: tuple[SolveReport, ...], settings: Settings,
+    scene: Scene, coarse: Fused, fine: Fused, shots: Sequence[Shot], reports: tuple[SolveReport, ...],
+    settings: Settings,
 ) -> SceneEstimate:  # fmt: skip
     """The estimate: motions and camera of the full rate, how sure headings and mountings are of the coarse problem."""
     assert scene.camera is not None
@@ -39,12 +38,20 @@ def scene_estimate(
         with_sigmas(estimate, coarse.model, number, shared)
         for number, estimate in enumerate(decode_wearers(names, "VIP", fine.model, fine.state, covariance))
     )
-    camera = decode_camera(scene.camera.name, fine.model, fine.state, covariance, scene.camera.time_offset)
+    first = shots[0].camera
+    camera = decode_camera(first.name, fine.model, fine.state, covariance, first.time_offset)
     camera = camera_with_sigmas(camera, coarse.model, shared)
     undetermined = ["the data do not determine all headings, mountings and the camera: in part they are guesses"]
-    found = [*association.findings, *undetermined[: shared is None], *find_oddities(scene, fine, wearers, seen)]
-    findings = tuple(dict.fromkeys(found))
-    return SceneEstimate(scene.name, "VIP", wearers, camera, association.wearer, reports, findings, flatten(settings))
+    found = [*who_is_who(scene, shots), *undetermined[: shared is None], *find_oddities(scene, shots, fine, wearers)]
+    findings, given = tuple(dict.fromkeys(found)), shots[0].association.wearer
+    if first is not scene.camera:
+        given = np.full(len(scene.camera.detections), -1)  # nobody was found there: the first one was left out
+    return SceneEstimate(scene.name, "VIP", wearers, camera, given, reports, findings, flatten(settings))
+
+
+def who_is_who(scene: Scene, shots: Sequence[Shot]) -> tuple[str, ...]:
+    """What was odd about who is seen, before each camera."""
+    return tuple(of_camera(shot.camera, scene) + one for shot in shots for one in shot.association.findings)
 
 
 def _covariance(coarse: Fused, fine: Fused) -> SceneCovariance:

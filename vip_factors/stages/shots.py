@@ -1,0 +1,111 @@
+"""What each camera filmed, who is who in it, and which cameras are of use."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vip_factors.associate.associate import Association, associate
+from vip_factors.body.motion import Motion
+from vip_factors.geometry.rotations import Array
+from vip_factors.initialise.camera import Sightings
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.settings import Settings
+from vip_factors.stages.inertial import Tracked
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One camera's part of a scene.
+
+    Attributes:
+        camera: which.
+        detections: of it, with times on the recording's clock.
+        association: who is who in them.
+        seen: the hypothesis cameras of each wearer in the wearer's own world, of the first association.
+    """
+
+    camera: Camera
+    detections: Detections
+    association: Association
+    seen: tuple[Sightings, ...]
+
+    @property
+    def shows_somebody(self) -> bool:
+        """Whether any wearer was found in it."""
+        return any(len(one) for one in self.seen)
+
+
+def watch(
+    scene: Scene, wearers: Sequence[Tracked], motions: Sequence[Motion], settings: Settings,
+    tell: Callable[[float], None],
+) -> tuple[Shot, ...]:  # fmt: skip
+    """The first association, of each camera by itself: nobody's place in the world is known yet."""
+    shots = []
+    for number, camera in enumerate(scene.cameras):
+        detections = camera.detections.shifted(camera.time_offset)
+        association = associate(
+            detections, camera.model, motions, settings.association,
+            gravity_camera=gravity_in_camera(camera, detections.time), progress=_part(tell, number, len(scene.cameras)),
+        )  # fmt: skip
+        seen = tuple(_sightings(association, number, detections, one) for number, one in enumerate(wearers))
+        shots.append(Shot(camera, detections, association, seen))
+    return tuple(shots)
+
+
+def watch_again(
+    shots: Sequence[Shot], path: CameraPath, motions: Sequence[Motion], settings: Settings,
+    tell: Callable[[float], None],
+) -> tuple[Shot, ...]:  # fmt: skip
+    """The association of motions in one world, in which the first camera took a path; the others' poses are known."""
+    again = []
+    for number, shot in enumerate(shots):
+        association = associate(
+            shot.detections, shot.camera.model, motions, settings.association,
+            shot.camera.known_path if number else path, gravity_in_camera(shot.camera, shot.detections.time),
+            _part(tell, number, len(shots)),
+        )  # fmt: skip
+        again.append(replace(shot, association=association))
+    return tuple(again)
+
+
+def of_use(shots: Sequence[Shot]) -> tuple[Shot, ...]:
+    """The shots to estimate with; none if no wearer was found in any.
+
+    Without a wearer before a camera of known pose nothing ties the first camera to the world of the known ones, and a
+    first camera without a wearer, whose pose is not known, is nowhere.
+    """
+    if not any(shot.shows_somebody and shot.camera.known_path is not None for shot in shots):
+        return tuple(shots[:1]) if shots[0].shows_somebody else ()
+    return tuple(shot for shot in shots if shot.camera.known_path is not None or shot.shows_somebody)
+
+
+def gravity_in_camera(camera: Camera, time: Array) -> Array | None:
+    """Which way is down in the camera's frame at the video's instants ``(F, 3)``, by its IMU; None without one."""
+    mount = camera.mount
+    if mount is None or mount.imu.R_inertial_sensor is None:
+        return None
+    nearest = np.clip(np.searchsorted(mount.imu.time, time), 0, len(mount.imu) - 1)
+    return -mount.imu.R_inertial_sensor[nearest, 2] @ mount.R_camera_imu.T
+
+
+def _sightings(association: Association, wearer: int, detections: Detections, tracked: Tracked) -> Sightings:
+    """The hypothesis cameras of one wearer."""
+    rows, own = np.flatnonzero(association.wearer == wearer), tracked.model.frames.time
+    time = detections.time[detections.frame[rows]]
+    inside = (time >= own[0]) & (time <= own[-1])
+    rows, time = rows[inside], time[inside]
+    R, p = association.R_camera_world[rows], association.p_camera_world[rows]
+    root = path_at(tracked.state.p_world_pelvis, own, time)
+    return Sightings(time, R, np.einsum("nij,nj->ni", R, root) + p)
+
+
+def path_at(p: Array, time: Array, wanted: Array) -> Array:
+    """Positions ``(T, 3)`` at instants ``time``, interpolated at others: ``(n, 3)``."""
+    return np.stack([np.interp(wanted, time, column) for column in p.T], axis=1).reshape(-1, 3)
+
+
+def _part(tell: Callable[[float], None], number: int, count: int) -> Callable[[float], None]:
+    return lambda done: tell((number + done) / count)

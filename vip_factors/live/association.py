@@ -1,0 +1,243 @@
+"""Which person in a video frame is which wearer, as frames arrive; decided again while they are within the lag."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from vip_factors.associate.tracklets import FURTHEST
+from vip_factors.body.keypoints import KeypointSet
+from vip_factors.body.kinematics import BodyState
+from vip_factors.body.skeleton import Skeleton
+from vip_factors.geometry.rotations import Array
+from vip_factors.live.online_costs import BodyFitter, People, people_of
+from vip_factors.live.online_settings import OnlineAssociationSettings
+from vip_factors.live.online_tracks import STILL_THE_SAME_S, PersonTracks, image_gap
+from vip_factors.live.online_window import best_paths
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.live import VideoFrame
+
+CameraPose = tuple[Array, Array]
+Seen = tuple[VideoFrame, Sequence[BodyState], CameraPose, Sequence[Array]]
+NOBODY = -1
+NEVER = 1e6
+
+
+@dataclass(frozen=True)
+class _Odds:
+    """What some frames say on their own, in log-odds ``(..., W, N)``.
+
+    Attributes:
+        appearance, position: for each wearer and person.
+        usable: whether enough of the person fits to be used.
+    """
+
+    appearance: Array
+    position: Array
+    usable: np.ndarray
+
+    @property
+    def both(self) -> Array:
+        return self.appearance + self.position
+
+    def frame(self, number: int) -> "_Odds":
+        return _Odds(self.appearance[number], self.position[number], self.usable[number])
+
+
+@dataclass
+class _Wearer:
+    """What is remembered of one wearer."""
+
+    track: int = NOBODY  # number of the track that it was last
+    seen: float | None = None  # when that was
+    wide_m: float = 0.0  # uncertainty after a drop
+    looks: float = 0.0  # mean log-odds of the appearance of whom it was given, since there was last nobody
+
+
+class OnlineAssociation:
+    """Who is who, video frame by video frame.
+
+    Args:
+        keypoints: of the detector.
+        model: of the camera.
+        skeletons: of the ``W`` wearers.
+        settings: defaults if None.
+    """
+
+    def __init__(
+        self, keypoints: KeypointSet, model: CameraModel, skeletons: Sequence[Skeleton],
+        settings: OnlineAssociationSettings | None = None,
+    ) -> None:  # fmt: skip
+        self.settings = settings or OnlineAssociationSettings()
+        self.model = model
+        self._fitter = BodyFitter(keypoints, skeletons, self.settings.depth_share, self.settings.side_m)
+        self._wearers = [_Wearer() for _ in skeletons]
+        self._tracks = PersonTracks(len(skeletons), len(keypoints), self.settings.memory_s)
+        self._time = -np.inf
+        self._numbers: dict[float, np.ndarray] = {}  # numbers of the tracks of the persons of recent frames
+
+    @property
+    def recovering(self) -> np.ndarray:
+        """``(W,)`` whether a wearer has been lost, and is looked for, as of the newest frame."""
+        patience = self.settings.patience_s
+        return np.array([one.seen is not None and self._time - one.seen > patience for one in self._wearers])
+
+    def choose(
+        self, frame: VideoFrame, bodies: Sequence[BodyState], camera: CameraPose, root_sigma: Sequence[Array]
+    ) -> np.ndarray:
+        """Index ``(W,)`` of the person who is each wearer in the newest video frame, −1 for nobody.
+
+        Args:
+            frame: later than all before; one that comes late is decided without being remembered.
+            bodies: predicted pose of each wearer at that time, one frame each.
+            camera: predicted ``(R_world_camera, p_world_camera)``.
+            root_sigma: covariances ``(3, 3)`` m² of where each wearer is before the camera, world axes; the camera's
+                turn is not part of it.
+        """
+        people = people_of([frame.pixels], [frame.confidence], self.model)
+        late = frame.time <= self._time
+        elapsed = min(frame.time - self._time, self.settings.memory_s) if np.isfinite(self._time) else 0.03
+        if not late:
+            self._time = frame.time
+            self._begin(frame.time)
+        odds = self._odds([(frame, bodies, camera, root_sigma)], people).frame(0)
+        if late:
+            return _assign(np.where(odds.usable, odds.both - self.settings.accept, -NEVER))
+        row = self._tracks.link(frame.time, people.rays[0], people.weight[0])
+        self._tracks.hear(row, np.stack([odds.appearance, odds.position]), elapsed)
+        number = self._tracks.number[row]
+        self._remember_numbers(frame.time, number)
+        memory = self._tracks.evidence[..., row]
+        own = np.array([one.track for one in self._wearers])[:, None] == number
+        chosen = _assign(self._gain(odds, memory, number, self.settings.stay * own))
+        self._take(frame.time, chosen, number)
+        self._doubt(odds.appearance, chosen, elapsed)
+        return chosen
+
+    def revise(self, window: Sequence[Seen]) -> list[np.ndarray]:
+        """Decide again, jointly, about the video frames that are still within the lag.
+
+        Args:
+            window: in order of time: frames that were given to :meth:`choose`, with bodies, camera and covariances as
+                they are believed now.
+
+        Returns:
+            Index ``(W,)`` of the person who is each wearer, for each frame; −1 for nobody.
+        """
+        if not window:
+            return []
+        frames = [one[0] for one in window]
+        people = people_of([one.pixels for one in frames], [one.confidence for one in frames], self.model)
+        odds = self._odds(window, people)
+        number = np.full(people.there.shape, NOBODY)
+        for f, frame in enumerate(frames):
+            known = self._numbers.get(frame.time)
+            if known is not None and len(known) == len(frame.pixels):
+                number[f, : len(known)] = known
+        memory = self._tracks.evidence_of(number).transpose(0, 2, 1, 3)
+        gain = np.where(people.there[:, None], self._gain(odds, memory, number), -NEVER)
+        paths = best_paths(gain, self._jump(people, number), self.settings.blink)
+        if frames[-1].time == self._time:
+            self._take(frames[-1].time, paths[-1], number[-1])
+        return list(paths)
+
+    def remember(self, frame: VideoFrame, chosen: np.ndarray) -> None:
+        """Take over who is who in a frame that was decided elsewhere, as at the start; −1 for nobody."""
+        if frame.time <= self._time:
+            return
+        self._time = frame.time
+        people = people_of([frame.pixels], [frame.confidence], self.model)
+        row = self._tracks.link(frame.time, people.rays[0], people.weight[0])
+        number = self._tracks.number[row]
+        self._remember_numbers(frame.time, number)
+        self._begin(frame.time)
+        self._take(frame.time, chosen, number)
+
+    def _begin(self, time: float) -> None:
+        for one in self._wearers:
+            one.seen = time if one.seen is None else one.seen
+
+    def _remember_numbers(self, time: float, number: np.ndarray) -> None:
+        self._numbers[time] = number
+        for old in [one for one in self._numbers if one < time - self.settings.memory_s]:
+            del self._numbers[old]
+
+    def _lost_m(self) -> Array:
+        """By how much positions are more uncertain than the caller says, ``(W,)``."""
+        s = self.settings
+        unseen = np.array([0.0 if one.seen is None else self._time - one.seen for one in self._wearers])
+        wide = np.array([one.wide_m for one in self._wearers])
+        return np.minimum(np.hypot(wide, s.drift_m_s * np.maximum(unseen - s.patience_s, 0)), s.most_lost_m)
+
+    def _odds(self, window: Sequence[Seen], people: People) -> _Odds:
+        s = self.settings
+        points = np.stack([self._fitter.points(bodies, *camera) for _, bodies, camera, _ in window])
+        depth = self._fitter.middle(points)[..., 2]
+        R = np.stack([camera[0] for _, _, camera, _ in window])[:, None]
+        covariance = np.swapaxes(R, -1, -2) @ np.array([sigma for *_, sigma in window]) @ R
+        turn = (np.deg2rad(s.camera_sigma_deg) * depth) ** 2
+        spread = np.stack([turn, turn, 0 * turn], axis=-1) + self._lost_m()[None, :, None] ** 2
+        covariance = covariance + spread[..., None] * np.eye(3)
+        fit = self._fitter.fit(points, people, covariance)
+        appearance = s.joint_weight * fit.fitting - s.shape_weight * np.log(fit.shape + s.least_shape) + s.bias
+        across = np.sqrt((covariance[..., 0, 0] + covariance[..., 1, 1]) / 2)[..., None]
+        vague = np.log(np.maximum(across / s.known_m, 1.0))
+        position = np.maximum(-s.position_weight * np.log1p(fit.position / 4) - vague, -s.far_off)
+        usable = (appearance > s.usable) & (fit.fitting > s.enough_joints)
+        return _Odds(np.clip(appearance, -s.surely, s.surely), position, usable)
+
+    def _gain(self, odds: _Odds, memory: Array, number: np.ndarray, bonus: Array | float = 0.0) -> Array:
+        """Log-odds of taking a person for a wearer ``(..., W, N)``, all in all; very negative where that is not allowed.
+
+        Of the past of persons for whom a lost wearer is mistaken only the appearance counts: its position is unknown.
+        """
+        s, lost = self.settings, self.recovering
+        heard = memory[0] + np.where(lost[:, None], 0.0, memory[1])
+        score = odds.both + s.memory_weight * heard + bonus
+        allowed = odds.usable & (score > s.accept)
+        if lost.any():
+            allowed &= self._recovered(memory[0], number) | ~lost[:, None]
+        return np.where(allowed, score - s.accept, -NEVER)
+
+    def _recovered(self, appearance: Array, number: np.ndarray) -> np.ndarray:
+        """Who has long looked like a lost wearer, more than anybody else whom no other wearer has."""
+        s = self.settings
+        taken = [one.track for one, lost in zip(self._wearers, self.recovering, strict=True) if not lost]
+        rival = np.where(np.isin(number, taken)[..., None, :], -s.surely, appearance)
+        ordered = np.sort(rival, axis=-1)
+        second = ordered[..., -2:-1] if ordered.shape[-1] > 1 else -s.surely
+        return (rival > s.recover) & (rival >= ordered[..., -1:]) & (rival > second + s.recover_margin)
+
+    def _doubt(self, appearance: Array, chosen: np.ndarray, elapsed: float) -> None:
+        """Wearers who were given somebody who for long has not looked like them are lost."""
+        s = self.settings
+        share = 1 - np.exp(-elapsed / s.memory_s)
+        for w, one in enumerate(self._wearers):
+            if chosen[w] < 0 or one.seen is None:
+                continue
+            one.looks += share * (appearance[w, chosen[w]] - one.looks)
+            if one.looks < s.drop:
+                one.track, one.wide_m, one.looks = NOBODY, s.dropped_m, 0.0
+                one.seen = self._time - s.patience_s - STILL_THE_SAME_S
+
+    def _jump(self, people: People, number: np.ndarray) -> Array:
+        """What steps from person to person cost, by how far apart they are in the image, ``(F − 1, N, N)``."""
+        gap = image_gap(people.rays[:-1], people.rays[1:], people.weight[:-1], people.weight[1:])
+        same = (number[:-1, :, None] == number[1:, None]) & (number[:-1, :, None] >= 0)
+        return np.where(same, 0.0, self.settings.switch * np.minimum((gap / FURTHEST) ** 2, 1.0))
+
+    def _take(self, time: float, chosen: np.ndarray, number: np.ndarray) -> None:
+        for one, n in zip(self._wearers, chosen, strict=True):
+            if n >= 0:
+                one.track, one.seen, one.wide_m = int(number[n]), time, 0.0
+
+
+def _assign(gain: Array) -> np.ndarray:
+    """The person ``(W,)`` of each wearer with the most gain ``(W, N)`` altogether; −1 for nobody, which gains nothing."""
+    W, N = gain.shape
+    chosen = np.full(W, NOBODY)
+    for w, n in zip(*linear_sum_assignment(np.concatenate([-gain, np.zeros((W, W))], axis=1)), strict=True):
+        if n < N and gain[w, n] > 0:
+            chosen[w] = n
+    return chosen

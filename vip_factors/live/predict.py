@@ -1,0 +1,73 @@
+"""Where the next frame is, before it is solved for: bones turn as their sensors did, and the rest goes on."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vip_factors.body.skeleton import JOINT_COUNT, PARENTS
+from vip_factors.geometry.rotations import Array, exp, log, rotation_z
+from vip_factors.live.problem import LagFrame, LagProblem
+from vip_factors.live.state import FrameState, SharedState
+
+# Of the camera's velocity that is left one frame later, without an IMU on it: hands change their mind in 0.3 s.
+CAMERA_KEEPS = 0.95
+
+
+def predicted(
+    problem: LagProblem, before: Sequence[tuple[LagFrame, FrameState]], frame: LagFrame, shared: SharedState
+) -> FrameState:
+    """A frame from the one or two ``before`` it, oldest first, and its own measured orientations."""
+    last, state = before[-1]
+    older = before[-2][1] if len(before) > 1 else state
+    turned = replace(state, R_parent_child=state.R_parent_child.copy())
+    for number, wearer in enumerate(problem.wearers):
+        bones = [sensor.bone for sensor in wearer.sensors]
+        turns = _turns(last, frame, problem.sensors[number], shared.headings[number])
+        turned.R_parent_child[number] = _with_turned_bones(state.R_parent_child[number], bones, turns)
+    p = 2 * state.p_world_pelvis - older.p_world_pelvis
+    turned = replace(turned, p_world_pelvis=p)
+    return _with_camera(problem, turned, older, state, last, frame, shared) if problem.moving else turned
+
+
+def _turns(last: LagFrame, frame: LagFrame, columns: np.ndarray, headings: Array) -> list[Array | None]:
+    """How each sensor has turned since the last frame, in the world; None where that was not measured."""
+    both = last.orientation_valid[columns] & frame.orientation_valid[columns]
+    turns = frame.R_inertial_sensor[columns] @ last.R_inertial_sensor[columns].swapaxes(1, 2)
+    R = rotation_z(headings)
+    turns = R @ turns @ R.swapaxes(1, 2)
+    return [turn if seen else None for turn, seen in zip(turns, both, strict=True)]
+
+
+def _with_turned_bones(R_parent_child: Array, bones: Sequence[int], turns: Sequence[Array | None]) -> Array:
+    """Joint rotations ``(24, 3, 3)`` with sensed bones turned in the world, all others as they are to their parents."""
+    turn_of = {bone: turn for bone, turn in zip(bones, turns, strict=True) if turn is not None}
+    before: list[Array] = []
+    after: list[Array] = []
+    result = R_parent_child.copy()
+    for joint in range(JOINT_COUNT):
+        parent = PARENTS[joint]
+        before.append(R_parent_child[joint] if parent < 0 else before[parent] @ R_parent_child[joint])
+        if joint in turn_of:
+            after.append(turn_of[joint] @ before[joint])
+            result[joint] = after[joint] if parent < 0 else after[parent].T @ after[joint]
+        else:
+            after.append(R_parent_child[joint] if parent < 0 else after[parent] @ R_parent_child[joint])
+    return result
+
+
+def _with_camera(
+    problem: LagProblem, state: FrameState, older: FrameState, newer: FrameState, last: LagFrame, frame: LagFrame,
+    shared: SharedState,
+) -> FrameState:  # fmt: skip
+    """The camera goes on; turned as its IMU was, if it has one."""
+    if not problem.camera.free_pose:
+        return state
+    p = newer.p_world_camera + CAMERA_KEEPS * (newer.p_world_camera - older.p_world_camera)
+    turn = None
+    if problem.camera.imu is not None:
+        turn = _turns(last, frame, problem.sensors[-1], np.array([shared.camera.heading]))[0]
+    if turn is None:
+        spin = CAMERA_KEEPS * log(newer.R_world_camera @ older.R_world_camera.T)
+        turn = exp(spin)
+    return replace(state, R_world_camera=turn @ newer.R_world_camera, p_world_camera=p)

@@ -1,0 +1,143 @@
+"""The least-squares problem of a stretch of a stream, from its frames' measurements."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from vip_factors.geometry.rotations import Array
+from vip_factors.graph.model import InertialModel
+from vip_factors.graph.scene_model import CameraProblem, KeypointView, Viewpoint, SceneModel
+from vip_factors.graph.slices import SliceColumns
+from vip_factors.live.state import SharedColumns
+from vip_factors.sensors.frames import ImuFrames
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One wearer's keypoints in one camera at one frame: ``(K, 2)`` pixels, ``(K,)`` sigmas, ``(K,)`` whether seen."""
+
+    pixels: Array
+    sigma: Array
+    seen: np.ndarray
+
+    @classmethod
+    def nothing(cls, keypoints: int) -> "Sight":
+        """Of a wearer who is not in the picture."""
+        return cls(np.zeros((keypoints, 2)), np.ones(keypoints), np.zeros(keypoints, bool))
+
+
+@dataclass
+class LagFrame:
+    """A frame within the lag.
+
+    Attributes:
+        number, time: of the frame, seconds.
+        R_inertial_sensor, orientation_valid: ``(S, 3, 3)`` and ``(S,)`` of all carriers' sensors.
+        specific_force_inertial, acceleration_valid: ``(S, 3)`` and ``(S,)``; known once the next frame is.
+        sights: by camera, then wearer; None where the camera gave no frame.
+        contacts: ``(W, C)`` confidences that the contact points hold until the next frame.
+    """
+
+    number: int
+    time: float
+    R_inertial_sensor: Array
+    orientation_valid: np.ndarray
+    specific_force_inertial: Array
+    acceleration_valid: np.ndarray
+    sights: list[tuple[Sight, ...] | None] = field(default_factory=list)
+    contacts: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+
+class LagProblem:
+    """Makes the problem of any stretch of frames.
+
+    Attributes:
+        wearers, camera, further: the problems without frames: body, sensors, priors, what is free.
+        sensors: of each wearer, its columns among all carriers' sensors; of the camera's IMU, last, one or none.
+        columns: of the slices.
+        shared: where shared variables have their coordinates.
+    """
+
+    def __init__(
+        self,
+        wearers: Sequence[InertialModel],
+        camera: CameraProblem,
+        views: Sequence[KeypointView],
+        further: Sequence[Viewpoint],
+        sensors: Sequence[np.ndarray],
+        step: float,
+    ) -> None:
+        self.wearers, self.camera, self.further = tuple(wearers), camera, tuple(further)
+        self.sensors, self._step = list(sensors), step
+        self._points = [[view.points for view in views], *[[view.points for view in one.views] for one in further]]
+        bare = SceneModel(self.wearers, camera, tuple(views), self.further)
+        self.columns = SliceColumns.of(bare)
+        self.shared = _shared_columns(self.wearers, self.columns)
+
+    @property
+    def moving(self) -> bool:
+        """Whether the first camera's pose belongs to the frame."""
+        return self.camera.moving
+
+    def model(self, frames: Sequence[LagFrame], beginning: bool) -> SceneModel:
+        """The problem of consecutive frames; ``beginning``: they are the first ones."""
+        time = frames[0].time + self._step * np.arange(len(frames))
+        parts = (
+            np.stack([frame.R_inertial_sensor for frame in frames]),
+            np.stack([frame.orientation_valid for frame in frames]),
+            np.stack([frame.specific_force_inertial for frame in frames]),
+            np.stack([frame.acceleration_valid for frame in frames]),
+        )
+        wearers = []
+        for number, wearer in enumerate(self.wearers):
+            contacts = np.stack([frame.contacts[number] for frame in frames])
+            pose = wearer.initial_pose
+            if pose is not None:
+                left = pose.frames - frames[0].number
+                pose = replace(pose, frames=left) if left > 0 else None
+            wearers.append(
+                replace(
+                    wearer,
+                    frames=_imu_frames(wearer.frames.sensors, time, parts, self.sensors[number]),
+                    contact_confidence=contacts[:, : len(wearer.contacts)],
+                    initial_pose=pose,
+                    is_beginning=beginning,
+                )
+            )
+        camera = replace(self.camera, is_beginning=beginning)
+        if camera.imu is not None:
+            camera = replace(camera, imu=_imu_frames(camera.imu.sensors, time, parts, self.sensors[-1]))
+        views = [self._views(frames, number) for number in range(len(self._points))]
+        further = tuple(replace(one, views=own) for one, own in zip(self.further, views[1:], strict=True))
+        return SceneModel(tuple(wearers), camera, views[0], further)
+
+    def nothing_seen(self) -> tuple[int, ...]:
+        """Number of keypoints in each camera."""
+        return tuple(len(points[0]) for points in self._points)
+
+    def _views(self, frames: Sequence[LagFrame], camera: int) -> tuple[KeypointView, ...]:
+        views = []
+        for wearer, points in enumerate(self._points[camera]):
+            nothing = Sight.nothing(len(points))
+            sights = [frame.sights[camera] for frame in frames]
+            own = [sight[wearer] if sight is not None else nothing for sight in sights]
+            pixels, seen = np.stack([one.pixels for one in own]), np.stack([one.seen for one in own])
+            sigma = np.stack([one.sigma for one in own])
+            views.append(KeypointView(points, pixels, sigma, seen, np.zeros_like(pixels)))
+        return tuple(views)
+
+
+def _imu_frames(names: tuple[str, ...], time: Array, parts: tuple[Array, ...], columns: np.ndarray) -> ImuFrames:
+    R, seen, force, whole = (part[:, columns] for part in parts)
+    return ImuFrames(names, time, R, seen, force, whole)
+
+
+def _shared_columns(wearers: tuple[InertialModel, ...], columns: SliceColumns) -> SharedColumns:
+    headings, mountings, first = [], [], 3 * columns.frame
+    for wearer, own in zip(wearers, columns.wearers, strict=True):
+        S, static = len(wearer.sensors), own[own >= first] - first
+        count = S if wearer.free_headings else 0
+        headings.append(static[:count])
+        mountings.append(static[count:].reshape(-1, 3) if wearer.free_mountings else static[:0].reshape(0, 3))
+    return SharedColumns(tuple(headings), tuple(mountings), np.where(columns.camera >= first, columns.camera - first, -1))

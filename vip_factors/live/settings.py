@@ -1,0 +1,41 @@
+"""Settings of the fixed-lag tracker: those of the pipeline, and what only a stream needs."""
+
+from dataclasses import dataclass, field
+
+from vip_factors.settings import Settings
+
+
+@dataclass(frozen=True)
+class WalkSettings:
+    """How fast what all frames share may wander, per √second.
+
+    Beyond drift it stands for what repeats from frame to frame: taken as new each time it would make headings and
+    mountings surer than they are within seconds, and hold them where the first seconds put them.
+    """
+
+    every_s: float = 0.5  # the walk goes in steps: one elimination more at each
+    heading_deg: float = 0.3  # 2.3° in a minute: twice what a good filter drifts
+    mounting_deg: float = 0.3  # straps creep, skin moves
+    camera_deg: float = 0.05  # a camera that stands still does
+    camera_m: float = 0.002
+
+
+@dataclass(frozen=True)
+class RelinearisationSettings:
+    """Which frames of the lag are linearised anew."""
+
+    angle_deg: float = 0.5  # a joint that moved by less is linear to a ten-thousandth
+    length_m: float = 0.01
+    shared_deg: float = 0.5  # heading or mounting
+    most: int = 6  # frames at once, the newest: what an update may cost
+
+
+@dataclass(frozen=True)
+class LiveSettings(Settings):
+    """All settings of a live session."""
+
+    lag_s: float = 0.25  # Kaichi's users and animators want answers within a blink
+    start_s: float = 1.0  # of data before the first answer: a step or a gesture shows where the sensors point
+    covariance_every: int = 6  # frames between covariances of the smoothed pose, which cost 3 ms
+    walk: WalkSettings = field(default_factory=WalkSettings)
+    relinearisation: RelinearisationSettings = field(default_factory=RelinearisationSettings)

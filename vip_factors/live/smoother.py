@@ -1,0 +1,197 @@
+"""The fixed-lag smoother of a stream: what is linearised when, and where all variables stand."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from vip_factors.geometry.rotations import Array
+from vip_factors.graph.slices import scene_slices
+from vip_factors.graph.terms import FRAME, ROOT
+from vip_factors.live.problem import LagFrame, LagProblem
+from vip_factors.live.settings import LiveSettings, RelinearisationSettings
+from vip_factors.live.state import FrameState, SharedState, stacked
+from vip_factors.solve.fixed_lag import FixedLagChain, LagSolution
+
+REACH = 2  # frames that a factor reaches ahead of its first one
+
+
+@dataclass
+class _Kept:
+    """A frame of the lag: measurements, the point its coordinates start from, and where they are and were."""
+
+    frame: LagFrame
+    origin: FrameState
+    coordinates: Array
+    linearised: Array | None = None
+    shared: Array | None = None  # that it was linearised at
+
+    @property
+    def state(self) -> FrameState:
+        return self.origin.moved(self.coordinates)
+
+
+class LagSmoother:
+    """Frames go in one by one; those of the lag are smoothed, those before it are held by their marginal."""
+
+    def __init__(self, problem: LagProblem, shared: SharedState, settings: LiveSettings, lag: int) -> None:
+        self.problem, self._settings, self._lag = problem, settings, lag
+        self._origin = shared
+        self._coordinates = np.zeros(problem.columns.static)
+        self._frames: deque[_Kept] = deque()
+        self._chain = FixedLagChain()
+        self._solution: LagSolution | None = None
+        self._walks: dict[int, Array] = {}  # by frame behind which shared variables step, their sigmas
+        self._epoch: dict[int, int] = {}  # of each frame: how many such steps lie before it
+        self._every = max(1, round(settings.walk.every_s * settings.frame_rate))
+        self._usual_walk = _walk_sigmas(problem, settings)
+
+    # What there is
+
+    @property
+    def numbers(self) -> range:
+        """Numbers of the frames of the lag."""
+        return range(self._frames[0].frame.number, self._frames[-1].frame.number + 1) if self._frames else range(0)
+
+    @property
+    def shared(self) -> SharedState:
+        """What all frames share, as it is believed now."""
+        return self.problem.shared.moved(self._origin, self._coordinates)
+
+    def frame(self, number: int) -> LagFrame:
+        """The measurements of a frame of the lag."""
+        return self._at(number).frame
+
+    def state(self, number: int) -> FrameState:
+        """A frame of the lag, as it is believed now."""
+        return self._at(number).state
+
+    def states(self, start: int) -> list[FrameState]:
+        """All from a frame on."""
+        return [self._at(number).state for number in range(max(start, self.numbers[0]), self.numbers[-1] + 1)]
+
+    def _at(self, number: int) -> _Kept:
+        return self._frames[number - self._frames[0].frame.number]
+
+    # Steps
+
+    def append(self, frame: LagFrame, guess: FrameState) -> None:
+        """A new frame behind the newest one; it counts from the next update on."""
+        if frame.number - 1 in self._epoch:
+            before = frame.number - 1
+            if frame.number % self._every == 0:
+                self._walks.setdefault(before, self._usual_walk)
+            self._epoch[frame.number] = self._epoch[before] + (before in self._walks)
+        else:
+            self._epoch[frame.number] = 0
+        self._frames.append(_Kept(frame, guess, np.zeros(self.problem.columns.frame)))
+
+    def loosen(self, sigmas: Array) -> None:
+        """Let shared variables step by ``sigmas`` ``(s,)`` before the newest frame: a sensor has moved, say."""
+        before = self.numbers[-1] - 1
+        self._walks[before] = np.hypot(self._walks.get(before, self._usual_walk), sigmas)
+        self._epoch[before + 1] = self._epoch[before] + 1
+
+    def update(self, first: int | None = None) -> None:
+        """One Gauss–Newton step over the frames that moved, and those from ``first`` on, if something is new there.
+
+        Raises:
+            SolveError: if the frames do not determine all variables.
+        """
+        newest = self.numbers[-1]
+        start = min(newest - REACH, self._first_moved(), newest if first is None else first)
+        start = max(start, self._frames[0].frame.number)
+        kept = [self._at(number) for number in range(start, newest + 1)]
+        state = stacked(
+            [one.state for one in kept], self.shared, self.problem.moving, self.problem.wearers[0].prior.mean
+        )
+        model = self.problem.model([one.frame for one in kept], beginning=start == 0)
+        slices = scene_slices(model, state, self.problem.columns)
+        w, width = self.problem.columns.frame, self.problem.columns.width
+        for t, one in enumerate(kept):
+            number, value = one.frame.number, np.zeros(width)
+            for ahead, other in enumerate(kept[t : t + REACH + 1]):
+                value[w * ahead : w * (ahead + 1)] = other.coordinates
+            value[3 * w :] = self._coordinates
+            shared_key = gtsam.symbol("z", self._epoch[number])
+            keys = (*[gtsam.symbol("x", number + ahead) for ahead in range(REACH + 1)], shared_key)
+            factors = slices.factors(t, keys, value)
+            eliminated = [keys[0]]
+            if number in self._walks:
+                factors.push_back(_walk_factor(shared_key, gtsam.symbol("z", self._epoch[number] + 1), self._walks[number]))
+                eliminated.append(shared_key)
+            self._chain.eliminate(number, eliminated, factors)
+            one.linearised, one.shared = one.coordinates, self._coordinates
+        self._take(newest)
+
+    def forget(self, before: int) -> None:
+        """Marginalise frames with smaller numbers."""
+        while self._frames and self._frames[0].frame.number < before:
+            gone = self._frames.popleft().frame.number
+            self._walks.pop(gone, None)
+            self._epoch.pop(gone, None)
+        self._chain.forget(before)
+
+    def covariance(self, number: int) -> Array:
+        """Marginal covariance ``(w, w)`` of a frame's coordinates."""
+        assert self._solution is not None
+        return self._solution.covariance(gtsam.symbol("x", number))
+
+    def shared_covariance(self) -> Array:
+        """Marginal covariance ``(s, s)`` of what all frames share."""
+        assert self._solution is not None
+        return self._solution.covariance(self._newest_shared())
+
+    # Inside
+
+    def _newest_shared(self) -> int:
+        newest = self.numbers[-1]
+        return gtsam.symbol("z", self._epoch[newest] + (newest in self._walks))
+
+    def _take(self, newest: int) -> None:
+        self._solution = self._chain.solution(self._newest_shared())
+        for one in self._frames:
+            one.coordinates = self._solution.at(gtsam.symbol("x", one.frame.number))
+        self._coordinates = self._solution.at(self._newest_shared())
+
+    def _first_moved(self) -> int:
+        """The earliest of the frames to be linearised anew because something in them has moved."""
+        settings, newest = self._settings.relinearisation, self.numbers[-1]
+        limits = _limits(self.problem, settings)
+        shared = np.deg2rad(settings.shared_deg)
+        for number in range(max(self.numbers[0], newest - settings.most + 1), newest):
+            one = self._at(number)
+            if one.linearised is None or one.shared is None:
+                return number
+            if np.any(np.abs(one.coordinates - one.linearised) > limits):
+                return number
+            if np.any(np.abs(self._coordinates - one.shared) > shared):
+                return number
+        return newest
+
+
+def _limits(problem: LagProblem, settings: RelinearisationSettings) -> Array:
+    limits = np.full(problem.columns.frame, np.deg2rad(settings.angle_deg))
+    for number in range(len(problem.wearers)):
+        limits[FRAME * number + ROOT : FRAME * (number + 1)] = settings.length_m
+    if problem.moving and problem.columns.frame > FRAME * len(problem.wearers):
+        limits[-3:] = settings.length_m
+    return limits
+
+
+def _walk_sigmas(problem: LagProblem, settings: LiveSettings) -> Array:
+    """Of one step of the walk, ``(s,)``."""
+    walk, root = settings.walk, np.sqrt(settings.walk.every_s)
+    sigmas = np.full(problem.columns.static, np.deg2rad(walk.heading_deg) * root)
+    for mountings in problem.shared.mountings:
+        sigmas[mountings.ravel()] = np.deg2rad(walk.mounting_deg) * root
+    camera = problem.shared.camera
+    sigmas[camera[:3][camera[:3] >= 0]] = np.deg2rad(walk.camera_deg) * root
+    sigmas[camera[3:6][camera[3:6] >= 0]] = walk.camera_m * root
+    return sigmas
+
+
+def _walk_factor(before: int, after: int, sigmas: Array) -> gtsam.JacobianFactor:
+    one = np.diag(1 / sigmas)
+    return gtsam.JacobianFactor(before, -one, after, one, np.zeros(len(sigmas)), gtsam.noiseModel.Unit.Create(len(sigmas)))

@@ -1,0 +1,129 @@
+"""A fixed-lag smoother of a chain: frames are eliminated in time order, what all frames share last.
+
+It is the elimination that iSAM2 does with keys constrained to time order and leaves marginalised, kept as a list
+instead of a tree: for a chain the tree is one. What the list brings: what is left behind a frame can be taken up again
+at any of them (a frame that moved is linearised anew, a late measurement put in), what all frames share may wander,
+and covariances of the newest and of the oldest frame cost a few products. It knows nothing of bodies.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from vip_factors.errors import SolveError
+from vip_factors.geometry.rotations import Array
+
+
+@dataclass(frozen=True)
+class _Eliminated:
+    """A frame's conditionals, and what is known of the later ones from it and all before."""
+
+    conditionals: tuple[gtsam.GaussianConditional, ...]
+    rest: gtsam.GaussianFactorGraph
+
+
+class FixedLagChain:
+    """The eliminated frames of the lag. Forgetting the oldest marginalises it: later ones hold all that it said."""
+
+    def __init__(self) -> None:
+        self._frames: dict[int, _Eliminated] = {}
+
+    @property
+    def numbers(self) -> range:
+        """Numbers of the frames that are kept."""
+        return range(min(self._frames), max(self._frames) + 1) if self._frames else range(0)
+
+    def eliminate(self, number: int, keys: Sequence[int], factors: gtsam.GaussianFactorGraph) -> None:
+        """Put in a frame, behind the one before it; what was kept of this and of later ones is replaced.
+
+        Args:
+            number: of the frame; the one before must be kept, unless it is the first of all.
+            keys: to eliminate, in this order: its own, and of shared variables that no later frame has.
+            factors: all whose first frame this is.
+
+        Raises:
+            SolveError: if a variable is not determined, or the frame before is not kept.
+        """
+        for later in [kept for kept in self._frames if kept >= number]:
+            del self._frames[later]
+        graph = gtsam.GaussianFactorGraph()
+        if self._frames:
+            if number - 1 not in self._frames:
+                raise SolveError(f"frame {number} does not follow frame {max(self._frames)}")
+            graph.push_back(self._frames[number - 1].rest)
+        graph.push_back(factors)
+        net, rest = _eliminated(graph, keys)
+        self._frames[number] = _Eliminated(tuple(net.at(index) for index in range(net.size())), rest)
+
+    def forget(self, before: int) -> None:
+        """Keep no frame with a smaller number."""
+        for number in [kept for kept in self._frames if kept < before]:
+            del self._frames[number]
+
+    def solution(self, shared: int) -> "LagSolution":
+        """All variables of the lag; ``shared`` is the key of what the newest frame shares with those to come.
+
+        Raises:
+            SolveError: if it is not determined.
+        """
+        last, _ = _eliminated(self._frames[max(self._frames)].rest, [shared])
+        conditionals = [one for number in self.numbers for one in self._frames[number].conditionals]
+        return LagSolution([*conditionals, last.at(0)])
+
+
+class LagSolution:
+    """The minimum over the lag, and how sure it is."""
+
+    def __init__(self, conditionals: Sequence[gtsam.GaussianConditional]) -> None:
+        net = gtsam.GaussianBayesNet()
+        for conditional in conditionals:
+            net.push_back(conditional)
+        self._conditionals = conditionals
+        self._values = net.optimize()
+
+    def at(self, key: int) -> Array:
+        """A variable."""
+        return np.asarray(self._values.at(key))
+
+    def covariance(self, key: int) -> Array:
+        """Marginal covariance of a variable; the later it was eliminated, the less it costs.
+
+        With ``R`` the triangular factor of all, it is ``YᵀY`` for ``RᵀY = E``, with ``E`` the variable's columns: one
+        substitution forwards. No information matrix is inverted, so an accelerometer's double integration costs no
+        digits.
+        """
+        places = [int(one.keys()[0]) for one in self._conditionals]
+        start = places.index(key)
+        width = len(self._conditionals[start].d())
+        owed: dict[int, Array] = {key: -np.eye(width)}  # what earlier rows leave on the right-hand side
+        total = np.zeros((width, width))
+        for place, conditional in zip(places[start:], self._conditionals[start:], strict=True):
+            if place not in owed:
+                continue
+            Y = solve_triangular(conditional.R(), -owed.pop(place), trans="T", check_finite=False)
+            total += Y.T @ Y
+            keys, S, column = conditional.keys(), conditional.S(), 0
+            for parent in (int(keys[index]) for index in range(1, len(keys))):
+                block = S[:, column : column + self._values.at(parent).shape[0]]
+                column += block.shape[1]
+                left = block.T @ Y
+                owed[parent] = owed[parent] + left if parent in owed else left
+        return total
+
+
+def _eliminated(
+    graph: gtsam.GaussianFactorGraph, keys: Sequence[int]
+) -> tuple[gtsam.GaussianBayesNet, gtsam.GaussianFactorGraph]:
+    ordering = gtsam.Ordering()
+    for key in keys:
+        ordering.push_back(key)
+    try:
+        net, rest = graph.eliminatePartialSequential(ordering)
+    except RuntimeError as error:  # gtsam's IndeterminateSystemException arrives as this
+        if "ndeterminate" not in str(error):
+            raise
+        raise SolveError("the linear system is not determined") from error
+    return net, rest

@@ -1,0 +1,203 @@
+"""Live Rerun in a process of its own: the tracker holds the interpreter for whole updates, and must never wait.
+
+Answers go through a bounded queue; when it is full they are dropped. Whatever happens to the viewer, the tracker goes
+on. Nothing of Rerun is imported in the tracker's process.
+"""
+
+import multiprocessing
+import signal
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from queue import Empty, Full
+from typing import TYPE_CHECKING, Any
+
+from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
+from vip_factors.sensors.live import LiveSetup, VideoFrame
+from vip_factors.viz.new_file import new_file
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+APPLICATION = "vip_factors"
+QUEUE_ITEMS = 240  # two seconds of answers and video frames: a viewer that starts slowly loses nothing that matters
+GATHER_S = 0.03  # what comes within it is logged together, at a fraction of the cost; the eye does not see it
+IN_FULL_EVERY = 6  # answers: calibrations and covariances in between are left out, they are most of the bytes
+VIEWER_MEMORY = "25%"  # of the machine's: the tracker works beside it; then the viewer forgets the oldest
+END_S = 20.0  # seconds that the process may take to write what is left
+FLUSH_S = 5.0  # seconds that Rerun may take to hand over the last: a viewer that was closed takes nothing
+
+
+@dataclass(frozen=True)
+class LiveTarget:
+    """Where the drawing goes; one of them.
+
+    Attributes:
+        save: ``.rrd`` file, complete or not at all.
+        overwrite: whether it may be replaced.
+        connect: URL of a viewer that runs already (``rerun+http://host:9876/proxy``).
+        serve: port on which viewers may connect.
+
+    With none of them the viewer is started.
+    """
+
+    save: Path | None = None
+    overwrite: bool = False
+    connect: str | None = None
+    serve: int | None = None
+
+
+class LiveRerunSink:
+    """Shows a stream; ``write`` returns at once, always.
+
+    Args:
+        setup: of the stream.
+        target: where to draw.
+        rate: frames per second of the tracker.
+        queue_items: that may wait before some are dropped.
+    """
+
+    def __init__(
+        self, setup: LiveSetup, target: LiveTarget | None = None, rate: float = 60.0, queue_items: int = QUEUE_ITEMS
+    ) -> None:
+        # A new interpreter: a fork would take the tracker's threads and locks along.
+        context = multiprocessing.get_context("spawn")
+        self.dropped = 0  # answers that the viewer never got
+        self._written = 0
+        self._ended = False
+        self._queue: Any = context.Queue(queue_items)
+        self._told, telling = context.Pipe(duplex=False)
+        arguments = (self._queue, telling, setup, target or LiveTarget(), rate)
+        self._process = context.Process(target=draw, args=arguments, name="viewer", daemon=True)
+        self._process.start()
+        telling.close()
+
+    def write(self, estimate: LiveEstimate) -> None:
+        """Hand over the answer to one frame, or drop it."""
+        if not self._put(estimate if self._written % IN_FULL_EVERY == 0 else _slim(estimate)):
+            self.dropped += 1
+        self._written += 1
+
+    def write_video(self, frame: VideoFrame) -> None:
+        """Hand over what was seen in a video frame, before the answer to it; or drop it."""
+        self._put(frame)
+
+    def findings(self) -> tuple[str, ...]:
+        """What the viewer's process has to say since the last time."""
+        sentences = []
+        try:
+            while self._told.poll():
+                sentences.append(str(self._told.recv()))
+        except (EOFError, OSError):  # the process has ended
+            if not self._ended:
+                self._ended = True
+                sentences.append("the viewer's process has ended; tracking goes on without it")
+        return tuple(sentences)
+
+    def close(self) -> tuple[str, ...]:
+        """Let the process draw what is left, and end it; returns what it had to say. A second call does nothing."""
+        if self._queue is None:
+            return ()
+        try:
+            if not self._ended:
+                self._queue.put(None, timeout=END_S / 4)
+        except Full:
+            pass  # nobody takes anything out: it is ended below
+        self._process.join(END_S if not self._ended else 0.1)
+        told = self.findings()
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+            told = (*told, f"the viewer's process did not end within {END_S:g} s and was stopped")
+        elif self._process.exitcode == 0:  # ended as it should
+            told = tuple(one for one in told if "has ended" not in one)
+        self._queue.cancel_join_thread()  # what nobody will take out must not hold up the program
+        self._queue.close()
+        self._queue, self._ended = None, True
+        return told
+
+    def _put(self, item: LiveEstimate | VideoFrame) -> bool:
+        if self._ended or self._queue is None:
+            return False
+        try:
+            self._queue.put_nowait(item)
+        except Full:
+            return False
+        return True
+
+
+def _slim(estimate: LiveEstimate) -> LiveEstimate:
+    """Without what may be left out in most frames."""
+
+    def bare(pose: LivePose) -> LivePose:
+        return replace(pose, joint_covariance=None, root_covariance=None)
+
+    def thin(wearer: LiveWearerEstimate) -> LiveWearerEstimate:
+        smoothed = bare(wearer.smoothed) if wearer.smoothed is not None else None
+        return replace(wearer, newest=bare(wearer.newest), smoothed=smoothed, calibration={})
+
+    return replace(estimate, wearers=tuple(thin(one) for one in estimate.wearers))
+
+
+def draw(queue: Any, telling: Connection, setup: LiveSetup, target: LiveTarget, rate: float) -> None:
+    """The other process: draws what comes until None comes, or the tracker's process is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the tracker, which says when it is over
+    from vip_factors.viz.live_view import LiveView
+
+    try:
+        with ExitStack() as files:
+            stream = _open(target, files, telling)
+            view = LiveView(stream, setup, rate)
+            while (items := _gathered(queue)) is not None:
+                view.log(items)
+            stream.flush(timeout_sec=FLUSH_S)
+            stream.disconnect()
+    except Exception as error:  # told where the user looks; the tracker does not care
+        telling.send(f"the viewer stopped: {type(error).__name__}: {' '.join(str(error).split())}")
+        raise SystemExit(1) from error
+    finally:
+        telling.close()
+
+
+def _open(target: LiveTarget, files: ExitStack, telling: Connection) -> "rr.RecordingStream":
+    import rerun as rr
+
+    stream = rr.RecordingStream(APPLICATION)
+    if target.save is not None:
+        stream.save(files.enter_context(new_file(target.save, target.overwrite)))
+    elif target.connect is not None:
+        stream.connect_grpc(target.connect)
+    elif target.serve is not None:
+        url = stream.serve_grpc(grpc_port=target.serve)
+        telling.send(f"viewers may connect: rerun {url}")
+    else:
+        stream.spawn(memory_limit=VIEWER_MEMORY)
+    return stream
+
+
+def _gathered(queue: Any) -> list[LiveEstimate | VideoFrame] | None:
+    """What has come, waiting for at least one; None after the last."""
+    items: list[LiveEstimate | VideoFrame] = []
+    while not items:
+        try:
+            first = queue.get(timeout=1.0)
+        except Empty:
+            parent = multiprocessing.parent_process()
+            if parent is not None and not parent.is_alive():
+                return None
+            continue
+        if first is None:
+            return None
+        items.append(first)
+    time.sleep(GATHER_S)
+    while True:
+        try:
+            item = queue.get_nowait()
+        except Empty:
+            return items
+        if item is None:
+            queue.put(None)  # found again after these have been drawn
+            return items
+        items.append(item)

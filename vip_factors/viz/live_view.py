@@ -1,0 +1,218 @@
+"""A stream in Rerun, as it goes: newest and smoothed bodies, the camera, who was seen, and how sure all of it is.
+
+Everything that has come since the last time is logged at once: the more there is, the less each frame costs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import rerun as rr
+
+from vip_factors.body.keypoints import KeypointSet
+from vip_factors.body.motion import Motion
+from vip_factors.geometry.rotations import Array
+from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.live import LiveCamera, LiveSetup, LiveWearer, VideoFrame
+from vip_factors.sensors.reprojection import keypoints_in_image
+from vip_factors.viz.compare import floor_height
+from vip_factors.viz.live_layout import live_blueprint
+from vip_factors.viz.live_series import LiveSeries
+from vip_factors.viz.mannequin import Side
+from vip_factors.viz.rerun_body import log_poses, log_sensors, log_shape
+from vip_factors.viz.rerun_camera import log_camera, log_camera_poses, log_frustum
+from vip_factors.viz.rerun_image import log_image_border, log_people_frames, log_people_style
+from vip_factors.viz.wearer_colours import UNCLAIMED, body_colours, wearer_colour
+
+CAMERA, IMAGE = "world/camera", "world/camera/image"
+FINDINGS = "findings"
+CALIBRATION_S = 1.0  # seconds between the sensors' mountings as drawn: they settle slowly
+NOBODY = -1
+
+
+@dataclass(frozen=True)
+class _SeenFrame:
+    """One video frame with the wearer of each person in it, −1 for nobody."""
+
+    frame: VideoFrame
+    labels: np.ndarray
+
+
+class LiveView:
+    """Draws a stream.
+
+    Args:
+        stream: where to.
+        setup: of what is streamed.
+        rate: frames per second of the tracker.
+    """
+
+    def __init__(self, stream: rr.RecordingStream, setup: LiveSetup, rate: float) -> None:
+        self._stream, self._setup, self._rate = stream, setup, rate
+        self._series = LiveSeries(stream, setup)
+        self._bodies = [_Body(stream, index, one, rate) for index, one in enumerate(setup.wearers)]
+        self._pending: VideoFrame | None = None  # waits for the answer that says who is who in it
+        self._mounted = -CALIBRATION_S  # when the sensors were drawn
+        self._laid_out = False
+        stream.send_recording_name(setup.name)
+        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for camera in setup.cameras:
+            self._log_camera_shape(camera)
+
+    def log(self, items: Sequence[LiveEstimate | VideoFrame]) -> None:
+        """Log what has come, in its order."""
+        estimates = [item for item in items if isinstance(item, LiveEstimate)]
+        self._log_seen(self._seen(items))
+        if not estimates:
+            return
+        last = estimates[-1]
+        for run in _runs(estimates):
+            for index, body in enumerate(self._bodies):
+                motion = body.log([one.wearers[index] for one in run])
+                self._log_projected(index, motion, run)
+        if last.time - self._mounted >= CALIBRATION_S and last.wearers[0].calibration:
+            for body, wearer in zip(self._bodies, last.wearers, strict=True):
+                body.log_sensors(wearer)
+            self._mounted = last.time
+        path = _path(estimates)
+        if path is not None:
+            log_camera_poses(self._stream, CAMERA, path)
+        self._series.log(estimates)
+        self._log_findings(estimates)
+        if not self._laid_out:
+            self._lay_out(last)
+
+    def _log_camera_shape(self, camera: LiveCamera) -> None:
+        first = camera is self._setup.camera
+        entity = CAMERA if first else f"world/{rr.escape_entity_path_part(camera.name)}"
+        if first:
+            log_frustum(self._stream, entity, camera.model)
+            log_image_border(self._stream, f"{IMAGE}/border", camera.model)
+            self._log_people_styles()
+        elif camera.known_path is not None:
+            log_camera(self._stream, entity, camera.known_path, camera.model)
+
+    def _log_people_styles(self) -> None:
+        for index, wearer in enumerate(self._setup.wearers):
+            colour = wearer_colour(index)
+            pale = (colour[0] + 255) // 2, (colour[1] + 255) // 2, (colour[2] + 255) // 2
+            part = rr.escape_entity_path_part(wearer.name)
+            log_people_style(self._stream, f"{IMAGE}/body/{part}", colour, line=2.6, dot=0.0, order=10.0)
+            log_people_style(self._stream, f"{IMAGE}/detected/{part}", pale, line=0.8, dot=2.6, order=20.0)
+        log_people_style(self._stream, f"{IMAGE}/detected/nobody's", UNCLAIMED, line=0.8, dot=2.6, order=20.0)
+
+    def _seen(self, items: Sequence[LiveEstimate | VideoFrame]) -> list[_SeenFrame]:
+        """The first camera's video frames, each with what the first answer after it says of the people in it."""
+        seen = []
+        for item in items:
+            if isinstance(item, VideoFrame):
+                if self._setup.camera is None or item.camera != self._setup.camera.name:
+                    continue
+                if self._pending is not None:
+                    seen.append(_SeenFrame(self._pending, np.full(len(self._pending.pixels), NOBODY)))
+                self._pending = item
+            elif self._pending is not None:
+                labels = np.full(len(self._pending.pixels), NOBODY)
+                for index, wearer in enumerate(item.wearers):
+                    if wearer.detection is not None and wearer.detection < len(labels):
+                        labels[wearer.detection] = index
+                seen.append(_SeenFrame(self._pending, labels))
+                self._pending = None
+        return seen
+
+    def _log_seen(self, seen: list[_SeenFrame]) -> None:
+        camera = self._setup.camera
+        if not seen or camera is None:
+            return
+        time = np.array([one.frame.time for one in seen])
+        for index in range(NOBODY, len(self._setup.wearers)):
+            name = self._setup.wearers[index].name if index >= 0 else "nobody's"
+            people, frames = _people(seen, index, camera.keypoints)
+            entity = f"{IMAGE}/detected/{rr.escape_entity_path_part(name)}"
+            log_people_frames(self._stream, entity, time, frames, people, camera.keypoints)
+
+    def _log_projected(self, index: int, motion: Motion, estimates: list[LiveEstimate]) -> None:
+        """The newest bodies as the camera should see them."""
+        camera, path = self._setup.camera, _path(estimates)
+        if camera is None or path is None:
+            return
+        pixels = keypoints_in_image(motion, camera.keypoints, path, camera.model, path.time)
+        entity = f"{IMAGE}/body/{rr.escape_entity_path_part(self._setup.wearers[index].name)}"
+        frames = np.arange(len(path))
+        log_people_frames(self._stream, entity, path.time, frames, pixels, camera.keypoints, dots=False)
+
+    def _log_findings(self, estimates: list[LiveEstimate]) -> None:
+        for one in estimates:
+            self._stream.set_time("time", duration=one.time)
+            for sentence in one.findings:
+                self._stream.log(FINDINGS, rr.TextLog(sentence, level=rr.TextLogLevel.INFO))
+
+    def _lay_out(self, estimate: LiveEstimate) -> None:
+        motion = self._bodies[0].motion([estimate.wearers[0].newest])
+        blueprint = live_blueprint(self._setup, motion, self._bodies[0].newest, IMAGE, FINDINGS, floor_height(motion))
+        self._stream.send_blueprint(blueprint)
+        self._laid_out = True
+
+
+class _Body:
+    """One wearer: the newest pose solid, the smoothed one, a lag earlier, see-through around it."""
+
+    def __init__(self, stream: rr.RecordingStream, index: int, wearer: LiveWearer, rate: float) -> None:
+        self._stream, self._wearer, self._rate = stream, wearer, rate
+        self._skeleton, self._colours = wearer.subject.body(), body_colours(index)
+        below = f"world/{rr.escape_entity_path_part(wearer.name)}"
+        self.newest, self._smoothed = f"{below}/newest", f"{below}/smoothed"
+        ghost = dict.fromkeys(Side, self._colours[Side.MIDDLE])
+        log_shape(stream, self.newest, self._skeleton, self._colours)
+        log_shape(stream, self._smoothed, self._skeleton, ghost, ghost=True)
+
+    def motion(self, poses: Sequence[LivePose]) -> Motion:
+        """Poses one frame apart."""
+        R = np.array([one.R_parent_child for one in poses])
+        p = np.array([one.p_world_pelvis for one in poses])
+        return Motion(self._skeleton, R, p, self._rate, poses[0].time, self._wearer.name)
+
+    def log(self, answers: list[LiveWearerEstimate]) -> Motion:
+        """Log the poses; returns the newest ones."""
+        newest = self.motion([one.newest for one in answers])
+        log_poses(self._stream, self.newest, newest)
+        smoothed = [one.smoothed for one in answers if one.smoothed is not None]
+        if smoothed:
+            log_poses(self._stream, self._smoothed, self.motion(smoothed))
+        return newest
+
+    def log_sensors(self, answer: LiveWearerEstimate) -> None:
+        """The sensors on the bones, as their mountings are believed to be now."""
+        log_sensors(self._stream, self.newest, self._wearer.placement, answer.calibration)
+
+
+def _runs(estimates: list[LiveEstimate]) -> list[list[LiveEstimate]]:
+    """Frames that follow each other: between them some were dropped."""
+    runs: list[list[LiveEstimate]] = []
+    for one in estimates:
+        if runs and one.frame == runs[-1][-1].frame + 1:
+            runs[-1].append(one)
+        else:
+            runs.append([one])
+    return runs
+
+
+def _path(estimates: Sequence[LiveEstimate]) -> CameraPath | None:
+    poses = [one.camera for one in estimates if one.camera is not None]
+    if not poses:
+        return None
+    R, p = np.array([one.R_world_camera for one in poses]), np.array([one.p_world_camera for one in poses])
+    return CameraPath(np.array([one.time for one in poses]), R, p)
+
+
+def _people(seen: list[_SeenFrame], index: int, keypoints: KeypointSet) -> tuple[Array, np.ndarray]:
+    """Pixels ``(n, K, 2)`` of a wearer's detections, NaN where a keypoint was not found, and their frames ``(n,)``."""
+    chosen = [np.flatnonzero(one.labels == index) for one in seen]
+    frames = np.repeat(np.arange(len(seen)), [len(one) for one in chosen])
+    found = [
+        np.where((one.frame.confidence[rows] > 0)[..., None], one.frame.pixels[rows], np.nan)
+        for one, rows in zip(seen, chosen, strict=True)
+    ]
+    shape = (-1, len(keypoints), 2)
+    return np.concatenate([np.asarray(one, float).reshape(shape) for one in found]), frames

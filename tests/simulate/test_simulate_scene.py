@@ -192,3 +192,34 @@ def test_impossible_scenes_say_why(people) -> None:
         SceneSettings(camera="drone")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="unknown keypoint set"):
         SceneSettings(keypoints=keypoint_set("coco17").name + "x")
+
+
+def test_further_cameras_stand_around_and_see_for_themselves(people) -> None:
+    settings = SceneSettings.realistic(camera="fixed", azimuth_deg=10.0)
+    alone = simulate_scene(people, settings, seed=4)
+    scene = simulate_scene(people, replace(settings, cameras=4), seed=4)
+    assert [camera.name for camera in scene.cameras] == ["camera", "camera_2", "camera_3", "camera_4"]
+    np.testing.assert_array_equal(scene.camera.detections.pixels, alone.camera.detections.pixels)
+    assert alone.camera.known_path is None
+    middle = np.mean([one.motion.p_world_pelvis.mean(axis=0) for one in people[:2]], axis=0)
+    truths = (scene.truth, *scene.truth.further)
+    places = np.array([truth.camera.p_world_camera[0] for truth in truths]) - middle
+    angles = np.unwrap(np.arctan2(places[:, 1], places[:, 0]))
+    np.testing.assert_allclose(np.diff(angles), np.pi / 2, atol=0.35)
+    for camera, truth in zip(scene.cameras, truths, strict=True):
+        assert np.linalg.norm(camera.known_path.p_world_camera - truth.camera.p_world_camera) < 0.03
+        assert {0, 1} <= set(truth.wearer)
+    one, other = (camera.detections for camera in scene.cameras[1:3])
+    assert one.pixels.shape != other.pixels.shape or not np.array_equal(one.pixels, other.pixels)
+
+
+def test_further_cameras_are_calibrated_before_a_moving_one(people) -> None:
+    scene = simulate_scene(people, plain("hand-held", cameras=2), seed=3)
+    assert scene.camera.moving
+    assert scene.camera.known_path is None
+    second, truth = scene.further_cameras[0], scene.truth.further[0]
+    assert not second.moving
+    assert second.mount is None
+    np.testing.assert_allclose(second.known_path.R_world_camera, truth.camera.R_world_camera, atol=1e-12)
+    with pytest.raises(InputError, match="only that of a fixed one"):
+        plain("hand-held", known_pose=True)

@@ -32,6 +32,10 @@ class VideoOptions:
 
     camera: CameraName = "none"
     """On a tripod, in the hands of somebody who stands, or of somebody who walks along; none makes no scene."""
+    cameras: int = 1
+    """Cameras in all: further ones stand on tripods around the action, at known poses."""
+    known_camera_pose: bool | None = None
+    """Whether a fixed first camera's pose is known too; absent, if there are further cameras."""
     also: tuple[str, ...] = ()
     """Motions of further wearers, as MOTION."""
     bystanders: int = 0
@@ -88,8 +92,9 @@ class SimulateOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(SimulateOptions, prog, arguments, none_is_a_value=True)
-    if options.video.camera == "none" and (options.video.also or options.video.bystanders):
-        raise InputError("--also and --bystanders make a scene: expected a --camera as well")
+    video = options.video
+    if video.camera == "none" and (video.also or video.bystanders or video.cameras > 1 or video.known_camera_pose):
+        raise InputError("--also, --bystanders and --cameras make a scene: expected a --camera as well")
     from vip_factors.io.atomic import check_target
 
     check_target(options.out, options.overwrite)
@@ -116,12 +121,12 @@ def _write_scene(options: SimulateOptions) -> str:
     with waiting("simulating"):
         scene = simulated_scene(options)
         write_scene(scene, options.out, overwrite=options.overwrite)
-    assert scene.camera is not None
-    found = scene.camera.detections
+    found = [camera.detections for camera in scene.cameras]
     sensors = sum(len(wearer.imus) for wearer in scene.wearers)
+    further = f" and {len(found) - 1} further" if len(found) > 1 else ""
     return (
-        f"{len(scene.wearers)} wearers with {sensors} sensors, {options.video.camera} camera, "
-        f"{len(found.time)} video frames, {len(found)} detections"
+        f"{len(scene.wearers)} wearers with {sensors} sensors, {options.video.camera} camera{further}, "
+        f"{len(found[0].time)} video frames, {sum(map(len, found))} detections"
     )
 
 
@@ -175,9 +180,13 @@ def _scene_settings(options: SimulateOptions) -> "SceneSettings":
         height=video.image[1],
         fov_deg=video.fov_deg,
         distance_m=video.distance_m,
+        cameras=video.cameras,
+        known_pose=video.known_camera_pose,
         keypoints=video.keypoints,
         time_offset_s=video.time_offset_s,
         camera_mounting_error_deg=0.0 if perfect else video.camera_mounting_error_deg,
+        pose_error_deg=0.0 if perfect else SceneSettings.pose_error_deg,
+        pose_error_m=0.0 if perfect else SceneSettings.pose_error_m,
         imu=SimulateSettings.noise_free() if perfect else options.errors,
         detector=DetectorSettings.noise_free() if perfect else options.detector,
     )

@@ -25,7 +25,7 @@ RIGHT_WITHIN = 0.065
 
 def detect(
     people: Sequence[Person], camera: CameraPath, model: CameraModel, keypoints: KeypointSet,
-    settings: DetectorSettings, seed: int,
+    settings: DetectorSettings, seed: int, bias_seed: int | None = None,
 ) -> tuple[Detections, np.ndarray, Array]:  # fmt: skip
     """What a detector finds in the video.
 
@@ -36,6 +36,7 @@ def detect(
         keypoints: the detector's set.
         settings: its errors.
         seed: of them; each kind of error draws from its own stream.
+        bias_seed: of its idea of where keypoints are on people, which is the same in all cameras; ``seed`` if None.
 
     Returns:
         The ``N`` detections, in random order within a frame; the person ``(N,)`` who has most keypoints of each, at
@@ -44,6 +45,8 @@ def detect(
     """
     names = ("bias", "errors", "sides", "mixed", "people", "false", "order")
     children = np.random.SeedSequence([seed, 0xDE7EC7]).spawn(len(names))
+    if bias_seed is not None:
+        children[0] = np.random.SeedSequence([bias_seed, 0xDE7EC7]).spawn(1)[0]
     random = {name: np.random.default_rng(child) for name, child in zip(names, children, strict=True)}
     step = float(np.median(np.diff(camera.time))) if len(camera) > 1 else 1.0
 

@@ -8,7 +8,7 @@ import numpy as np
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, exp
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.placement import Placement, SensorSite
@@ -25,6 +25,7 @@ from vip_factors.simulate.scene_settings import SceneSettings
 R_CAMERA_IMU = np.diag([1.0, -1.0, -1.0])
 P_CAMERA_IMU = np.array([0.03, 0.02, -0.015])  # metres from the lens: somewhere on a phone
 CAMERA_IMU = "camera"
+CAMERA_SEED_STEP = 104_729  # between the seeds of cameras; the first has the scene's
 SEED_STEP = 7919  # between the seeds of wearers; the first has the scene's: a scene of one is the recording of one
 PATH_HZ = 30.0  # at which the camera's operator watches the people
 
@@ -51,14 +52,16 @@ def simulate_scene(
 ) -> Scene:
     """What sensors, camera and detector would have recorded of people's motions.
 
-    The video lasts as long as all wearers move; bystanders come and go with their motions. In the truth,
-    ``SceneTruth.wearer`` gives a detection to the person who has most of its keypoints, at least seven major joints
-    (thesis 4.4.3), and is −1 for bystanders and for nobody.
+    Cameras look from all around, the first one from where the settings say. The video lasts as long as all wearers
+    move; bystanders come and go with their motions. In the truth, ``SceneTruth.wearer`` gives a detection to the
+    person who has most of its keypoints, at least seven major joints (thesis 4.4.3), and is −1 for bystanders and for
+    nobody.
 
     Args:
         performers: wearers and bystanders, in one world; the recordings keep the order of the wearers.
         settings: camera, detector and sensors; realistic ones if absent.
-        seed: same seed, same scene. Every wearer, the camera and the detector draw from their own streams.
+        seed: same seed, same scene. Every wearer, camera and detector draws from its own streams: the first camera
+            sees the same with and without further ones.
         name: of the scene.
 
     Raises:
@@ -77,21 +80,52 @@ def simulate_scene(
     )
 
     time = _video_times([dense[number] for number in worn], settings, name)
-    body = _camera_body(dense, worn, settings, seed)
-    state = body.bone(0, time)
-    path = CameraPath(time, state.R_world_bone, state.position)
     people = [_person(one, time) for one in dense]
-    keypoints = keypoint_set(settings.keypoints)
-    detections, owner, pixels = detect(people, path, settings.model, keypoints, settings.detector, seed)
+    wearer = np.array([worn.index(number) if number in worn else -1 for number in (*range(len(performers)), -1)])
 
+    films, azimuth = [], None
+    for number, one in enumerate(_of_each_camera(settings)):
+        one = one if azimuth is None else replace(one, azimuth_deg=azimuth + 360.0 * number / settings.cameras)
+        body, around = _camera_body(dense, worn, one, seed)
+        azimuth = around if azimuth is None else azimuth
+        films.append(_film(body, people, wearer, time, one, seed, number))
+    (camera, truth), *further = films
+    truth = replace(truth, further=tuple(known for _, known in further))
+    return Scene(name, recordings, camera, truth, tuple(camera for camera, _ in further))
+
+
+def _of_each_camera(settings: SceneSettings) -> list[SceneSettings]:
+    """The further cameras stand on tripods, without sensors, at known poses."""
+    fixed = replace(settings, camera="fixed", camera_imu=False, known_pose=True)
+    return [settings, *[fixed] * (settings.cameras - 1)]
+
+
+def _film(
+    body: DenseMotion, people: Sequence[Person], wearer: np.ndarray, time: Array, settings: SceneSettings, seed: int,
+    number: int,
+) -> tuple[Camera, SceneTruth]:  # fmt: skip
+    """What one camera's detector finds; ``wearer`` is the index of the wearer by person, −1 for others and nobody."""
+    state, own_seed = body.bone(0, time), seed + CAMERA_SEED_STEP * number
+    path = CameraPath(time, state.R_world_bone, state.position)
+    keypoints = keypoint_set(settings.keypoints)
+    detections, owner, pixels = detect(people, path, settings.model, keypoints, settings.detector, own_seed, seed)
     mount, calibration = _mounted(body, settings, seed) if settings.has_camera_imu else (None, None)
     moving = settings.camera != "fixed"
-    camera = Camera("camera", settings.model, detections.shifted(-settings.time_offset_s), moving=moving, mount=mount)
-    wearer = np.array([worn.index(number) if number in worn else -1 for number in (*range(len(performers)), -1)])
     if not moving:
         path = CameraPath(path.time[:1], path.R_world_camera[:1], path.p_world_camera[:1])
-    truth = SceneTruth(path, wearer[owner], pixels, calibration, settings.time_offset_s)
-    return Scene(name, recordings, camera, truth)
+    known = _known_pose(path, settings, own_seed) if settings.has_known_pose else None
+    name = "camera" if number == 0 else f"camera_{number + 1}"
+    detections = detections.shifted(-settings.time_offset_s)
+    camera = Camera(name, settings.model, detections, moving=moving, mount=mount, known_path=known)
+    return camera, SceneTruth(path, wearer[owner], pixels, calibration, settings.time_offset_s)
+
+
+def _known_pose(path: CameraPath, settings: SceneSettings, seed: int) -> CameraPath:
+    """The pose of a fixed camera as it was measured."""
+    random = np.random.default_rng([seed, 0xB0A2D])
+    R = path.R_world_camera @ exp(np.deg2rad(settings.pose_error_deg) * random.standard_normal(3))
+    p = path.p_world_camera + settings.pose_error_m * random.standard_normal(3)
+    return CameraPath(path.time, R, p)
 
 
 def _recorded(performer: Performer, dense: DenseMotion, settings: SceneSettings, seed: int) -> Recording:
@@ -109,8 +143,10 @@ def _video_times(wearers: Sequence[DenseMotion], settings: SceneSettings, name: 
     return start + np.arange(count) / settings.video_rate
 
 
-def _camera_body(people: Sequence[DenseMotion], worn: Sequence[int], settings: SceneSettings, seed: int) -> DenseMotion:
-    """The camera's path: it films the wearers, from a place that nobody runs into."""
+def _camera_body(
+    people: Sequence[DenseMotion], worn: Sequence[int], settings: SceneSettings, seed: int
+) -> tuple[DenseMotion, float]:
+    """The camera's path: it films the wearers, from a place that nobody runs into; and from which side, degrees."""
     start = max(people[number].start for number in worn)
     end = min(people[number].end for number in worn)
     time = np.linspace(start, end, max(8, int(np.ceil((end - start) * PATH_HZ)) + 1))
@@ -118,7 +154,10 @@ def _camera_body(people: Sequence[DenseMotion], worn: Sequence[int], settings: S
     there = np.stack([(time >= one.start) & (time <= one.end) for one in people])
     others = np.where(there[..., None], pelves, np.nan)
     random = np.random.default_rng([seed, 0xCA3E7A])
-    return camera_motion(pelves[list(worn)], time, settings, random, others)
+    filmed = pelves[list(worn)]
+    body = camera_motion(filmed, time, settings, random, others)
+    away = body.bone(0, time[:1]).position[0] - filmed.mean(axis=(0, 1))
+    return body, float(np.rad2deg(np.arctan2(away[1], away[0])))
 
 
 def _person(dense: DenseMotion, time: Array) -> Person:

@@ -29,6 +29,11 @@ class SceneSettings:
     keypoints: str = "openpose18"  # the thesis's COCO-18
     time_offset_s: float = 0.0  # to add to the video's times to get the sensors'; the scene itself says 0
     camera_imu: bool | None = None  # whether the camera carries one; None: if it moves
+    cameras: int = 1  # in all: further ones stand around the action, evenly spread, and their poses are known
+    known_pose: bool | None = None  # whether a fixed first camera's pose is known too; None: if there are further ones
+    # What a board on the floor tells of a camera four metres away, each axis: half a metre of board, corners to 0.2 px.
+    pose_error_deg: float = 0.1
+    pose_error_m: float = 0.005
     camera_mounting_error_deg: float = 5.0  # of the IMU on the camera, each axis: taped along the edges by eye
     imu: SimulateSettings = field(default_factory=SimulateSettings)
     detector: DetectorSettings = field(default_factory=DetectorSettings)
@@ -45,6 +50,14 @@ class SceneSettings:
             raise InputError(f"camera distance of {self.distance_m:g} m: expected a positive number")
         if not self.camera_mounting_error_deg >= 0:
             raise InputError(f"camera mounting error {self.camera_mounting_error_deg:g}: expected 0 degrees or more")
+        if self.cameras < 1:
+            raise InputError(f"{self.cameras} cameras: expected at least one")
+        if self.known_pose and self.camera != "fixed":
+            raise InputError(f"a known pose of a {self.camera} camera: only that of a fixed one can be known")
+        if not (self.pose_error_deg >= 0 and self.pose_error_m >= 0):
+            raise InputError(
+                f"errors of known poses {self.pose_error_deg:g} degrees, {self.pose_error_m:g} m: expected 0 or more"
+            )
         self.model  # its own checks  # noqa: B018
 
     @property
@@ -60,6 +73,13 @@ class SceneSettings:
         """Whether the camera carries an IMU."""
         return self.camera != "fixed" if self.camera_imu is None else self.camera_imu
 
+    @property
+    def has_known_pose(self) -> bool:
+        """Whether the first camera's pose is known."""
+        if self.known_pose is None:
+            return self.cameras > 1 and self.camera == "fixed"
+        return self.known_pose
+
     @classmethod
     def realistic(cls, **changes: Any) -> "SceneSettings":
         """Sensors and a detector as they are in use."""
@@ -69,6 +89,7 @@ class SceneSettings:
     def noise_free(cls, **changes: Any) -> "SceneSettings":
         """No error of any sensor, of the camera's mounting, or of the detector; the camera moves all the same."""
         perfect = cls(
-            camera_mounting_error_deg=0.0, imu=SimulateSettings.noise_free(), detector=DetectorSettings.noise_free()
-        )
+            camera_mounting_error_deg=0.0, pose_error_deg=0.0, pose_error_m=0.0,
+            imu=SimulateSettings.noise_free(), detector=DetectorSettings.noise_free(),
+        )  # fmt: skip
         return replace(perfect, **changes)

@@ -20,6 +20,7 @@ MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x09, 0x0C
+DATA_END = 0x0F
 
 View = bytes | memoryview
 
@@ -91,7 +92,7 @@ def read_contents(path: str | os.PathLike[str], wanted: Callable[[McapChannel], 
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected an MCAP file")
     with open(path, "rb") as file:
-        _check_magic(path, file.read(len(MAGIC)))
+        check_magic(path, file.read(len(MAGIC)))
         walk = _Walk(McapContents(path), wanted or (lambda channel: True))
         walk.file(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)))
     for sentence in walk.contents.damage:
@@ -99,7 +100,12 @@ def read_contents(path: str | os.PathLike[str], wanted: Callable[[McapChannel], 
     return walk.contents
 
 
-def _check_magic(path: Path, start: bytes) -> None:
+def check_magic(path: Path, start: bytes) -> None:
+    """Whether a file begins as MCAP files do.
+
+    Raises:
+        FileFormatError: if it does not.
+    """
     if not start:
         raise FileFormatError(f"{path} is empty (0 bytes): expected an MCAP file; write or copy it again")
     if start != MAGIC[: len(start)]:
@@ -124,7 +130,7 @@ class _Walk:
         """All records after the magic, up to the footer or the cut."""
         end = len(MAGIC)
         whole = False
-        for opcode, start, stop in _records(view, end):
+        for opcode, start, stop in records_of(view, end):
             end, whole = stop, opcode == FOOTER
             if whole:
                 break
@@ -195,7 +201,7 @@ class _Walk:
         except ChunkError as error:
             self.contents.damage.append(f"{error}: its messages are left out")
             return
-        for opcode, start, end in _records(data, 0):
+        for opcode, start, end in records_of(data, 0):
             self._inner(opcode, data[start:end])
 
     def _tell_end(self, view: memoryview, end: int) -> None:
@@ -207,7 +213,7 @@ class _Walk:
             self.contents.damage.insert(0, f"the file is cut off at byte {len(view)} ({upto}); what follows is lost")
 
 
-def _records(data: View, start: int) -> Iterator[tuple[int, int, int]]:
+def records_of(data: View, start: int) -> Iterator[tuple[int, int, int]]:
     """Opcode, start and end of the content of every whole record."""
     size = len(data)
     unpack = RECORD_HEAD.unpack_from

@@ -1,0 +1,109 @@
+"""The queue between the thread that reads a source and the tracker, which may be busy for longer than samples wait."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+from itertools import count
+from threading import Condition
+
+from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, VideoFrame
+
+TELL_EVERY = 1.0  # seconds between findings about dropped samples: a person reads them
+
+
+class LiveQueue:
+    """Items of one source in the order of their arrival; findings are never dropped.
+
+    When more samples than ``limit`` wait, either the reader waits too (a file has time), or the oldest video frame is
+    dropped, and without one the oldest IMU sample: a pose without a video frame is still a pose, and old samples are
+    of less use than new ones. How many were dropped is told in a finding, at most once a second.
+
+    Args:
+        limit: of waiting samples.
+        drops: False makes :meth:`put` wait instead of dropping.
+        clock: monotonic seconds.
+    """
+
+    def __init__(self, limit: int, drops: bool = True, clock: Callable[[], float] = time.monotonic) -> None:
+        self._limit = limit
+        self._drops = drops
+        self._clock = clock
+        self._changed = Condition()
+        self._number = count()
+        # Each with its number of arrival, so that the three together keep the order.
+        self._frames: deque[tuple[int, LiveItem]] = deque()
+        self._imu: deque[tuple[int, LiveItem]] = deque()
+        self._findings: deque[tuple[int, LiveItem]] = deque()
+        self._lost = {VideoFrame: 0, ImuSample: 0}
+        self._told = -float("inf")
+        self._finished = False
+        self._closed = False
+
+    def __len__(self) -> int:
+        return len(self._frames) + len(self._imu) + len(self._findings)
+
+    def put(self, item: LiveItem) -> None:
+        """Append an item; does nothing once the queue is closed."""
+        with self._changed:
+            if isinstance(item, LiveFinding):
+                self._findings.append((next(self._number), item))
+            else:
+                if not self._drops:
+                    self._changed.wait_for(lambda: self._closed or self._waiting < self._limit)
+                if self._closed:
+                    return
+                kind = self._frames if isinstance(item, VideoFrame) else self._imu
+                kind.append((next(self._number), item))
+                if self._waiting > self._limit:
+                    self._drop()
+            self._changed.notify_all()
+
+    def get(self) -> LiveItem | None:
+        """The next item, waiting for one; None after the last."""
+        with self._changed:
+            self._changed.wait_for(lambda: len(self) > 0 or self._finished or self._closed)
+            if self._closed:
+                return None
+            finding = self._loss()
+            if finding is not None:
+                return finding
+            waiting = [kind for kind in (self._frames, self._imu, self._findings) if kind]
+            if not waiting:
+                return None
+            _, item = min(waiting, key=lambda kind: kind[0][0]).popleft()
+            self._changed.notify_all()
+            return item
+
+    def finish(self) -> None:
+        """Nothing more will come: :meth:`get` ends after what is there."""
+        with self._changed:
+            self._finished = True
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Nothing more is wanted: whoever waits, returns."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    @property
+    def _waiting(self) -> int:
+        return len(self._frames) + len(self._imu)
+
+    def _drop(self) -> None:
+        kind, oldest = (VideoFrame, self._frames) if self._frames else (ImuSample, self._imu)
+        oldest.popleft()
+        self._lost[kind] += 1
+
+    def _loss(self) -> LiveFinding | None:
+        """What was dropped since it was told last, if it is time to tell."""
+        frames, samples = self._lost[VideoFrame], self._lost[ImuSample]
+        now = self._clock()
+        if not frames + samples or (now - self._told < TELL_EVERY and not self._finished):
+            return None
+        self._told, self._lost = now, {VideoFrame: 0, ImuSample: 0}
+        what = [f"{number} {name}" for number, name in ((frames, "video frames"), (samples, "IMU samples")) if number]
+        return LiveFinding(
+            f"the tracker does not keep up: {' and '.join(what)} were dropped; use fewer wearers, fewer cameras or a "
+            "shorter lag"
+        )

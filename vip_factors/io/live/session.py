@@ -1,0 +1,145 @@
+"""From the messages of clients, one after the other, to the samples of one stream."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.io.live.header import header_message, setup_of
+from vip_factors.io.live.samples import imu_sample_of, video_frame_of
+from vip_factors.io.live.throttle import Throttle
+from vip_factors.io.mcap_writer import NS_PER_S
+from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
+from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, LiveSetup
+
+
+class ClientError(Exception):
+    """A client that cannot be listened to any longer; the message is one clause that says why."""
+
+
+class Session:
+    """What the clients of one source share: the set-up of the first, which the others must repeat.
+
+    Args:
+        announce: gets the set-up, once.
+        put: gets samples and findings.
+    """
+
+    def __init__(self, announce: Callable[[LiveSetup], None], put: Callable[[LiveItem], None]) -> None:
+        self._announce = announce
+        self.put = put
+        self.setup: LiveSetup | None = None
+        self._described = b""
+
+    def tell(self, sentence: str) -> None:
+        """A finding."""
+        self.put(LiveFinding(sentence))
+
+    def begin(self, header: LiveHeader) -> int:
+        """Take the header of a client; nanoseconds to be taken as its t = 0.
+
+        Raises:
+            ClientError: if it describes nothing that can be tracked, or something other than the first did.
+        """
+        try:
+            setup = setup_of(header)
+        except InputError as error:
+            raise ClientError(f"its header cannot be used: {error}") from error
+        if self.setup is None:
+            self.setup, self._described = setup, _described(setup)
+            self._announce(setup)
+        elif _described(setup) != self._described:
+            raise ClientError(
+                "its header describes other wearers, sensors or cameras than the first client's: start anew for them"
+            )
+        return setup.start_ns
+
+
+class Client:
+    """One sender's messages, from its header on.
+
+    Args:
+        session: that it takes part in.
+        name: for findings.
+    """
+
+    def __init__(self, session: Session, name: str) -> None:
+        self._session = session
+        self._name = name
+        self._throttle = Throttle(session.put)
+        self._start_ns = 0
+        self._shift = 0.0  # seconds from this client's clock to the first's
+        self.has_header = False
+        self.messages = 0
+
+    def take(self, data: bytes) -> None:
+        """One serialised LiveMessage; a sample that cannot be used is told and left out.
+
+        Raises:
+            FileFormatError: if it is no LiveMessage.
+            ClientError: if this client cannot be listened to any longer.
+        """
+        from google.protobuf.message import DecodeError
+
+        self.flush()
+        try:
+            message = LiveMessage.FromString(data)
+        except DecodeError as error:
+            raise FileFormatError(f"{len(data)} bytes are no LiveMessage ({error})") from error
+        content = message.WhichOneof("content")
+        self.messages += 1
+        if content == "header":
+            self._header(message.header)
+        elif not self.has_header:
+            raise ClientError("it sent something else before its header")
+        elif content is None:
+            self.tell("empty", "a message has neither header nor sample: it is left out")
+        else:
+            try:
+                self._session.put(self._sample(message, content))
+            except FileFormatError as error:
+                self.tell(content, str(error))
+
+    def flush(self) -> None:
+        """Tell what has been held back for long enough."""
+        self._throttle.flush()
+
+    def tell(self, kind: str, sentence: str) -> None:
+        """A finding about this client; those of one kind at most once a second."""
+        self._throttle.tell(kind, f"{self._name}: {sentence}")
+
+    def leave(self, sentence: str = "") -> None:
+        """The last words about this client."""
+        self._throttle.flush(every=True)
+        if sentence:
+            self._session.tell(f"{self._name}: {sentence}")
+
+    def _header(self, header: LiveHeader) -> None:
+        if self.has_header:
+            self.tell("header", "a second header was sent: it is left out; the first one counts")
+            return
+        self._start_ns = self._session.begin(header)
+        self.has_header = True
+        setup = self._session.setup
+        if setup is not None and setup.start_ns and self._start_ns:
+            self._shift = (self._start_ns - setup.start_ns) / NS_PER_S
+
+    def _sample(self, message: LiveMessage, content: str) -> LiveSample:
+        setup = self._session.setup
+        assert setup is not None  # has_header
+        if content == "imu":
+            carrier = message.carrier or setup.wearers[0].name
+            return _shifted(imu_sample_of(message.imu, carrier, self._start_ns), self._shift)
+        name = message.carrier or (setup.camera.name if setup.camera is not None else "")
+        camera = next((one for one in setup.cameras if one.name == name), None)
+        keypoints = len(camera.keypoints) if camera is not None else None
+        frame = video_frame_of(message.detections, name, self._start_ns, keypoints)
+        return _shifted(frame, self._shift)
+
+
+def _described(setup: LiveSetup) -> bytes:
+    """A set-up without what may differ between two connections of one session."""
+    return header_message(replace(setup, name="", start_ns=0)).SerializeToString(deterministic=True)
+
+
+def _shifted(sample: LiveSample, seconds: float) -> LiveSample:
+    return replace(sample, time=sample.time + seconds) if seconds else sample

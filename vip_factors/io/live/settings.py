@@ -1,0 +1,44 @@
+"""How patient a live source is, and how much it takes."""
+
+from dataclasses import dataclass
+
+from vip_factors.errors import InputError
+
+MIB = 1024 * 1024
+
+
+@dataclass(frozen=True)
+class LiveSourceSettings:
+    """Limits of a live source.
+
+    Attributes:
+        header_wait: seconds that a client may take for its header: a program that has it ready sends it at once, ten
+            seconds forgive a slow start.
+        largest_message: bytes; a header with the skeletons of ten wearers has 30 kB, a frame of fifty people 30 kB, so
+            16 MiB is a stray length, not a message.
+        largest_chunk: bytes of one chunk of an MCAP file, packed or not; recorders close chunks at 1 to 4 MB, those
+            with images in them at a few more.
+        queue_limit: samples that wait for the tracker before some are dropped; two wearers of 13 sensors at 100 Hz
+            send 2,600 a second, so that a start-up of a second and a half loses nothing.
+        growth_wait: seconds without growth after which a file counts as finished; recorders flush several times a
+            second, a minute of slack for the operating system would only delay the end.
+        next_client_wait: seconds that a server waits for another client after one that had sent its header has gone,
+            or that a lost sender is tried again; infinite: until Ctrl-C.
+    """
+
+    header_wait: float = 10.0
+    largest_message: int = 16 * MIB
+    largest_chunk: int = 64 * MIB
+    queue_limit: int = 4096
+    growth_wait: float = 10.0
+    next_client_wait: float = float("inf")
+
+    def __post_init__(self) -> None:
+        for name in ("header_wait", "largest_message", "largest_chunk", "queue_limit", "growth_wait"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"live source: {name} is {getattr(self, name)}: expected a positive number")
+        if not self.next_client_wait >= 0:
+            raise InputError(f"live source: next_client_wait is {self.next_client_wait}: expected 0 seconds or more")
+
+
+DEFAULT = LiveSourceSettings()

@@ -81,7 +81,21 @@ def scenes(draw: st.DrawFn) -> Scene:
             draw(st.sampled_from([None, calibration(rng, ["imu"])["imu"]])),
             rng.normal(),
         )
-    return Scene(draw(names), wearers, camera, truth)
+    further = draw(st.lists(further_cameras(), max_size=2)) if camera is not None else []
+    further = [replace(one, name=f"{number}/{one.name}") for number, one in enumerate(further)]
+    if truth is not None:
+        truth = replace(truth, further=tuple(_seen_by(one, rng, len(wearers)) for one in further))
+    return Scene(draw(names), wearers, camera, truth, tuple(further))
+
+
+@st.composite
+def further_cameras(draw: st.DrawFn) -> Camera:
+    path = camera_path(np.random.default_rng(draw(seeds)), 1)
+    return replace(draw(cameras()), moving=False, known_path=path)
+
+
+def _seen_by(camera: Camera, rng: np.random.Generator, wearers: int) -> SceneTruth:
+    return SceneTruth(camera_path(rng, 1), rng.integers(-1, wearers, len(camera.detections)), None, None, rng.normal())
 
 
 @st.composite

@@ -11,23 +11,34 @@ from mcap_samples import assert_same, recordings, walk
 from scene_samples import filmed_walk, scenes
 
 from vip_factors.errors import FileFormatError, RecordingError
-from vip_factors.io.mcap_contents import McapWarning
+from vip_factors.io.mcap_contents import McapWarning, read_contents
 from vip_factors.io.mcap_recording import read_recording, write_recording
-from vip_factors.io.mcap_scene_recording import CAMERA_INFO, DETECTIONS, read_scene, wearer_topics, write_scene
+from vip_factors.io.mcap_scene_recording import FIRST_CAMERA, read_scene, wearer_topics, write_scene
 from vip_factors.io.mcap_writer import MessageWriter
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
-from vip_factors.sensors.scene import Scene, Video
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.scene import Camera, Scene, Video
 
 
 def without_path_times(scene: Scene) -> Scene:
     """Times of camera paths are kept to the nanosecond only: compared apart."""
-    camera, truth = scene.camera, scene.truth
-    if camera is not None and camera.known_path is not None:
-        camera = replace(camera, known_path=replace(camera.known_path, time=np.zeros(len(camera.known_path))))
+    camera, *further = (_without_path_times(one) for one in scene.cameras or (None,))
+    truth = scene.truth
     if truth is not None:
-        truth = replace(truth, camera=replace(truth.camera, time=np.zeros(len(truth.camera))))
-    return replace(scene, camera=camera, truth=truth)
+        others = tuple(replace(one, camera=_untimed(one.camera)) for one in truth.further)
+        truth = replace(truth, camera=_untimed(truth.camera), further=others)
+    return replace(scene, camera=camera, truth=truth, further_cameras=tuple(further))
+
+
+def _without_path_times(camera: Camera | None) -> Camera | None:
+    if camera is None or camera.known_path is None:
+        return camera
+    return replace(camera, known_path=_untimed(camera.known_path))
+
+
+def _untimed(path: CameraPath) -> CameraPath:
+    return replace(path, time=np.zeros(len(path)))
 
 
 @settings(max_examples=60, deadline=None)
@@ -64,6 +75,38 @@ def test_several_wearers_are_no_recording(tmp_path: Path) -> None:
     write_scene(replace(scene, wearers=(*scene.wearers, other)), tmp_path / "s.mcap")
     with pytest.raises(FileFormatError, match=r"s\.mcap.*one wearer, found Ada, Bea.*read_scene"):
         read_recording(tmp_path / "s.mcap")
+
+
+def three_cameras() -> Scene:
+    """Of which two are further ones."""
+    scene = filmed_walk(5)
+    assert scene.camera is not None
+    assert scene.truth is not None
+    path = scene.truth.camera
+    further = tuple(replace(scene.camera, name=name, known_path=path) for name in ("left", "a/info"))
+    return replace(scene, further_cameras=further, truth=replace(scene.truth, further=(scene.truth, scene.truth)))
+
+
+def test_further_cameras_have_topics_below_their_names(tmp_path: Path) -> None:
+    write_scene(three_cameras(), tmp_path / "three.mcap")
+    write_scene(filmed_walk(5), tmp_path / "one.mcap")
+    three, one = (set(read_contents(tmp_path / name).topics) for name in ("three.mcap", "one.mcap"))
+    of_first = {topic for topic in one if "/camera/" in topic}
+    assert of_first == {topic for topic in three if "/camera/" in topic and topic.count("/") == 2 + ("truth" in topic)}
+    below = {topic.replace("/camera/", "/camera/left/") for topic in of_first} | {"/camera/left/pose"}
+    assert three - one == below | {topic.replace("/left/", "/a%2Finfo/") for topic in below}
+
+
+def test_a_further_camera_without_its_pose_is_left_out(tmp_path: Path) -> None:
+    scene = three_cameras()
+    write_scene(scene, tmp_path / "whole.mcap")
+    with (tmp_path / "cut.mcap").open("wb") as file, MessageWriter(file) as writer:
+        writer.copy(read_contents(tmp_path / "whole.mcap"), ("/camera/left/pose",))
+    with pytest.warns(McapWarning, match="'left' is left out"):
+        read = read_scene(tmp_path / "cut.mcap")
+    assert [camera.name for camera in read.cameras] == ["phone", "a/info"]
+    assert read.truth is not None
+    assert len(read.truth.further) == 1
 
 
 def test_topics_of_wearers_cannot_be_confused() -> None:
@@ -117,10 +160,13 @@ def _written(path: Path, info: CameraInfo, frames: list[Detections2D]) -> Path:
 
     write_scene(filmed_walk(2), path.with_name("whole.mcap"), overwrite=True)
     with open(path, "wb") as file, MessageWriter(file) as writer:
-        writer.copy(read_contents(path.with_name("whole.mcap")), (CAMERA_INFO, DETECTIONS, "/truth/camera"))
-        writer.write(CAMERA_INFO, info, 1)
+        writer.copy(
+            read_contents(path.with_name("whole.mcap")),
+            (FIRST_CAMERA("info"), FIRST_CAMERA("detections"), "/truth/camera"),
+        )
+        writer.write(FIRST_CAMERA("info"), info, 1)
         for one in frames:
-            writer.write(DETECTIONS, one, 1)
+            writer.write(FIRST_CAMERA("detections"), one, 1)
     return path
 
 

@@ -24,7 +24,7 @@ _sym_db = _symbol_database.Default()
 
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1cvip_factors/scene_info.proto\x12\x0bvip_factors\"D\n\tSceneInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x15\n\rwearer_topics\x18\x02 \x03(\t\x12\x12\n\nhas_camera\x18\x03 \x01(\x08\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1cvip_factors/scene_info.proto\x12\x0bvip_factors\"c\n\tSceneInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x15\n\rwearer_topics\x18\x02 \x03(\t\x12\x12\n\nhas_camera\x18\x03 \x01(\x08\x12\x1d\n\x15\x66urther_camera_topics\x18\x04 \x03(\tb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -32,5 +32,5 @@ _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'vip_factors.scene_info_pb2'
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
   _globals['_SCENEINFO']._serialized_start=45
-  _globals['_SCENEINFO']._serialized_end=113
+  _globals['_SCENEINFO']._serialized_end=144
 # @@protoc_insertion_point(module_scope)

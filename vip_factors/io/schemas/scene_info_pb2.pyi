@@ -6,11 +6,13 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Optional as _Op
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class SceneInfo(_message.Message):
-    __slots__ = ("name", "wearer_topics", "has_camera")
+    __slots__ = ("name", "wearer_topics", "has_camera", "further_camera_topics")
     NAME_FIELD_NUMBER: _ClassVar[int]
     WEARER_TOPICS_FIELD_NUMBER: _ClassVar[int]
     HAS_CAMERA_FIELD_NUMBER: _ClassVar[int]
+    FURTHER_CAMERA_TOPICS_FIELD_NUMBER: _ClassVar[int]
     name: str
     wearer_topics: _containers.RepeatedScalarFieldContainer[str]
     has_camera: bool
-    def __init__(self, name: _Optional[str] = ..., wearer_topics: _Optional[_Iterable[str]] = ..., has_camera: bool = ...) -> None: ...
+    further_camera_topics: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, name: _Optional[str] = ..., wearer_topics: _Optional[_Iterable[str]] = ..., has_camera: bool = ..., further_camera_topics: _Optional[_Iterable[str]] = ...) -> None: ...

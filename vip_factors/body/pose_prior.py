@@ -1,7 +1,7 @@
 """The Gaussian pose prior: which joint rotations people like, and which go together (thesis eqs. 3.14, 3.28)."""
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +44,11 @@ class PosePrior:
     def residual(self, x: Array) -> Array:
         """Whitened deviation ``(..., 69)`` of joint vectors ``(..., 69)``: unit variance where the prior holds."""
         return (x - self.mean) @ self.whitening.T
+
+    @cached_property
+    def information(self) -> Array:
+        """The inverse ``(69, 69)`` of the covariance, ``Lᵀ L``."""
+        return self.whitening.T @ self.whitening
 
     @property
     def sigma(self) -> Array:

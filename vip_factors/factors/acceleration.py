@@ -14,6 +14,9 @@ from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import Array, rotation_z
 
 GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s², world
+_QUARTER = np.array(
+    [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+)  # of rows: what turns about −z, as it sets out
 
 
 @dataclass(frozen=True)
@@ -32,26 +35,22 @@ class AccelerationSettings:
 def acceleration_residual(
     p_before: Array, p_now: Array, p_after: Array, step: float, heading: float | Array, specific_force_inertial: Array
 ) -> Array:
-    """Model less measured acceleration, ``(T, 3)`` m/s², world axes (thesis eqs. 4.24–4.26).
+    """Model less measured acceleration, ``(..., 3)`` m/s², world axes (thesis eqs. 4.24–4.26).
 
-    ``(p(t−1) − 2 p(t) + p(t+1))/step² − (Rz(γ) f + g)``, with the positions of the sensor ``(T, 3)`` in metres and
+    ``(p(t−1) − 2 p(t) + p(t+1))/step² − (Rz(γ) f + g)``, with the positions of the sensor ``(..., 3)`` in metres and
     its specific force ``f`` in its inertial frame, averaged over the triangular window of half-width ``step``.
-    The heading may be one number or ``(T,)``.
     """
     return (p_before - 2 * p_now + p_after) / step**2 - _turned(heading, specific_force_inertial) - GRAVITY
 
 
 def acceleration_by_heading(heading: float | Array, specific_force_inertial: Array) -> Array:
-    """Derivative of :func:`acceleration_residual` by the heading, ``(T, 3)`` m/s² per radian."""
+    """Derivative of :func:`acceleration_residual` by the heading, ``(..., 3)`` m/s² per radian."""
     turned = _turned(heading, specific_force_inertial)
-    return np.stack([turned[:, 1], -turned[:, 0], np.zeros(len(turned))], axis=1)
+    return turned @ _QUARTER
 
 
 def _turned(heading: float | Array, specific_force_inertial: Array) -> Array:
-    R = rotation_z(heading)
-    if R.ndim == 2:
-        return specific_force_inertial @ R.T
-    return np.einsum("tij,tj->ti", R, specific_force_inertial)
+    return (rotation_z(heading) @ specific_force_inertial[..., None])[..., 0]
 
 
 def acceleration_factor(

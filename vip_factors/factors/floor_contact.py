@@ -22,8 +22,8 @@ class FloorContactSettings:
 
 
 def floor_contact_residual(p_world_contact: Array) -> Array:
-    """Height ``(T, 1)`` in metres of a contact point, ``(T, 3)``, over the floor at z = 0."""
-    return p_world_contact[:, 2:]
+    """Height ``(..., 1)`` in metres of a contact point, ``(..., 3)``, over the floor at z = 0."""
+    return p_world_contact[..., 2:]
 
 
 def floor_contact_factor(

@@ -23,7 +23,7 @@ class FootContactSettings:
 
 
 def foot_contact_residual(p_now: Array, p_after: Array, step: float) -> Array:
-    """Velocity of a contact point between two frames, ``(T, 3)`` m/s, from its positions ``(T, 3)`` in metres."""
+    """Velocity of a contact point between two frames, ``(..., 3)`` m/s, from its positions ``(..., 3)`` in metres."""
     return (p_after - p_now) / step
 
 

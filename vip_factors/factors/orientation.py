@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 import gtsam
 import numpy as np
 
-from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Skeleton, ancestors
 from vip_factors.factors.adapter import custom_factor
 from vip_factors.factors.chain import FrameKeys, chain_state, split_blocks
@@ -13,7 +12,6 @@ from vip_factors.factors.heading_knots import HeadingAt, heading_at
 from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import (
     Array,
-    inverse_left_jacobian,
     inverse_right_jacobian,
     log,
     rotation_z,
@@ -35,32 +33,26 @@ class OrientationSettings:
 
 
 def orientation_residual(
-    body: BodyState, bone: int, R_bone_sensor: Array, heading: float | Array, R_inertial_sensor: Array
+    R_world_bone: Array, R_bone_sensor: Array, heading: float | Array, R_inertial_sensor: Array
 ) -> Array:
-    """``Log(R_world_bone R_bone_sensor (Rz(γ) R_inertial_sensor)ᵀ)``, ``(T, 3)`` rad, world axes.
+    """``Log(R_world_bone R_bone_sensor (Rz(γ) R_inertial_sensor)ᵀ)``, ``(..., 3)`` rad, world axes.
 
     Thesis eqs. 4.8–4.9 and 4.21, with the mounting as a variable of its own instead of through the initial pose.
-    The heading may be one number or ``(T,)``.
     """
     R_world_sensor = rotation_z(heading) @ R_inertial_sensor
-    return log(body.R_world_bone[:, bone] @ R_bone_sensor @ transpose(R_world_sensor))
+    return log(R_world_bone @ R_bone_sensor @ transpose(R_world_sensor))
 
 
-def orientation_jacobians(
-    body: BodyState, bone: int, R_bone_sensor: Array, residual: Array
-) -> tuple[Array, Array, Array]:
+def orientation_jacobians(R_world_bone: Array, R_bone_sensor: Array, residual: Array) -> tuple[Array, Array, Array]:
     """Derivatives of :func:`orientation_residual`.
 
     Returns:
-        By the joints of the chain ``(T, c, 3, 3)``, by the mounting ``(T, 3, 3)``, by the heading ``(T, 3)``.
+        By a turn of the bone in the world and by the mounting ``(..., 3, 3)``, by the heading ``(..., 3)``.
         Perturbing anything left of the sensor turns the error on its left, the heading turns it on its right.
     """
-    left = inverse_left_jacobian(residual)
-    _, J = body.orientation_jacobian(bone)
-    by_joints = left[:, None] @ J
-    by_mounting = left @ body.R_world_bone[:, bone] @ R_bone_sensor
-    by_heading = -inverse_right_jacobian(residual)[:, :, 2]
-    return by_joints, by_mounting, by_heading
+    right = inverse_right_jacobian(residual)
+    left = transpose(right)
+    return left, left @ R_world_bone @ R_bone_sensor, -right[..., 2]
 
 
 def orientation_factor(
@@ -78,9 +70,11 @@ def orientation_factor(
     def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
         body = chain_state(skeleton, values, keys, bone, with_root=False)
         mounting = values.atRot3(mounting_key).matrix()
-        residual = orientation_residual(body, bone, mounting, heading.value(values), R_inertial_sensor[None])
-        by_joints, by_mounting, by_heading = orientation_jacobians(body, bone, mounting, residual)
-        return residual[0], [*split_blocks(by_joints), *heading.blocks(by_heading[0]), by_mounting[0]]
+        R = body.R_world_bone[:, bone]
+        residual = orientation_residual(R, mounting, heading.value(values), R_inertial_sensor[None])
+        by_turn, by_mounting, by_heading = orientation_jacobians(R, mounting, residual)
+        _, by_joints = body.orientation_jacobian(bone)
+        return residual[0], [*split_blocks(by_turn @ by_joints), *heading.blocks(by_heading[0]), by_mounting[0]]
 
     noise = settings.loss.noise_model(np.full(3, settings.sigma))
     joints = len(ancestors(bone))

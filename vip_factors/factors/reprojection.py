@@ -58,6 +58,16 @@ def reprojection_jacobians(p_camera: Array, camera: CameraPoses, model: CameraMo
     return by_point, np.concatenate([J @ hat(p_camera), -J], axis=3)
 
 
+def reprojection_linearised(
+    p_world_point: Array, camera: CameraPoses, model: CameraModel, pixels: Array
+) -> tuple[Array, Array, Array]:
+    """:func:`reprojection_residual` and :func:`reprojection_jacobians`, with one projection for both."""
+    p_camera = (p_world_point - camera.p_world_camera[:, None]) @ camera.R_world_camera
+    projected, J = model.project_with_jacobian(p_camera)
+    by_point = J @ transpose(camera.R_world_camera)[:, None]
+    return projected - pixels, by_point, np.concatenate([J @ hat(p_camera), -J], axis=3)
+
+
 def reprojection_factor(
     skeleton: Skeleton,
     keys: FrameKeys,

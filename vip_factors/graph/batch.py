@@ -11,29 +11,31 @@ import gtsam
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState, forward_kinematics
-from vip_factors.body.pose_prior import POSE_SIZE
+from vip_factors.body.pose_prior import POSE_SIZE, joint_vector
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.factors.gauge_prior import gauge_prior_residual
 from vip_factors.factors.heading_prior import heading_prior_residual
 from vip_factors.factors.pose_prior import pose_mean_residual
 from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian
+from vip_factors.graph.bone_factors import add_bone_factors
 from vip_factors.graph.evaluated import MotionTerm, PoseTerm
+from vip_factors.graph.joint_factors import add_joint_factors
 from vip_factors.graph.keys import WEARER
 from vip_factors.graph.model import InertialModel
+from vip_factors.graph.motion import MotionFactors
 from vip_factors.graph.parallel import side_by_side
-from vip_factors.graph.smooth import add_smoothness, is_smoothed, smoothness_cost
+from vip_factors.graph.smooth import is_smoothed, smoothness_cost
 from vip_factors.graph.state import GraphState
 from vip_factors.graph.system import ChainSystem
 from vip_factors.graph.terms import (
     FRAME,
     ROOT,
-    motion_terms,
     pose_mean_columns,
-    pose_terms,
     width,
 )
 from vip_factors.graph.walk import WalkSystem, walk_costs
+from vip_factors.graph.wearer_residuals import Sites, motion_residuals, pose_residuals
 
 CHUNK = 125  # frames evaluated together: enough to amortise NumPy's calls, few enough to stay in cache and memory
 # One unit of damping, in physical units, is a prior of this size on every step.
@@ -50,6 +52,9 @@ class BatchObjective:
         free = [*[model.free_headings] * S, *[model.free_mountings] * (3 * S), *[model.free_pose_mean] * POSE_SIZE]
         self._static = np.flatnonzero(free) + FRAME  # columns of what all frames share that move
         self._columns = np.concatenate([np.arange(FRAME), self._static])
+        shared = FRAME + 4 * S  # headings and mountings come together, whichever is free
+        self._used = FRAME if not len(self._static) else max(shared, int(self._columns[-1]) + 1)
+        self.sites = Sites.of([*model.sensors, *model.contacts])
         self.frame_keys = [gtsam.symbol("x", wearer * WEARER + t) for t in range(len(model.frames))]
         self.static_key = gtsam.symbol("z", wearer * WEARER)
         later = range(1, len(model.heading_knots) if model.free_headings else 1)
@@ -62,15 +67,15 @@ class BatchObjective:
 
     # Cost
 
-    def cost(self, state: GraphState) -> Mapping[str, float]:
-        """Half the sum of squared whitened residuals, losses applied, by factor kind."""
-        costs: dict[str, float] = {}
-        body = self._body(state)
-        terms: list[PoseTerm | MotionTerm] = list(motion_terms(self.model, state, body, jacobians=False))
-        for frames in self._chunks():
-            terms += pose_terms(self.model, *_stretch(state, body, frames), frames, jacobians=False)
-        for term in terms:
-            costs[term.kind] = costs.get(term.kind, 0.0) + term.cost
+    def cost(self, state: GraphState, body: BodyState | None = None) -> Mapping[str, float]:
+        """Half the sum of squared whitened residuals, losses applied, by factor kind.
+
+        The ``body`` at the state is asked for only where it is at hand, to save its evaluation.
+        """
+        body = self._body(state) if body is None else body
+        p, x = self.sites.on(body), joint_vector(state.R_parent_child)
+        kinds = *pose_residuals(self.model, state, body, p, x), *motion_residuals(self.model, state, p)
+        costs = {residuals.kind: residuals.cost for residuals in kinds}
         for kind, residual, _, _ in self._static_rows(state):
             costs[kind] = costs.get(kind, 0.0) + 0.5 * float(residual @ residual)
         if self.walk_keys:
@@ -113,34 +118,31 @@ class BatchObjective:
 
     # Linearisation
 
-    def linearise(self, state: GraphState) -> ChainSystem:
-        """The normal equations at a state."""
-        T = len(self.model.frames)
-        body = self._body(state)
-        terms = list(motion_terms(self.model, state, body, jacobians=True))
-        system = ChainSystem.empty(
-            self.frame_keys, self.static_key, FRAME, self._columns, self._damping(), tied=bool(terms)
-        )
+    def linearise(self, state: GraphState, body: BodyState | None = None) -> ChainSystem:
+        """The normal equations at a state; of its ``body`` as for :meth:`cost`."""
+        model, T = self.model, len(self.model.frames)
+        body = self._body(state) if body is None else body
+        moving = list(motion_residuals(model, state, self.sites.on(body)))
+        motion = MotionFactors(moving, T) if moving else None
+        tied = model.use_acceleration
+        system = ChainSystem.empty(self.frame_keys, self.static_key, FRAME, self._columns, self._damping(), tied)
         if self.walk_keys:
             system.walk = WalkSystem.of(self.model, state, self.walk_keys, FRAME, STEP_ANGLE**-2.0)
-        used = int(self._columns[-1]) + 1
+        used = self._used
 
         def add(frames: slice) -> None:
             part = slice(frames.start, min(frames.stop + 2, T))  # two frames on, for the blocks off the diagonal
-            H, g = pose_equations(
-                pose_terms(self.model, *_stretch(state, body, frames), frames, jacobians=True),
-                frames.stop - frames.start,
-                used,
-            )
-            if terms:
-                jacobian = _point_jacobians(self.model, _stretch(state, body, part)[1], terms)
-                system.add_motion(frames, jacobian, terms, H, g)
-            system.add_frames(frames, H, g)
+            beside = BodyState(body.R_world_bone[part], body.p_world_joint[part])
+            if used == len(self._columns):  # all columns are free
+                H, g = system.own[frames], system.gradient[frames]
+            else:
+                H, g = np.zeros((frames.stop - frames.start, used, used)), np.zeros((frames.stop - frames.start, used))
+            add_joint_factors(model, state, frames, H, g, system.following)
+            add_bone_factors(model, self.sites, state, beside, frames, motion, system, H, g)
+            if used > len(self._columns):
+                system.add_frames(frames, H, g)
 
         side_by_side(add, self._chunks())
-        if is_smoothed(self.model):
-            for frames in self._chunks():  # in turn: each reaches into the next
-                add_smoothness(system, self.model, state, frames)
         for _, residual, columns, J in self._static_rows(state):
             system.add_first(np.array(columns), J.T @ J, J.T @ residual)
         return system

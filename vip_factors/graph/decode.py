@@ -60,8 +60,8 @@ def residuals(model: InertialModel, state: GraphState) -> dict[str, Array]:
     orientation, acceleration = np.full((T, S), np.nan), np.full((T, S), np.nan)
     weights, inner = model.knot_weights(), model.knot_weights(slice(1, -1))
     for s, sensor in enumerate(model.sensors):
-        R = frames.R_inertial_sensor[:, s]
-        error = orientation_residual(body, sensor.bone, state.R_bone_sensor[s], state.heading(s, weights), R)
+        R, R_bone = frames.R_inertial_sensor[:, s], body.R_world_bone[:, sensor.bone]
+        error = orientation_residual(R_bone, state.R_bone_sensor[s], state.heading(s, weights), R)
         seen = frames.orientation_valid[:, s]
         orientation[seen, s] = np.rad2deg(np.linalg.norm(error[seen], axis=1))
         p, force = sensor.of(body), frames.specific_force_inertial[1:-1, s]

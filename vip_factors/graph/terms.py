@@ -105,11 +105,13 @@ def _orientation_terms(
     weights = model.knot_weights(frames)
     for s, sensor in enumerate(model.sensors):
         R, mounting = model.frames.R_inertial_sensor[frames, s], state.R_bone_sensor[s]
-        residual = orientation_residual(body, sensor.bone, mounting, state.heading(s, weights), R)
+        R_world_bone = body.R_world_bone[:, sensor.bone]
+        residual = orientation_residual(R_world_bone, mounting, state.heading(s, weights), R)
         columns = [*chain_columns(sensor.bone), heading_column(s), *mounting_columns(s, S)]
         J = None
         if jacobians:
-            by_joints, by_mounting, by_heading = orientation_jacobians(body, sensor.bone, mounting, residual)
+            by_turn, by_mounting, by_heading = orientation_jacobians(R_world_bone, mounting, residual)
+            by_joints = by_turn[:, None] @ body.orientation_jacobian(sensor.bone)[1]
             stacked = by_joints.swapaxes(1, 2).reshape(len(residual), 3, -1)
             J = np.concatenate([stacked, by_heading[:, :, None], by_mounting], axis=2) / settings.sigma
         mask = model.frames.orientation_valid[frames, s].astype(float)

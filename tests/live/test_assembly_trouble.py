@@ -1,0 +1,249 @@
+"""Streams as they come in the field: silences, clocks that leap, absurd samples. Nothing ends the stream."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from assembly_stream import CAMERA, COLUMNS, RATE, assemble, in_time, sample, stream, video
+
+from vip_factors.errors import InputError
+from vip_factors.live.assembly import FrameAssembler
+from vip_factors.live.assembly_settings import AssemblySettings
+from vip_factors.live.measurement import FrameMeasurement
+from vip_factors.sensors.live import ImuSample
+
+WRIST = ("Ada", "wrist")
+OTHERS = [("Ada", "hip"), ("Bo", "hip")]
+
+
+def started() -> FrameAssembler:
+    """One second of everything has come."""
+    assembler = FrameAssembler(COLUMNS, RATE, cameras=[CAMERA])
+    assemble(stream(0.0, 1.0), assembler, flush=False)
+    assert assembler.take_findings() == ()
+    return assembler
+
+
+def consecutive(frames: list[FrameMeasurement], first: int = 60) -> bool:
+    return [one.frame for one in frames] == list(range(first, first + len(frames)))
+
+
+def test_a_silent_sensor_is_given_up_and_welcomed_back() -> None:
+    assembler = started()
+    assemble(stream(1.0, 3.0, OTHERS), assembler, flush=False)
+    assert assembler.take_findings() == ("sensor 'wrist' of 'Ada' has been silent for 1.0 s: going on without it",)
+    frame, *_ = assemble(stream(3.0, 3.0 + 1 / RATE, OTHERS), assembler, flush=False)
+    assert frame.time == pytest.approx(3.0), "not waited for any more"
+    frames = assemble(stream(3.0 + 1 / RATE, 3.5), assembler)
+    assert assembler.take_findings() == ("sensor 'wrist' of 'Ada' is back",)
+    assert np.all(frames[-1].orientation_valid)
+    assert np.all(frames[-1].acceleration_valid)
+
+
+def test_a_sensor_that_begins_late_is_not_waited_for() -> None:
+    assembler = FrameAssembler(COLUMNS, RATE)
+    assemble(stream(0.0, 1.0, OTHERS), assembler, flush=False)
+    assert assembler.take_findings() == ("sensor 'wrist' of 'Ada' has sent nothing yet: going on without it",)
+    assert np.all(assemble(stream(1.0, 1.5), assembler)[-1].orientation_valid)
+    assert assembler.take_findings() == ("sensor 'wrist' of 'Ada' sends now",)
+
+
+def test_frames_over_a_pause_of_all_are_there_with_nothing_valid() -> None:
+    assembler = started()
+    frames = assemble(stream(3.0, 4.0), assembler)
+    assert consecutive(frames)
+    np.testing.assert_allclose([one.time for one in frames], 1.0 + np.arange(len(frames)) / RATE, atol=1e-9)
+    pause = [one for one in frames if 1.05 < one.time < 2.95]
+    assert len(pause) > 110
+    assert not any(np.any(one.orientation_valid) or np.any(one.acceleration_valid) for one in pause)
+    assert not any(one.restart for one in frames)
+    assert all(np.all(one.orientation_valid) for one in frames if one.time > 3.05)
+    assert assembler.take_findings() == ("all sensors were silent for 2.0 s from 0.98 s on: going on",)
+
+
+def test_after_a_long_pause_tracking_starts_again() -> None:
+    assembler = started()
+    frames = assemble(stream(20.0, 21.0), assembler)
+    assert consecutive(frames)
+    assert [one.restart for one in frames] == [True] + [False] * (len(frames) - 1)
+    assert frames[0].time == pytest.approx(20.0, abs=2 / RATE)
+    assert (frames[0].time * RATE) % 1 == pytest.approx(0, abs=1e-6)
+    assert np.all(frames[3].acceleration_valid)
+    assert assembler.take_findings() == ("all sensors were silent for 19.0 s from 0.98 s on: tracking starts again",)
+
+
+@pytest.mark.parametrize("time", [0.1, 1.9, 4.0])
+def test_video_of_before_a_long_pause_is_not_placed_behind_it(time: float) -> None:
+    assembler = started()
+    assembler.push(video(time))
+    frames = assemble(in_time(stream(20.0, 21.0), [video(20.5)]), assembler)
+    ((frame, placed),) = [(frame, one) for frame in frames for one in frame.video]
+    assert placed.video.time == 20.5
+    assert frames[placed.frame - 60].time == pytest.approx(20.5)
+    assert frame.frame - placed.frame in (0, 1)
+
+
+def test_one_stray_stamp_ahead_makes_nobody_late() -> None:
+    assembler = started()
+    stray = sample(WRIST, 1.0, stamp=4.0)
+    frames = assemble([stray, *stream(1.0, 2.0)], assembler)
+    assert all(np.all(one.orientation_valid) for one in frames)
+    assert consecutive(frames)
+    (finding,) = assembler.take_findings()
+    assert finding == "sensor 'wrist' of 'Ada': its clock jumped from 0.98 s to 4.00 s: such samples are refused"
+
+
+@pytest.mark.parametrize("leap", [-500.0, 500.0])
+def test_a_clock_that_starts_again_is_followed(leap: float) -> None:
+    assembler = started()
+    leapt = [replace(one, time=one.time + leap) if one.sensor == "wrist" else one for one in stream(1.0, 3.0)]
+    frames = assemble(leapt, assembler)
+    assert consecutive(frames)
+    refused, again = assembler.take_findings()
+    assert "its clock jumped" in refused
+    assert "its clock has started again" in again
+    later = [one for one in frames if one.time > 1.6]
+    assert all(np.all(one.orientation_valid) for one in later)
+    truth = sample(WRIST, later[-1].time).R_inertial_sensor
+    np.testing.assert_allclose(later[-1].R_inertial_sensor[1], truth, atol=0.05)  # a period off: by arrival alone
+
+
+def test_clocks_that_start_again_together_stay_in_step() -> None:
+    assembler = started()
+    assembler.push(video(0.97))
+    videos = [video(1.0 + period / 30) for period in range(60)]
+    again = [replace(one, time=one.time - 500.0) for one in in_time(stream(1.0, 3.0), videos)]
+    frames = assemble(again, assembler)
+    assert consecutive(frames)
+    assert len(frames) == pytest.approx(1.5 * RATE, abs=2)
+    last = frames[-10]
+    assert np.all(last.acceleration_valid)
+    moments = last.time + np.linspace(0.4, 0.6, 401)  # half a second was refused; one instant explains all sensors
+    errors = [
+        max(
+            np.abs(R - sample(c, t).R_inertial_sensor).max()
+            for c, R in zip(COLUMNS, last.R_inertial_sensor, strict=True)
+        )
+        for t in moments
+    ]
+    assert min(errors) < 2e-3
+    assert sum(len(one.video) for one in frames) > 30
+
+
+def test_clocks_with_epochs_of_their_own_are_brought_together() -> None:
+    samples = [replace(one, time=one.time + 1e6) if one.sensor == "wrist" else one for one in stream(0.0, 3.0)]
+    frames = assemble(samples, FrameAssembler(COLUMNS, RATE))
+    assert np.all(frames[-5].orientation_valid)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"time": float("nan")}, "a time stamp is not finite"),
+        ({"time": 1e300}, "a time stamp of 1e+300 s"),
+        ({"R_inertial_sensor": None}, "they carry no orientation"),
+        ({"R_inertial_sensor": np.full((3, 3), np.nan)}, "an orientation is not a (3, 3) matrix of finite numbers"),
+        ({"R_inertial_sensor": np.eye(4)}, "an orientation is not a (3, 3) matrix of finite numbers"),
+        ({"R_inertial_sensor": np.diag([1.0, 1.0, -1.0])}, "an orientation is not a rotation matrix"),
+        ({"R_inertial_sensor": np.eye(3) * 1.01}, "an orientation is not a rotation matrix"),
+        ({"specific_force": np.array([0.0, np.inf, 0.0])}, "a specific force is not three finite numbers"),
+        ({"specific_force": np.zeros(2)}, "a specific force is not three finite numbers"),
+        ({"specific_force": np.array([0.0, 9810.0, 0.0])}, "a specific force of 9.81e+03 m/s²"),
+    ],
+)
+def test_absurd_samples_are_skipped_and_told_once(change: dict[str, object], reason: str) -> None:
+    assembler = started()
+    bad = [replace(sample(WRIST, 1.001), **change) for _ in range(5)]  # type: ignore[arg-type]
+    frames = assemble([*bad, *stream(1.0, 2.0)], assembler, flush=False)
+    assert all(np.all(one.orientation_valid) for one in frames)
+    (finding,) = assembler.take_findings()
+    assert finding.startswith(f"1 sample of sensor 'wrist' of 'Ada' skipped: {reason}")
+    assembler.flush()
+    (finding,) = assembler.take_findings()
+    assert finding.startswith("4 samples of sensor 'wrist' of 'Ada' skipped")
+    assert assembler.counts["unusable"] == 5
+
+
+def test_samples_of_frames_made_long_ago_are_counted() -> None:
+    assembler = started()
+    assemble([sample(WRIST, 0.5 + 0.001 * n) for n in range(12)], assembler)
+    assert assembler.counts["late"] == 12
+    assert assembler.take_findings() == (
+        "1 sample of sensor 'wrist' of 'Ada' came too late",
+        "11 samples of sensor 'wrist' of 'Ada' came too late",
+    )
+
+
+def test_a_sensor_that_is_always_late_is_not_waited_for() -> None:
+    assembler = started()
+    late = [replace(one, time=one.time - 0.2) for one in stream(1.0, 4.0, [WRIST])]
+    samples = [one for three in zip(*(stream(1.0, 4.0, [c]) for c in OTHERS), late, strict=True) for one in three]
+    frames = assemble(samples, assembler, flush=False)
+    assert frames[-1].time == pytest.approx(4.0 - 1 / RATE)
+    assert any("has come too late for" in one for one in assembler.take_findings())
+    frames = assemble(stream(4.0, 5.0), assembler)
+    assert np.all(frames[-1].orientation_valid)
+
+
+def test_one_clock_ahead_makes_not_all_others_late() -> None:
+    columns = [("Ada", name) for name in "abcde"]
+    samples = [replace(one, time=one.time + (0.2 if one.sensor == "a" else 0.0)) for one in stream(0.0, 3.0, columns)]
+    assembler = FrameAssembler(columns, RATE)
+    frames = assemble(samples, assembler, flush=False)
+    assert all(np.all(one.orientation_valid[1:]) for one in frames)
+    assert assembler.take_findings() == ()
+
+
+def test_unknown_names_are_told_once_each_and_bounded() -> None:
+    assembler = started()
+    for number in range(150):
+        for _ in range(2):
+            assembler.push(ImuSample("Eve", f"{number}" * 200, 1.0, np.eye(3)))
+    findings = assembler.take_findings()
+    assert len(findings) == 101
+    assert findings[0].startswith("sensor '0000")
+    assert all(len(one) < 200 for one in findings)
+    assembler.push(replace(video(1.0), camera="door"))
+    assert assembler.counts["unknown"] == 301
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"pixels": np.zeros((1, 17, 2)), "confidence": np.ones((1, 17))},
+        {"confidence": np.ones((2, 18))},
+        {"pixels": np.full((1, 18, 2), np.nan)},
+        {"pixels": np.full((1, 18, 2), 1e9)},
+        {"confidence": np.full((1, 18), np.nan)},
+        {"pixels": np.zeros((1001, 18, 2)), "confidence": np.ones((1001, 18))},
+        {"pixels": "none"},
+        {"time": float("inf")},
+    ],
+)
+def test_absurd_video_frames_are_skipped(change: dict[str, object]) -> None:
+    assembler = started()
+    assembler.push(replace(video(1.0), **change))  # type: ignore[arg-type]
+    assert not any(frame.video for frame in assemble(stream(1.0, 1.5), assembler))
+    (finding,) = assembler.take_findings()
+    assert finding.startswith("1 video frame of camera 'phone' skipped: ")
+
+
+def test_keypoints_that_were_not_found_may_be_nan() -> None:
+    assembler = started()
+    frame = video(1.0)
+    frame.pixels[0, 3] = np.nan
+    frame.confidence[0, 3] = 0.0
+    assembler.push(frame)
+    assert sum(len(one.video) for one in assemble(stream(1.0, 1.5), assembler)) == 1
+
+
+def test_what_is_no_sample_is_refused() -> None:
+    with pytest.raises(InputError, match="ImuSample"):
+        started().push("hello")  # type: ignore[arg-type]
+
+
+def test_an_empty_stream_ends_without_frames() -> None:
+    assembler = FrameAssembler(COLUMNS, RATE, AssemblySettings(), [CAMERA])
+    assembler.push(video(0.0))
+    assert assembler.flush() == []
+    assert assembler.take_findings() == ()

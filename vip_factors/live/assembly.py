@@ -1,0 +1,256 @@
+"""From samples in whatever order to evenly spaced frames, as soon as each can be known."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+from vip_factors.errors import InputError
+from vip_factors.live.assembly_settings import AssemblySettings
+from vip_factors.live.attendance import Attendance
+from vip_factors.live.finding_log import FindingLog, counted
+from vip_factors.live.measurement import FrameMeasurement, PlacedVideoFrame
+from vip_factors.live.sample_checks import checked_imu, checked_video
+from vip_factors.live.sensor_buffer import SensorBuffer
+from vip_factors.live.source_clock import Admitted, StreamClocks
+from vip_factors.live.video_queue import VideoQueue
+from vip_factors.sensors.live import ImuSample, LiveCamera, LiveSample, VideoFrame
+
+MOST_NAMES = 100  # of sensors and cameras that nobody declared: so many are told of
+LONGEST_NAME = 80  # characters of such a name that are kept
+ROUNDING = 1e-7  # s: a sample so little before a frame is at the frame
+
+
+class FrameAssembler:
+    """Puts the samples of a stream onto frames at ``start + k / rate``.
+
+    Frames begin at the first sample of any sensor, in step with the video if there is one by then. A frame is made as
+    soon as every sensor that still sends has reached it, or when the others are :attr:`AssemblySettings.patience` past
+    it; the measurements equal :func:`vip_factors.sensors.frames.resample_streams` of the same streams. What cannot be
+    used is left out, counted in :attr:`counts`, and told of in a sentence; nothing a source sends raises.
+
+    Attributes:
+        counts: by kind, how many samples were not used: ``duplicate``, ``late``, ``unusable``, ``clock``, ``unknown``.
+    """
+
+    def __init__(
+        self,
+        columns: Sequence[tuple[str, str]],
+        rate: float,
+        settings: AssemblySettings | None = None,
+        cameras: Sequence[LiveCamera] = (),
+        lag_frames: int = 15,
+    ) -> None:
+        """Nothing has arrived yet.
+
+        Args:
+            columns: carrier and name of each sensor, in the order of the measurements' first axis.
+            rate: frames per second.
+            settings: how long to wait for what.
+            cameras: whose video frames may come.
+            lag_frames: video of more frames ago is of no use any more; the default is a quarter of a second at 60 Hz.
+
+        Raises:
+            InputError: without columns, if one is there twice, or for a rate or lag that cannot be.
+        """
+        if not columns or len(set(columns)) < len(columns):
+            raise InputError(f"frames of the sensors {list(columns)}: expected at least one, none of them twice")
+        if not 0 < rate < math.inf or lag_frames < 0:
+            raise InputError(f"frames at {rate:g} Hz with a lag of {lag_frames}: expected a positive rate and lag")
+        self.counts: Counter[str] = Counter()
+        self._settings = settings or AssemblySettings()
+        self._rate, self._lag_frames = rate, lag_frames
+        self._columns = {(carrier, sensor): number for number, (carrier, sensor) in enumerate(columns)}
+        self._labels = [f"sensor '{sensor}' of '{carrier}'" for carrier, sensor in columns]
+        self._cameras = {one.name: (len(columns) + number, one) for number, one in enumerate(cameras)}
+        self._log = FindingLog(self._settings.repeat_after)
+        self._clocks = StreamClocks(len(columns), len(cameras), self._settings)
+        self._attendance = Attendance(self._labels, self._settings, self._log)
+        self._buffer = SensorBuffer(len(columns))
+        self._videos = VideoQueue()
+        self._unknown: set[str] = set()
+        self._first_sample = math.inf  # s; of the stream's, where the grid begins
+        self._start: float | None = None  # s, of grid point 0
+        self._point = 0  # of the grid: the next frame's
+        self._left_out = 0  # grid points without a frame so far
+        self._first_point = 0  # since the last restart
+        self._restart = False
+
+    def push(self, sample: LiveSample) -> list[FrameMeasurement]:
+        """Take one sample; the frames that can be made with it, in order.
+
+        Raises:
+            InputError: for something that is no sample at all.
+        """
+        if isinstance(sample, ImuSample):
+            return self._push_imu(sample)
+        if isinstance(sample, VideoFrame):
+            self._push_video(sample)
+            return []
+        raise InputError(f"a {type(sample).__name__} in the stream: expected an ImuSample or a VideoFrame")
+
+    def flush(self) -> list[FrameMeasurement]:
+        """The end of the stream: the frames up to its newest sample, without waiting for anybody."""
+        present = self._clocks.present
+        if math.isfinite(present) and self._start is None:
+            self._begin()
+        frames = self._frames_until(present)
+        self._log.close()
+        return frames
+
+    def take_findings(self) -> tuple[str, ...]:
+        """Sentences for the user since the last time."""
+        return self._log.take()
+
+    def _push_imu(self, sample: ImuSample) -> list[FrameMeasurement]:
+        column = self._columns.get((sample.carrier, sample.sensor))
+        if column is None:
+            self._refuse_unknown(f"sensor '{_short(sample.sensor)}' of '{_short(sample.carrier)}'")
+            return []
+        checked = checked_imu(sample)
+        if isinstance(checked, str):
+            self._refuse("unusable", column, self._labels[column], "sample", f"skipped: {checked}")
+            return []
+        past = self._clocks.present
+        admitted = self._clocks.admit(column, checked.time, self._attendance.awaited)
+        self._remark_on_clock(column, self._labels[column], admitted)
+        if admitted.time is None:
+            return []
+        frames = self._after_silence(past, admitted.time)
+        if admitted.time <= self._too_late:
+            self._refuse("late", column, self._labels[column], "sample", "came too late")
+            self._attendance.note_late(column, admitted.time, self._clocks.present)
+        elif self._buffer.insert(column, admitted.time, checked.R_inertial_sensor, checked.specific_force_inertial):
+            self._attendance.note(column, admitted.time, self._clocks.present, self._start is not None)
+        else:
+            self.counts["duplicate"] += 1
+        return frames + self._frames_due()
+
+    def _push_video(self, frame: VideoFrame) -> None:
+        source, camera = self._cameras.get(frame.camera, (0, None))
+        if camera is None:
+            self._refuse_unknown(f"camera '{_short(frame.camera)}'")
+            return
+        label = f"camera '{camera.name}'"
+        checked = checked_video(frame, camera)
+        if isinstance(checked, str):
+            self._refuse("unusable", source, label, "video frame", f"skipped: {checked}")
+            return
+        admitted = self._clocks.admit(source, checked.time, self._attendance.awaited)
+        self._remark_on_clock(source, label, admitted)
+        if admitted.time is None:
+            return
+        if not self._videos.add(admitted.time, replace(checked, time=admitted.time)):
+            self.counts["duplicate"] += 1
+
+    @property
+    def _too_late(self) -> float:
+        """Samples up to this time (s) are of no use: the window of the next frame's acceleration begins here."""
+        return -math.inf if self._start is None else self._time(self._point - 2) - ROUNDING
+
+    def _time(self, point: int) -> float:
+        assert self._start is not None
+        return self._start + point / self._rate
+
+    def _after_silence(self, past: float, now: float) -> list[FrameMeasurement]:
+        """What a silence of all sensors between two times of the stream's present means."""
+        self._first_sample = min(self._first_sample, now)
+        if not math.isfinite(past) or now - past <= self._settings.patience:
+            return []
+        self._attendance.resume(now)
+        if now - past >= self._settings.dead_after:
+            begun = "tracking starts again" if now - past > self._settings.longest_pause else "going on"
+            self._log.say(f"all sensors were silent for {now - past:.1f} s from {past:.2f} s on: {begun}")
+        if now - past <= self._settings.longest_pause:
+            return []
+        if self._start is None:
+            self._first_sample = now
+            return []
+        frames = self._frames_until(past)
+        point = math.ceil((now - self._start) * self._rate - 1e-6)
+        self._left_out += point - self._point
+        self._point = self._first_point = point
+        self._restart = True
+        return frames
+
+    def _frames_due(self) -> list[FrameMeasurement]:
+        """Make every frame that need not wait any longer."""
+        present = self._clocks.present
+        self._attendance.watch(present)
+        if self._start is None:
+            if present - self._first_sample < self._settings.settle:
+                return []
+            self._begin()
+        if present < self._time(self._point) - ROUNDING:
+            return []
+        return self._frames_until(self._attendance.known_until())
+
+    def _frames_until(self, time: float) -> list[FrameMeasurement]:
+        frames = []
+        while self._start is not None and self._time(self._point) <= time + ROUNDING:
+            frames.append(self._make_frame())
+        return frames
+
+    def _begin(self) -> None:
+        """Lay the grid: from the first sample on, and a frame where the first video frame is."""
+        start, video = self._first_sample, self._videos.first_time
+        if math.isfinite(video):
+            start = video + math.ceil((start - video) * self._rate - 1e-6) / self._rate
+        self._start = start
+        self._attendance.call(self._clocks.present)
+
+    def _make_frame(self) -> FrameMeasurement:
+        point, step = self._point, 1 / self._rate
+        time = self._time(point)
+        measured = self._buffer.measure(time, step)
+        frame = FrameMeasurement(
+            point - self._left_out, time, *measured, video=self._take_videos(point), restart=self._restart
+        )
+        self._restart = False
+        self._point += 1
+        self._buffer.needed_from = time - step  # where the next frame's window begins
+        return frame
+
+    def _take_videos(self, point: int) -> tuple[PlacedVideoFrame, ...]:
+        assert self._start is not None
+        taken = []
+        for time, video in self._videos.take(self._time(point) + 0.5 / self._rate):
+            nearest = min(round((time - self._start) * self._rate), point)
+            if nearest >= max(self._first_point, point - self._lag_frames):
+                taken.append(PlacedVideoFrame(nearest - self._left_out, video))
+            elif self._first_point > nearest:
+                self.counts["early"] += 1  # of before the first frame: nobody has lost anything
+            else:
+                source, _ = self._cameras[video.camera]
+                self._refuse("late", source, f"camera '{video.camera}'", "video frame", "came too late")
+        return tuple(taken)
+
+    def _refuse(self, kind: str, source: int, label: str, noun: str, reason: str) -> None:
+        self.counts[kind] += 1
+
+        def sentence(count: int) -> str:
+            return f"{counted(count, noun)} of {label} {reason}"
+
+        self._log.tally((kind, source), self._clocks.present, sentence)
+
+    def _refuse_unknown(self, label: str) -> None:
+        self.counts["unknown"] += 1
+        if label in self._unknown or len(self._unknown) > MOST_NAMES:
+            return
+        self._unknown.add(label)
+        if len(self._unknown) > MOST_NAMES:
+            self._log.say(f"more than {MOST_NAMES} names that nobody declared: the rest is ignored without a word")
+        else:
+            self._log.say(f"{label} is not in the stream's set-up: ignored; check the name")
+
+    def _remark_on_clock(self, source: int, label: str, admitted: Admitted) -> None:
+        if admitted.time is None:
+            self.counts["clock"] += 1
+        if admitted.remark:
+            key = ("clock", source, admitted.time is None)
+            self._log.seldom(key, self._clocks.present, f"{label}: {admitted.remark}")
+
+
+def _short(name: object) -> str:
+    """A name that nobody declared, short enough to be kept."""
+    return str(name)[:LONGEST_NAME]

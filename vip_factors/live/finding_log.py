@@ -1,0 +1,73 @@
+"""Sentences for the user, each kind told once in a while however often it happens."""
+
+import math
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+
+MOST_WAITING = 1000  # sentences that nobody has taken: beyond, new ones are lost rather than memory
+
+
+@dataclass
+class _Tally:
+    count: int = 0
+    told: float = -math.inf
+    sentence: Callable[[int], str] = str
+
+
+class FindingLog:
+    """Collects sentences until they are taken.
+
+    Memory stays bounded as long as the keys of :meth:`tally` and :meth:`seldom` do.
+    """
+
+    def __init__(self, repeat_after: float) -> None:
+        self._repeat_after = repeat_after
+        self._tallies: dict[Hashable, _Tally] = {}
+        self._waiting: list[str] = []
+
+    def say(self, sentence: str) -> None:
+        """Tell this."""
+        if len(self._waiting) < MOST_WAITING:
+            self._waiting.append(sentence)
+
+    def tally(self, key: Hashable, now: float, sentence: Callable[[int], str]) -> None:
+        """Something of the kind ``key`` has happened once more: ``sentence(count)`` is told now or later.
+
+        Args:
+            key: of what happens again and again.
+            now: seconds of the stream.
+            sentence: made from how often it has happened since it was told last.
+        """
+        tally = self._tallies.setdefault(key, _Tally())
+        tally.count += 1
+        tally.sentence = sentence
+        if now - tally.told >= self._repeat_after or not math.isfinite(tally.told):
+            self._tell(tally, now)
+
+    def seldom(self, key: Hashable, now: float, sentence: str) -> None:
+        """Tell this, unless something of the kind ``key`` has been told a moment ago."""
+        tally = self._tallies.setdefault(key, _Tally())
+        if now - tally.told >= self._repeat_after or not math.isfinite(tally.told):
+            tally.told = now
+            self.say(sentence)
+
+    def close(self) -> None:
+        """Tell the counts that were still held back."""
+        for tally in self._tallies.values():
+            if tally.count:
+                self._tell(tally, tally.told)
+
+    def take(self) -> tuple[str, ...]:
+        """All sentences since the last time, in order."""
+        taken = tuple(self._waiting)
+        self._waiting.clear()
+        return taken
+
+    def _tell(self, tally: _Tally, now: float) -> None:
+        self.say(tally.sentence(tally.count))
+        tally.count, tally.told = 0, now
+
+
+def counted(count: int, noun: str) -> str:
+    """``1 sample``, ``2 samples``."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -1,0 +1,131 @@
+"""The clocks of sensors and cameras, which may leap: every sample's time on the one clock of the stream, or none."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from vip_factors.live.assembly_settings import AssemblySettings
+
+SHARED_OFFSET = 0.5  # s: a clock that starts again this near to another's new time has started with it
+
+
+@dataclass
+class _Refused:
+    """Samples refused in a row: the first and the newest time on the source's clock, ahead of the stream or behind."""
+
+    first: float
+    newest: float
+    ahead: bool
+    leap: str  # in words
+    others_before: int  # samples accepted from anybody before the first
+    told: bool = False
+
+
+@dataclass(frozen=True)
+class Admitted:
+    """A sample's time on the stream's clock, None if refused; and what has happened to its clock, if anything."""
+
+    time: float | None
+    remark: str = ""
+
+
+class StreamClocks:
+    """Maps times of sources onto the stream's clock: sensors first, cameras behind them.
+
+    A sample that lies more than a jump *before* its own source's newest, or *ahead* of all sensors, is refused. If
+    that lasts, the source's clock has started again: its time goes on from the stream's newest. But if nobody else
+    went on meanwhile, all were silent, and the time ahead is believed.
+    """
+
+    def __init__(self, sensors: int, cameras: int, settings: AssemblySettings) -> None:
+        self.present = -math.inf  # s, of the newest sample of any sensor
+        self._sensors = sensors
+        self._settings = settings
+        self._newest = [-math.inf] * (sensors + cameras)
+        self._offset = [0.0] * (sensors + cameras)
+        self._refused: list[_Refused | None] = [None] * (sensors + cameras)
+        self._accepted = 0
+
+    def admit(self, source: int, time: float, alive: Sequence[bool]) -> Admitted:
+        """The time of a sample, ``time`` on its source's clock.
+
+        Args:
+            source: number of the sensor, or of the camera behind the sensors.
+            time: seconds.
+            alive: of each sensor, whether it is waited for.
+        """
+        settings, camera = self._settings, source >= self._sensors
+        moment = time + self._offset[source]
+        newest = self._newest[source]
+        # Nobody begins far from the others; but a slow detector's frames are seconds old, and need not wait for IMUs.
+        tolerance = settings.longest_pause if camera else settings.jump
+        behind = newest - settings.jump if newest > -math.inf else self.present - tolerance
+        ahead = max(newest, self.present) + tolerance
+        if moment < behind:
+            return self._refuse(source, time, alive, is_ahead=False)
+        if math.isfinite(ahead) and moment > ahead:
+            return self._refuse(source, time, alive, is_ahead=True)
+        return self._accept(source, moment)
+
+    def _accept(self, source: int, moment: float, remark: str = "") -> Admitted:
+        refused = self._refused[source]
+        if refused is not None and not remark and not refused.told:
+            stray = abs(refused.newest + self._offset[source] - moment) > self._settings.jump
+            remark = refused.leap if stray else ""  # else the others have followed, and it was right
+        self._refused[source] = None
+        self._newest[source] = max(self._newest[source], moment)
+        if source < self._sensors:
+            self.present = max(self.present, moment)
+            self._accepted += 1
+        return Admitted(moment, remark)
+
+    def _refuse(self, source: int, time: float, alive: Sequence[bool], is_ahead: bool) -> Admitted:
+        refused, moment = self._refused[source], time + self._offset[source]
+        now = max(self._newest[source], self.present)
+        if refused is None or refused.ahead != is_ahead or abs(time - refused.newest) > self._settings.jump:
+            leap = f"its clock jumped from {now:.2f} s to {moment:.2f} s: such samples are refused"
+            refused = self._refused[source] = _Refused(time, time, is_ahead, leap, self._accepted)
+        refused.newest = max(refused.newest, time)
+        lasts = refused.newest - refused.first >= self._settings.restart_after
+        if is_ahead and self._all_were_silent(source, moment, alive, lasts):
+            return self._accept(source, moment)
+        if not lasts:
+            tell = not refused.told and (not is_ahead or self._others_went_on(refused))
+            refused.told |= tell
+            return Admitted(None, refused.leap if tell else "")
+        self._offset[source] = self._new_offset(source, time, now)
+        moment = time + self._offset[source]
+        return self._accept(
+            source, moment, f"its clock has started again: its {time:.2f} s are taken for {moment:.2f} s"
+        )
+
+    def _all_were_silent(self, source: int, moment: float, alive: Sequence[bool], lasts: bool) -> bool:
+        """Whether the time ahead is right, because nobody else went on."""
+        refused = self._refused[source]
+        assert refused is not None
+        if self._others_went_on(refused):
+            return False
+        if lasts:
+            return True
+        if source >= self._sensors:
+            return False
+        others = [number for number in range(self._sensors) if alive[number] and number != source]
+        if not others:
+            return moment - self.present <= self._settings.longest_pause
+        for number in others:
+            other = self._refused[number]
+            if other is None or not other.ahead:
+                return False
+            if abs(other.newest + self._offset[number] - moment) > self._settings.jump:
+                return False
+        return True
+
+    def _others_went_on(self, refused: _Refused) -> bool:
+        """Whether sensors have been heard since: as long as not, a leap ahead may be the end of a common silence."""
+        return self._accepted > refused.others_before
+
+    def _new_offset(self, source: int, time: float, now: float) -> float:
+        """So that time goes on from ``now``: clocks that start again together keep their common time."""
+        candidates = {0.0, *self._offset}
+        nearest = min(candidates, key=lambda offset: abs(time + offset - now))
+        return nearest if abs(time + nearest - now) <= SHARED_OFFSET else now - time

@@ -7,8 +7,9 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array
 from vip_factors.graph.model import InertialModel
-from vip_factors.graph.scene_model import CameraProblem, KeypointView, Viewpoint, SceneModel
+from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel, Viewpoint
 from vip_factors.graph.slices import SliceColumns
+from vip_factors.live.measurement import FrameMeasurement
 from vip_factors.live.state import SharedColumns
 from vip_factors.sensors.frames import ImuFrames
 
@@ -36,7 +37,7 @@ class LagFrame:
         R_inertial_sensor, orientation_valid: ``(S, 3, 3)`` and ``(S,)`` of all carriers' sensors.
         specific_force_inertial, acceleration_valid: ``(S, 3)`` and ``(S,)``; known once the next frame is.
         sights: by camera, then wearer; None where the camera gave no frame.
-        contacts: ``(W, C)`` confidences that the contact points hold until the next frame.
+        contacts: of each wearer ``(C,)``, confidences that the contact points hold until the next frame.
     """
 
     number: int
@@ -46,7 +47,16 @@ class LagFrame:
     specific_force_inertial: Array
     acceleration_valid: np.ndarray
     sights: list[tuple[Sight, ...] | None] = field(default_factory=list)
-    contacts: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    contacts: list[Array] = field(default_factory=list)
+
+
+def lag_frame(measured: FrameMeasurement, sights: list[tuple[Sight, ...] | None]) -> LagFrame:
+    """The newest frame: its accelerations are measured by the next one."""
+    nothing = np.zeros(len(measured.orientation_valid), bool)
+    force = np.zeros((len(nothing), 3))
+    return LagFrame(
+        measured.frame, measured.time, measured.R_inertial_sensor, measured.orientation_valid, force, nothing, sights
+    )
 
 
 class LagProblem:
@@ -100,7 +110,7 @@ class LagProblem:
                 replace(
                     wearer,
                     frames=_imu_frames(wearer.frames.sensors, time, parts, self.sensors[number]),
-                    contact_confidence=contacts[:, : len(wearer.contacts)],
+                    contact_confidence=contacts,
                     initial_pose=pose,
                     is_beginning=beginning,
                 )
@@ -112,9 +122,10 @@ class LagProblem:
         further = tuple(replace(one, views=own) for one, own in zip(self.further, views[1:], strict=True))
         return SceneModel(tuple(wearers), camera, views[0], further)
 
-    def nothing_seen(self) -> tuple[int, ...]:
-        """Number of keypoints in each camera."""
-        return tuple(len(points[0]) for points in self._points)
+    @property
+    def filmed(self) -> bool:
+        """Whether there is a camera that sees anybody."""
+        return any(len(points) for camera in self._points for points in camera)
 
     def _views(self, frames: Sequence[LagFrame], camera: int) -> tuple[KeypointView, ...]:
         views = []
@@ -140,4 +151,6 @@ def _shared_columns(wearers: tuple[InertialModel, ...], columns: SliceColumns) -
         count = S if wearer.free_headings else 0
         headings.append(static[:count])
         mountings.append(static[count:].reshape(-1, 3) if wearer.free_mountings else static[:0].reshape(0, 3))
-    return SharedColumns(tuple(headings), tuple(mountings), np.where(columns.camera >= first, columns.camera - first, -1))
+    return SharedColumns(
+        tuple(headings), tuple(mountings), np.where(columns.camera >= first, columns.camera - first, -1)
+    )

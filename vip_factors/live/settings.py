@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+from vip_factors.live.assembly_settings import AssemblySettings
+from vip_factors.live.association import OnlineAssociationSettings
 from vip_factors.settings import Settings
 
 
@@ -36,6 +38,9 @@ class LiveSettings(Settings):
 
     lag_s: float = 0.25  # Kaichi's users and animators want answers within a blink
     start_s: float = 1.0  # of data before the first answer: a step or a gesture shows where the sensors point
+    start_iterations: int = 2  # over the first frames, from where the batch stages put them
     covariance_every: int = 6  # frames between covariances of the smoothed pose, which cost 3 ms
+    assembly: AssemblySettings = field(default_factory=AssemblySettings)
+    online_association: OnlineAssociationSettings = field(default_factory=OnlineAssociationSettings)
     walk: WalkSettings = field(default_factory=WalkSettings)
     relinearisation: RelinearisationSettings = field(default_factory=RelinearisationSettings)

@@ -35,13 +35,14 @@ class _Kept:
 class LagSmoother:
     """Frames go in one by one; those of the lag are smoothed, those before it are held by their marginal."""
 
-    def __init__(self, problem: LagProblem, shared: SharedState, settings: LiveSettings, lag: int) -> None:
-        self.problem, self._settings, self._lag = problem, settings, lag
+    def __init__(self, problem: LagProblem, shared: SharedState, settings: LiveSettings) -> None:
+        self.problem, self._settings = problem, settings
         self._origin = shared
         self._coordinates = np.zeros(problem.columns.static)
         self._frames: deque[_Kept] = deque()
         self._chain = FixedLagChain()
         self._solution: LagSolution | None = None
+        self._beginning = 0  # number of the very first frame
         self._walks: dict[int, Array] = {}  # by frame behind which shared variables step, their sigmas
         self._epoch: dict[int, int] = {}  # of each frame: how many such steps lie before it
         self._every = max(1, round(settings.walk.every_s * settings.frame_rate))
@@ -84,7 +85,7 @@ class LagSmoother:
                 self._walks.setdefault(before, self._usual_walk)
             self._epoch[frame.number] = self._epoch[before] + (before in self._walks)
         else:
-            self._epoch[frame.number] = 0
+            self._epoch[frame.number], self._beginning = 0, frame.number
         self._frames.append(_Kept(frame, guess, np.zeros(self.problem.columns.frame)))
 
     def loosen(self, sigmas: Array) -> None:
@@ -106,7 +107,7 @@ class LagSmoother:
         state = stacked(
             [one.state for one in kept], self.shared, self.problem.moving, self.problem.wearers[0].prior.mean
         )
-        model = self.problem.model([one.frame for one in kept], beginning=start == 0)
+        model = self.problem.model([one.frame for one in kept], beginning=start == self._beginning)
         slices = scene_slices(model, state, self.problem.columns)
         w, width = self.problem.columns.frame, self.problem.columns.width
         for t, one in enumerate(kept):
@@ -119,7 +120,9 @@ class LagSmoother:
             factors = slices.factors(t, keys, value)
             eliminated = [keys[0]]
             if number in self._walks:
-                factors.push_back(_walk_factor(shared_key, gtsam.symbol("z", self._epoch[number] + 1), self._walks[number]))
+                factors.push_back(
+                    _walk_factor(shared_key, gtsam.symbol("z", self._epoch[number] + 1), self._walks[number])
+                )
                 eliminated.append(shared_key)
             self._chain.eliminate(number, eliminated, factors)
             one.linearised, one.shared = one.coordinates, self._coordinates
@@ -194,4 +197,6 @@ def _walk_sigmas(problem: LagProblem, settings: LiveSettings) -> Array:
 
 def _walk_factor(before: int, after: int, sigmas: Array) -> gtsam.JacobianFactor:
     one = np.diag(1 / sigmas)
-    return gtsam.JacobianFactor(before, -one, after, one, np.zeros(len(sigmas)), gtsam.noiseModel.Unit.Create(len(sigmas)))
+    return gtsam.JacobianFactor(
+        before, -one, after, one, np.zeros(len(sigmas)), gtsam.noiseModel.Unit.Create(len(sigmas))
+    )

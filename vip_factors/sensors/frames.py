@@ -92,6 +92,24 @@ def resample_streams(streams: Sequence[ImuStream], time: Array) -> ImuFrames:
     return ImuFrames(tuple(stream.name for stream in streams), time, R, seen, force, whole)
 
 
+def coarser(frames: ImuFrames, factor: int) -> ImuFrames:
+    """Every ``factor``-th frame, as :func:`resample_streams` of the streams themselves would give it.
+
+    A triangular window is a weighted sum of narrower ones: no sample is needed to widen it.
+    """
+    weights = (factor - np.abs(np.arange(1 - factor, factor))) / factor**2
+    kept = np.arange(0, len(frames), factor)
+    reach = kept[:, None] + np.arange(1 - factor, factor)
+    inside = (reach >= 0) & (reach < len(frames))
+    reach = np.clip(reach, 0, len(frames) - 1)
+    whole = np.all(frames.acceleration_valid[reach] & inside[..., None], axis=1)
+    force = np.einsum("k,nksi->nsi", weights, frames.specific_force_inertial[reach])
+    return ImuFrames(
+        frames.sensors, frames.time[kept], frames.R_inertial_sensor[kept], frames.orientation_valid[kept],
+        np.where(whole[..., None], force, 0.0), whole,
+    )  # fmt: skip
+
+
 def _resample_stream(stream: ImuStream, time: Array, step: float) -> tuple[Array, np.ndarray, Array, np.ndarray]:
     T = len(time)
     if stream.R_inertial_sensor is None:

@@ -107,6 +107,22 @@ def fuse_finely(
     The coarse solution has settled how camera and wearers lie to each other: what is left is fast and small. A moving
     camera follows the wearers as they are, and then each wearer is refined in front of it, by itself.
     """
+    model, state, spreads = at_full_rate(scene, filmed, coarse, shots, time, settings)
+    states, camera = list(state.wearers), model.camera
+    if camera.moving and camera.free_pose:
+        found = solver.solve(FollowingObjective(model, state.wearers), state.camera, "full rate, camera")
+        state = replace(state, camera=found)
+    for number, name in enumerate(recording.subject.name for recording in scene.wearers):
+        start = SceneState((state.wearers[number],), state.camera)
+        refined = solver.solve(SceneObjective(_alone(model, number)), start, f"full rate, {name}")
+        states[number] = refined.wearers[0]
+    return Fused(model, SceneState(tuple(states), state.camera), spreads)
+
+
+def at_full_rate(
+    scene: Scene, filmed: Filmed, coarse: Fused, shots: Sequence[Shot], time: Array, settings: Settings
+) -> tuple[SceneModel, SceneState, tuple[tuple[float, ...], ...]]:
+    """The problem at the full frame rate, with headings, mountings and mean poses kept, where to start, and spreads."""
     before = coarse.model.wearers[0].frames.time
     wearers, states = [], []
     for recording, tracked, own in zip(scene.wearers, filmed.wearers, coarse.state.wearers, strict=True):
@@ -116,15 +132,7 @@ def fuse_finely(
     camera = replace(camera_problem(shots[0].camera, time, settings), free_clock=False)
     camera = replace(camera, prior_heading=coarse.state.camera.heading)
     state, spreads = SceneState(tuple(states), _camera_at(coarse, time)), coarse.measured_spreads()
-    model = _scene_model(tuple(wearers), camera, filmed.further, state, shots, spreads)
-    if camera.moving and camera.free_pose:
-        found = solver.solve(FollowingObjective(model, state.wearers), state.camera, "full rate, camera")
-        state = replace(state, camera=found)
-    for number, name in enumerate(recording.subject.name for recording in scene.wearers):
-        start = SceneState((state.wearers[number],), state.camera)
-        refined = solver.solve(SceneObjective(_alone(model, number)), start, f"full rate, {name}")
-        states[number] = refined.wearers[0]
-    return Fused(model, SceneState(tuple(states), state.camera), spreads)
+    return _scene_model(tuple(wearers), camera, filmed.further, state, shots, spreads), state, spreads
 
 
 def _alone(model: SceneModel, number: int) -> SceneModel:

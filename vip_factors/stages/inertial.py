@@ -35,9 +35,14 @@ class Tracked:
     state: GraphState
 
 
-def inertial_tracker(recording: Recording, frames: ImuFrames, settings: Settings, solver: Solver) -> Tracked:
-    """Orientations and priors alone, every frame by itself (IT; thesis eq. 4.10); then the root, on standing feet."""
-    calibration = _facing(recording, _first_calibration(recording, frames, settings), settings, solver.tell)
+def inertial_tracker(
+    recording: Recording, frames: ImuFrames, settings: Settings, solver: Solver, known: InitialCalibration | None = None
+) -> Tracked:
+    """Orientations and priors alone, every frame by itself (IT; thesis eq. 4.10); then the root, on standing feet.
+
+    A ``known`` calibration, of earlier frames, spares the guess from straps and the declared pose.
+    """
+    calibration = known or _facing(recording, _first_calibration(recording, frames, settings), settings, solver.tell)
     model = inertial_model(recording, frames, calibration, settings)
     state = solver.solve(BatchObjective(alone(model)), _start(model, calibration), "inertial tracker")
     model = walking(model, settings.calibration)

@@ -39,17 +39,31 @@ def keypoint_view(
         spread: scatter of a fully confident keypoint in OKS sigmas.
         settings: of the reprojection factor.
     """
-    used, points = _on_body(detections.keypoints, skeleton)
+    used, points = points_on_body(detections.keypoints, skeleton)
     track, confidence = _track(detections, chosen)
     track, confidence = track[:, used], confidence[:, used]
     pixels, sureness = _at_frames(detections.time, track, confidence, time)
     seen = (sureness >= settings.least_confidence) & np.all(np.isfinite(pixels), axis=2)
-    oks = detections.keypoints.sigmas[used]
-    with np.errstate(divide="ignore"):
-        sigma = spread * oks * scale[:, None] / np.sqrt(np.minimum(sureness, 1.0))
-    sigma = np.where(seen, np.maximum(settings.persistence * sigma, settings.least_px), 1.0)
+    sigma = pixel_sigma(detections.keypoints.sigmas[used] * scale[:, None], sureness, seen, spread, settings)
     speed = _speed(detections.time, track, time)
     return KeypointView(points, np.where(seen[..., None], pixels, 0.0), sigma, seen, speed)
+
+
+def pixel_sigma(
+    size: Array, confidence: Array, seen: np.ndarray, spread: float, settings: ReprojectionSettings
+) -> Array:
+    """Standard deviations of keypoints in pixels, one where not seen.
+
+    Args:
+        size: of one OKS sigma of each keypoint in pixels; all arrays have one shape, or broadcast to it.
+        confidence: of the detector.
+        seen: whether they count.
+        spread: scatter of a fully confident keypoint in OKS sigmas.
+        settings: of the reprojection factor.
+    """
+    with np.errstate(divide="ignore"):
+        sigma = settings.persistence * spread * size / np.sqrt(np.minimum(confidence, 1.0))
+    return np.where(seen, np.maximum(sigma, settings.least_px), 1.0)
 
 
 def image_scale(skeleton: Skeleton, state: SceneState, number: int, model: CameraModel, nearest: float = 0.5) -> Array:
@@ -77,7 +91,8 @@ def scatter(residual: Array, view: KeypointView, spread: float, settings: Reproj
     return settings.persistence * spread * median / RAYLEIGH_MEDIAN
 
 
-def _on_body(keypoints: KeypointSet, skeleton: Skeleton) -> tuple[np.ndarray, tuple[BodyPoint, ...]]:
+def points_on_body(keypoints: KeypointSet, skeleton: Skeleton) -> tuple[np.ndarray, tuple[BodyPoint, ...]]:
+    """Indices of the keypoints that the skeleton has, and where it has them."""
     places = keypoints.on_body(skeleton)
     used = np.array([k for k, place in enumerate(places) if place is not None], dtype=int)
     return used, tuple(BodyPoint(place.bone, place.p_bone_point) for place in places if place is not None)

@@ -1,0 +1,140 @@
+"""From where the smoother stands to answers for the user."""
+
+import time as clock
+from collections.abc import Sequence
+
+import numpy as np
+
+from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.geometry.rotations import Array, wrap_angle
+from vip_factors.graph.terms import FRAME, ROOT
+from vip_factors.live.settings import LiveSettings
+from vip_factors.live.sight import Onlooker
+from vip_factors.live.smoother import LagSmoother
+from vip_factors.live.state import FrameState
+from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
+from vip_factors.sensors.calibration import Calibration, SensorCalibration
+from vip_factors.sensors.live import LiveSetup
+
+UNKNOWN_ROOT = 0.25 * np.eye(3)  # m², as long as no covariance has been computed
+
+
+class Answers:
+    """Makes the answers, and keeps what is computed now and then only: covariances, findings."""
+
+    def __init__(self, setup: LiveSetup, settings: LiveSettings, lag: int) -> None:
+        self._setup, self._settings, self._lag = setup, settings, lag
+        self._findings: list[str] = []
+        self._newest: Array | None = None  # covariance of the newest frame
+        self._smoothed: Array | None = None
+        self._shared: Array | None = None
+
+    def find(self, *sentences: str) -> None:
+        """Something to tell with the next answer."""
+        self._findings += sentences
+
+    def root_covariance(self, wearers: int) -> list[Array]:
+        """Of where each wearer is, ``(3, 3)`` m², as of late."""
+        if self._newest is None:
+            return [UNKNOWN_ROOT] * wearers
+        roots = [slice(FRAME * number + ROOT, FRAME * (number + 1)) for number in range(wearers)]
+        return [self._newest[root, root] for root in roots]
+
+    def of_start(self, smoother: LagSmoother, onlookers: Sequence[Onlooker], begin: float) -> list[LiveEstimate]:
+        """Answers to all frames that tracking began with."""
+        self._measure(smoother, smoother.numbers[-1])
+        numbers = smoother.numbers
+        seconds = clock.perf_counter() - begin
+        answers = []
+        for number in numbers:
+            back = number - self._lag if number - self._lag in numbers else None
+            last = number == numbers[-1]
+            answers.append(self._estimate(smoother, onlookers if last else (), number, back, seconds if last else 0.0))
+        smoother.forget(numbers[-1] - self._lag)
+        return answers
+
+    def of(self, smoother: LagSmoother, onlookers: Sequence[Onlooker], begin: float) -> LiveEstimate:
+        """The answer to the newest frame."""
+        newest = smoother.numbers[-1]
+        self._measure(smoother, newest)
+        return self._estimate(smoother, onlookers, newest, newest - self._lag, clock.perf_counter() - begin)
+
+    def calibrations(self, smoother: LagSmoother) -> dict[str, Calibration]:
+        """Of each wearer's sensors, as they are believed now."""
+        shared, covariance = smoother.shared, self._shared
+        sigma = np.full(smoother.problem.columns.static, np.nan) if covariance is None else np.sqrt(np.diag(covariance))
+        found: dict[str, Calibration] = {}
+        for number, (wearer, model) in enumerate(zip(self._setup.wearers, smoother.problem.wearers, strict=True)):
+            headings, mountings = smoother.problem.shared.headings[number], smoother.problem.shared.mountings[number]
+            found[wearer.name] = {
+                sensor: SensorCalibration(
+                    float(wrap_angle(shared.headings[number][s])),
+                    shared.R_bone_sensor[number][s],
+                    float(sigma[headings[s]]) if len(headings) else float("nan"),
+                    sigma[mountings[s]] if len(mountings) else np.full(3, np.nan),
+                )
+                for s, sensor in enumerate(model.frames.sensors)
+            }
+        return found
+
+    def _measure(self, smoother: LagSmoother, newest: int) -> None:
+        """Covariances: of the newest frame each time, of the rest now and then."""
+        self._newest = smoother.covariance(newest)
+        if newest % self._settings.covariance_every == 0 or self._shared is None:
+            self._shared = smoother.shared_covariance() if smoother.problem.columns.static else np.zeros((0, 0))
+            self._smoothed = smoother.covariance(max(smoother.numbers[0], newest - self._lag))
+
+    def _estimate(
+        self, smoother: LagSmoother, onlookers: Sequence[Onlooker], number: int, back: int | None, seconds: float
+    ) -> LiveEstimate:
+        newest = smoother.state(number)
+        smoothed = smoother.state(back) if back is not None and back in smoother.numbers else None
+        calibrations = self.calibrations(smoother)
+        wearers = []
+        for w, wearer in enumerate(self._setup.wearers):
+            chosen = int(onlookers[0].chosen[w]) if onlookers else -1
+            late = None
+            if smoothed is not None and back is not None:
+                late = _pose(smoothed, w, smoother.frame(back).time, self._smoothed)
+            wearers.append(
+                LiveWearerEstimate(
+                    wearer.name,
+                    _pose(newest, w, smoother.frame(number).time, self._newest),
+                    late,
+                    calibrations[wearer.name],
+                    chosen if chosen >= 0 else None,
+                )
+            )
+        findings, self._findings = tuple(self._findings), []
+        time = smoother.frame(number).time
+        camera = self._camera(smoother, newest, time, self._newest)
+        late_camera = None
+        if smoothed is not None and back is not None:
+            late_camera = self._camera(smoother, smoothed, smoother.frame(back).time, self._smoothed)
+        return LiveEstimate(number, time, tuple(wearers), camera, late_camera, findings, seconds)
+
+    def _camera(
+        self, smoother: LagSmoother, state: FrameState, time: float, covariance: Array | None
+    ) -> LiveCameraPose | None:
+        problem = smoother.problem
+        if not self._setup.cameras or not problem.filmed:
+            return None
+        if problem.moving:
+            free = problem.camera.free_pose and covariance is not None
+            own = covariance[-6:, -6:] if free and covariance is not None else None
+            return LiveCameraPose(time, state.R_world_camera, state.p_world_camera, own)
+        poses, columns = smoother.shared.camera.poses, problem.shared.camera[:6]
+        own = None
+        if self._shared is not None and np.all(columns >= 0):
+            own = self._shared[np.ix_(columns, columns)]
+        return LiveCameraPose(time, poses.R_world_camera[0], poses.p_world_camera[0], own)
+
+
+def _pose(state: FrameState, wearer: int, time: float, covariance: Array | None) -> LivePose:
+    R, p = state.R_parent_child[wearer], state.p_world_pelvis[wearer]
+    if covariance is None:
+        return LivePose(time, R, p)
+    own = covariance[FRAME * wearer : FRAME * (wearer + 1), FRAME * wearer : FRAME * (wearer + 1)]
+    joints = own[:ROOT, :ROOT].reshape(JOINT_COUNT, 3, JOINT_COUNT, 3)
+    number = np.arange(JOINT_COUNT)
+    return LivePose(time, R, p, joints[number, :, number], own[ROOT:, ROOT:])

@@ -1,0 +1,114 @@
+"""One camera of a stream: who is who in its video frames, and what each wearer's keypoints are worth."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.body.kinematics import BodyState
+from vip_factors.body.skeleton import Skeleton, joint_index
+from vip_factors.factors.reprojection import ReprojectionSettings
+from vip_factors.geometry.rotations import Array
+from vip_factors.live.association import NOBODY, CameraPose, OnlineAssociation, OnlineAssociationSettings
+from vip_factors.live.problem import Sight
+from vip_factors.sensors.live import LiveCamera, VideoFrame
+from vip_factors.sensors.placement import stature_of
+from vip_factors.stages.views import AREA_OF_HEIGHT, RAYLEIGH_MEDIAN, pixel_sigma, points_on_body
+
+NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer
+
+
+@dataclass(frozen=True)
+class Scenery:
+    """What is believed of one frame: each wearer's body, the camera's pose, covariances of the roots."""
+
+    bodies: Sequence[BodyState]
+    camera: CameraPose
+    root_covariance: Sequence[Array]
+
+
+@dataclass
+class _Shown:
+    number: int
+    video: VideoFrame
+    chosen: np.ndarray
+
+
+class Onlooker:
+    """Follows the wearers through the video of one camera.
+
+    Args:
+        camera: which.
+        skeletons: of the wearers.
+        spreads: scatter of the detections of each wearer, in OKS sigmas; follows what is seen.
+        settings: of the association and of the reprojection factor.
+    """
+
+    def __init__(
+        self, camera: LiveCamera, skeletons: Sequence[Skeleton], spreads: Sequence[float],
+        association: OnlineAssociationSettings, reprojection: ReprojectionSettings,
+    ) -> None:  # fmt: skip
+        self.camera, self.spreads, self._settings = camera, list(spreads), reprojection
+        self._skeletons = list(skeletons)
+        self._association = OnlineAssociation(camera.keypoints, camera.model, skeletons, association)
+        self._used = [points_on_body(camera.keypoints, skeleton)[0] for skeleton in skeletons]
+        self._shown: list[_Shown] = []
+        self.chosen = np.full(len(self._skeletons), NOBODY)  # in the newest video frame
+
+    def remember(self, number: int, video: VideoFrame, chosen: np.ndarray) -> None:
+        """A video frame that was decided at the start."""
+        self._association.remember(video, chosen)
+        self._shown.append(_Shown(number, video, chosen))
+        self.chosen = chosen
+
+    def look(self, number: int, video: VideoFrame, scenery: Scenery) -> tuple[Sight, ...]:
+        """Who is who in a video frame of the frame ``number``."""
+        chosen = self._association.choose(video, scenery.bodies, scenery.camera, scenery.root_covariance)
+        self._shown.append(_Shown(number, video, chosen))
+        self._shown.sort(key=lambda one: one.video.time)
+        self.chosen = self._shown[-1].chosen
+        return self._sights(video, chosen, scenery)
+
+    def look_again(self, first: int, scenery: Callable[[int], Scenery]) -> dict[int, tuple[Sight, ...]]:
+        """Frames from ``first`` on in which somebody else is the wearer than was thought, and what is seen in them."""
+        self._shown = [one for one in self._shown if one.number >= first]
+        if len(self._shown) < 2:
+            return {}
+        sceneries = [scenery(one.number) for one in self._shown]
+        window = [
+            (one.video, there.bodies, there.camera, there.root_covariance)
+            for one, there in zip(self._shown, sceneries, strict=True)
+        ]
+        changed = {}
+        for one, there, chosen in zip(self._shown, sceneries, self._association.revise(window), strict=True):
+            if np.any(chosen != one.chosen):
+                one.chosen = chosen
+                changed[one.number] = self._sights(one.video, chosen, there)
+        self.chosen = self._shown[-1].chosen
+        return changed
+
+    def hear(self, wearer: int, residual: Array, share: float) -> None:
+        """Learn how the detections scatter from whitened residuals ``(n, 2)`` of smoothed frames; ``share`` in (0, 1]."""
+        if not self._settings.adaptive or len(residual) == 0:
+            return
+        median = float(np.median(np.linalg.norm(residual, axis=1)))
+        measured = self._settings.persistence * self.spreads[wearer] * median / RAYLEIGH_MEDIAN
+        self.spreads[wearer] = float(
+            np.exp((1 - share) * np.log(self.spreads[wearer]) + share * np.log(max(measured, 1e-3)))
+        )
+
+    def _sights(self, video: VideoFrame, chosen: np.ndarray, scenery: Scenery) -> tuple[Sight, ...]:
+        sights = []
+        for wearer, (person, skeleton, used) in enumerate(zip(chosen, self._skeletons, self._used, strict=True)):
+            if person == NOBODY:
+                sights.append(Sight.nothing(len(used)))
+                continue
+            pixels, confidence = video.pixels[person, used], video.confidence[person, used]
+            seen = (confidence >= self._settings.least_confidence) & np.all(np.isfinite(pixels), axis=1)
+            R, p = scenery.camera
+            depth = R[:, 2] @ (scenery.bodies[wearer].p_world_joint[0, joint_index("spine2")] - p)
+            scale = AREA_OF_HEIGHT * self.camera.model.focal[1] * stature_of(skeleton) / max(depth, NEAREST_M)
+            size = self.camera.keypoints.sigmas[used] * scale
+            sigma = pixel_sigma(size, confidence, seen, self.spreads[wearer], self._settings)
+            sights.append(Sight(np.where(seen[:, None], pixels, 0.0), sigma, seen))
+        return tuple(sights)

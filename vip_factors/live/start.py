@@ -1,0 +1,223 @@
+"""How tracking begins, and begins again: the stages of the batch pipeline over the last second or so."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.geometry.rotations import Array
+from vip_factors.graph.batch import BatchObjective
+from vip_factors.graph.decode import motion_of
+from vip_factors.graph.model import InertialModel
+from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel
+from vip_factors.graph.scene_state import CameraState, SceneState
+from vip_factors.initialise.calibration import InitialCalibration
+from vip_factors.live.buffered import MeasuredStretch
+from vip_factors.live.problem import LagFrame, LagProblem, Sight, lag_frame
+from vip_factors.live.settings import LiveSettings
+from vip_factors.live.state import FrameState, SharedState
+from vip_factors.sensors.calibration import Calibration
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.frames import coarser
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Scene
+from vip_factors.stages.filming import start_filming
+from vip_factors.stages.fusion import at_full_rate, fuse
+from vip_factors.stages.inertial import Tracked, at_frames, inertial_tracker
+from vip_factors.stages.inertial_model import kept, loosened, with_contacts
+from vip_factors.stages.shots import Shot, of_use, watch, watch_again
+from vip_factors.stages.solver import Solver
+
+# Stands for the camera where there is none: nobody is seen by it.
+NO_CAMERA = CameraModel(640, 480, np.full(2, 500.0), np.array([320.0, 240.0]))
+
+
+@dataclass(frozen=True)
+class Known:
+    """What an earlier start and all since has taught.
+
+    Attributes:
+        calibration: of each wearer's sensors, with standard deviations.
+        p_world_pelvis: ``(W, 3)`` of the wearers at the first frame of the new start.
+    """
+
+    calibration: Mapping[str, Calibration]
+    p_world_pelvis: Array
+
+
+@dataclass(frozen=True)
+class Started:
+    """Where tracking begins.
+
+    Attributes:
+        problem: of any stretch from here on.
+        shared: what all frames share.
+        frames, states: of the stretch.
+        chosen: by camera, who is who in each of its video frames in the stretch.
+        filmed: whether any camera is of use.
+        spreads: by camera and wearer, scatter of the detections in OKS sigmas.
+    """
+
+    problem: LagProblem
+    shared: SharedState
+    frames: list[LagFrame]
+    states: list[FrameState]
+    shots: tuple[Shot, ...]
+    spreads: tuple[tuple[float, ...], ...]
+
+    @property
+    def filmed(self) -> bool:
+        """Whether a camera sees a wearer."""
+        return bool(self.shots)
+
+
+def start(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None = None) -> Started:
+    """Begin with a stretch: coarsely by the batch stages, as they would a short scene, then frame by frame.
+
+    Args:
+        stretch: a second or so.
+        settings: of all.
+        known: from before, where this is not the first start.
+
+    Raises:
+        RecordingError: if a wearer has no sensor that measures.
+        SolveError: if the problem is not determined.
+    """
+    scene, solver = stretch.scene(), Solver(settings.solve, lambda stage, fraction: None)
+    wearers = tuple(_tracked(stretch, one, settings, solver, known) for one in scene.wearers)
+    filmed = _filmed(stretch, scene, wearers, settings, solver) if scene.cameras else None
+    model, state, shots, spreads = filmed or _unfilmed(stretch, scene, wearers, settings, solver)
+    if known is not None and ((shots and shots[0].camera.known_path is None) or not shots):
+        state = _shifted(state, known.p_world_pelvis[0] - state.wearers[0].p_world_pelvis[0])
+    freed = tuple(
+        _freed(one, tracked.model, settings, own.p_world_pelvis[0])
+        for one, tracked, own in zip(model.wearers, wearers, state.wearers, strict=True)
+    )
+    model = replace(model, wearers=freed)
+    return _started(stretch, scene, model, state, shots, spreads)
+
+
+def _tracked(
+    stretch: MeasuredStretch, recording: Recording, settings: LiveSettings, solver: Solver, known: Known | None
+) -> Tracked:
+    frames = coarser(stretch.frames(recording.subject.name, recording.placed), settings.coarse_factor)
+    if known is None:
+        return inertial_tracker(recording, frames, settings, solver)
+    one = [known.calibration[recording.subject.name][name] for name in frames.sensors]
+    sigma = np.array([own.heading_sigma for own in one])
+    calibration = InitialCalibration(
+        np.array([own.heading for own in one]), sigma, np.stack([own.R_bone_sensor for own in one])
+    )
+    tracked = inertial_tracker(recording, frames, settings, solver, calibration)
+    mounting = np.array([np.sqrt(np.mean(own.mounting_sigma**2)) for own in one])
+    return replace(tracked, model=replace(tracked.model, mounting_sigma=mounting))
+
+
+Problem = tuple[SceneModel, SceneState, tuple[Shot, ...], tuple[tuple[float, ...], ...]]
+
+
+def _filmed(
+    stretch: MeasuredStretch, scene: Scene, wearers: Sequence[Tracked], settings: LiveSettings, solver: Solver
+) -> Problem | None:
+    """The problem in front of cameras; None if they do not show anybody whom it knows."""
+    if not any(len(camera.detections) for camera in scene.cameras):
+        return None
+    names = [one.subject.name for one in scene.wearers]
+    motions = [motion_of(one.model, one.state, name) for one, name in zip(wearers, names, strict=True)]
+    shots = of_use(watch(scene, wearers, motions, settings, lambda fraction: None))
+    if not shots:
+        return None
+    filmed = start_filming(shots, wearers, settings)
+    fused = fuse(filmed, None, shots, settings, solver)
+    for _ in range(settings.fusion.rounds - 1):
+        shots = watch_again(shots, fused.camera_path, fused.motions(names), settings, lambda fraction: None)
+        fused = fuse(filmed, fused, shots, settings, solver)
+    model, state, spreads = at_full_rate(scene, filmed, fused, shots, stretch.time, settings)
+    return model, state, shots, spreads
+
+
+def _unfilmed(
+    stretch: MeasuredStretch, scene: Scene, wearers: Sequence[Tracked], settings: LiveSettings, solver: Solver
+) -> Problem:
+    """The problem of the IMUs alone."""
+    models, states = [], []
+    for recording, tracked in zip(scene.wearers, wearers, strict=True):
+        free = replace(loosened(tracked.model, settings.calibration), free_pose_mean=False)
+        state = solver.solve(BatchObjective(with_contacts(free, tracked.state)), tracked.state, "start")
+        fine = stretch.frames(recording.subject.name, tracked.model.frames.sensors)
+        state = at_frames(state, tracked.model.frames.time, stretch.time)
+        models.append(with_contacts(kept(tracked.model, fine), state))
+        states.append(state)
+    nothing = tuple(
+        KeypointView((), np.zeros((T, 0, 2)), np.ones((T, 0)), np.zeros((T, 0), bool), np.zeros((T, 0, 2)))
+        for T in [len(stretch.time)] * len(models)
+    )
+    camera = CameraProblem(NO_CAMERA, moving=False, free_pose=False, settings=settings.camera)
+    poses = CameraState(CameraPoses(np.eye(3)[None], np.zeros((1, 3))))
+    return SceneModel(tuple(models), camera, nothing), SceneState(tuple(states), poses), (), ()
+
+
+def _freed(model: InertialModel, tracked: InertialModel, settings: LiveSettings, p_start: Array) -> InertialModel:
+    """A wearer's problem with calibration free and less believed that is wrong in every frame alike."""
+    pose = tracked.initial_pose
+    if pose is not None:
+        pose = replace(pose, frames=pose.frames * settings.coarse_factor)
+    freed = replace(
+        model,
+        free_headings=tracked.free_headings,
+        free_mountings=tracked.free_mountings,
+        initial_pose=pose,
+        p_world_start=p_start,
+    )
+    return loosened(freed, settings.calibration)
+
+
+def _shifted(state: SceneState, shift: Array) -> SceneState:
+    camera, poses = state.camera, state.camera.poses
+    poses = CameraPoses(poses.R_world_camera, poses.p_world_camera + shift)
+    return SceneState(tuple(one.turned(0.0, shift) for one in state.wearers), replace(camera, poses=poses))
+
+
+def _started(
+    stretch: MeasuredStretch, scene: Scene, model: SceneModel, state: SceneState, shots: tuple[Shot, ...],
+    spreads: tuple[tuple[float, ...], ...],
+) -> Started:  # fmt: skip
+    sensors = [
+        np.array([stretch.column(recording.subject.name, name) for name in one.frames.sensors], dtype=int)
+        for recording, one in zip(scene.wearers, model.wearers, strict=True)
+    ]
+    if model.camera.imu is not None:
+        sensors.append(np.array([stretch.column(shots[0].camera.name, model.camera.imu.sensors[0])]))
+    cameras = model.viewpoints(state.camera)
+    problem = LagProblem(
+        model.wearers, model.camera, cameras[0].views, model.further, sensors, model.wearers[0].frames.step
+    )
+    poses = state.camera.poses
+    shared = SharedState(
+        tuple(one.headings for one in state.wearers),
+        tuple(one.R_bone_sensor for one in state.wearers),
+        replace(state.camera, poses=CameraPoses(poses.R_world_camera[:1], poses.p_world_camera[:1])),
+    )
+    frames, states = [], []
+    for t, (one, after) in enumerate(zip(stretch.measurements, [*stretch.measurements[1:], None], strict=True)):
+        sights = [
+            tuple(Sight(view.pixels[t], view.sigma[t], view.seen[t]) for view in camera.views) for camera in cameras
+        ]
+        frame = lag_frame(one, sights)
+        if after is not None:
+            frame.specific_force_inertial, frame.acceleration_valid = (
+                after.specific_force_inertial, after.acceleration_valid,
+            )  # fmt: skip
+        frame.contacts = [own.contact_confidence[t] for own in model.wearers]
+        frames.append(frame)
+        at = t if len(poses) > 1 else 0
+        states.append(
+            FrameState(
+                np.stack([own.R_parent_child[t] for own in state.wearers]),
+                np.stack([own.p_world_pelvis[t] for own in state.wearers]),
+                poses.R_world_camera[at],
+                poses.p_world_camera[at],
+            )
+        )
+    return Started(problem, shared, frames, states, shots, spreads)

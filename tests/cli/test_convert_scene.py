@@ -98,3 +98,44 @@ def test_info_on_the_estimate_of_a_scene(run, files, tmp_path: Path) -> None:
         "median 2.5 px", "2 to", "1 to nobody", "heading of pelvis",
     ):  # fmt: skip
         assert words in told.out, words
+
+
+FLOOR = "[floor]\nR_floor_camera = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]\np_floor_camera = [{0}, -4, 1.2]\n"
+
+
+def test_further_cameras_stand_where_their_files_say(run, files, tmp_path: Path, poses: Path) -> None:
+    plain = (tmp_path / "camera.toml").read_text()
+    for number, name in enumerate(("left", "right")):
+        (tmp_path / f"{name}.toml").write_text(plain + FLOOR.format(number))
+    first = ("--video-rate", "10", "--detections", poses, "--camera", tmp_path / "camera.toml", "--static-camera")
+    further = [
+        word
+        for name, offset in (("left", "0"), ("right", "-0.5"))
+        for word in ("--further-camera", tmp_path / f"{name}.toml", poses, offset)
+    ]
+    told = run("convert", files.recording, tmp_path / "out.mcap", *first, *further)
+    assert told.code == 0, told.err
+    scene = read_scene(tmp_path / "out.mcap")
+    assert [camera.name for camera in scene.cameras] == ["camera", "left", "right"]
+    assert [camera.time_offset for camera in scene.further_cameras] == [0.0, -0.5]
+    np.testing.assert_allclose(scene.further_cameras[1].known_path.p_world_camera, [[1, -4, 1.2]], atol=1e-12)
+    info = run("info", tmp_path / "out.mcap")
+    assert info.out.count("camera's pose known, at 1 instant") == 2
+    # To a scene that has its first camera already.
+    told = run("convert", files.recording, tmp_path / "one.mcap", *first)
+    told = run("convert", tmp_path / "one.mcap", tmp_path / "two.mcap", "--video-rate", "10", *further[:4])
+    assert told.code == 0, told.err
+    assert [camera.name for camera in read_scene(tmp_path / "two.mcap").cameras] == ["camera", "left"]
+
+
+@pytest.mark.parametrize(
+    ("camera", "words"), [("camera.toml", "its pose cannot be taken as known"), ("left.toml", "no first one")]
+)
+def test_what_is_no_further_camera_is_told(run, files, tmp_path: Path, poses: Path, camera: str, words: str) -> None:
+    (tmp_path / "left.toml").write_text((tmp_path / "camera.toml").read_text() + FLOOR.format(0))
+    told = run(
+        "convert", files.recording, tmp_path / "out.mcap", "--video-rate", "10", "--further-camera", tmp_path / camera,
+        poses, "0",
+    )  # fmt: skip
+    assert told.code == 2
+    assert words in told.err

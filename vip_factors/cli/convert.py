@@ -21,6 +21,9 @@ class ConvertOptions:
 
     With --detections and --camera the recording also holds what a 2D pose detector saw in a video. Several wearers:
     convert each log on its own, then join the recordings: convert a.mcap both.mcap --join b.mcap --detections …
+
+    Several cameras: all but the first stand still where their camera files say (calibrate-camera --floor, with the
+    same board in the same place for all of them).
     """
 
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
@@ -73,6 +76,13 @@ class ConvertOptions:
     """Seconds to add to the video's times to get the sensors'; vip-factors sync finds them."""
     video: Path | None = None
     """Video, to look at and for the times of its frames."""
+    further_camera: Annotated[
+        tuple[tuple[Path, Path, float], ...],
+        tyro.conf.UseAppendAction,
+        tyro.conf.arg(metavar="CAMERA.toml DETECTIONS OFFSET_S"),
+    ] = ()
+    """Another camera that stands still at the pose over the floor that its file tells, its 2D poses, and the seconds
+    to add to its video's times; rate and keypoints are the first one's; may be said several times."""
     embed_video: Flag = False
     """Put small images of the video into the recording, so that it can be looked at anywhere."""
     overwrite: Flag = False
@@ -89,10 +99,11 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.io.convert import ImportOptions
     from vip_factors.io.mcap_recording import write_recording
     from vip_factors.io.mcap_scene_recording import write_scene
-    from vip_factors.io.scene_building import add_camera, join_wearers, read_log_as_scene
+    from vip_factors.io.scene_building import add_camera, add_further_camera, join_wearers, read_log_as_scene
 
     check_target(options.out, options.overwrite)
     camera = _camera_options(options)
+    further = [_further_options(options, *one) for one in options.further_camera]
     known = {one.name: getattr(options, one.name) for one in fields(ImportOptions)}
     with waiting(f"reading {options.log}"):
         scene = read_log_as_scene(options.log, ImportOptions(**known))
@@ -101,6 +112,8 @@ def main(prog: str, arguments: Sequence[str]) -> None:
             scene = join_wearers([scene, *others], options.name)
         if camera is not None:
             scene = add_camera(scene, camera)
+        for one in further:
+            scene = add_further_camera(scene, one)
         if scene.camera is None and len(scene.wearers) == 1:
             write_recording(scene.wearers[0], options.out, overwrite=options.overwrite)
             text = recording_text(scene.wearers[0])
@@ -122,7 +135,7 @@ def _camera_options(options: ConvertOptions) -> "CameraOptions | None":
     if options.detections is None or options.camera is None:
         usual = ConvertOptions(options.log, options.out)
         given = [name for name in _OF_CAMERA if getattr(options, name) != getattr(usual, name)]
-        if not given:
+        if not given or (options.further_camera and set(given) <= _OF_DETECTOR):
             return None
         missing = "--camera, the camera's file (vip-factors calibrate-camera makes one)"
         if options.detections is None:
@@ -150,7 +163,17 @@ def _camera_options(options: ConvertOptions) -> "CameraOptions | None":
     )
 
 
+def _further_options(options: ConvertOptions, camera: Path, detections: Path, time_offset: float) -> "CameraOptions":
+    from vip_factors.io.scene_building import CameraOptions
+
+    return CameraOptions(
+        detections, camera, options.keypoints, options.video_rate, options.first_frame, time_offset=time_offset,
+        name=camera.stem,
+    )  # fmt: skip
+
+
 _OF_CAMERA = (
     "detections", "camera", "keypoints", "video_rate", "first_frame", "static_camera", "known_camera_pose",
     "camera_imu", "time_offset_s", "video", "embed_video",
 )  # fmt: skip
+_OF_DETECTOR = {"keypoints", "video_rate", "first_frame"}  # these may be said for further cameras alone

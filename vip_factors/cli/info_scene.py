@@ -11,15 +11,17 @@ from vip_factors.sensors.scene import Camera, Scene, SceneTruth, Video
 
 
 def scene_text(scene: Scene) -> str:
-    """The camera and its detections, then every wearer."""
+    """The cameras and their detections, then every wearer."""
     names = ", ".join(wearer.subject.name for wearer in scene.wearers)
     lines = [f"scene '{scene.name}'", f"  {_count(len(scene.wearers), 'wearer')}: {names}"]
     if scene.camera is None:
         lines.append("  no camera")
     else:
-        lines += _camera_lines(scene.camera)
-        if scene.truth is not None:
-            lines += _truth_lines(scene.truth, names.split(", "))
+        truths = (scene.truth, *scene.truth.further) if scene.truth is not None else (None,) * len(scene.cameras)
+        for camera, truth in zip(scene.cameras, truths, strict=True):
+            lines += _camera_lines(camera)
+            if truth is not None:
+                lines += _truth_lines(truth, names.split(", "))
     return "\n\n".join(["\n".join(lines), *(recording_text(wearer) for wearer in scene.wearers)])
 
 

@@ -115,13 +115,14 @@ def join_wearers(scenes: Sequence[Scene], name: str | None = None) -> Scene:
                 wearers.append(replace(wearer, start_ns=first.start_ns))
             else:
                 wearers.append(_on_clock(wearer, first.start_ns))
-    camera, truth = (filmed[0].camera, filmed[0].truth) if filmed else (None, None)
+    camera, truth, further = (filmed[0].camera, filmed[0].truth, filmed[0].further_cameras) if filmed else (None,) * 3
     if filmed and filmed[0] is not scenes[0]:
         truth = None  # it counts the wearers of its own scene
         seconds = (filmed[0].wearers[0].start_ns - first.start_ns) / 1e9
         if camera is not None and filmed[0].wearers[0].start_ns and first.start_ns and seconds:
             camera = _camera_later(camera, seconds)
-    return Scene(name or scenes[0].name, tuple(wearers), camera, truth)
+            further = tuple(_camera_later(one, seconds) for one in further or ())
+    return Scene(name or scenes[0].name, tuple(wearers), camera, truth, further or ())
 
 
 def _on_clock(wearer: Recording, start_ns: int) -> Recording:
@@ -151,11 +152,32 @@ def _camera_later(camera: Camera, seconds: float) -> Camera:
 
 
 def add_camera(scene: Scene, options: CameraOptions) -> Scene:
-    """The scene with a camera and its detections, in place of any it had.
+    """The scene with a camera and its detections, in place of the first one it had, if any.
 
     Raises:
         InputError: for files that are missing or do not belong together: what was found and what to do is said.
     """
+    scene, mount = _with_mount(scene, options)
+    camera = replace(_camera(scene, options), mount=mount)
+    scene = replace(scene, camera=camera, truth=None)
+    return embed_video(scene) if options.embed else scene
+
+
+def add_further_camera(scene: Scene, options: CameraOptions) -> Scene:
+    """The scene with one more camera, which stands still at the pose over the floor that its camera file tells.
+
+    All cameras of known pose must have been shown the same board, lying in the same place.
+
+    Raises:
+        InputError: as :func:`add_camera`, and for a camera whose pose is not known.
+        RecordingError: for a scene without a first camera, and for a name that another camera has.
+    """
+    camera = _camera(scene, replace(options, static=True, known_pose=True))
+    return replace(scene, further_cameras=(*scene.further_cameras, camera), truth=None)
+
+
+def _camera(scene: Scene, options: CameraOptions) -> Camera:
+    """A camera with its detections, without a sensor."""
     facts = video_facts(options.video) if options.video is not None else None
     rate = facts.rate if facts is not None else options.rate
     if rate is None:
@@ -164,10 +186,9 @@ def add_camera(scene: Scene, options: CameraOptions) -> Scene:
         )
     detections = read_detections(options.detections, rate, options.keypoints, None, options.first_frame)
     model = read_camera_file(options.camera)
-    scene, mount = _with_mount(scene, options)
     video = Video(options.video) if options.video is not None else None
     path = _known_path(options)
-    camera = Camera(options.name, model, detections, not options.static, mount, path, options.time_offset, video)
+    camera = Camera(options.name, model, detections, not options.static, None, path, options.time_offset, video)
     if facts is not None:
         check_video(facts, camera)
         if len(detections.time) < USUAL_PART * len(facts):
@@ -180,8 +201,7 @@ def add_camera(scene: Scene, options: CameraOptions) -> Scene:
             _warn(f"{facts.path} has {facts.rate:.2f} frames a second, not {options.rate:g}: the file's times are used")
     check_detections(detections, model, options.detections, options.camera, size_known=facts is not None)
     _tell_times(scene, camera)
-    scene = replace(scene, camera=camera, truth=None)
-    return embed_video(scene) if options.embed else scene
+    return camera
 
 
 def _known_path(options: CameraOptions) -> CameraPath | None:

@@ -49,7 +49,7 @@ class BodyState:
         return self.p_world_joint[:, bone] + self.R_world_bone[:, bone] @ p_bone_point
 
     def points(self, bones: np.ndarray, p_bone_point: Array) -> Array:
-        """World positions ``(T, n, 3)`` of points fixed to bones ``(n,)``: ``(n, 3)`` metres, each in its bone's axes."""
+        """World positions ``(T, n, 3)`` of points fixed to bones ``(n,)``, ``(n, 3)`` metres in their bones' axes."""
         return self.p_world_joint[:, bones] + (self.R_world_bone[:, bones] @ p_bone_point[..., None])[..., 0]
 
     @cached_property

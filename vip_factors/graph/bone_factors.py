@@ -91,9 +91,12 @@ def _add_shared(
         own[:, :, 0, 0] += told.heading
         own[:, :, 0, 4] += told.heading_force
         after, same, before = told.by_heading
-        by_twist[..., 0] += same if system.walk else after + same + before
-        for side, beside in enumerate((after, before) if system.walk else ()):
-            system.walk.beside[frames, side] += twist.coupling_of_each(screws, bones, beside[..., None])
+        by_twist[..., 0] += same
+        if system.walk is None:
+            by_twist[..., 0] += after + before
+        else:
+            for side, beside in enumerate((after, before)):
+                system.walk.beside[frames, side] += twist.coupling_of_each(screws, bones, beside[..., None])
     block = twist.coupling_of_each(screws, bones, by_twist).reshape(count, FRAME, S, 4)
     headings, mountings = slice(FRAME, FRAME + S), slice(FRAME + S, FRAME + 4 * S)
     hessian[:, :FRAME, headings] += block[..., 0]

@@ -13,6 +13,8 @@ from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, transpose
 from vip_factors.graph.batch import STEP_ANGLE, STEP_LENGTH, pose_equations
 from vip_factors.graph.evaluated import MotionTerm, PoseTerm
+from vip_factors.graph.motion import MotionFactors
+from vip_factors.graph.residuals import MotionResiduals
 from vip_factors.graph.scene_model import CameraProblem
 from vip_factors.graph.scene_state import CAMERA, CLOCK, HEADING, MOUNTING, POSE, CameraState
 from vip_factors.graph.system import ChainSystem
@@ -79,6 +81,18 @@ class CameraObjective:
         coefficients = np.array([1.0, -2.0, 1.0]) / (self.step**2 * settings.sigma)
         yield MotionTerm("camera acceleration", 1, residual, mask, settings.loss, 0, coefficients, by_heading)
 
+    def _motion_residuals(self, state: CameraState) -> Iterator[MotionResiduals]:
+        imu, settings = self.camera.imu, self.camera.settings.acceleration
+        if imu is None or not self._chained:
+            return
+        p, force = state.poses.point(self.camera.p_camera_imu), imu.specific_force_inertial[1:-1, 0]
+        residual = acceleration_residual(p[:-2], p[1:-1], p[2:], self.step, state.heading, force) / settings.sigma
+        by_heading = acceleration_by_heading(state.heading, force) / settings.sigma
+        yield MotionResiduals(
+            "camera acceleration", residual[:, None], imu.acceleration_valid[1:-1], settings.loss, 1,
+            np.array([1.0, -2.0, 1.0]) / (self.step**2 * settings.sigma), by_heading[:, None],
+        )  # fmt: skip
+
     def _velocity(self, state: CameraState) -> Array:
         """Whitened residuals ``(T − 1, 6)``."""
         now, after = state.at_frames(slice(0, self.frames - 1)), state.at_frames(slice(1, self.frames))
@@ -108,17 +122,29 @@ class CameraObjective:
         system = ChainSystem.empty(
             self.frame_keys, self.static_key, self.frame_width, self.columns, self._damping(), tied=self._chained
         )
-        H, g = pose_equations(self._pose_terms(state, jacobians=True), self.frames, CAMERA)
-        motion = list(self._motion_terms(state, jacobians=True))
         everything = slice(0, self.frames)
-        if motion:
-            system.add_motion(everything, state.poses.point_jacobian(self.camera.p_camera_imu), motion, H, g)
-        system.add_frames(everything, H, g)
+        system.add_frames(everything, *pose_equations(self._pose_terms(state, jacobians=True), self.frames, CAMERA))
+        moving = list(self._motion_residuals(state))
+        if moving:
+            self._add_motion(system, MotionFactors(moving, self.frames), state)
         if self._chained:
             self._add_velocity(system, state)
         for _, residual, columns, J in self._static_rows(state):
             system.add_first(columns, J.T @ J, J.T @ residual)
         return system
+
+    def _add_motion(self, system: ChainSystem, motion: MotionFactors, state: CameraState) -> None:
+        assert system.following is not None
+        everything, count = slice(0, self.frames), self.frames
+        told = motion.information(everything, state.poses.point_jacobian(self.camera.p_camera_imu)[:, None])
+        H, g = np.zeros((count, CAMERA, CAMERA)), np.zeros((count, CAMERA))
+        H[:, POSE, POSE], g[:, POSE] = told.own[:, 0], told.force[:, 0]
+        H[:, POSE, HEADING] = sum(told.by_heading)[:, 0]
+        H[:, HEADING, POSE] = H[:, POSE, HEADING]
+        H[:, HEADING, HEADING], g[:, HEADING] = told.heading[:, 0], told.heading_force[:, 0]
+        system.add_frames(everything, H, g)
+        for ahead, information in enumerate(told.ahead):
+            system.following[: len(information), ahead] += information[:, 0]
 
     def _add_velocity(self, system: ChainSystem, state: CameraState) -> None:
         assert system.following is not None

@@ -25,13 +25,13 @@ _HALF = np.kron(_above - 0.5 * np.eye(JOINT_COUNT + 1), np.ones((3, 3)))  # a ha
 @cache
 def _movers(bones: tuple[int, ...]) -> Array:
     """Of each joint, which of these bones it moves: ``(25, n)``."""
-    return np.ascontiguousarray(MOVES[:, list(bones)])
+    return np.asarray(MOVES[:, list(bones)], dtype=float, order="C")
 
 
 @cache
 def _moved_columns(bones: tuple[int, ...], columns: int) -> Array:
     """Of each column of a frame, which of these bones it moves, each repeated: ``(75, n · columns)``."""
-    return np.kron(_movers(bones), np.ones((3, columns)))
+    return np.asarray(np.kron(_movers(bones), np.ones((3, columns))), dtype=float)
 
 
 def carried(bones: tuple[int, ...], blocks: Array) -> Array:

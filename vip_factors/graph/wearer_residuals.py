@@ -37,7 +37,7 @@ class Sites:
 
     def on(self, body: BodyState) -> Array:
         """World positions ``(T, n, 3)``."""
-        return body.points(list(self.bones), self.p_bone_point)
+        return body.points(np.array(self.bones, dtype=int), self.p_bone_point)
 
 
 def headings(state: GraphState, weights: Array | None) -> Array:

@@ -4,25 +4,27 @@ A smoother that goes on where it left off needs them apart: what is left behind 
 factor that touches it, and a later linearisation holds all the others.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState, forward_kinematics
+from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.factors.camera_velocity import camera_velocity_jacobians, camera_velocity_residual
-from vip_factors.factors.smoothness import turn_jacobians
-from vip_factors.geometry.rotations import Array, log, transpose
-from vip_factors.graph.batch import BatchObjective, _point_jacobians, pose_equations
+from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
+from vip_factors.graph import twist
+from vip_factors.graph.batch import BatchObjective, pose_equations
+from vip_factors.graph.bone_factors import add_bone_factors
 from vip_factors.graph.camera_batch import CameraObjective
-from vip_factors.graph.evaluated import MotionTerm
 from vip_factors.graph.hessian import coupling_factor
-from vip_factors.graph.reprojection_batch import reprojection_equations
+from vip_factors.graph.joint_factors import JOINTS, add_joint_factors, is_smoothed
+from vip_factors.graph.scene_batch import _view_equations as view_equations
 from vip_factors.graph.scene_model import SceneModel
 from vip_factors.graph.scene_state import CAMERA, SceneState
-from vip_factors.graph.smooth import JOINTS, _rows, is_smoothed
 from vip_factors.graph.state import GraphState
-from vip_factors.graph.terms import FRAME, motion_terms, pose_terms
+from vip_factors.graph.terms import FRAME
+from vip_factors.graph.wearer_residuals import motion_residuals
 
 
 @dataclass(frozen=True)
@@ -72,12 +74,17 @@ class Slices:
         self.gradient = np.zeros((frames, columns.width))
 
     def add(self, first: slice, place: np.ndarray, hessian: Array, gradient: Array) -> None:
-        """Add ``(t, k, k)`` and ``(t, k)`` at ``k`` columns of the slices of a stretch; columns below zero are left out."""
+        """Add ``(t, k, k)`` and ``(t, k)`` at ``k`` columns of a stretch of slices; columns below zero are left out."""
         inside = np.flatnonzero(place >= 0)
         if len(inside) < len(place):
             place, hessian, gradient = place[inside], hessian[:, inside[:, None], inside], gradient[:, inside]
         self.hessian[first, place[:, None], place] += hessian
         self.gradient[first, place] += gradient
+
+    def add_between(self, first: slice, rows: np.ndarray, columns: np.ndarray, block: Array) -> None:
+        """Add blocks ``(t, k, l)`` off the diagonal, and their mirror images."""
+        self.hessian[first, rows[:, None], columns] += block
+        self.hessian[first, columns[:, None], rows] += transpose(block)
 
     def add_rows(self, first: slice, place: np.ndarray, jacobian: Array, residual: Array) -> None:
         """Add weighted rows ``(t, m, k)`` with residuals ``(t, m)``."""
@@ -85,9 +92,9 @@ class Slices:
         self.add(first, place, transposed @ jacobian, (transposed @ residual[..., None])[..., 0])
 
     def factors(self, t: int, keys: tuple[int, int, int, int], value: Array) -> gtsam.GaussianFactorGraph:
-        """One slice as factors on its frame, the two after it and the shared variables, around the coordinates ``value``.
+        """One slice as factors on its frame, the two after it and the shared variables.
 
-        The slice is a quadratic in steps from ``value`` ``(n,)``; the factors are in the coordinates themselves.
+        The slice is a quadratic in steps from the coordinates ``value`` ``(n,)``; the factors are in the coordinates.
         """
         H = self.hessian[t]
         g = self.gradient[t] - H @ value
@@ -122,104 +129,120 @@ class Slices:
 def scene_slices(model: SceneModel, state: SceneState, columns: SliceColumns) -> Slices:
     """The slices of a scene's problem at a state."""
     slices = Slices(columns, model.frames)
-    camera = CameraObjective(model.camera, model.frames, model.step)
+    everything = slice(0, model.frames)
     for number, (wearer, own) in enumerate(zip(model.wearers, state.wearers, strict=True)):
         body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
-        objective = BatchObjective(wearer, number)
-        _add_wearer(slices, objective, own, body, columns.wearers[number])
-        _add_views(slices, model, number, state, body)
-    _add_camera(slices, camera, state)
+        objective, place = BatchObjective(wearer, number), columns.wearers[number]
+        _add_poses(slices, objective, own, body, place)
+        _add_smoothness(slices, objective, own, place)
+        _add_motion(slices, objective, own, body, place)
+        whose = [columns.camera, *[np.full(CAMERA, -1)] * len(model.further)]
+        for camera, one in zip(whose, model.viewpoints(state.camera), strict=True):
+            view = one.views[number]
+            if view.seen.any():
+                equations = view_equations(view, everything, one.problem, one.state, body)
+                both = np.concatenate([place[:FRAME], camera])
+                slices.add(everything, both, equations.hessian, equations.gradient)
+    _add_camera(slices, CameraObjective(model.camera, model.frames, model.step), state)
     return slices
 
 
-def _add_wearer(
+def _add_poses(
     slices: Slices, objective: BatchObjective, state: GraphState, body: BodyState, place: np.ndarray
 ) -> None:
-    model, T, w = objective.model, len(body.p_world_joint), slices.columns.frame
+    """The factors of a wearer on single frames, and the priors on what all share."""
+    model, T = objective.model, len(body.p_world_joint)
+    everything, width = slice(0, T), objective._used
     used = np.concatenate([np.arange(FRAME), objective.static_columns])
-    everything = slice(0, T)
-    H, g = pose_equations(pose_terms(model, state, body, everything, jacobians=True), T, int(used[-1]) + 1)
+    H, g = np.zeros((T, width, width)), np.zeros((T, width))
+    rough = replace(model, settings=replace(model.settings, smoothness=replace(model.settings.smoothness, use=False)))
+    add_joint_factors(rough, state, everything, H, g, None)
+    add_bone_factors(model, objective.sites, state, body, everything, None, None, H, g)
+    H[:, FRAME:, :FRAME] = transpose(H[:, :FRAME, FRAME:])
     slices.add(everything, place, H[:, used[:, None], used], g[:, used])
-    terms = list(motion_terms(model, state, body, jacobians=True))
-    if terms:
-        jacobian = _point_jacobians(model, body, terms).reshape(T, len(terms), 3, FRAME)
-        headings = place[FRAME:] if model.free_headings else place[:0]
-        _add_motion(slices, terms, jacobian, place[:FRAME], headings)
-    if is_smoothed(model):
-        R = state.R_parent_child[:, 1:]
-        turn = log(transpose(R[:-1]) @ R[1:])
-        weighted = model.settings.smoothness.time / model.frames.step * model.prior.whitening
-        rows = np.concatenate([_rows(weighted, J) for J in turn_jacobians(turn)], axis=2)
-        joints = place[JOINTS]
-        slices.add_rows(
-            slice(0, T - 1), np.concatenate([joints, joints + w]), rows, turn.reshape(T - 1, -1) @ weighted.T
-        )
     for _, residual, own, J in objective._static_rows(state):
         there = np.searchsorted(used, own)
         slices.add(slice(0, 1), place[there], (J.T @ J)[None], (J.T @ residual)[None])
 
 
+def _add_smoothness(slices: Slices, objective: BatchObjective, state: GraphState, place: np.ndarray) -> None:
+    """The factors of a wearer between each frame and the next one."""
+    model, w = objective.model, slices.columns.frame
+    if not is_smoothed(model):
+        return
+    R, information = state.R_parent_child[:, 1:], model.prior.information
+    turn = log(transpose(R[:-1]) @ R[1:])
+    by_after = inverse_right_jacobian(turn)
+    T = len(turn)
+    blocks = np.concatenate([-transpose(by_after), by_after], axis=1)  # of 23 joints in either frame
+    information = (model.settings.smoothness.time / model.frames.step) ** 2 * np.tile(information, (2, 2))
+    Bt = transpose(blocks)
+    half = (Bt @ information.reshape(-1, 3, 2 * POSE_SIZE)).reshape(T, 2 * POSE_SIZE, 2 * POSE_SIZE)
+    hessian = (Bt @ transpose(half).reshape(T, -1, 3, 2 * POSE_SIZE)).reshape(half.shape)
+    force = np.tile(turn.reshape(T, -1), (1, 2)) @ information / 2
+    gradient = (Bt @ force.reshape(T, -1, 3, 1)).reshape(T, -1)
+    joints = place[JOINTS]
+    slices.add(slice(0, T), np.concatenate([joints, joints + w]), hessian, gradient)
+
+
 def _add_motion(
-    slices: Slices, terms: list[MotionTerm], jacobian: Array, place: np.ndarray, headings: np.ndarray
+    slices: Slices, objective: BatchObjective, state: GraphState, body: BodyState, place: np.ndarray
 ) -> None:
-    """Factors over three frames, or over the last two of three; ``jacobian`` is ``(T, m, 3, k)`` of their points."""
-    w, T = slices.columns.frame, len(jacobian)
-    for ahead in (2, 1):  # frames after the first
-        chosen = [m for m, term in enumerate(terms) if (term.start == 1) == (ahead == 2)]
-        count = T - ahead
-        if not chosen or count <= 0:
+    """The factors of a wearer that see a point move: over three frames, or over two."""
+    model, sites, w = objective.model, objective.sites, slices.columns.frame
+    p, S = sites.on(body), len(model.sensors)
+    by_twist, screws, frame = body.point_twists(p), body.screws, place[:FRAME]
+    for term in motion_residuals(model, state, p):
+        chosen = slice(0, S) if term.by_heading is not None else slice(S, None)
+        bones, reach = sites.bones[chosen], 2 if term.start else 1
+        count = len(term.residual)
+        if count == 0:
             continue
-        some = [terms[m] for m in chosen]
-        root = np.sqrt(np.stack([term.weight for term in some], axis=1))  # (t, m)
-        parts = []
-        for later in range(ahead + 1):
-            c = np.array([term.coefficients[later + 2 - ahead] for term in some])
-            parts.append((root * c)[..., None, None] * jacobian[later : later + count, chosen])
-        columns = [place + w * later for later in range(ahead + 1)]
-        turned = [(index, term) for index, term in enumerate(some) if term.by_heading is not None]
-        if turned and len(headings):
-            by_heading = np.zeros((count, len(some), 3, len(turned)))
-            for column, (index, term) in enumerate(turned):
-                by_heading[:, index, :, column] = root[:, index, None] * term.by_heading
-            parts.append(by_heading)
-            columns.append(headings[[term.point for _, term in turned]])
-        rows = np.concatenate(parts, axis=3)
-        residual = root[..., None] * np.stack([term.residual for term in some], axis=1)
-        rows = rows.reshape(count, 3 * len(some), -1)
-        slices.add_rows(slice(0, count), np.concatenate(columns), rows, residual.reshape(count, -1))
-
-
-def _add_views(slices: Slices, model: SceneModel, number: int, state: SceneState, body: BodyState) -> None:
-    columns, everything = slices.columns, slice(0, model.frames)
-    frame = columns.wearers[number][:FRAME]
-    cameras = [(model.camera, state.camera, model.views[number], columns.camera)]
-    nothing = np.full(CAMERA, -1)
-    cameras += [(known.problem, known.state, known.views[number], nothing) for known in model.further]
-    for problem, camera, view, own in cameras:
-        if not view.seen.any():
-            continue
-        equations = reprojection_equations(view, problem, camera.at_frames(everything), camera.clock, body)
-        slices.add(everything, np.concatenate([frame, own]), equations.hessian, equations.gradient)
+        here, weight = [slice(ahead, ahead + count) for ahead in range(reach + 1)], term.weight
+        c = term.coefficients[2 - reach :]
+        J = [by_twist[one][:, chosen] for one in here]
+        first = slice(0, count)
+        for i in range(reach + 1):
+            pushed = J[i].swapaxes(2, 3) * (weight * c[i])[..., None, None]
+            own = twist.carried(bones, c[i] * (pushed @ J[i]))
+            force = twist.carried(bones, (pushed @ term.residual[..., None])[..., 0])
+            now = screws[here[i]]
+            slices.add(first, frame + w * i, twist.hessian(now, own), twist.gradient(now, force))
+            for j in range(i + 1, reach + 1):
+                between = twist.carried(bones, c[j] * (pushed @ J[j]))
+                block = twist.hessian_between(now, between, screws[here[j]])
+                slices.add_between(first, frame + w * i, frame + w * j, block)
+            if term.by_heading is not None and model.free_headings:
+                turned = pushed @ term.by_heading[..., None]
+                block = twist.coupling_of_each(now, bones, turned)
+                slices.add_between(first, frame + w * i, place[FRAME : FRAME + S], block)
+        if term.by_heading is not None and model.free_headings:
+            headings = place[FRAME : FRAME + S]
+            slices.hessian[first, headings, headings] += weight * np.sum(term.by_heading**2, axis=2)
+            slices.gradient[first, headings] += weight * np.sum(term.by_heading * term.residual, axis=2)
 
 
 def _add_camera(slices: Slices, objective: CameraObjective, state: SceneState) -> None:
+    """The factors of the camera alone."""
     camera, T, w = state.camera, objective.frames, slices.columns.frame
     place, everything = slices.columns.camera, slice(0, objective.frames)
     H, g = pose_equations(objective._pose_terms(camera, jacobians=True), T, CAMERA)
     slices.add(everything, place, H, g)
-    if objective.frame_width:
-        terms = list(objective._motion_terms(camera, jacobians=True))
-        if terms:
-            jacobian = camera.poses.point_jacobian(objective.camera.p_camera_imu)[:, None]
-            _add_motion(slices, terms, jacobian, place[:6], place[6:7])
-        if T > 1:
-            velocity = objective.camera.settings.velocity
-            now, after = camera.at_frames(slice(0, T - 1)), camera.at_frames(slice(1, T))
-            residual = camera_velocity_residual(now, after, objective.step)
-            J = np.concatenate(camera_velocity_jacobians(now, after, residual, objective.step), axis=2)
-            residual = residual / velocity.sigmas
-            root = np.sqrt(velocity.loss.weight(np.linalg.norm(residual, axis=1)))[:, None]
-            rows = (root / velocity.sigmas)[..., None] * J
-            slices.add_rows(slice(0, T - 1), np.concatenate([place[:6], place[:6] + w]), rows, root * residual)
+    if objective.frame_width and T > 1:
+        pose, both = place[:6], np.concatenate([place[:6], place[:6] + w])
+        for term in objective._motion_terms(camera, jacobians=True):
+            jacobian = camera.poses.point_jacobian(objective.camera.p_camera_imu)
+            count, root = T - 2, np.sqrt(term.weight)[:, None, None]
+            rows = [c * jacobian[ahead : ahead + count] for ahead, c in enumerate(term.coefficients)]
+            J = root * np.concatenate([*rows, term.by_heading[..., None]], axis=2)
+            columns = np.concatenate([both, pose + 2 * w, place[6:7]])
+            slices.add_rows(slice(0, count), columns, J, root[..., 0] * term.residual)
+        velocity = objective.camera.settings.velocity
+        now, after = camera.at_frames(slice(0, T - 1)), camera.at_frames(slice(1, T))
+        residual = camera_velocity_residual(now, after, objective.step)
+        J = np.concatenate(camera_velocity_jacobians(now, after, residual, objective.step), axis=2)
+        residual = residual / velocity.sigmas
+        root = np.sqrt(velocity.loss.weight(np.linalg.norm(residual, axis=1)))[:, None]
+        slices.add_rows(slice(0, T - 1), both, (root / velocity.sigmas)[..., None] * J, root * residual)
     for _, residual, own, J in objective._static_rows(camera):
         slices.add(slice(0, 1), place[own], (J.T @ J)[None], (J.T @ residual)[None])

@@ -53,6 +53,27 @@ def test_from_photographs_to_a_camera_file(run, photographs: Path, tmp_path: Pat
     assert "floor from 09.png" in told.out
 
 
+def test_a_camera_file_is_told_where_it_stands(run, photographs: Path, tmp_path: Path) -> None:
+    board = ("--checkerboard", "7x5", "--square-m", "0.1")
+    run("calibrate-camera", photographs, tmp_path / "a.toml", *board, "--distortion", "0", "--floor", "last")
+    plain = tmp_path / "plain.toml"
+    plain.write_text((tmp_path / "a.toml").read_text().split("[floor]")[0])
+    lying = ("--floor-image", photographs / "09.png")
+    told = run("calibrate-camera", plain, tmp_path / "b.toml", *board, *lying)
+    assert told.code == 0, told.err
+    assert "alike from both ends" in told.err  # seven and five: both are odd
+    assert read_camera_file(tmp_path / "b.toml") == read_camera_file(plain)
+    for mine, expected in zip(read_floor(tmp_path / "b.toml"), read_floor(tmp_path / "a.toml"), strict=True):
+        np.testing.assert_allclose(mine, expected, atol=1e-6)
+    assert "--floor-image" in run("calibrate-camera", plain, tmp_path / "c.toml", *board).err
+    small = tmp_path / "small.png"
+    cv2.imwrite(str(small), cv2.imread(str(photographs / "09.png"))[::2, ::2])
+    assert "200 x 150" in run("calibrate-camera", plain, tmp_path / "c.toml", *board, "--floor-image", small).err
+    assert "no such image" in run("calibrate-camera", plain, tmp_path / "c.toml", *board, "--floor-image", "none").err
+    both = run("calibrate-camera", photographs, tmp_path / "c.toml", *board, *lying, "--floor", "last")
+    assert "one of them" in both.err
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

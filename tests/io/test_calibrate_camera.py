@@ -9,7 +9,7 @@ import pytest
 from board_images import CAMERA, SQUARE_M, lying, poses, rays, render
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.geometry.rotations import angle_between, exp
+from vip_factors.geometry.rotations import angle_between, exp, rotation_z
 from vip_factors.io.calibrate_camera import CameraCalibrationSettings, calibrate, chosen_views, find_views, floor_pose
 from vip_factors.io.calibrate_camera_board import BoardView, Charuco, Checkerboard
 from vip_factors.io.calibrate_camera_images import calibration_images, one_image
@@ -62,9 +62,24 @@ def test_intrinsics_and_floor_from_images(tmp_path: Path, ray: np.ndarray, board
     assert rms_px < 0.5
     assert np.rad2deg(np.arccos(R[2] @ R_floor_camera[2])) < 1.0  # which way is up, in the camera
     assert p[2] == pytest.approx(p_floor_camera[2], abs=0.01)
-    if isinstance(board, Charuco):  # a checkerboard may be seen from its other end
-        assert np.rad2deg(angle_between(R, R_floor_camera)) < 1.5
-        np.testing.assert_allclose(p, p_floor_camera, atol=0.015)
+    assert np.rad2deg(angle_between(R, R_floor_camera)) < 1.5
+    np.testing.assert_allclose(p, p_floor_camera, atol=0.015)
+
+
+@pytest.mark.parametrize("board", [CHECKERBOARD, CHARUCO], ids=["checkerboard", "charuco"])
+def test_cameras_all_around_a_board_on_the_floor_stand_in_one_world(ray: np.ndarray, board) -> None:
+    """Each from its own image: they agree which corner is the origin and where x points."""
+    random = np.random.default_rng(5)
+    *_, R_floor_camera, p_floor_camera = lying(board)
+    middle = 0.5 * board.square_m * np.array([board.columns - 1, -(board.rows - 1), 0])
+    for yaw in np.deg2rad([0, 80, 170, 260]):
+        turn = rotation_z(yaw)
+        p_true, R_true = turn @ (p_floor_camera - middle) + middle, turn @ R_floor_camera
+        R_board_floor = np.diag([1.0, -1.0, -1.0])
+        R_seen, p_seen = R_true.T @ R_board_floor.T, -R_true.T @ p_true
+        R, p, _ = floor_pose(board.find("floor", render(board, R_seen, p_seen, ray, random)), CAMERA)
+        assert np.rad2deg(angle_between(R, R_true)) < 1.5
+        np.testing.assert_allclose(p, p_true, atol=0.02)
 
 
 @pytest.mark.parametrize("distortion", [0, 4, 5, 8])

@@ -13,6 +13,7 @@ from vip_factors.cli.options import Flag, parse
 if TYPE_CHECKING:
     from vip_factors.io.calibrate_camera import CameraCalibration
     from vip_factors.io.calibrate_camera_board import Board, BoardView
+    from vip_factors.io.calibrate_camera_images import CalibrationImage
     from vip_factors.sensors.camera_model import CameraModel
 
 
@@ -21,12 +22,13 @@ class CalibrateCameraOptions:
     """Find a camera's focal length, centre and distortion from a video or images of a checkerboard or ChArUco board.
 
     Film with the zoom, focus and size that you will use. Show the board from many sides, tilted by 30° and more, near
-    enough to fill a third of the image, and in the image's corners too. With --floor, an image in which the board
-    lies on the floor also tells where the camera stood and which way is up.
+    enough to fill a third of the image, and in the image's corners too. With --floor or --floor-image, an image in
+    which the board lies on the floor also tells where the camera stood and which way is up. Several cameras that see
+    the same board lie there, unmoved, stand in one world; a checkerboard needs an odd and an even number for that.
     """
 
-    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO|FOLDER")]
-    """Video, or folder of images."""
+    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO|FOLDER|CAMERA.toml")]
+    """Video, or folder of images; or a camera file, to which --floor-image adds where the camera stands."""
     out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAMERA.toml")]
     """Camera file to write."""
     checkerboard: str | None = None
@@ -41,6 +43,8 @@ class CalibrateCameraOptions:
     """Side of a square in metres; needed for the floor only."""
     floor: str | None = None
     """Image in which the board lies on the floor: first or last (in which it was seen), or a number from 0."""
+    floor_image: Path | None = None
+    """Image of its own, of the same size, in which the board lies on the floor; instead of --floor."""
     distortion: Literal[0, 4, 5, 8] = 4
     """Number of distortion coefficients: 4 for most lenses, 8 for wide-angle ones."""
     images: int = 150
@@ -54,11 +58,10 @@ class CalibrateCameraOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(CalibrateCameraOptions, prog, arguments)
-    from vip_factors.cli.terminal import note, progress_bar
+    from vip_factors.cli.terminal import note
     from vip_factors.errors import InputError
     from vip_factors.io.atomic import check_target
-    from vip_factors.io.calibrate_camera import CameraCalibrationSettings, calibrate, find_views
-    from vip_factors.io.camera_file import write_camera_file
+    from vip_factors.io.camera_file import read_camera_file, write_camera_file
 
     check_target(options.out, options.overwrite)
     if options.out.suffix.lower() != ".toml":
@@ -66,6 +69,34 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     if options.images < 1 or options.views < 1:
         raise InputError(f"--images {options.images} --views {options.views}: expected numbers above 0")
     board = _board(options)
+    views: Sequence[BoardView] = ()
+    warnings: Sequence[str] = ()
+    if options.source.suffix.lower() == ".toml":
+        model = read_camera_file(options.source)
+        report: dict[str, str | float | int] = {"intrinsics": str(options.source)}
+        if options.floor_image is None:
+            raise InputError(f"{options.source}: a camera file needs --floor-image: there is nothing else to be found")
+    else:
+        model, warnings, report, views = _calibrated(options, board)
+    floor = None
+    if options.floor is not None or options.floor_image is not None:
+        floor, text = _floor(options, board, views, model)
+        print(text)
+    for warning in warnings:
+        note(f"warning: {warning}")
+    if floor is not None and board.looks_alike_turned:
+        note(f"warning: a {board.text} looks alike from both ends: several cameras may disagree about its origin")
+    write_camera_file(options.out, model, floor, report, options.overwrite)
+    print(options.out)
+
+
+def _calibrated(
+    options: CalibrateCameraOptions, board: "Board"
+) -> "tuple[CameraModel, Sequence[str], dict[str, str | float | int], Sequence[BoardView]]":
+    """The intrinsics, warnings, what to write beside them, and the views of the board."""
+    from vip_factors.cli.terminal import progress_bar
+    from vip_factors.io.calibrate_camera import CameraCalibrationSettings, calibrate, find_views
+
     settings = CameraCalibrationSettings(
         images=options.images, views=options.views, distortion=options.distortion, few_views=min(10, options.views)
     )
@@ -73,12 +104,6 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         views, size = find_views(options.source, board, settings, tell)
         calibration = calibrate(views, size, settings, tell)
     print(calibration_text(calibration, len(views)))
-    floor = None
-    if options.floor is not None:
-        floor, text = _floor(options, board, views, calibration.model)
-        print(text)
-    for warning in calibration.warnings:
-        note(f"warning: {warning}")
     report: dict[str, str | float | int] = {
         "board": board.text,
         "rms_px": calibration.rms_px,
@@ -86,8 +111,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         "focal_sigma_px": float(calibration.sigma[:2].max()),
         "centre_sigma_px": float(calibration.sigma[2:].max()),
     }
-    write_camera_file(options.out, calibration.model, floor, report, options.overwrite)
-    print(options.out)
+    return calibration.model, calibration.warnings, report, views
 
 
 def calibration_text(calibration: "CameraCalibration", found: int) -> str:
@@ -117,7 +141,9 @@ def _board(options: CalibrateCameraOptions) -> "Board":
     given = options.checkerboard or options.charuco
     if given is None or (options.checkerboard and options.charuco):
         raise InputError("expected either --checkerboard 9x6 (inner corners) or --charuco 7x5 (squares)")
-    if options.floor is not None and options.square_m is None:
+    if options.floor is not None and options.floor_image is not None:
+        raise InputError("--floor and --floor-image: expected one of them")
+    if (options.floor is not None or options.floor_image is not None) and options.square_m is None:
         raise InputError("--floor needs --square-m, the side of a square in metres")
     parts = re.fullmatch(r"\s*(\d+)\s*[xX,]\s*(\d+)\s*", given)
     if parts is None:
@@ -136,18 +162,21 @@ def _floor(
 
     from vip_factors.errors import InputError
     from vip_factors.io.calibrate_camera import floor_pose
-    from vip_factors.io.calibrate_camera_images import one_image
+    from vip_factors.io.calibrate_camera_images import image_file, one_image
 
-    if options.floor in ("first", "last"):
+    if options.floor_image is not None:
+        image = image_file(options.floor_image)
+        if image.grey.shape != (model.height, model.width):
+            height, width = image.grey.shape
+            raise InputError(
+                f"{options.floor_image}: {width} x {height} pixels, but the camera has {model.width} x {model.height}: "
+                "expected an image of the same size"
+            )
+        view = _found(board, options.floor_image, image)
+    elif options.floor in ("first", "last"):
         view = views[0 if options.floor == "first" else -1]
     elif options.floor is not None and options.floor.isdigit():
-        image = one_image(options.source, int(options.floor))
-        found = board.find(image.name, image.grey)
-        if found is None:
-            raise InputError(
-                f"{options.source}: no {board.text} in image {image.name}: --floor needs one that shows it"
-            )
-        view = found
+        view = _found(board, options.source, one_image(options.source, int(options.floor)))
     else:
         raise InputError(f"--floor {options.floor}: expected first, last or an image's number, counted from 0")
     R, p, rms_px = floor_pose(view, model)
@@ -156,3 +185,12 @@ def _floor(
         f"floor from {view.name}: camera {p[2]:.2f} m above it, looking {abs(down):.1f}° "
         f"{'down' if down >= 0 else 'up'}, error {rms_px:.3f} px"
     )
+
+
+def _found(board: "Board", source: Path, image: "CalibrationImage") -> "BoardView":
+    from vip_factors.errors import InputError
+
+    found = board.find(image.name, image.grey)
+    if found is None:
+        raise InputError(f"{source}: no {board.text} in image {image.name}: --floor needs one that shows it")
+    return found

@@ -40,6 +40,10 @@ class Board(Protocol):
     def text(self) -> str:
         """The board in words."""
 
+    @property
+    def looks_alike_turned(self) -> bool:
+        """Whether half a turn leaves the board as it is."""
+
     def find(self, name: str, grey: np.ndarray) -> BoardView | None:
         """Its corners in an image ``(height, width)`` of bytes, or None."""
 
@@ -77,8 +81,26 @@ class Checkerboard:
         found, corners = cv2.findChessboardCornersSB(grey, (self.columns, self.rows), flags=flags)
         if not found:
             return None
-        points = _grid(self.columns, self.rows, self.square_m)
-        return _view(name, grey, points, corners.reshape(-1, 2).astype(float), points[self._outer])
+        points, pixels = _grid(self.columns, self.rows, self.square_m), corners.reshape(-1, 2).astype(float)
+        if not self.looks_alike_turned and self._begins_white(grey, points, pixels):
+            pixels = pixels[::-1]
+        return _view(name, grey, points, pixels, points[self._outer])
+
+    @property
+    def looks_alike_turned(self) -> bool:
+        """Whether half a turn leaves the board as it is: then two cameras may take different corners for its origin."""
+        return (self.columns + self.rows) % 2 == 0
+
+    def _begins_white(self, grey: np.ndarray, points: Array, pixels: Array) -> bool:
+        """Whether the square before the first corner is white: corners are counted from where it is black."""
+        import cv2
+
+        H, _ = cv2.findHomography(points[:, :2], pixels)
+        x, y = (one.ravel() for one in np.meshgrid(np.arange(self.columns - 1), np.arange(self.rows - 1)))
+        middles = self.square_m * (np.stack([x, y], axis=1) + 0.5)
+        u, v = np.rint(cv2.perspectiveTransform(middles[None], H)[0]).astype(int).T
+        shades, even = grey[v, u].astype(float), (x + y) % 2 == 0
+        return bool(shades[even].mean() > shades[~even].mean())
 
     @property
     def _outer(self) -> list[int]:
@@ -127,6 +149,11 @@ class Charuco:
     def text(self) -> str:
         """The board in words."""
         return f"ChArUco board of {self.columns} x {self.rows} squares, {self.dictionary}"
+
+    @property
+    def looks_alike_turned(self) -> bool:
+        """Its markers tell one end from the other."""
+        return False
 
     def board(self) -> Any:
         """OpenCV's board."""

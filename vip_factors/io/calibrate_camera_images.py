@@ -60,6 +60,17 @@ def one_image(source: Path, number: int) -> CalibrationImage:
     raise InputError(f"{source}: there is no frame {number}, counted from 0")
 
 
+def image_file(path: Path) -> CalibrationImage:
+    """A single image.
+
+    Raises:
+        InputError, FileFormatError: if there is none, or it cannot be read.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such image")
+    return CalibrationImage(path.name, 0, 1.0, _grey(path))
+
+
 def _files(folder: Path) -> list[Path]:
     files = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
     if not files:

@@ -69,14 +69,16 @@ def _wearer_findings(
 
 
 def _view_findings(who: str, shot: Shot, number: int, spread: float) -> Iterator[str]:
-    times = leaps(shot.seen[number])
+    camera = shot.camera
+    known = camera.known_path is not None and not camera.moving  # a cut or another zoom shows as scatter then
+    times = leaps(shot.seen[number]) if not known else ()
     if len(times):
         yield (
             f"{who} leaps in the picture at {', '.join(f'{time:.2f}' for time in times[:5])} s, faster than people "
             "and cameras move: a cut in the video, a change of zoom, or a stranger? Cut the recording there"
         )
     if spread > IMPLAUSIBLE_SCATTER:
-        pose = ", its known pose" if shot.camera.known_path is not None else ""
+        pose = ", its known pose" if camera.known_path is not None else ""
         yield (
             f"{who}: the keypoints scatter about the skeleton by {spread:.2f} OKS sigmas, where 0.3 to 0.5 are "
             "usual: check the clock offset (vip-factors sync), the camera's calibration (another zoom?)"

@@ -15,7 +15,7 @@ from vip_factors.io.live.source import LiveSource
 from vip_factors.io.live.throttle import Throttle
 from vip_factors.io.mcap_messages import naming
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
-from vip_factors.sensors.live import LiveFinding, LiveSample
+from vip_factors.sensors.live import LiveFinding, LiveSample, LiveSetup
 
 
 class GrowingFileSource(LiveSource):
@@ -41,7 +41,7 @@ class GrowingFileSource(LiveSource):
         def tell(kind: str, sentence: str) -> None:
             throttle.tell(kind, f"{self._path}: {sentence}")
 
-        file = GrowingFile(self._path, self._settings, self._stop, lambda sentence: tell(sentence[:10], sentence))
+        file = GrowingFile(self._path, self._settings, self._stop, tell)
         reader = _SceneReader(tell)
         for route, message in Channels(tell).messages(file.records()):
             throttle.flush()
@@ -99,7 +99,7 @@ class _SceneReader:
         if route.kind in SAMPLES:
             self._held.append((route, message))
 
-    def begin(self) -> Any:
+    def begin(self) -> LiveSetup:
         """The set-up; samples can be read from now on."""
         setup = self._gathered.setup()
         for sentence in self._gathered.findings():
@@ -124,9 +124,10 @@ class _SceneReader:
         name = self._names.get(route.owner)
         if name is None:
             self._tell(
-                f"late {route.owner}", f"{route.channel.topic} belongs to nobody whom the file's beginning describes: "
-                "its messages are left out",
-            )  # fmt: skip
+                f"owner {route.owner}",
+                f"{route.channel.topic} belongs to nobody whom the file's beginning describes: its messages are left "
+                "out",
+            )
             return None
         try:
             if route.kind is ImuSample:

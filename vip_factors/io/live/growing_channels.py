@@ -20,6 +20,7 @@ from vip_factors.io.schemas.subject_pb2 import Subject
 
 CAMERA = "/camera"
 PROTOBUF = "protobuf"
+OF_WEARER: dict[str, type[Any]] = {INFO: RecordingInfo, SUBJECT: Subject, PLACEMENT: SensorPlacement}
 
 
 @dataclass(frozen=True)
@@ -107,14 +108,15 @@ class Channels:
                 self._leave_out(read.id, f"{channel.schema_name}, topic {channel.topic}")
             return
         self._channels[read.id] = (read.schema_id, channel)
-        self._routes[read.id] = self._route(channel)
-        if self._topics.setdefault(read.topic, schema) != schema:
+        if self._topics.setdefault(read.topic, schema) == schema:
+            self._routes[read.id] = self._route(channel)
+        else:
             self._leave_out(read.id, channel.schema_name)
 
     def _leave_out(self, channel_id: int, schema: str) -> None:
         """A channel is not what it was."""
-        if self._routes.get(channel_id) is not None:
-            topic = self._channels[channel_id][1].topic
+        topic = self._channels[channel_id][1].topic
+        if _owner(topic) is not None:
             self._tell(
                 f"schema of {topic}",
                 f"channel {topic} changes its schema mid-way (to {schema or 'none'}): its messages are left out from "
@@ -131,8 +133,8 @@ class Channels:
         if (channel.schema_name, channel.encoding, channel.schema_encoding) != (name, PROTOBUF, PROTOBUF):
             self._tell(
                 f"schema of {channel.topic}",
-                f"channel {channel.topic} has {channel.schema_name or 'no schema'} ({channel.encoding}): expected {name} "
-                f"({PROTOBUF}); its messages are left out",
+                f"channel {channel.topic} has {channel.schema_name or 'no schema'} ({channel.encoding}): expected "
+                f"{name} ({PROTOBUF}); its messages are left out",
             )
             return None
         return Route(channel, owner, kind)
@@ -148,11 +150,7 @@ def _owner(topic: str) -> tuple[str, type[Any]] | None:
         return (owner, kind) if kind is not None else None
     owner = "/".join(topic.split("/")[:3]) if topic.startswith(WEARER) else ""
     rest = topic.removeprefix(owner)
-    kind = (
-        ImuSample
-        if rest.startswith(IMU)
-        else {INFO: RecordingInfo, SUBJECT: Subject, PLACEMENT: SensorPlacement}.get(rest)
-    )
+    kind = ImuSample if rest.startswith(IMU) else OF_WEARER.get(rest)
     return (owner, kind) if kind is not None else None
 
 

@@ -36,10 +36,10 @@ class GrowingFile:
         path: of the file, which may come later.
         settings: limits.
         stop: set when nothing more is wanted.
-        tell: gets sentences about what cannot be read.
+        tell: gets a kind and a sentence about what cannot be read.
     """
 
-    def __init__(self, path: Path, settings: LiveSourceSettings, stop: Event, tell: Callable[[str], None]) -> None:
+    def __init__(self, path: Path, settings: LiveSourceSettings, stop: Event, tell: Callable[[str, str], None]) -> None:
         self._path = path
         self._settings = settings
         self._stop = stop
@@ -79,12 +79,14 @@ class GrowingFile:
             if opcode in (DATA_END, FOOTER):
                 return
             if opcode == 0:
-                self._tell(f"it is damaged at byte {at:,}, where no record begins: what follows is lost")
+                self._tell("end", f"it is damaged at byte {at:,}, where no record begins: what follows is lost")
                 return
             largest = self._settings.largest_chunk if opcode == CHUNK else self._settings.largest_message
             wanted = opcode in (SCHEMA, CHANNEL, MESSAGE, CHUNK)
             if wanted and length > largest:
-                self._tell(f"a record of {length:,} bytes at byte {at:,} is left out: expected at most {largest:,}")
+                self._tell(
+                    "size", f"a record of {length:,} bytes at byte {at:,} is left out: expected at most {largest:,}"
+                )
             if not self._grown(file, length):
                 break
             if not wanted or length > largest:
@@ -94,7 +96,7 @@ class GrowingFile:
             else:
                 yield opcode, file.read(length)
         if not self._stop.is_set():
-            self._tell(f"it has not grown for {self._settings.growth_wait:g} s: taken as its end")
+            self._tell("end", f"it has not grown for {self._settings.growth_wait:g} s: taken as its end")
 
     def _chunk(self, content: bytes, at: int) -> Iterator[Record]:
         largest = self._settings.largest_chunk
@@ -104,13 +106,14 @@ class GrowingFile:
                 raise ChunkError(f"a chunk holds {size:,} bytes: expected at most {largest:,}")
             data = read_chunk(content)
         except ChunkError as error:
-            self._tell(f"{error} (at byte {at:,}): its messages are left out")
+            self._tell("chunk", f"{error} (at byte {at:,}): its messages are left out")
             return
         for opcode, start, end in records_of(data, 0):
             if opcode == MESSAGE and end - start > self._settings.largest_message:
                 self._tell(
+                    "size",
                     f"a message of {end - start:,} bytes is left out: expected at most "
-                    f"{self._settings.largest_message:,}"
+                    f"{self._settings.largest_message:,}",
                 )
             elif opcode in (SCHEMA, CHANNEL, MESSAGE):
                 yield opcode, data[start:end]

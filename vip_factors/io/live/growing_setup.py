@@ -13,16 +13,14 @@ from vip_factors.io.mcap_writer import NS_PER_S
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
-from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
-from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
-from vip_factors.io.schemas.subject_pb2 import Subject
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.live import LiveCamera, LiveSetup
 
 SAMPLES = (ImuSample, Detections2D)
-OF_WEARER = (RecordingInfo, Subject, SensorPlacement)
-CALIBRATION, POSE = "CameraCalibration", "PoseInFrame"
+# What comes once, by the names of the messages.
+INFO, SUBJECT, PLACEMENT = "RecordingInfo", "Subject", "SensorPlacement"
+CAMERA_INFO, CALIBRATION, POSE = "CameraInfo", "CameraCalibration", "PoseInFrame"
 
 
 class GatheredSetup:
@@ -46,17 +44,18 @@ class GatheredSetup:
     @property
     def missing(self) -> list[str]:
         """What a set-up needs still, in words; without a SceneInfo, nobody knows before the first sample."""
-        lacks = []
-        for owner in self._wearers:
-            lacks += [
-                f"{kind.DESCRIPTOR.name} of {owner or 'the wearer'}" for kind in OF_WEARER if not self._has(owner, kind)
-            ]
-        for owner in self._cameras:
-            lacks += [
-                f"{name} on {owner}"
-                for name in (CameraInfo.DESCRIPTOR.name, CALIBRATION)
-                if name not in self._of.get(owner, {})
-            ]
+        lacks = [
+            f"{kind} of {owner or 'the wearer'}"
+            for owner in self._wearers
+            for kind in (INFO, SUBJECT, PLACEMENT)
+            if not self._has(owner, kind)
+        ]
+        lacks += [
+            f"{kind} on {owner}"
+            for owner in self._cameras
+            for kind in (CAMERA_INFO, CALIBRATION)
+            if not self._has(owner, kind)
+        ]
         if not lacks and self._scene is None and not self._samples:
             lacks.append("SceneInfo, or a sample")
         return lacks
@@ -72,7 +71,7 @@ class GatheredSetup:
     @property
     def start_ns(self) -> int:
         """Absolute time of t = 0."""
-        return time_ns_of(self._of[self._wearers[0]][RecordingInfo.DESCRIPTOR.name].start)
+        return time_ns_of(self._of[self._wearers[0]][INFO].start)
 
     def setup(self) -> LiveSetup:
         """The set-up.
@@ -82,9 +81,9 @@ class GatheredSetup:
         """
         if self.missing:
             raise FileFormatError(f"expected a recording or a scene; there is no {', no '.join(self.missing)}")
-        infos = [self._of[owner][RecordingInfo.DESCRIPTOR.name] for owner in self._wearers]
+        infos = [self._of[owner][INFO] for owner in self._wearers]
         wearers = tuple(
-            wearer_of(self._of[owner]["Subject"], self._of[owner]["SensorPlacement"], info.initial_pose)
+            wearer_of(self._of[owner][SUBJECT], self._of[owner][PLACEMENT], info.initial_pose)
             for owner, info in zip(self._wearers, infos, strict=True)
         )
         name = self._scene.name if self._scene is not None else infos[0].name
@@ -121,16 +120,15 @@ class GatheredSetup:
             found.append(CAMERA)
         return sorted(found, key=lambda owner: owner != CAMERA)  # the first camera first, then as they came
 
-    def _has(self, owner: str, kind: type[Any]) -> bool:
-        return kind.DESCRIPTOR.name in self._of.get(owner, {})
+    def _has(self, owner: str, kind: str) -> bool:
+        return kind in self._of.get(owner, {})
 
     def _infos(self) -> dict[str, CameraInfo]:
-        name = CameraInfo.DESCRIPTOR.name
-        return {owner: self._of[owner][name] for owner in self._cameras if self._has(owner, CameraInfo)}
+        return {owner: self._of[owner][CAMERA_INFO] for owner in self._cameras if self._has(owner, CAMERA_INFO)}
 
     def _camera(self, owner: str) -> LiveCamera:
         of = self._of[owner]
-        info = of[CameraInfo.DESCRIPTOR.name]
+        info = of[CAMERA_INFO]
         pose = of.get(POSE) if info.known_poses == 1 and not info.moving else None
         return camera_of(info, of[CALIBRATION], None if pose is None else _standing(pose, self.start_ns))
 

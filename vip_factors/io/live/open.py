@@ -62,7 +62,11 @@ def open_source(
 
 
 def _network(text: str, settings: LiveSourceSettings, tell: Callable[[LiveFinding], None] | None) -> LiveSource:
-    kinds = {"tcp": TcpServerSource, "tcp-connect": TcpSenderSource, "ws": WebSocketSource}
+    kinds: dict[str, type[TcpServerSource | TcpSenderSource | WebSocketSource]] = {
+        "tcp": TcpServerSource,
+        "tcp-connect": TcpSenderSource,
+        "ws": WebSocketSource,
+    }
     try:
         url = urlsplit(text)
         host, port = url.hostname, url.port
@@ -73,7 +77,7 @@ def _network(text: str, settings: LiveSourceSettings, tell: Callable[[LiveFindin
     if not host or port is None:
         missing = "port" if host else "host"
         raise InputError(
-            f"{text}: it names no {missing}: expected {url.scheme}://host:port; to listen, host 127.0.0.1 is for senders "
-            "on this machine, 0.0.0.0 for all"
+            f"{text}: it names no {missing}: expected {url.scheme}://host:port; to listen, host 127.0.0.1 is for "
+            "senders on this machine, 0.0.0.0 for all"
         )
     return kinds[url.scheme](host, port, settings, tell)

@@ -53,7 +53,8 @@ def write_messages(scene: Scene, stream: ByteSink, speed: float | None = None) -
         speed: as in :func:`live_messages`.
     """
     count = 0
-    for count, message in enumerate(live_messages(scene, speed), 1):
+    for message in live_messages(scene, speed):
+        count += 1
         stream.write(delimited(message))
         if speed is not None:
             stream.flush()

@@ -1,0 +1,75 @@
+"""A small scene for the tests of live sources, and what arrives of it."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from threading import Thread
+
+from mcap_samples import assert_same
+from scene_samples import filmed_walk
+
+from vip_factors.io.live.settings import LiveSourceSettings
+from vip_factors.io.live.source import LiveSource
+from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, LiveSetup, live_samples
+from vip_factors.sensors.scene import Scene
+
+# Short waits, and nobody is waited for after the first good client.
+QUICK = LiveSourceSettings(header_wait=0.4, growth_wait=0.3, next_client_wait=0.0, queue_limit=100_000)
+PATIENT = replace(QUICK, next_client_wait=20.0)
+
+
+def short_walk() -> Scene:
+    """One wearer of six sensors for half a second, and a camera; as a plain sender has no truth to send."""
+    scene = filmed_walk(5)
+    wearer = replace(scene.wearers[0], truth=None)
+    return replace(
+        scene,
+        wearers=(replace(wearer, imus={name: one.cut(0.0, 0.5) for name, one in wearer.imus.items()}),),
+        truth=None,
+    )
+
+
+def sorted_out(items: Iterable[LiveItem]) -> tuple[list[LiveSample], list[str]]:
+    """Samples and sentences, each in order."""
+    samples: list[LiveSample] = []
+    sentences: list[str] = []
+    for item in items:
+        if isinstance(item, LiveFinding):
+            sentences.append(item.sentence)
+        else:
+            samples.append(item)
+    return samples, sentences
+
+
+def received(source: LiveSource) -> tuple[LiveSetup, list[LiveSample], list[str]]:
+    """Set-up, samples and sentences of an entered source."""
+    setup = source.setup
+    return (setup, *sorted_out(source))
+
+
+def assert_arrived(scene: Scene, setup: LiveSetup, samples: list[LiveSample]) -> None:
+    assert_same(LiveSetup.of(scene), setup)
+    assert_same(tuple(live_samples(scene)), tuple(samples))
+
+
+class Background:
+    """Runs a sender beside the test; leaving the context waits for it and raises what it raised."""
+
+    def __init__(self, target, *arguments) -> None:  # type: ignore[no-untyped-def]
+        self._error: BaseException | None = None
+
+        def run() -> None:
+            try:
+                target(*arguments)
+            except BaseException as error:
+                self._error = error
+
+        self._thread = Thread(target=run, daemon=True)
+
+    def __enter__(self) -> "Background":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._thread.join(20)
+        if self._error is not None:
+            raise self._error

@@ -1,0 +1,226 @@
+"""An MCAP file that is followed while it is written, and what may be wrong with it."""
+
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from live_streams import QUICK, Background, received, short_walk
+from mcap_samples import assert_same
+from scene_samples import camera_path, filmed_walk
+
+from vip_factors.errors import FileFormatError, InputError, VipFactorsError
+from vip_factors.io.live.growing import GrowingFileSource
+from vip_factors.io.live.open import open_source
+from vip_factors.io.mcap_imu import sample_messages
+from vip_factors.io.mcap_recording import recording_messages, write_recording
+from vip_factors.io.mcap_scene_recording import write_scene
+from vip_factors.io.mcap_writer import MessageWriter
+from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
+from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
+from vip_factors.sensors.live import LiveSetup, VideoFrame, live_samples
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Scene
+
+
+def written(scene: Scene, tmp_path: Path) -> bytes:
+    path = tmp_path / "whole.mcap"
+    write_scene(scene, path, overwrite=True)
+    return path.read_bytes()
+
+
+def followed(path: Path, chosen: Any = QUICK):  # type: ignore[no-untyped-def]
+    with open_source(path, follow=True, settings=chosen) as source:
+        return received(source)
+
+
+def by_time(samples: Iterable[Any]) -> tuple[Any, ...]:
+    """Samples of one instant by their names: a file has another order of them than a scene."""
+
+    def rank(one: Any) -> tuple[Any, ...]:
+        return (one.time, one.camera) if isinstance(one, VideoFrame) else (one.time, one.carrier, one.sensor)
+
+    return tuple(sorted(samples, key=rank))
+
+
+def assert_followed(scene: Scene, setup: LiveSetup, samples: list[Any]) -> None:
+    times = [one.time for one in samples]
+    assert times == sorted(times)
+    assert_same(LiveSetup.of(scene), setup)
+    assert_same(by_time(live_samples(scene)), by_time(samples))
+
+
+def standing(scene: Scene) -> Scene:
+    """Its camera at a known pose."""
+    assert scene.camera is not None
+    known = camera_path(np.random.default_rng(0), 1)
+    return replace(scene, camera=replace(scene.camera, known_path=replace(known, time=np.array([0.25]))))
+
+
+@pytest.mark.parametrize(
+    "make", [short_walk, lambda: standing(short_walk()), lambda: replace(filmed_walk(), truth=None)]
+)
+def test_a_growing_scene_arrives(make: Callable[[], Scene], tmp_path: Path) -> None:
+    scene = make()
+    scene = replace(scene, wearers=tuple(replace(one, truth=None) for one in scene.wearers))
+    data, path = written(scene, tmp_path), tmp_path / "growing.mcap"
+
+    def grow() -> None:
+        with open(path, "wb", buffering=0) as file:
+            for start in range(0, len(data), len(data) // 7):
+                file.write(data[start : start + len(data) // 7])
+                time.sleep(0.02)
+
+    with Background(grow):
+        setup, samples, sentences = followed(path)
+    assert_followed(scene, setup, samples)
+    assert sentences == []
+
+
+def test_several_wearers_and_a_plain_recording_arrive(tmp_path: Path) -> None:
+    scene = short_walk()
+    ada = scene.wearers[0]
+    bob = replace(ada, subject=replace(ada.subject, name="Bob/2"))
+    both = replace(scene, wearers=(ada, bob))
+    write_scene(both, tmp_path / "both.mcap")
+    setup, samples, sentences = followed(tmp_path / "both.mcap")
+    assert_followed(both, setup, samples)
+    assert sentences == []
+
+    write_recording(ada, tmp_path / "plain.mcap")
+    setup, samples, sentences = followed(tmp_path / "plain.mcap")
+    assert_followed(Scene(ada.name, (ada,)), setup, samples)
+    assert sentences == []
+
+
+def test_nothing_is_dropped_by_a_slow_tracker(tmp_path: Path) -> None:
+    scene = short_walk()
+    (tmp_path / "walk.mcap").write_bytes(written(scene, tmp_path))
+    setup, samples, sentences = followed(tmp_path / "walk.mcap", replace(QUICK, queue_limit=3))
+    assert_followed(scene, setup, samples)
+    assert sentences == []
+
+
+def test_a_file_that_stops_growing_ends_with_one_line(tmp_path: Path) -> None:
+    data, path = written(short_walk(), tmp_path), tmp_path / "cut.mcap"
+    path.write_bytes(data[: len(data) * 2 // 3])
+    _, _, (sentence,) = followed(path)
+    assert "it has not grown for 0.3 s" in sentence
+
+
+@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@given(st.integers(0), st.integers(0, 255))
+def test_a_damaged_file_gives_findings_or_an_input_error(tmp_path: Path, at: int, byte: int) -> None:
+    data = bytearray(written(short_walk(), tmp_path))
+    data[at % len(data)] = byte
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(data)
+    with suppress(VipFactorsError):
+        followed(path, replace(QUICK, growth_wait=0.05))
+
+
+@pytest.mark.parametrize(
+    ("data", "complaint"), [(b"", "is empty"), (b"\x89MC", "was cut"), (b"words " * 9, "is not an MCAP file")]
+)
+def test_what_is_no_mcap_file_is_a_format_error(tmp_path: Path, data: bytes, complaint: str) -> None:
+    (tmp_path / "bad.mcap").write_bytes(data)
+    with pytest.raises(FileFormatError, match=complaint):
+        followed(tmp_path / "bad.mcap")
+
+
+def test_a_file_that_never_comes_is_an_input_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="nor did it come within"):
+        followed(tmp_path / "none.mcap")
+
+
+def test_leaving_early_ends_the_reader(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mcap"
+    path.write_bytes(written(short_walk(), tmp_path)[:-200])
+    with GrowingFileSource(path) as source:
+        next(iter(source))
+    assert not source._thread.is_alive()
+
+
+def composed(path: Path, recording: Recording, add: Callable[[MessageWriter], None], finish: bool = True) -> None:
+    """A recording's beginning and samples, and then what ``add`` writes."""
+    with open(path, "wb") as file:
+        writer = MessageWriter(file)
+        writer.add_in_order(*recording_messages(writer, replace(recording, truth=None)))
+        add(writer)
+        writer._writer.finish() if finish else writer.flush()
+
+
+def spoilt(tmp_path: Path, add: Callable[[MessageWriter], None]) -> list[str]:
+    """The sentences about what ``add`` writes behind a good recording, whose samples all arrive."""
+    path, recording = tmp_path / "spoilt.mcap", short_walk().wearers[0]
+    composed(path, recording, add)
+    _, samples, sentences = followed(path)
+    assert len(samples) == sum(map(len, recording.imus.values()))
+    return sentences
+
+
+def test_a_channel_that_changes_its_schema_is_left_out_from_there(tmp_path: Path) -> None:
+    stream = short_walk().wearers[0].imus["head"]
+
+    def another_channel(writer: MessageWriter) -> None:
+        writer._channels.clear()
+        channel = writer.channel("/imu/head", Detections2D)
+        for _ in range(3):
+            writer.add(channel, 0, Detections2D(frame=1).SerializeToString())
+
+    def the_same_channel(writer: MessageWriter) -> None:
+        from mcap.records import Channel
+
+        channel = writer.channel("/imu/head", ImuSample)
+        schema = writer._schema("vip_factors.Other", "protobuf", b"")
+        writer.flush()
+        writer._writer._chunk_builder.add_channel(
+            Channel(id=channel, topic="/imu/head", message_encoding="protobuf", metadata={}, schema_id=schema)
+        )
+        for time_ns, _, data in sample_messages(writer, "/imu/head", stream, 0):
+            writer.add(channel, time_ns, data)
+
+    for add in (another_channel, the_same_channel):
+        (sentence,) = spoilt(tmp_path, add)
+        assert "channel /imu/head changes its schema mid-way" in sentence
+
+
+def test_foreign_and_unparsable_messages_are_left_out(tmp_path: Path) -> None:
+    def add(writer: MessageWriter) -> None:
+        schema = writer._schema("sensor_msgs/msg/Imu", "ros2msg", b"")
+        writer.add(writer._writer.register_channel("/imu/tail", "cdr", schema), 0, b"words")
+        writer.add(writer.channel("/imu/head", ImuSample), 0, b"\xff")
+        writer.add(writer.channel("/wearer/Bob/imu/head", ImuSample), 0, ImuSample(seconds=1.0).SerializeToString())
+        writer.add(writer.channel("/else", Detections2D), 0, b"")
+
+    foreign, broken, nobody = spoilt(tmp_path, add)
+    assert "/imu/tail has sensor_msgs/msg/Imu (cdr): expected vip_factors.ImuSample" in foreign
+    assert "a message on /imu/head is no vip_factors.ImuSample" in broken
+    assert "belongs to nobody" in nobody
+
+
+def test_oversized_messages_are_left_out(tmp_path: Path) -> None:
+    def add(writer: MessageWriter) -> None:
+        writer.add(writer.channel("/imu/head", ImuSample), 0, ImuSample(sensor="x" * 5000).SerializeToString())
+
+    path, recording = tmp_path / "large.mcap", short_walk().wearers[0]
+    composed(path, recording, add)
+    _, samples, (sentence,) = followed(path, replace(QUICK, largest_message=5000))
+    assert len(samples) == sum(map(len, recording.imus.values()))
+    assert "is left out: expected at most 5,000" in sentence
+    with pytest.raises(FileFormatError, match="there is no"):
+        followed(path, replace(QUICK, largest_chunk=100))
+
+
+def test_samples_without_what_comes_first_are_a_format_error(tmp_path: Path) -> None:
+    path = tmp_path / "headless.mcap"
+    with open(path, "wb") as file, MessageWriter(file) as writer:
+        writer.add_in_order(*[sample_messages(writer, "/imu/head", short_walk().wearers[0].imus["head"], 0)])
+    with pytest.raises(FileFormatError, match="there is no RecordingInfo of the wearer, no Subject of the wearer"):
+        followed(path)

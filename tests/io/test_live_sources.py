@@ -1,0 +1,171 @@
+"""Recordings played back, standard input, and what the user may name as a source."""
+
+import io
+import os
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from live_streams import QUICK, Background, assert_arrived, received, short_walk, sorted_out
+
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.io.live.byte_stream import StandardInputSource
+from vip_factors.io.live.framing import delimited
+from vip_factors.io.live.open import open_source
+from vip_factors.io.live.recording import RecordingSource
+from vip_factors.io.live.send import live_messages, write_messages
+from vip_factors.io.live.settings import LiveSourceSettings
+from vip_factors.io.mcap_scene_recording import read_scene, write_scene
+from vip_factors.sensors.live import LiveFinding
+
+
+def test_a_recording_is_read_as_fast_as_it_goes_and_nothing_is_dropped(tmp_path: Path) -> None:
+    write_scene(short_walk(), tmp_path / "walk.mcap")
+    with open_source(str(tmp_path / "walk.mcap"), settings=replace(QUICK, queue_limit=2)) as source:
+        setup, samples, sentences = received(source)
+    assert_arrived(read_scene(tmp_path / "walk.mcap"), setup, samples)
+    assert sentences == []
+
+
+def test_a_recording_in_its_own_time_comes_when_it_is_due() -> None:
+    scene = short_walk()
+    with RecordingSource(scene, real_time=True, speed=2.0, settings=QUICK) as source:
+        begun, arrivals = time.monotonic(), []
+        for sample in source:
+            arrivals.append((time.monotonic() - begun, sample.time))
+    assert len(arrivals) == len(list(live_messages(scene))) - 1
+    assert all(came >= time_of / 2 - 0.02 for came, time_of in arrivals)
+
+
+def test_a_slow_tracker_loses_samples_of_a_recording_in_its_own_time() -> None:
+    with RecordingSource(short_walk(), real_time=True, speed=50.0, settings=replace(QUICK, queue_limit=20)) as source:
+        source.setup  # noqa: B018
+        source._thread.join(20)
+        samples, sentences = sorted_out(source)
+    assert len(samples) == 20
+    assert len(sentences) == 1
+    assert "does not keep up" in sentences[0]
+
+
+def test_leaving_early_ends_the_reader() -> None:
+    with RecordingSource(short_walk(), settings=replace(QUICK, queue_limit=1)) as source:
+        next(iter(source))
+    assert not source._thread.is_alive()
+    with RecordingSource(short_walk(), real_time=True, speed=1e-3) as source:
+        next(iter(source))
+    assert not source._thread.is_alive()
+
+
+def piped(data: bytes, settings: LiveSourceSettings = QUICK):  # type: ignore[no-untyped-def]
+    """What arrives of bytes through a pipe."""
+    out, into = os.pipe()
+
+    def write() -> None:
+        with open(into, "wb") as stream:
+            stream.write(data)
+
+    try:
+        with Background(write), StandardInputSource(settings, descriptor=out) as source:
+            return received(source)
+    finally:
+        os.close(out)
+
+
+def test_a_scene_arrives_over_standard_input(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = short_walk()
+    out, into = os.pipe()
+
+    def write() -> None:
+        with open(into, "wb") as stream:
+            write_messages(scene, stream, speed=20.0)
+
+    with open(out, "rb") as standard_input:
+        monkeypatch.setattr(sys, "stdin", standard_input)
+        with Background(write), open_source("-", settings=QUICK) as source:
+            setup, samples, sentences = received(source)
+    assert_arrived(scene, setup, samples)
+    assert sentences == []
+
+
+def test_standard_input_ends_with_one_line_at_garbage() -> None:
+    messages = b"".join(map(delimited, list(live_messages(short_walk()))[:11]))
+    for rest, complaint in ((b"\xff" * 64, "no live messages"), (b"\x7fxyz", "in the middle of a message")):
+        _, samples, (sentence,) = piped(messages + rest)
+        assert len(samples) == 10
+        assert complaint in sentence
+        assert sentence.startswith("standard input: ")
+
+
+@pytest.mark.parametrize(
+    ("data", "complaint"),
+    [
+        (b"", "before a header came"),
+        (b"GET / HTTP/1.1\r\n" * 20, "no LiveMessage"),
+        (b"\x05ab", "in the middle of a message"),
+    ],
+)
+def test_standard_input_without_a_header_is_an_input_error(data: bytes, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        piped(data)
+
+
+def test_a_late_header_on_standard_input_is_told_and_waited_for() -> None:
+    scene, told = short_walk(), []
+    out, into = os.pipe()
+
+    def write() -> None:
+        time.sleep(0.6)
+        with open(into, "wb") as stream:
+            write_messages(scene, stream)
+
+    with (
+        open(out, "rb"),
+        Background(write),
+        StandardInputSource(replace(QUICK, header_wait=0.2), told.append, out) as source,
+    ):
+        setup, samples, _ = received(source)
+    assert_arrived(scene, setup, samples)
+    assert told == [LiveFinding("standard input: no header came within 0.2 s; still waiting for it")]
+
+
+def test_closed_standard_input_is_an_input_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    for closed in (None, io.StringIO("words")):
+        monkeypatch.setattr(sys, "stdin", closed)
+        with pytest.raises(InputError, match="standard input is closed"), open_source("-"):
+            pass
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "http://here:80", "tcp://here", "tcp://:5000", "tcp://here:5000/path", "tcp://here:99999", "ws://", "tcp://[::1:5",
+        "udp://here:1", "tcp://me@here:5000",
+    ],
+)  # fmt: skip
+def test_what_names_no_source_is_an_input_error(text: str) -> None:
+    with pytest.raises(InputError, match="expected"):
+        open_source(text)
+
+
+def test_options_that_do_not_belong_to_a_source_are_input_errors(tmp_path: Path) -> None:
+    write_scene(short_walk(), tmp_path / "walk.mcap")
+    walk = tmp_path / "walk.mcap"
+    with pytest.raises(InputError, match="MCAP files only"):
+        open_source("tcp://127.0.0.1:0", real_time=True)
+    with pytest.raises(InputError, match="MCAP files only"):
+        open_source("-", follow=True)
+    with pytest.raises(InputError, match="choose following or real time"):
+        open_source(walk, follow=True, real_time=True)
+    with pytest.raises(InputError, match="real time"):
+        open_source(walk, speed=2.0)
+    with pytest.raises(InputError, match="speed"):
+        open_source(walk, real_time=True, speed=0.0)
+    with pytest.raises(InputError, match="no such file"):
+        open_source(tmp_path / "none.mcap")
+    (tmp_path / "words.mcap").write_text("no recording at all")
+    with pytest.raises(FileFormatError, match="not an MCAP file"):
+        open_source(tmp_path / "words.mcap")
+    with pytest.raises(InputError, match="growth_wait"):
+        LiveSourceSettings(growth_wait=0.0)

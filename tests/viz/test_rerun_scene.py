@@ -49,6 +49,15 @@ def test_camera_people_labels_and_curves_are_there(sample: Scene, found: SceneEs
     assert any("nobody" in entity for entity in there)
 
 
+def test_further_cameras_have_frusta_and_images(sample: Scene, found: SceneEstimate, tmp_path: Path) -> None:
+    standing = scene_sample(0.5, moving=False)
+    second = replace(standing.camera, name="left", known_path=standing.truth.camera, mount=None)
+    truth = replace(sample.truth, further=(standing.truth,))
+    there = entities(replace(sample, further_cameras=(second,), truth=truth), found, tmp_path / "a.rrd")
+    for entity in ("", "/image", "/image/body/ann/limbs", "/image/detected/points"):
+        assert f"/world/cameras/left{entity}" in there, entity
+
+
 def test_headings_that_change_are_drawn_over_time(sample: Scene, found: SceneEstimate, tmp_path: Path) -> None:
     ann = found.wearers[0]
     head = replace(ann.calibration["head"], heading_time=np.array([0.0, 0.5]), heading_path=np.array([0.1, 0.2]))

@@ -38,14 +38,16 @@ def scene_estimate(
         with_sigmas(estimate, coarse.model, number, shared)
         for number, estimate in enumerate(decode_wearers(names, "VIP", fine.model, fine.state, covariance))
     )
-    first = shots[0].camera
+    first, given = scene.camera, shots[0].association.wearer
     camera = decode_camera(first.name, fine.model, fine.state, covariance, first.time_offset)
     camera = camera_with_sigmas(camera, coarse.model, shared)
     undetermined = ["the data do not determine all headings, mountings and the camera: in part they are guesses"]
     found = [*who_is_who(scene, shots), *undetermined[: shared is None], *find_oddities(scene, shots, fine, wearers)]
-    findings, given = tuple(dict.fromkeys(found)), shots[0].association.wearer
-    if first is not scene.camera:
-        given = np.full(len(scene.camera.detections), -1)  # nobody was found there: the first one was left out
+    findings = tuple(dict.fromkeys(found))
+    if shots[0].camera is not first:  # nobody was found there, and it is nowhere
+        return SceneEstimate(
+            scene.name, "VIP", wearers, None, np.full(len(first.detections), -1), reports, findings, flatten(settings)
+        )
     return SceneEstimate(scene.name, "VIP", wearers, camera, given, reports, findings, flatten(settings))
 
 

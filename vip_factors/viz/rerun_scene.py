@@ -1,5 +1,6 @@
 """A scene in Rerun: camera and image, who was assigned to what, all wearers in one world, headings, errors."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,9 +8,10 @@ import rerun as rr
 
 from vip_factors.errors import InputError
 from vip_factors.estimate import SceneEstimate
+from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.compare import floor_height
-from vip_factors.viz.mannequin import TRUTH_COLOUR, Side
+from vip_factors.viz.mannequin import TRUTH_COLOUR, Colour, Side
 from vip_factors.viz.rerun_body import log_body, log_sensors, log_trail
 from vip_factors.viz.rerun_camera import CAMERA_COLOUR, log_camera, log_camera_trail, log_true_camera
 from vip_factors.viz.rerun_image import log_image_border, log_people, log_video
@@ -17,7 +19,7 @@ from vip_factors.viz.rerun_scene_series import log_scene_series
 from vip_factors.viz.rerun_view import LiveViewer, Sink, send
 from vip_factors.viz.scene_layout import scene_blueprint
 from vip_factors.viz.scene_summary import scene_summary
-from vip_factors.viz.scene_world import NOBODY, DrawnScene, DrawnWearer, drawn_scene
+from vip_factors.viz.scene_world import NOBODY, DrawnCamera, DrawnScene, DrawnWearer, drawn_scene
 from vip_factors.viz.wearer_colours import UNCLAIMED, body_colours, wearer_colour
 
 IMAGE = "world/camera/image"
@@ -59,11 +61,14 @@ class _SceneView:
             _log_wearer(stream, wearer, floor)
         _log_world_camera(stream, drawn)
         _log_image(stream, drawn)
+        images = {"Camera": IMAGE}
+        for camera in drawn.further:
+            images[camera.name] = _log_further_camera(stream, camera, drawn)
         plots = log_scene_series(stream, drawn)
         text = scene_summary(drawn, self.metrics)
         stream.log("summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
         stream.send_recording_name(drawn.name)
-        stream.send_blueprint(scene_blueprint(drawn, IMAGE, floor, plots))
+        stream.send_blueprint(scene_blueprint(drawn, images, floor, plots))
 
 
 def _log_wearer(stream: rr.RecordingStream, wearer: DrawnWearer, floor: float) -> None:
@@ -110,26 +115,47 @@ def _log_image(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
         log_video(stream, IMAGE, drawn.video, detections.time)
     if drawn.model is not None:
         log_image_border(stream, f"{IMAGE}/border", drawn.model)
-    frames = np.arange(len(detections.time))
-    for wearer in drawn.wearers:
-        pixels = drawn.reprojected(wearer)
-        if pixels is not None:
-            log_people(
-                stream, f"{IMAGE}/body/{rr.escape_entity_path_part(wearer.name)}", detections.time, frames, pixels,
-                detections.keypoints, wearer_colour(wearer.index), line=2.6, dot=0.0, order=10.0,
-            )  # fmt: skip
+    _log_bodies(stream, IMAGE, drawn, detections, drawn.wearers)
     for index in range(NOBODY, len(drawn.wearers)):
         chosen = labels == index
         if not np.any(chosen):
             continue
         name = drawn.wearers[index].name if index >= 0 else "nobody's"
         colour = UNCLAIMED if index < 0 else _pale(index)
-        seen = np.where(detections.seen[chosen][..., None], detections.pixels[chosen], np.nan)
-        log_people(
-            stream, f"{IMAGE}/detected/{rr.escape_entity_path_part(name)}", detections.time,
-            detections.frame[chosen], seen, detections.keypoints, colour, line=0.8, dot=2.6,
-            order=20.0,
-        )  # fmt: skip
+        _log_detected(stream, f"{IMAGE}/detected/{rr.escape_entity_path_part(name)}", detections.select(chosen), colour)
+
+
+def _log_further_camera(stream: rr.RecordingStream, camera: DrawnCamera, drawn: DrawnScene) -> str:
+    """A camera beside the first: its frustum, and bodies and detections in its image, whose entity is returned."""
+    entity = f"world/cameras/{rr.escape_entity_path_part(camera.name)}"
+    log_camera(stream, entity, camera.path, camera.model)
+    image = f"{entity}/image"
+    log_image_border(stream, f"{image}/border", camera.model)
+    _log_bodies(stream, image, camera, camera.detections, drawn.wearers)
+    _log_detected(stream, f"{image}/detected", camera.detections, UNCLAIMED)
+    return image
+
+
+def _log_bodies(
+    stream: rr.RecordingStream, image: str, camera: DrawnScene | DrawnCamera, detections: Detections,
+    wearers: Sequence[DrawnWearer],
+) -> None:  # fmt: skip
+    frames = np.arange(len(detections.time))
+    for wearer in wearers:
+        pixels = camera.reprojected(wearer)
+        if pixels is not None:
+            log_people(
+                stream, f"{image}/body/{rr.escape_entity_path_part(wearer.name)}", detections.time, frames, pixels,
+                detections.keypoints, wearer_colour(wearer.index), line=2.6, dot=0.0, order=10.0,
+            )  # fmt: skip
+
+
+def _log_detected(stream: rr.RecordingStream, entity: str, detections: Detections, colour: Colour) -> None:
+    seen = np.where(detections.seen[..., None], detections.pixels, np.nan)
+    log_people(
+        stream, entity, detections.time, detections.frame, seen, detections.keypoints, colour, line=0.8, dot=2.6,
+        order=20.0,
+    )  # fmt: skip
 
 
 def _pale(index: int) -> tuple[int, int, int]:

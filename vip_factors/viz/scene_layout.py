@@ -7,21 +7,25 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.viz.layout import BACKGROUND, GRID
 from vip_factors.viz.rerun_scene_series import HEADINGS_IMAGE
 from vip_factors.viz.scene_world import DrawnScene
 
 IMAGE_BACKGROUND = (22, 24, 28)
+IN_IMAGE = ("body", "detected")  # of a camera's image what does not belong into the world
 BESIDE = 3  # plots that stand below each other; the others are tabs
 WIDEST_M = 14.0  # an eye farther off sees nobody
 
 
-def scene_blueprint(drawn: DrawnScene, image: str, floor: float, plots: Mapping[str, str]) -> rrb.Blueprint:
+def scene_blueprint(
+    drawn: DrawnScene, images: Mapping[str, str], floor: float, plots: Mapping[str, str]
+) -> rrb.Blueprint:
     """The layout of the viewer.
 
     Args:
         drawn: what is shown, for placing the eye.
-        image: entity of the camera's image.
+        images: entities of the cameras' images by title, the first camera's first.
         floor: height of the grid in metres.
         plots: titles by entity, the main ones first.
     """
@@ -29,7 +33,7 @@ def scene_blueprint(drawn: DrawnScene, image: str, floor: float, plots: Mapping[
         origin="/world",
         name="World",
         background=BACKGROUND,
-        contents=["$origin/**", f"- /{image}/body/**", f"- /{image}/detected/**"],
+        contents=["$origin/**", *(f"- /{image}/{what}/**" for image in images.values() for what in IN_IMAGE)],
         line_grid=rrb.LineGrid3D(
             visible=True, spacing=0.5, plane=rr.components.Plane3D([0, 0, 1], floor), stroke_width=1.0, color=GRID
         ),
@@ -37,11 +41,10 @@ def scene_blueprint(drawn: DrawnScene, image: str, floor: float, plots: Mapping[
     )
     left: rrb.View | rrb.Container = world
     if drawn.detections is not None and drawn.model is not None:
-        model = drawn.model
-        rim = 0.02 * model.width
-        bounds = rrb.VisualBounds2D(x_range=(-rim, model.width + rim), y_range=(-rim, model.height + rim))
-        camera = rrb.Spatial2DView(origin=f"/{image}", name="Camera", background=IMAGE_BACKGROUND, visual_bounds=bounds)
-        left = rrb.Vertical(world, camera, row_shares=[1, 1])
+        models = [drawn.model, *(camera.model for camera in drawn.further)]
+        views2d = [_image(*named, model) for named, model in zip(images.items(), models, strict=True)]
+        below = views2d[0] if len(views2d) == 1 else rrb.Tabs(*views2d, active_tab=0)
+        left = rrb.Vertical(world, below, row_shares=[1, 1])
     views = [_plot(entity, title) for entity, title in plots.items()]
     text = rrb.TextDocumentView(origin="/summary", name="Summary")
     headings = rrb.Spatial2DView(origin=f"/{HEADINGS_IMAGE}", name="Headings", background=(255, 255, 255))
@@ -56,6 +59,12 @@ def scene_blueprint(drawn: DrawnScene, image: str, floor: float, plots: Mapping[
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )
+
+
+def _image(title: str, entity: str, model: CameraModel) -> rrb.Spatial2DView:
+    rim = 0.02 * model.width
+    bounds = rrb.VisualBounds2D(x_range=(-rim, model.width + rim), y_range=(-rim, model.height + rim))
+    return rrb.Spatial2DView(origin=f"/{entity}", name=title, background=IMAGE_BACKGROUND, visual_bounds=bounds)
 
 
 def _plot(entity: str, title: str) -> rrb.TimeSeriesView:

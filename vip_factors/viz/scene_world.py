@@ -64,6 +64,22 @@ class DrawnWearer:
 
 
 @dataclass(frozen=True)
+class DrawnCamera:
+    """A camera beside the first one, which stands still; whose its detections were taken for is not known."""
+
+    name: str
+    model: CameraModel
+    path: CameraPath
+    detections: Detections
+
+    def reprojected(self, wearer: DrawnWearer) -> Array | None:
+        """Keypoints ``(F, K, 2)`` of a wearer in every video frame, or None without a motion."""
+        if wearer.shown is None:
+            return None
+        return keypoints_in_image(wearer.shown, self.detections.keypoints, self.path, self.model, self.detections.time)
+
+
+@dataclass(frozen=True)
 class DrawnScene:
     """Everything in one world, on the recording's clock.
 
@@ -71,6 +87,7 @@ class DrawnScene:
         path: of the camera as estimated, else the true one.
         true_path: beside an estimated one.
         labels: ``(N,)`` wearer of each detection, −1 for nobody.
+        further: cameras beside the first.
     """
 
     name: str
@@ -82,6 +99,7 @@ class DrawnScene:
     labels: np.ndarray | None = None
     video: Video | None = None
     estimate: SceneEstimate | None = None
+    further: tuple[DrawnCamera, ...] = ()
 
     def reprojected(self, wearer: DrawnWearer) -> Array | None:
         """Keypoints ``(F, K, 2)`` of a wearer in every video frame, or None without camera or motion."""
@@ -149,6 +167,20 @@ def drawn_scene(scene: Scene | None, estimate: SceneEstimate | None) -> DrawnSce
         _labels(scene, estimate),
         camera.video if camera is not None else None,
         estimate,
+        _further(scene),
+    )
+
+
+def _further(scene: Scene | None) -> tuple[DrawnCamera, ...]:
+    """Where they really are if that is known, for then the estimate is brought there; else where they are said to."""
+    if scene is None:
+        return ()
+    known = [camera.known_path for camera in scene.further_cameras]
+    paths = known if scene.truth is None else [truth.camera for truth in scene.truth.further]
+    return tuple(
+        DrawnCamera(one.name, one.model, path, one.detections.shifted(one.time_offset))
+        for one, path in zip(scene.further_cameras, paths, strict=True)
+        if path is not None
     )
 
 

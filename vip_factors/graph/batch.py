@@ -5,7 +5,6 @@ The factors of :mod:`vip_factors.graph.frame` stay the definition, and a test ho
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 
 import gtsam
 import numpy as np
@@ -19,13 +18,12 @@ from vip_factors.factors.pose_prior import pose_mean_residual
 from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian
 from vip_factors.graph.bone_factors import add_bone_factors
-from vip_factors.graph.evaluated import MotionTerm, PoseTerm
+from vip_factors.graph.evaluated import PoseTerm
 from vip_factors.graph.joint_factors import add_joint_factors
 from vip_factors.graph.keys import WEARER
 from vip_factors.graph.model import InertialModel
 from vip_factors.graph.motion import MotionFactors
 from vip_factors.graph.parallel import side_by_side
-from vip_factors.graph.smooth import is_smoothed, smoothness_cost
 from vip_factors.graph.state import GraphState
 from vip_factors.graph.system import ChainSystem
 from vip_factors.graph.terms import (
@@ -80,8 +78,6 @@ class BatchObjective:
             costs[kind] = costs.get(kind, 0.0) + 0.5 * float(residual @ residual)
         if self.walk_keys:
             costs |= walk_costs(self.model, state)
-        if is_smoothed(self.model):
-            costs["smoothness"] = smoothness_cost(self.model, state)
         return costs
 
     def _body(self, state: GraphState) -> BodyState:
@@ -166,11 +162,6 @@ class BatchObjective:
         return state.retract(joints, steps[:, ROOT:], static, walk)
 
 
-def _stretch(state: GraphState, body: BodyState, frames: slice) -> tuple[GraphState, BodyState]:
-    part = replace(state, R_parent_child=state.R_parent_child[frames], p_world_pelvis=state.p_world_pelvis[frames])
-    return part, BodyState(body.R_world_bone[frames], body.p_world_joint[frames])
-
-
 def pose_equations(terms: Iterable[PoseTerm], frames: int, columns: int) -> tuple[Array, Array]:
     """Hessians ``(T, columns, columns)`` and gradients ``(T, columns)`` of the factors on single frames."""
     H, g = np.zeros((frames, columns, columns)), np.zeros((frames, columns))
@@ -198,16 +189,3 @@ def pose_equations(terms: Iterable[PoseTerm], frames: int, columns: int) -> tupl
     H += transposed @ rows
     g += (transposed @ residual)[:, :, 0]
     return H, g
-
-
-def _point_jacobians(model: InertialModel, body: BodyState, terms: list[MotionTerm]) -> Array:
-    """Derivatives ``(T, 3 m, 75)`` of the points of all motion terms by their frame's tangent."""
-    points = [*model.sensors, *model.contacts]
-    rows = np.zeros((len(body.p_world_joint), 3 * len(terms), FRAME))
-    for index, term in enumerate(terms):
-        point = points[term.point]
-        chain, J = body.point_jacobian(point.bone, point.p_bone_point)
-        for number, joint in enumerate(chain):
-            rows[:, 3 * index : 3 * index + 3, 3 * joint : 3 * joint + 3] = J[:, number]
-        rows[:, 3 * index : 3 * index + 3, ROOT:] = np.eye(3)
-    return rows

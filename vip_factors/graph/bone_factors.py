@@ -11,6 +11,7 @@ from vip_factors.graph.motion import MotionFactors, MotionInformation
 from vip_factors.graph.state import GraphState
 from vip_factors.graph.system import ChainSystem
 from vip_factors.graph.terms import FRAME
+from vip_factors.graph.walk import WalkSystem
 from vip_factors.graph.wearer_residuals import Sites, floor_residuals, orientation_residuals
 
 OMEGA = slice(0, 3)  # of a twist: the turn
@@ -18,7 +19,7 @@ OMEGA = slice(0, 3)  # of a twist: the turn
 
 def add_bone_factors(
     model: InertialModel, sites: Sites, state: GraphState, body: BodyState, frames: slice, motion: MotionFactors | None,
-    system: ChainSystem, hessian: Array, gradient: Array,
+    system: ChainSystem | None, hessian: Array, gradient: Array,
 ) -> None:  # fmt: skip
     """Add the factors on a stretch of frames, and those that tie it to the next two.
 
@@ -28,7 +29,7 @@ def add_bone_factors(
         body: of the stretch and up to two frames after it.
         frames: the stretch.
         motion: the factors over three frames, if there are any.
-        system: gets the blocks with the next frames, and those with headings that walk.
+        system: gets the blocks with the next frames, and those with headings that walk; needed with ``motion`` only.
         hessian, gradient: of the stretch, ``(t, n, n)`` and ``(t, n)`` over all columns; added to in place.
     """
     count, S = frames.stop - frames.start, len(model.sensors)
@@ -48,14 +49,15 @@ def add_bone_factors(
     hessian[:, :FRAME, :FRAME] += twist.hessian(now, twist.carried(sites.bones, own))
     gradient[:, :FRAME] += twist.gradient(now, twist.carried(sites.bones, force))
     if told is not None:
-        assert system.following is not None
+        assert system is not None and system.following is not None
         for ahead, information in enumerate(told.ahead, start=1):
             n = len(information)
             system.following[frames.start : frames.start + n, ahead - 1] += twist.hessian_between(
                 now[:n], twist.carried(sites.bones, information), screws[ahead : ahead + n]
             )
     if hessian.shape[1] > FRAME:
-        _add_shared(shared, told, sites.bones[:S], now, frames, system, hessian, gradient)
+        walk = None if system is None else system.walk
+        _add_shared(shared, told, sites.bones[:S], now, frames, walk, hessian, gradient)
 
 
 def _empty(frames: int, points: int) -> tuple[Array, Array]:
@@ -81,7 +83,7 @@ def _add_orientations(
 
 def _add_shared(
     equations: Array, told: MotionInformation | None, bones: tuple[int, ...], screws: Array, frames: slice,
-    system: ChainSystem, hessian: Array, gradient: Array,
+    walk: WalkSystem | None, hessian: Array, gradient: Array,
 ) -> None:  # fmt: skip
     """Add what orientations and accelerations say of headings and mountings."""
     count, S = equations.shape[:2]
@@ -92,11 +94,11 @@ def _add_shared(
         own[:, :, 0, 4] += told.heading_force
         after, same, before = told.by_heading
         by_twist[..., 0] += same
-        if system.walk is None:
+        if walk is None:
             by_twist[..., 0] += after + before
         else:
             for side, beside in enumerate((after, before)):
-                system.walk.beside[frames, side] += twist.coupling_of_each(screws, bones, beside[..., None])
+                walk.beside[frames, side] += twist.coupling_of_each(screws, bones, beside[..., None])
     block = twist.coupling_of_each(screws, bones, by_twist).reshape(count, FRAME, S, 4)
     headings, mountings = slice(FRAME, FRAME + S), slice(FRAME + S, FRAME + 4 * S)
     hessian[:, :FRAME, headings] += block[..., 0]

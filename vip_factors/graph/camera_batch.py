@@ -100,7 +100,7 @@ class CameraObjective:
 
     def _static_rows(self, state: CameraState) -> list[tuple[str, Array, Array, Array]]:
         """Kind, whitened residual, columns and Jacobian of the priors."""
-        camera, rows = self.camera, []
+        camera, rows = self.camera, list[tuple[str, Array, Array, Array]]()
         if not camera.is_beginning:
             return rows
         if camera.imu is not None:
@@ -139,7 +139,7 @@ class CameraObjective:
         told = motion.information(everything, state.poses.point_jacobian(self.camera.p_camera_imu)[:, None])
         H, g = np.zeros((count, CAMERA, CAMERA)), np.zeros((count, CAMERA))
         H[:, POSE, POSE], g[:, POSE] = told.own[:, 0], told.force[:, 0]
-        H[:, POSE, HEADING] = sum(told.by_heading)[:, 0]
+        H[:, POSE, HEADING] = np.sum(told.by_heading, axis=0)[:, 0]
         H[:, HEADING, POSE] = H[:, POSE, HEADING]
         H[:, HEADING, HEADING], g[:, HEADING] = told.heading[:, 0], told.heading_force[:, 0]
         system.add_frames(everything, H, g)

@@ -8,15 +8,10 @@ from vip_factors.graph.model import InertialModel
 from vip_factors.graph.residuals import Residuals
 from vip_factors.graph.state import GraphState
 from vip_factors.graph.terms import ROOT, pose_mean_columns
-from vip_factors.graph.wearer_residuals import initial_pose_residuals, limit_residuals
+from vip_factors.graph.wearer_residuals import initial_pose_residuals, is_smoothed, limit_residuals
 
 JOINTS = slice(3, ROOT)  # columns of joints 1 … 23 in a frame's tangent
 _BLOCKS = np.arange(POSE_SIZE).reshape(-1, 3) + JOINTS.start
-
-
-def is_smoothed(model: InertialModel) -> bool:
-    """Whether the model has smoothness factors; where frames are independent it has none."""
-    return model.use_acceleration and model.settings.smoothness.use and len(model.frames) > 1
 
 
 def add_joint_factors(

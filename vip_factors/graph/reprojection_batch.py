@@ -11,7 +11,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.graph import twist
 from vip_factors.graph.scene_model import CameraProblem, KeypointView
 from vip_factors.graph.scene_state import CAMERA, CLOCK, POSE
-from vip_factors.graph.twist import FRAME
+from vip_factors.graph.terms import FRAME
 from vip_factors.graph.wearer_residuals import Sites
 
 _CAMERA = FRAME + np.array([*range(POSE.start, POSE.stop), CLOCK])  # what the picture sees of the camera

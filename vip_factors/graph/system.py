@@ -7,7 +7,6 @@ import gtsam
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.evaluated import MotionTerm
 from vip_factors.graph.hessian import coupling_factor
 from vip_factors.graph.walk import WalkSystem
 
@@ -77,82 +76,6 @@ class ChainSystem:
         self.own[0][np.ix_(place, place)] += hessian
         self.gradient[0][place] += gradient
 
-    def add_motion(
-        self, frames: slice, jacobian: Array, terms: Sequence[MotionTerm], hessian: Array, gradient: Array
-    ) -> None:
-        """Add the factors over three frames to a stretch.
-
-        Each such factor sees one point at three frames, with fixed coefficients ``c``: between frames ``i`` and ``j``
-        its Hessian is ``J_iᵀ (Σ w c_i c_j) J_j``, summed over the centres that see both.
-
-        Args:
-            frames: the stretch.
-            jacobian: ``(t + 2, 3 m, w)`` of the terms' points in the stretch and the two frames after it.
-            terms: the ``m`` terms of the whole recording.
-            hessian, gradient: of the stretch, over all columns; added to in place.
-        """
-        assert self.following is not None
-        T, w, count = len(self.frame_keys), self.frame_width, frames.stop - frames.start
-        weights = _padded(terms, [term.weight for term in terms], T)
-        residuals = _padded(terms, [term.residual for term in terms], T)
-        c = np.stack([term.coefficients for term in terms], axis=1)  # (3, m)
-        rows = np.arange(frames.start, frames.stop)
-
-        def centres(offset: int) -> Array:
-            """Weights ``(t, m)`` of the factors centred ``offset`` frames after each."""
-            inside = (rows + offset >= 0) & (rows + offset < T)
-            return weights[np.clip(rows + offset, 0, T - 1)] * inside[:, None]
-
-        now = jacobian[:count]
-        before, here, after = centres(1), centres(0), centres(-1)  # this frame is first, middle, last of three
-        transposed = now.swapaxes(1, 2)
-        same = before * c[0] ** 2 + here * c[1] ** 2 + after * c[2] ** 2
-        hessian[:, :w, :w] += (transposed * _rows(same)) @ now
-        pairs = (before * c[0] * c[1] + here * c[1] * c[2], before * c[0] * c[2])
-        for ahead, scale in enumerate(pairs, start=1):
-            there = jacobian[ahead : ahead + count]
-            n = len(there)
-            self.following[frames.start : frames.start + n, ahead - 1] = (transposed[:n] * _rows(scale)[:n]) @ there
-        self._add_motion_gradient(rows, transposed, (before, here, after), c, residuals, terms, hessian, gradient)
-
-    def _add_motion_gradient(
-        self, rows: Array, transposed: Array, weights: tuple[Array, ...], c: Array, residuals: Array,
-        terms: Sequence[MotionTerm], hessian: Array, gradient: Array,
-    ) -> None:  # fmt: skip
-        """The right-hand side of the motion factors, and their coupling with the headings."""
-        T, w = len(self.frame_keys), self.frame_width
-        force = np.zeros((len(rows), 3 * len(terms)))
-        by_heading = _padded(terms, [_heading_rows(term) for term in terms], T)
-        coupling = np.zeros((len(rows), len(terms), 3))
-        for k, (weight, offset) in enumerate(zip(weights, (1, 0, -1), strict=True)):
-            centre = np.clip(rows + offset, 0, T - 1)
-            force += ((weight * c[k])[:, :, None] * residuals[centre]).reshape(len(rows), -1)
-            turned = (weight * c[k])[:, :, None] * by_heading[centre]
-            if self.walk is None or offset == 0:
-                coupling += turned
-            else:
-                self._add_beside(self.walk, 0 if offset > 0 else 1, rows, transposed, turned, terms)
-        gradient[:, :w] += (transposed @ force[:, :, None])[:, :, 0]
-        here = weights[1]
-        for index, term in enumerate(terms):
-            if term.by_heading is None or hessian.shape[2] == w:
-                continue
-            column, own = w + term.point, by_heading[rows, index]
-            block = (transposed[:, :, 3 * index : 3 * index + 3] @ coupling[:, index, :, None])[:, :, 0]
-            hessian[:, :w, column] += block
-            hessian[:, column, :w] += block
-            hessian[:, column, column] += here[:, index] * np.sum(own**2, axis=1)
-            gradient[:, column] += here[:, index] * np.sum(own * residuals[rows, index], axis=1)
-
-    def _add_beside(
-        self, walk: WalkSystem, side: int, rows: Array, transposed: Array, turned: Array, terms: Sequence[MotionTerm]
-    ) -> None:
-        """The coupling of frames with the headings of the frame beside them, on which a motion factor is centred."""
-        for index, term in enumerate(terms):
-            if term.by_heading is not None:
-                block = transposed[:, :, 3 * index : 3 * index + 3] @ turned[:, index, :, None]
-                walk.beside[rows, side, :, term.point] += block[:, :, 0]
-
     # Handing over
 
     def stretches(self, damping: float) -> Iterator[tuple[gtsam.GaussianFactorGraph, gtsam.Ordering]]:
@@ -214,20 +137,3 @@ class ChainSystem:
             total, g = self.walk.static_equations(own, gradient)
         total = total + np.diag(damping * self.damping[w:])
         graph.push_back(gtsam.HessianFactor(self.static_key, total, -g, 0.0))
-
-
-def _rows(scale: Array) -> Array:
-    """Scales ``(t, m)`` of terms as scales ``(t, 1, 3 m)`` of their rows."""
-    return np.repeat(scale, 3, axis=1)[:, None, :]
-
-
-def _padded(terms: Sequence[MotionTerm], parts: list[Array], T: int) -> Array:
-    """Values of the frames that terms have, ``(t, …)`` each, as ``(T, m, …)`` with zeros elsewhere."""
-    stacked = np.zeros((T, len(parts), *parts[0].shape[1:]))
-    for index, (term, part) in enumerate(zip(terms, parts, strict=True)):
-        stacked[term.start : term.start + len(part), index] = part
-    return stacked
-
-
-def _heading_rows(term: MotionTerm) -> Array:
-    return np.zeros_like(term.residual) if term.by_heading is None else term.by_heading

@@ -13,8 +13,8 @@ import numpy as np
 from vip_factors.body.kinematics import MOVES
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.geometry.rotations import Array
+from vip_factors.graph.terms import FRAME
 
-FRAME = 3 * (JOINT_COUNT + 1)  # width of a frame's tangent: joints, then the root's translation
 # Whether the joint of a row is one that moves the joint of a column, or is it; the root's translation moves all.
 _above = np.column_stack([MOVES, np.eye(JOINT_COUNT + 1)[:, -1]])
 _ABOVE = np.kron(_above, np.ones((3, 3)))

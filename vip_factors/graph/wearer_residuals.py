@@ -14,6 +14,7 @@ from vip_factors.factors.orientation import orientation_residual
 from vip_factors.factors.pose_prior import pose_prior_residual
 from vip_factors.factors.robust import RobustLoss
 from vip_factors.factors.rotation_prior import rotation_prior_residual
+from vip_factors.factors.smoothness import smoothness_residual
 from vip_factors.geometry.rotations import Array
 from vip_factors.graph.model import BodyPoint, InertialModel
 from vip_factors.graph.residuals import MotionResiduals, Residuals
@@ -87,7 +88,7 @@ def initial_pose_residuals(model: InertialModel, R_parent_child: Array, frames: 
 def pose_residuals(
     model: InertialModel, state: GraphState, body: BodyState, p_world_site: Array, x: Array
 ) -> Iterator[Residuals]:
-    """All factors on single frames; of all sites ``(T, n, 3)`` and joint vectors ``(T, 69)``."""
+    """All factors on poses, of single frames and of two; with all sites ``(T, n, 3)`` and joint vectors ``(T, 69)``."""
     everything = slice(0, len(model.frames))
     yield orientation_residuals(model, state, body, everything)
     yield prior_residuals(model, x, state.pose_mean)
@@ -97,6 +98,8 @@ def pose_residuals(
     initial = initial_pose_residuals(model, state.R_parent_child, everything)
     if initial is not None:
         yield initial
+    if is_smoothed(model):
+        yield smoothness_residuals(model, state.R_parent_child)
 
 
 def motion_residuals(model: InertialModel, state: GraphState, p_world_site: Array) -> Iterator[MotionResiduals]:
@@ -121,3 +124,15 @@ def motion_residuals(model: InertialModel, state: GraphState, p_world_site: Arra
             model.contact_confidence[:-1], contact.loss, 0,
             np.array([0.0, -1.0, 1.0]) / (step * contact.sigma),
         )  # fmt: skip
+
+
+def is_smoothed(model: InertialModel) -> bool:
+    """Whether the model has smoothness factors; where frames are independent it has none."""
+    return model.use_acceleration and model.settings.smoothness.use and len(model.frames) > 1
+
+
+def smoothness_residuals(model: InertialModel, R_parent_child: Array) -> Residuals:
+    """One factor for each frame and its next."""
+    R, settings = R_parent_child[:, 1:], model.settings.smoothness
+    residual = smoothness_residual(R[:-1], R[1:], model.frames.step, model.prior, settings)
+    return Residuals("smoothness", residual[:, None], 1.0, SQUARE)

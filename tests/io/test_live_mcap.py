@@ -172,11 +172,17 @@ def test_existing_files_stay(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no folder"):
         LiveMcapSink(tmp_path / "none" / "e.mcap", setup_of(scene), 60.0)
     sink = LiveMcapSink(tmp_path / "f.mcap", setup_of(scene), 60.0)
+    sink.write(answer(scene, 0))
     (tmp_path / "f.mcap").write_bytes(b"quicker")
     with pytest.raises(InputError, match="exists already"):
         sink.close()
     assert (tmp_path / "f.mcap").read_bytes() == b"quicker"
     assert (tmp_path / "f.partial.mcap").exists()
+
+
+def test_a_stream_without_a_frame_leaves_nothing(tmp_path: Path) -> None:
+    write(live_scene(0.1), tmp_path / "e.mcap", [])
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_stream_without_smoothed_poses_says_so(tmp_path: Path) -> None:

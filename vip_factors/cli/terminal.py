@@ -3,6 +3,10 @@
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.live import Live
 
 Tell = Callable[[str, float], None]
 """Called with the name of a stage and the fraction of it that is done."""
@@ -46,3 +50,50 @@ def waiting(what: str) -> Iterator[None]:
 def note(text: str) -> None:
     """A remark that is not a result, on stderr."""
     print(text, file=sys.stderr)
+
+
+class StatusLine:
+    """One line that changes in place, with remarks scrolling above it; where stderr is no terminal, remarks only.
+
+    A context manager; the line is gone at its end.
+
+    Args:
+        wanted: False for remarks only.
+    """
+
+    def __init__(self, wanted: bool = True) -> None:
+        self._live: Live | None = None
+        if wanted and sys.stderr.isatty():
+            from rich.console import Console
+            from rich.live import Live as RichLive
+
+            # Drawn when told to, not by a thread of its own: nothing may get between the caller's updates.
+            self._live = RichLive(console=Console(stderr=True), auto_refresh=False, transient=True)
+
+    def __enter__(self) -> "StatusLine":
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    @property
+    def shown(self) -> bool:
+        """Whether anybody sees the line."""
+        return self._live is not None
+
+    def show(self, text: str) -> None:
+        """Put another text into the line, cut at the terminal's width."""
+        if self._live is not None:
+            from rich.text import Text
+
+            self._live.update(Text(text, no_wrap=True, overflow="ellipsis"), refresh=True)
+
+    def note(self, text: str) -> None:
+        """A remark on a line of its own."""
+        if self._live is not None:
+            self._live.console.print(text, markup=False, highlight=False, soft_wrap=True)
+        else:
+            note(text)

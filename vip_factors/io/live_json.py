@@ -115,7 +115,9 @@ def _list(values: Array, digits: int) -> Any:
     rounded = np.round(values, digits) + 0.0  # no negative zero
     if np.isfinite(rounded).all():
         return rounded.tolist()
-    return np.where(np.isfinite(rounded), rounded.astype(object), None).tolist()
+    known = rounded.astype(object)
+    known[~np.isfinite(rounded)] = None
+    return known.tolist()
 
 
 def _rounded(value: float, digits: int) -> float | None:

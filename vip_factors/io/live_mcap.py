@@ -89,6 +89,7 @@ class LiveMcapSink:
             for one, prefix, newest in zip(setup.wearers, prefixes, live, strict=True)
         ]
         self._camera = _Camera(setup.camera, setup.start_ns) if setup.camera is not None else None
+        self.frames = 0  # taken in so far
         self._waiting: list[LiveEstimate] = []
         self._most = max(1, round(FLUSH_S * rate))
         self._findings: dict[str, None] = {}  # ordered, each once
@@ -122,6 +123,7 @@ class LiveMcapSink:
         if self._waiting and estimate.frame != self._waiting[-1].frame + 1:
             self.flush()  # the frames of a batch follow each other
         self._waiting.append(estimate)
+        self.frames += 1
         if len(self._waiting) >= self._most or time.monotonic() - self._flushed >= FLUSH_S:
             self.flush()
 
@@ -134,7 +136,7 @@ class LiveMcapSink:
         self._flushed = time.monotonic()
 
     def close(self) -> None:
-        """Complete the file and give it its name; a second call does nothing.
+        """Complete the file and give it its name, or remove it if nothing was written; a second call does nothing.
 
         Raises:
             InputError: if a file of that name has appeared; then what was written stays under its partial name.
@@ -142,13 +144,18 @@ class LiveMcapSink:
         if self._file.closed:
             return
         self._complete()
+        if not self.frames:
+            self.partial.unlink()
+            return
         check_target(self.path, self._overwrite)
         os.replace(self.partial, self.path)
 
     def abandon(self) -> None:
-        """Complete the file, as after an error, but leave it its partial name."""
+        """Complete the file, as after an error, but leave it its partial name; remove it if nothing was written."""
         if not self._file.closed:
             self._complete()
+            if not self.frames:
+                self.partial.unlink()
 
     def _complete(self) -> None:
         with self._file:

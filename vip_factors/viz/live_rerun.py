@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 APPLICATION = "vip_factors"
 QUEUE_ITEMS = 240  # two seconds of answers and video frames: a viewer that starts slowly loses nothing that matters
-GATHER_S = 0.03  # what comes within it is logged together, at a fraction of the cost; the eye does not see it
+# What comes within it is logged together, at a fraction of the cost and size: the eye does not see the one, and
+# nobody waits for a file.
+GATHER_S, GATHER_FOR_FILE_S = 0.03, 0.5
 IN_FULL_EVERY = 6  # answers: calibrations and covariances in between are left out, they are most of the bytes
 VIEWER_MEMORY = "25%"  # of the machine's: the tracker works beside it; then the viewer forgets the oldest
 END_S = 20.0  # seconds that the process may take to write what is left
@@ -150,7 +152,8 @@ def draw(queue: Any, telling: Connection, setup: LiveSetup, target: LiveTarget, 
         with ExitStack() as files:
             stream = _open(target, files, telling)
             view = LiveView(stream, setup, rate)
-            while (items := _gathered(queue)) is not None:
+            gather = GATHER_S if target.save is None else GATHER_FOR_FILE_S
+            while (items := _gathered(queue, gather)) is not None:
                 view.log(items)
             stream.flush(timeout_sec=FLUSH_S)
             stream.disconnect()
@@ -177,7 +180,7 @@ def _open(target: LiveTarget, files: ExitStack, telling: Connection) -> "rr.Reco
     return stream
 
 
-def _gathered(queue: Any) -> list[LiveEstimate | VideoFrame] | None:
+def _gathered(queue: Any, seconds: float) -> list[LiveEstimate | VideoFrame] | None:
     """What has come, waiting for at least one; None after the last."""
     items: list[LiveEstimate | VideoFrame] = []
     while not items:
@@ -191,7 +194,7 @@ def _gathered(queue: Any) -> list[LiveEstimate | VideoFrame] | None:
         if first is None:
             return None
         items.append(first)
-    time.sleep(GATHER_S)
+    time.sleep(seconds)
     while True:
         try:
             item = queue.get_nowait()

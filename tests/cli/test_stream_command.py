@@ -1,0 +1,271 @@
+"""``vip-factors stream``: sources in, sinks out, and every way to end."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_answers import answer, live_scene
+from stub_tracker import scene_file, tracker_module
+
+from vip_factors.cli import stream_session
+from vip_factors.cli.main import main
+from vip_factors.cli.stream_session import Interrupts, Session, status, summary
+from vip_factors.cli.terminal import StatusLine
+from vip_factors.evaluate.scene import evaluate_scene
+from vip_factors.io.mcap_contents import McapWarning
+from vip_factors.io.mcap_scene_estimate import read_scene_estimate
+from vip_factors.io.mcap_scene_recording import read_scene
+from vip_factors.live_estimate import LiveEstimate
+from vip_factors.sensors.live import LiveFinding, LiveItem, live_samples
+
+STUB = Path(__file__).parents[1] / "stub_tracker.py"
+FRAMES = 61  # of a second
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return scene_file(tmp_path_factory.mktemp("stream"))
+
+
+@pytest.fixture
+def stubbed(monkeypatch: pytest.MonkeyPatch, scene: Path) -> None:
+    monkeypatch.setitem(sys.modules, "vip_factors.live.tracker", tracker_module(read_scene(scene)))
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_a_recording_is_played_into_all_sinks(run: Callable, scene: Path, tmp_path: Path) -> None:
+    out, rrd = tmp_path / "e.mcap", tmp_path / "e.rrd"
+    done = run("stream", scene, "--out", out, "--json", "--rerun-save", rrd, "--frame-rate", 60)
+    assert done.code == 0, done.err
+    lines = [json.loads(line) for line in done.out.splitlines()]
+    assert [line["frame"] for line in lines] == list(range(FRAMES))
+    assert lines[0]["findings"] == ["the stream has begun"]
+    told = done.err.splitlines()
+    assert told[0] == "note: the stream has begun"
+    assert f"{FRAMES} frames; update: median 5.0 ms" in told[1]
+    assert told[2:] == [str(out), str(rrd)]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["e.mcap", "e.rrd"]
+    estimate = read_scene_estimate(out)
+    assert estimate.settings["lag_s"] == "0.25"
+    assert len(estimate.wearers) == 2
+    evaluation = run("evaluate", out, "--truth", scene)
+    assert evaluation.code == 0, evaluation.err
+    assert run("view", out, scene, "--save", tmp_path / "view.rrd").code == 0
+    assert "fixed lag" in run("info", out).out
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_without_sinks_it_says_how_fast_it_is(run: Callable, scene: Path) -> None:
+    done = run("stream", scene)
+    assert done.code == 0, done.err
+    assert done.out.startswith(f"{FRAMES} frames; update: median 5.0 ms, 95 % 5.0 ms")
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_settings_come_from_a_file_and_options_win(run: Callable, scene: Path, tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text("lag_s = 0.5\nstart_s = 2\n[walk]\nheading_deg = 0.7\n")
+    out = tmp_path / "e.mcap"
+    done = run("stream", scene, "--settings", tmp_path / "s.toml", "--lag", "0.1", "--out", out)
+    assert done.code == 0, done.err
+    settings = read_scene_estimate(out).settings
+    assert (settings["lag_s"], settings["start_s"], settings["walk.heading_deg"]) == ("0.1", "2.0", "0.7")
+    (tmp_path / "bad.toml").write_text("lagg_s = 0.5\n")
+    done = run("stream", scene, "--settings", tmp_path / "bad.toml")
+    assert done.code == 2
+    assert "did you mean 'lag_s'" in done.err
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_bad_input_is_one_sentence(run: Callable, scene: Path, tmp_path: Path) -> None:
+    out = tmp_path / "e.mcap"
+    out.write_bytes(b"mine")
+    for arguments, sentence in (
+        ((scene, "--out", out), "exists already"),
+        ((scene, "--lag", "-1"), "expected a positive number"),
+        ((tmp_path / "none.mcap",), "no such file"),
+        (("carrier-pigeon://host:1",), "carrier-pigeon"),
+        (("tcp://127.0.0.1:9", "--follow"), "MCAP files only"),
+    ):
+        done = run("stream", *arguments)
+        assert done.code == 2, arguments
+        assert sentence in done.err
+        assert done.err.startswith("vip-factors: ")
+        assert len(done.err.splitlines()) == 1
+    assert out.read_bytes() == b"mine"
+
+
+def test_a_stream_too_short_leaves_nothing(
+    run: Callable, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = tracker_module(read_scene(scene))
+    monkeypatch.setattr(module.FixedLagTracker, "push", lambda self, sample: [])
+    monkeypatch.setattr(module.FixedLagTracker, "finish", lambda self: [])
+    monkeypatch.setitem(sys.modules, "vip_factors.live.tracker", module)
+    done = run("stream", scene, "--out", tmp_path / "e.mcap")
+    assert done.code == 2
+    assert "ended before there was anything to answer" in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_goes_wrong_within_leaves_a_partial_file(
+    run: Callable, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = tracker_module(read_scene(scene))
+
+    def broken(self: object) -> list[LiveEstimate]:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(module.FixedLagTracker, "finish", broken)
+    monkeypatch.setitem(sys.modules, "vip_factors.live.tracker", module)
+    with pytest.raises(ZeroDivisionError):
+        run("stream", scene, "--out", tmp_path / "e.mcap")
+    assert (tmp_path / "e.partial.mcap").exists()
+    assert not (tmp_path / "e.mcap").exists()
+    assert len(read_scene_estimate(tmp_path / "e.partial.mcap").wearers) == 2
+
+
+def start(scene: Path, *arguments: object) -> subprocess.Popen:
+    command = [sys.executable, str(STUB), str(scene), "stream", str(scene), *map(str, arguments)]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+
+
+def test_ctrl_c_ends_the_stream_in_order(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, seconds=5.0)
+    out = tmp_path / "e.mcap"
+    process = start(scene, "--real-time", "--json", "--out", out, "--rerun-save", tmp_path / "e.rrd")
+    lines = [json.loads(process.stdout.readline()) for _ in range(40)]
+    process.send_signal(signal.SIGINT)
+    rest, told = process.stdout.read(), process.stderr.read()
+    assert process.wait(60) == 130, told
+    lines += [json.loads(line) for line in rest.splitlines()]  # no half line
+    assert [line["frame"] for line in lines] == list(range(len(lines)))
+    assert len(lines) < 250
+    assert "frames; update" in told
+    assert "Traceback" not in told
+    estimate = read_scene_estimate(out)
+    assert len(estimate.wearers[0].motion) == len(lines) - 15
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["e.mcap", "e.rrd", "scene.mcap"]
+
+
+def test_nobody_reads_the_lines_any_more(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, seconds=5.0)
+    process = start(scene, "--json", "--out", tmp_path / "e.mcap")
+    for _ in range(40):
+        process.stdout.readline()
+    process.stdout.close()
+    told = process.stderr.read()
+    assert process.wait(60) == 0, told
+    assert "Traceback" not in told
+    assert "Exception ignored" not in told
+    assert len(read_scene_estimate(tmp_path / "e.mcap").wearers) == 2
+
+
+def test_a_killed_stream_leaves_what_it_had(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, seconds=5.0)
+    process = start(scene, "--real-time", "--json", "--out", tmp_path / "e.mcap")
+    for _ in range(90):
+        process.stdout.readline()
+    process.kill()
+    process.communicate()
+    with pytest.warns(McapWarning, match="cut off"):
+        estimate = read_scene_estimate(tmp_path / "e.partial.mcap")
+    assert len(estimate.wearers[0].motion) >= 90 - 15 - 32
+
+
+class Silent:
+    def push(self, sample: object) -> list[LiveEstimate]:
+        return []
+
+    def finish(self) -> list[LiveEstimate]:
+        return [answer(live_scene(0.1), 0)]
+
+
+class Listening:
+    def __init__(self) -> None:
+        self.heard: list[LiveEstimate] = []
+
+    def write(self, estimate: LiveEstimate) -> None:
+        self.heard.append(estimate)
+
+
+def test_findings_of_the_source_are_told_and_kept(capsys: pytest.CaptureFixture[str]) -> None:
+    sink = Listening()
+    session = Session(Silent(), [sink], [], StatusLine(False))
+    session.take(LiveFinding("sensor 'x' is nobody's: its samples are left out"))
+    session.take(next(iter(live_samples(live_scene(0.1)))))
+    session.finish()
+    assert sink.heard[0].findings == ("sensor 'x' is nobody's: its samples are left out", "the stream has begun")
+    assert capsys.readouterr().err.splitlines() == [
+        "note: sensor 'x' is nobody's: its samples are left out",
+        "note: the stream has begun",
+    ]
+
+
+def test_an_interrupt_waits_for_the_update_to_end() -> None:
+    def forever() -> object:
+        while True:
+            yield LiveFinding("x")
+
+    seen = 0
+    with Interrupts() as interrupts:
+        for _ in interrupts.until_asked(forever()):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)  # an update, which is not disturbed
+            seen += 1
+    assert seen == 1
+    assert interrupts.asked
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+    def waiting() -> object:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(5)
+        yield LiveFinding("x")
+
+    with Interrupts() as interrupts:
+        items: list[LiveItem] = list(interrupts.until_asked(waiting()))
+    assert items == []
+    assert interrupts.asked
+
+
+def test_the_status_and_the_summary() -> None:
+    line = status(answer(live_scene(0.3), 9), np.array([0.004, 0.006]))
+    assert line == "frame 9 | 0.1 s | update 5.0 ms, 99 % 6.0 ms | seen: ann, bob | headings ±2.9°, head ±2.9°"
+    told = summary([0.005] * 99 + [0.02], 60.0)
+    assert told == "100 frames; update: median 5.0 ms, 95 % 5.0 ms, 99 % 5.2 ms, worst 20.0 ms (a frame lasts 16.7 ms)"
+    assert stream_session.LINE_S > 0
+
+
+def test_the_status_line_of_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    with StatusLine() as line:
+        assert line.shown
+        line.show("frame 1")
+        line.note("note: [red] is no markup")
+    assert "note: [red] is no markup" in capsys.readouterr().err
+    assert not StatusLine(False).shown
+
+
+@pytest.mark.slow
+def test_the_real_tracker_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("vip_factors.live.tracker", reason="the tracker is not there yet")
+    recording, out = tmp_path / "walk.mcap", tmp_path / "live.mcap"
+    assert main(["simulate", "gestures", str(recording), "--seconds", "6", "--placement", "sip6"]) == 0
+    capsys.readouterr()
+    assert main(["stream", str(recording), "--out", str(out), "--json"]) == 0
+    told = capsys.readouterr()
+    lines = [json.loads(line) for line in told.out.splitlines()]
+    assert [line["frame"] for line in lines] == list(range(len(lines)))
+    assert len(lines) > 4 * 60
+    assert lines[-1]["wearers"][0]["smoothed"] is not None
+    estimate, scene = read_scene_estimate(out), read_scene(recording)
+    assert len(estimate.wearers[0].motion) > 4 * 60
+    metrics = evaluate_scene(estimate, scene).wearers[scene.wearers[0].subject.name].metrics
+    assert metrics["mpjpe"].value < 150.0

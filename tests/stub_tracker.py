@@ -1,0 +1,51 @@
+"""A tracker that knows the answers, for tests of what stands around it; ``python stub_tracker.py FOLDER ARGUMENTS …``
+runs the command line with it."""
+
+import sys
+import types
+from collections.abc import Iterator
+from pathlib import Path
+
+from live_answers import answers, live_scene
+
+from vip_factors.io.mcap_scene_recording import read_scene, write_scene
+from vip_factors.live_estimate import LiveEstimate
+from vip_factors.sensors.live import LiveSample, LiveSetup
+from vip_factors.sensors.scene import Scene
+
+
+def tracker_module(scene: Scene) -> types.ModuleType:
+    """A stand-in for ``vip_factors.live.tracker``: the truth of a scene, frame by frame as its samples pass."""
+
+    class FixedLagTracker:
+        def __init__(self, setup: LiveSetup, settings: object) -> None:
+            assert [one.name for one in setup.wearers] == [one.subject.name for one in scene.wearers]
+            self.settings = settings
+            self._left: Iterator[LiveEstimate] = answers(scene)
+            self._next: LiveEstimate | None = next(self._left)
+
+        def push(self, sample: LiveSample) -> list[LiveEstimate]:
+            ready = []
+            while self._next is not None and self._next.time < sample.time - 1e-6:
+                ready.append(self._next)
+                self._next = next(self._left, None)
+            return ready
+
+        def finish(self) -> list[LiveEstimate]:
+            return [self._next] if self._next is not None else []
+
+    module = types.ModuleType("vip_factors.live.tracker")
+    module.FixedLagTracker = FixedLagTracker  # type: ignore[attr-defined]
+    return module
+
+
+def scene_file(folder: Path, seconds: float = 1.0) -> Path:
+    write_scene(live_scene(seconds), folder / "scene.mcap")
+    return folder / "scene.mcap"
+
+
+if __name__ == "__main__":
+    from vip_factors.cli.main import main
+
+    sys.modules["vip_factors.live.tracker"] = tracker_module(read_scene(Path(sys.argv[1])))
+    sys.exit(main(sys.argv[2:]))

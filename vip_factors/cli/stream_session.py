@@ -1,0 +1,196 @@
+"""A stream from its first sample to its last: tracked, told, and ended in order whatever ends it."""
+
+import signal
+import threading
+import time
+from array import array
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from types import FrameType
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from vip_factors.cli.terminal import StatusLine
+from vip_factors.live_estimate import LiveEstimate
+from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, VideoFrame
+
+T = TypeVar("T")
+RECENT = 600  # updates, ten seconds, that the line's figures are of
+LINE_S = 0.25  # seconds between looks of the line: it is read, not watched
+
+
+class Tracker(Protocol):
+    """What answers samples with estimates: :class:`vip_factors.live.tracker.FixedLagTracker`."""
+
+    def push(self, sample: LiveSample) -> list[LiveEstimate]:
+        """The answers that one more sample brings."""
+
+    def finish(self) -> list[LiveEstimate]:
+        """The answers that are left at the end."""
+
+
+class Sink(Protocol):
+    """Where estimates go."""
+
+    def write(self, estimate: LiveEstimate) -> None:
+        """Take in the answer to one frame."""
+
+
+class VideoSink(Sink, Protocol):
+    """A sink that shows what was seen, too."""
+
+    def write_video(self, frame: VideoFrame) -> None:
+        """Take in a video frame, before the answer to it."""
+
+    def findings(self) -> tuple[str, ...]:
+        """What it has to say."""
+
+
+class Interrupts:
+    """Ctrl-C ends a stream between two samples, not within an update or half a line. A context manager.
+
+    A second Ctrl-C interrupts whatever goes on.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._waiting = False
+
+    def __enter__(self) -> "Interrupts":
+        # Only the main thread may set handlers; elsewhere whoever runs us takes care of Ctrl-C.
+        self._mine = threading.current_thread() is threading.main_thread()
+        if self._mine:
+            self._before = signal.signal(signal.SIGINT, self._handle)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._mine:
+            signal.signal(signal.SIGINT, self._before)
+
+    def until_asked(self, source: Iterator[LiveItem]) -> Iterator[LiveItem]:
+        """The items of a source, until it ends or Ctrl-C is pressed."""
+        while not self.asked:
+            self._waiting = True
+            try:
+                item = next(source)
+            except StopIteration:
+                return
+            except KeyboardInterrupt:
+                self.asked = True
+                return
+            finally:
+                self._waiting = False
+            yield item
+
+    def waiting_for(self, wait: Callable[[], T]) -> T:
+        """What ``wait`` returns; Ctrl-C interrupts it.
+
+        Raises:
+            KeyboardInterrupt: then.
+        """
+        self._waiting = True
+        try:
+            return wait()
+        finally:
+            self._waiting = False
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        again, self.asked = self.asked, True
+        if self._waiting or again:
+            raise KeyboardInterrupt
+
+
+class Session:
+    """Hands samples to the tracker and its answers to the sinks, and keeps count.
+
+    Attributes:
+        update_s: what each update took.
+        over: nobody reads the JSON lines any more.
+    """
+
+    def __init__(self, tracker: Tracker, sinks: Sequence[Sink], viewers: Sequence[VideoSink], line: StatusLine) -> None:
+        self._tracker, self._sinks, self._viewers, self._line = tracker, list(sinks), viewers, line
+        self.update_s = array("d")
+        self.over = False
+        self.findings = 0
+        self._recent: deque[float] = deque(maxlen=RECENT)
+        self._pending: list[str] = []  # findings of the source, for the next answer to carry
+        self._looked = -LINE_S
+
+    def take(self, item: LiveItem) -> None:
+        """One item of the source."""
+        if isinstance(item, LiveFinding):
+            self.tell(item.sentence)
+            self._pending.append(item.sentence)
+            return
+        if isinstance(item, VideoFrame):
+            for viewer in self._viewers:
+                viewer.write_video(item)
+        self._give(self._tracker.push(item))
+
+    def finish(self) -> None:
+        """What the tracker has left."""
+        self._give(self._tracker.finish())
+
+    def tell(self, sentence: str) -> None:
+        """A finding, for the user."""
+        self.findings += 1
+        self._line.note(f"note: {sentence}")
+
+    def _give(self, estimates: list[LiveEstimate]) -> None:
+        for estimate in estimates:
+            for sentence in estimate.findings:
+                self.tell(sentence)
+            if self._pending:
+                estimate = replace(estimate, findings=(*self._pending, *estimate.findings))
+                self._pending = []
+            self.update_s.append(estimate.seconds)
+            self._recent.append(estimate.seconds)
+            for sink in [*self._sinks, *self._viewers]:
+                self._write(sink, estimate)
+        now = time.monotonic()
+        if estimates and now - self._looked >= LINE_S:
+            self._looked = now
+            for viewer in self._viewers:
+                for sentence in viewer.findings():
+                    self.tell(sentence)
+            if self._line.shown:
+                self._line.show(status(estimates[-1], np.array(self._recent)))
+
+    def _write(self, sink: Sink, estimate: LiveEstimate) -> None:
+        try:
+            sink.write(estimate)
+        except BrokenPipeError:  # the reader of the JSON lines, ``head`` say, has seen enough
+            self.over = True
+            self._sinks.remove(sink)
+
+
+def status(estimate: LiveEstimate, update_s: np.ndarray) -> str:
+    """One line: where the stream is, what updates take, who is seen, how sure the headings are."""
+    median, late = 1e3 * np.percentile(update_s, [50, 99])
+    parts = [f"frame {estimate.frame}", f"{estimate.time:.1f} s", f"update {median:.1f} ms, 99 % {late:.1f} ms"]
+    if estimate.camera is not None:
+        seen = [one.name for one in estimate.wearers if one.detection is not None]
+        parts.append(f"seen: {', '.join(seen) or 'nobody'}")
+    sigmas = {
+        sensor: one.heading_sigma
+        for wearer in estimate.wearers
+        for sensor, one in wearer.calibration.items()
+        if np.isfinite(one.heading_sigma)
+    }
+    if sigmas:
+        worst = max(sigmas, key=lambda sensor: sigmas[sensor])
+        typical, most = np.rad2deg([np.median(list(sigmas.values())), sigmas[worst]])
+        parts.append(f"headings ±{typical:.1f}°, {worst} ±{most:.1f}°")
+    return " | ".join(parts)
+
+
+def summary(update_s: Sequence[float], frame_rate: float) -> str:
+    """Frames, and the distribution of what updates took, against what there is time for."""
+    median, most, late = 1e3 * np.percentile(np.asarray(update_s), [50, 95, 99])
+    return (
+        f"{len(update_s)} frames; update: median {median:.1f} ms, 95 % {most:.1f} ms, 99 % {late:.1f} ms, "
+        f"worst {1e3 * max(update_s):.1f} ms (a frame lasts {1e3 / frame_rate:.1f} ms)"
+    )

@@ -4,7 +4,7 @@ import time as clock
 from collections import deque
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.errors import RecordingError, SolveError
@@ -47,6 +47,7 @@ class FixedLagTracker:
         self._smoother: LagSmoother | None = None
         self._onlookers: list[Onlooker] = []
         self._answers = Answers(setup, settings, self._lag)
+        self._threads = ThreadpoolController()  # finding the libraries takes longer than an update: once
 
     def push(self, sample: LiveSample) -> list[LiveEstimate]:
         """Take one sample; the answers that it allows, in order.
@@ -61,7 +62,9 @@ class FixedLagTracker:
 
     def _answer(self, measurements: list[FrameMeasurement]) -> list[LiveEstimate]:
         answers: list[LiveEstimate] = []
-        with threadpool_limits(limits=1, user_api="blas"):
+        if not measurements:
+            return answers
+        with self._threads.limit(limits=1, user_api="blas"):
             for measured in measurements:
                 begin = clock.perf_counter()
                 self._answers.find(*self._assembler.take_findings())

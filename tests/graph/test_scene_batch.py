@@ -75,7 +75,8 @@ def small_scene(kind: str) -> tuple[SceneModel, SceneState]:
             seen[1] = False
         rate = 100 * random.standard_normal(pixels.shape)
         ground = standing_feet(lens, points, pixels, seen, random)
-        views.append(KeypointView(points, pixels, random.uniform(3, 10, seen.shape), seen, rate, ground))
+        sigma = random.uniform(3, 10, seen.shape)
+        views.append(KeypointView(points, pixels, sigma, seen, rate, ground=ground))
     further = tuple(known_camera(lens, views, random) for _ in range(2 if kind == "further cameras" else 0))
     model = SceneModel((first, second), camera, tuple(views), further)
     return model, SceneState((state, other), CameraState(poses, 0.4, exp([0.2, 0.1, 0.0]), 0.01))

@@ -7,6 +7,7 @@ import numpy as np
 
 from vip_factors.body.skeleton import Skeleton, ancestors
 from vip_factors.factors.adapter import custom_factor
+from vip_factors.factors.adaptive_biweight import AdaptiveBiweightSettings
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.chain import FrameKeys, chain_state, split_blocks
 from vip_factors.factors.robust import Loss, RobustLoss
@@ -26,6 +27,9 @@ class ReprojectionSettings:
     adaptive: bool = True  # after a first fit the spread is that of the residuals: detectors differ
     least_px: float = 1.0  # detectors answer on a grid of a few pixels
     least_confidence: float = 0.1  # below it detectors guess
+    # px, standard deviation of every fully confident keypoint alike; none: by its OKS sigma and the person's size.
+    fixed_px: float | None = None
+    biweight: AdaptiveBiweightSettings = field(default_factory=AdaptiveBiweightSettings)
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # left and right swap, limbs hide
 
 

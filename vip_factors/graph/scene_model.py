@@ -98,6 +98,7 @@ class KeypointView:
         sigma: ``(T, K)`` pixels; one where not seen.
         seen: ``(T, K)``.
         pixels_per_second: ``(T, K, 2)`` how fast the detections move, for the clock offset.
+        confidence: ``(T, K)`` of the detector, times the biweight; zero where not seen. Sigma has it already.
         ground: of the feet among them, if their contact with the ground is used.
     """
 
@@ -106,6 +107,7 @@ class KeypointView:
     sigma: Array
     seen: np.ndarray
     pixels_per_second: Array
+    confidence: Array = field(default_factory=lambda: np.zeros((0, 0)))
     ground: GroundView | None = None
 
 

@@ -21,11 +21,12 @@ from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.stages.filming import Filmed, camera_problem
+from vip_factors.stages.ground import seen_standing
 from vip_factors.stages.inertial import at_frames
 from vip_factors.stages.inertial_model import kept, loosened, with_contacts
 from vip_factors.stages.shots import Shot
 from vip_factors.stages.solver import Solver
-from vip_factors.stages.views import image_scale, keypoint_view, scatter
+from vip_factors.stages.views import image_scale, keypoint_view, predicted_pixels, scatter
 
 SETTLED = 1.5  # a detector believed less than this much too rough costs less than another solve
 
@@ -90,7 +91,7 @@ def fuse(filmed: Filmed, before: Fused | None, shots: Sequence[Shot], settings: 
         with_contacts(_with_plain_prior(one.model, settings), state, path_known=before is not None)
         for one, state in zip(filmed.wearers, start.wearers, strict=True)
     )
-    model = _scene_model(wearers, filmed.camera, filmed.further, start, shots, spreads)
+    model = _scene_model(wearers, filmed.camera, filmed.further, start, shots, spreads, path_known=before is not None)
     return Fused(model, solver.solve(SceneObjective(model), start, "video-inertial fusion"), spreads)
 
 
@@ -132,7 +133,8 @@ def at_full_rate(
     camera = replace(camera_problem(shots[0].camera, time, settings), free_clock=False)
     camera = replace(camera, prior_heading=coarse.state.camera.heading)
     state, spreads = SceneState(tuple(states), _camera_at(coarse, time)), coarse.measured_spreads()
-    return _scene_model(tuple(wearers), camera, filmed.further, state, shots, spreads), state, spreads
+    model = _scene_model(tuple(wearers), camera, filmed.further, state, shots, spreads, path_known=True)
+    return model, state, spreads
 
 
 def _alone(model: SceneModel, number: int) -> SceneModel:
@@ -157,30 +159,37 @@ def _camera_at(coarse: Fused, time: Array) -> CameraState:
 
 def _scene_model(
     wearers: tuple[InertialModel, ...], camera: CameraProblem, further: Sequence[Viewpoint], state: SceneState,
-    shots: Sequence[Shot], spreads: Sequence[Sequence[float]],
+    shots: Sequence[Shot], spreads: Sequence[Sequence[float]], path_known: bool,
 ) -> SceneModel:  # fmt: skip
     """The scene's problem: what each camera saw, put onto the frames."""
     cameras = [Viewpoint(camera, state.camera, ()), *further]
     first, *others = (
-        replace(one, views=_views(wearers, one, state, shot, spread))
+        replace(one, views=_views(wearers, one, state, shot, spread, path_known))
         for one, shot, spread in zip(cameras, shots, spreads, strict=True)
     )
     return SceneModel(wearers, camera, first.views, tuple(others))
 
 
 def _views(
-    wearers: Sequence[InertialModel], camera: Viewpoint, state: SceneState, shot: Shot, spreads: Sequence[float]
-) -> tuple[KeypointView, ...]:
-    state = replace(state, camera=camera.state)
-    return tuple(
-        keypoint_view(
-            shot.detections,
-            shot.association.wearer == number,
-            wearer.skeleton,
-            wearer.frames.time,
-            image_scale(wearer.skeleton, state, number, camera.problem.model),
-            spreads[number],
-            camera.problem.settings.reprojection,
-        )
-        for number, wearer in enumerate(wearers)
+    wearers: Sequence[InertialModel], camera: Viewpoint, state: SceneState, shot: Shot, spreads: Sequence[float],
+    path_known: bool,
+) -> tuple[KeypointView, ...]:  # fmt: skip
+    state, lens, settings, views = (
+        replace(state, camera=camera.state),
+        camera.problem.model,
+        camera.problem.settings,
+        [],
     )
+    keypoints = shot.detections.keypoints
+    for number, wearer in enumerate(wearers):
+        body = wearer.skeleton
+        view = keypoint_view(
+            shot.detections, shot.association.wearer == number, body, wearer.frames.time,
+            image_scale(body, state, number, lens), spreads[number], settings.reprojection,
+            predicted_pixels(keypoints, body, state, number, lens) if path_known else None, lens.width,
+        )  # fmt: skip
+        if settings.ground_contact.use:
+            ground = seen_standing(wearer, state, number, keypoints, view, lens, path_known, settings.ground_contact)
+            view = replace(view, ground=ground)
+        views.append(view)
+    return tuple(views)

@@ -6,6 +6,7 @@ from scipy.ndimage import uniform_filter1d
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import Skeleton, joint_index
+from vip_factors.factors.adaptive_biweight import PAPERS_WIDTH, adaptive_biweight
 from vip_factors.factors.reprojection import ReprojectionSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.graph.model import BodyPoint
@@ -26,7 +27,7 @@ BRIDGED_GAPS = 1.5  # video frame periods over which a keypoint is interpolated
 
 def keypoint_view(
     detections: Detections, chosen: np.ndarray, skeleton: Skeleton, time: Array, scale: Array, spread: float,
-    settings: ReprojectionSettings,
+    settings: ReprojectionSettings, predicted: Array | None = None, image_width: float = PAPERS_WIDTH,
 ) -> KeypointView:  # fmt: skip
     """One wearer's keypoints at the frames.
 
@@ -38,15 +39,34 @@ def keypoint_view(
         scale: ``(T,)`` square root of the wearer's area in pixels.
         spread: scatter of a fully confident keypoint in OKS sigmas.
         settings: of the reprojection factor.
+        predicted: ``(T, K, 2)`` where the keypoints on the body would be seen by the body before, for the biweight.
+        image_width: pixels, for the biweight too.
     """
     used, points = points_on_body(detections.keypoints, skeleton)
     track, confidence = _track(detections, chosen)
     track, confidence = track[:, used], confidence[:, used]
     pixels, sureness = _at_frames(detections.time, track, confidence, time)
     seen = (sureness >= settings.least_confidence) & np.all(np.isfinite(pixels), axis=2)
-    sigma = pixel_sigma(detections.keypoints.sigmas[used] * scale[:, None], sureness, seen, spread, settings)
+    oks = detections.keypoints.sigmas[used]
+    if settings.biweight.use and predicted is not None:
+        weight = adaptive_biweight(pixels, predicted, oks, scale, image_width, settings.biweight)
+        seen, sureness = seen & (weight > 0), sureness * weight
+    sureness = np.where(seen, np.minimum(sureness, 1.0), 0.0)
+    sigma = pixel_sigma(oks * scale[:, None], sureness, seen, spread, settings)
     speed = _speed(detections.time, track, time)
-    return KeypointView(points, np.where(seen[..., None], pixels, 0.0), sigma, seen, speed)
+    return KeypointView(points, np.where(seen[..., None], pixels, 0.0), sigma, seen, speed, sureness)
+
+
+def predicted_pixels(
+    keypoints: KeypointSet, skeleton: Skeleton, state: SceneState, number: int, model: CameraModel
+) -> Array:
+    """Where a camera would see the keypoints on a wearer's body at the frames, ``(T, K, 2)``."""
+    wearer = state.wearers[number]
+    body = forward_kinematics(skeleton, wearer.R_parent_child, wearer.p_world_pelvis)
+    poses = state.camera.at_frames(slice(0, len(body.p_world_joint)))
+    _, points = points_on_body(keypoints, skeleton)
+    p = np.stack([point.of(body) for point in points], axis=1)
+    return model.project((p - poses.p_world_camera[:, None]) @ poses.R_world_camera)
 
 
 def pixel_sigma(
@@ -61,8 +81,9 @@ def pixel_sigma(
         spread: scatter of a fully confident keypoint in OKS sigmas.
         settings: of the reprojection factor.
     """
+    certain = settings.persistence * spread * size if settings.fixed_px is None else settings.fixed_px
     with np.errstate(divide="ignore"):
-        sigma = settings.persistence * spread * size / np.sqrt(np.minimum(confidence, 1.0))
+        sigma = certain / np.sqrt(np.minimum(confidence, 1.0))
     return np.where(seen, np.maximum(sigma, settings.least_px), 1.0)
 
 

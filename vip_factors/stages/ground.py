@@ -1,0 +1,126 @@
+"""Which feet a camera saw standing on the ground, and where."""
+
+import numpy as np
+
+from vip_factors.body.keypoints import KeypointSet
+from vip_factors.body.kinematics import BodyState, forward_kinematics
+from vip_factors.body.skeleton import Skeleton, joint_index
+from vip_factors.factors.acceleration import GRAVITY
+from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.factors.ground_contact import (
+    ContactFrom,
+    Foot,
+    GroundContactSettings,
+    Weighing,
+    acceleration_confidence,
+    ground_contact_whitening,
+    pixel_rays,
+    rays_meet_floor,
+)
+from vip_factors.geometry.rotations import Array
+from vip_factors.graph.model import InertialModel
+from vip_factors.graph.scene_model import GroundView, KeypointView
+from vip_factors.graph.scene_state import SceneState
+from vip_factors.graph.state import GraphState
+from vip_factors.initialise.root_path import contact_confidence, contact_points
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.stages.inertial_model import placed_on_floor
+
+SIDES = ("left", "right")
+FLOOR_BAND = 0.15  # m over the floor: jumps and stairs are higher, a root path before its last solve is as wrong
+
+
+def seen_feet(keypoints: KeypointSet, skeleton: Skeleton) -> tuple[tuple[Foot, ...], list[int]]:
+    """The feet whose ankles are among the keypoints, and the column of each among those that are on the body."""
+    places = keypoints.on_body(skeleton)
+    on_body = [name for name, place in zip(keypoints.keypoints, places, strict=True) if place is not None]
+    soles, feet, columns = contact_points(skeleton), [], []
+    for side in SIDES:
+        name = f"{side}_ankle"
+        place = dict(zip(keypoints.keypoints, places, strict=True)).get(name)
+        if place is not None:
+            sole = np.stack([p for bone, p in soles if bone == place.bone])
+            feet.append(Foot(place.bone, place.p_bone_point, sole))
+            columns.append(on_body.index(name))
+    return tuple(feet), columns
+
+
+def seen_standing(
+    model: InertialModel, scene: SceneState, number: int, keypoints: KeypointSet, view: KeypointView,
+    lens: CameraModel, path_known: bool, settings: GroundContactSettings,
+) -> GroundView:  # fmt: skip
+    """The ground contacts of one wearer before the camera of a scene's state, over a whole recording."""
+    state = scene.wearers[number]
+    feet, columns = seen_feet(keypoints, model.skeleton)
+    confidence = standing_confidence(model, state, feet, path_known, settings)
+    body = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis)
+    poses = scene.camera.at_frames(slice(0, len(confidence)))
+    return ground_view(view, feet, columns, confidence, body, poses, lens, settings)
+
+
+def standing_confidence(
+    model: InertialModel, state: GraphState, feet: tuple[Foot, ...], path_known: bool, settings: GroundContactSettings
+) -> Array:
+    """How surely each foot ``(T, G)`` stands on the ground; by its sensor up to two, by the joint state up to one.
+
+    Without a known path, of a camera say, contact shows in the pose alone. A foot without a sensor counts as at rest
+    only while it is the lower one.
+    """
+    grounded = state if path_known else placed_on_floor(model, state)
+    body = forward_kinematics(model.skeleton, state.R_parent_child, grounded.p_world_pelvis)
+    lowest = np.stack([_lowest(body, foot) for foot in feet], axis=1)
+    if settings.contact_from is ContactFrom.ACCELERATION:
+        return acceleration_confidence(_accelerations(model, feet), lowest, settings)
+    points = contact_points(model.skeleton)
+    each = contact_confidence(body, points, model.frames.step)
+    bones = np.array([bone for bone, _ in points])
+    surest = np.stack([each[:, bones == foot.bone].max(axis=1) for foot in feet], axis=1)
+    return np.asarray(surest * np.exp(-0.5 * (np.maximum(lowest, 0.0) / FLOOR_BAND) ** 2))
+
+
+def ground_view(
+    view: KeypointView, feet: tuple[Foot, ...], columns: list[int], confidence: Array, body: BodyState,
+    camera: CameraPoses, model: CameraModel, settings: GroundContactSettings,
+) -> GroundView:  # fmt: skip
+    """Where the rays of standing feet meet the floor.
+
+    Args:
+        view: of one wearer, from one camera.
+        feet, columns: of :func:`seen_feet`.
+        confidence: ``(T, G)`` of :func:`standing_confidence`.
+        body: of which the rotations count.
+        camera: at the ``T`` frames.
+        model: its intrinsics.
+        settings: of the factor.
+    """
+    seen = view.seen[:, columns]
+    sureness = confidence * np.where(seen, view.confidence[:, columns], 0.0)
+    # Weighed by pixels, the keypoint's sigma has the detector's confidence in it already.
+    weight = sureness if settings.weighing is Weighing.DISTANCE else confidence
+    rays, whitening = pixel_rays(model, view.pixels[:, columns]), np.zeros((*seen.shape, 3, 3))
+    stands = seen & (sureness >= settings.least_confidence)
+    for g, foot in enumerate(feet):
+        _, height = foot.ankle(body)
+        stands[:, g] &= rays_meet_floor(height, camera, rays[:, g], settings)
+        frames = np.flatnonzero(stands[:, g])
+        poses = CameraPoses(camera.R_world_camera[frames], camera.p_world_camera[frames])
+        whitening[frames, g] = ground_contact_whitening(
+            height[frames], poses, rays[frames, g], view.sigma[frames, columns[g]], model, weight[frames, g], settings
+        )
+    return GroundView(feet, rays, whitening, stands)
+
+
+def _lowest(body: BodyState, foot: Foot) -> Array:
+    return np.stack([body.point(foot.bone, p)[:, 2] for p in foot.p_bone_sole], axis=1).min(axis=1)
+
+
+def _accelerations(model: InertialModel, feet: tuple[Foot, ...]) -> Array:
+    """Norms ``(T, G)`` of the acceleration of the sensor on each foot, gravity removed; NaN without one."""
+    frames, norms = model.frames, np.full((len(model.frames), len(feet)), np.nan)
+    for g, foot in enumerate(feet):
+        side = SIDES[0] if foot.bone == joint_index("left_ankle") else SIDES[1]
+        for s, sensor in enumerate(model.sensors):
+            if sensor.bone in (foot.bone, joint_index(f"{side}_foot")):
+                free = np.linalg.norm(frames.specific_force_inertial[:, s] + GRAVITY, axis=1)
+                norms[:, g] = np.where(frames.acceleration_valid[:, s], free, np.nan)
+    return norms

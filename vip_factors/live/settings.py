@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from vip_factors.live.assembly_settings import AssemblySettings
 from vip_factors.live.association import OnlineAssociationSettings
+from vip_factors.live.watch import WatchSettings
 from vip_factors.settings import Settings
 
 
@@ -37,10 +38,13 @@ class LiveSettings(Settings):
     """All settings of a live session."""
 
     lag_s: float = 0.25  # Kaichi's users and animators want answers within a blink
+    camera_retry_s: float = 0.5  # until the first camera is looked for again that showed no wearer; then ever rarer
     start_s: float = 1.0  # of data before the first answer: a step or a gesture shows where the sensors point
+    spread_share: float = 0.02  # of what one video frame says of how detections scatter: two seconds of them count
     start_iterations: int = 2  # over the first frames, from where the batch stages put them
     covariance_every: int = 6  # frames between covariances of the smoothed pose, which cost 3 ms
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
     online_association: OnlineAssociationSettings = field(default_factory=OnlineAssociationSettings)
     walk: WalkSettings = field(default_factory=WalkSettings)
+    watch: WatchSettings = field(default_factory=WatchSettings)
     relinearisation: RelinearisationSettings = field(default_factory=RelinearisationSettings)

@@ -7,6 +7,8 @@ import gtsam
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
+from vip_factors.graph.scene_model import SceneModel
+from vip_factors.graph.scene_state import SceneState
 from vip_factors.graph.slices import scene_slices
 from vip_factors.graph.terms import FRAME, ROOT
 from vip_factors.live.problem import LagFrame, LagProblem
@@ -93,6 +95,21 @@ class LagSmoother:
         before = self.numbers[-1] - 1
         self._walks[before] = np.hypot(self._walks.get(before, self._usual_walk), sigmas)
         self._epoch[before + 1] = self._epoch[before] + 1
+
+    def loosen_sensor(self, wearer: int, sensor: int, heading_deg: float, mounting_deg: float) -> None:
+        """Let one sensor's heading and mounting step by so much before the newest frame: it has moved."""
+        columns, sigmas = self.problem.shared, np.zeros(self.problem.columns.static)
+        if len(columns.headings[wearer]):
+            sigmas[columns.headings[wearer][sensor]] = np.deg2rad(heading_deg)
+        if len(columns.mountings[wearer]):
+            sigmas[columns.mountings[wearer][sensor]] = np.deg2rad(mounting_deg)
+        self.loosen(sigmas)
+
+    def scene(self, number: int) -> tuple[SceneModel, SceneState]:
+        """A single frame as a scene of its own, without priors."""
+        one = self._at(number)
+        mean = self.problem.wearers[0].prior.mean
+        return self.problem.model([one.frame], False), stacked([one.state], self.shared, self.problem.moving, mean)
 
     def update(self, first: int | None = None) -> None:
         """One Gauss–Newton step over the frames that moved, and those from ``first`` on, if something is new there.

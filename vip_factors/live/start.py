@@ -17,18 +17,19 @@ from vip_factors.live.buffered import MeasuredStretch
 from vip_factors.live.problem import LagFrame, LagProblem, Sight, lag_frame
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.state import FrameState, SharedState
-from vip_factors.sensors.calibration import Calibration
+from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import coarser
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.stages.filming import start_filming
 from vip_factors.stages.fusion import at_full_rate, fuse
-from vip_factors.stages.inertial import Tracked, at_frames, inertial_tracker
+from vip_factors.stages.inertial import Tracked, at_frames, first_calibration, inertial_tracker
 from vip_factors.stages.inertial_model import kept, loosened, with_contacts
 from vip_factors.stages.shots import Shot, of_use, watch, watch_again
 from vip_factors.stages.solver import Solver
 
+UNKNOWN_HEADING = np.pi  # radians: of a sensor that comes late, before it has been seen to move
 # Stands for the camera where there is none: nobody is seen by it.
 NO_CAMERA = CameraModel(640, 480, np.full(2, 500.0), np.array([320.0, 240.0]))
 
@@ -104,13 +105,20 @@ def _tracked(
     frames = coarser(stretch.frames(recording.subject.name, recording.placed), settings.coarse_factor)
     if known is None:
         return inertial_tracker(recording, frames, settings, solver)
-    one = [known.calibration[recording.subject.name][name] for name in frames.sensors]
-    sigma = np.array([own.heading_sigma for own in one])
+    own = dict(known.calibration[recording.subject.name])
+    if any(name not in own for name in frames.sensors):
+        fresh = first_calibration(recording, frames, settings)
+        for s, name in enumerate(frames.sensors):
+            sigma = np.full(3, recording.placement.site(name).mounting_sigma)
+            heading = float(fresh.headings[s])
+            own.setdefault(name, SensorCalibration(heading, fresh.R_bone_sensor[s], UNKNOWN_HEADING, sigma))
+    one = [own[name] for name in frames.sensors]
+    sigma = np.array([each.heading_sigma for each in one])
     calibration = InitialCalibration(
-        np.array([own.heading for own in one]), sigma, np.stack([own.R_bone_sensor for own in one])
+        np.array([each.heading for each in one]), sigma, np.stack([each.R_bone_sensor for each in one])
     )
     tracked = inertial_tracker(recording, frames, settings, solver, calibration)
-    mounting = np.array([np.sqrt(np.mean(own.mounting_sigma**2)) for own in one])
+    mounting = np.array([np.sqrt(np.mean(each.mounting_sigma**2)) for each in one])
     return replace(tracked, model=replace(tracked.model, mounting_sigma=mounting))
 
 

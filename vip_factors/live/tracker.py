@@ -8,6 +8,8 @@ from threadpoolctl import ThreadpoolController
 
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.errors import RecordingError, SolveError
+from vip_factors.geometry.rotations import Array
+from vip_factors.graph.reprojection_batch import reprojections
 from vip_factors.initialise.root_path import contact_confidence
 from vip_factors.live.answers import Answers
 from vip_factors.live.assembly import FrameAssembler
@@ -19,10 +21,12 @@ from vip_factors.live.settings import LiveSettings
 from vip_factors.live.sight import Onlooker, Scenery
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import Known, Started, start
+from vip_factors.live.watch import SensorWatch
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveSample, LiveSetup, VideoFrame
 
 DEFAULT = LiveSettings()
+SOME_VIDEO = 10  # frames with people in them, within the time that tracking begins with
 CONTACT_FRAMES = 7  # frames over which a foot is watched to tell whether it stands
 
 
@@ -37,6 +41,7 @@ class FixedLagTracker:
     def __init__(self, setup: LiveSetup, settings: LiveSettings = DEFAULT) -> None:
         self.setup, self.settings = setup, settings
         self._columns = _columns(setup)
+        self._worn = sum(len(wearer.placement.sites) for wearer in setup.wearers)  # columns; the rest is on cameras
         self._lag = max(1, round(settings.lag_s * settings.frame_rate))
         self._assembler = FrameAssembler(
             self._columns, settings.frame_rate, settings.assembly, setup.cameras, self._lag
@@ -44,8 +49,11 @@ class FixedLagTracker:
         self._start_frames = max(self._lag + 3, round(settings.start_s * settings.frame_rate))
         self._recent: deque[FrameMeasurement] = deque(maxlen=self._start_frames)
         self._video: deque[tuple[int, VideoFrame]] = deque()
+        self._paths: deque[tuple[int, Array]] = deque(maxlen=self._start_frames)  # of the pelvises, as smoothed
         self._smoother: LagSmoother | None = None
         self._onlookers: list[Onlooker] = []
+        self._watches: list[SensorWatch] = []
+        self._look_again, self._patience = 0, settings.camera_retry_s
         self._answers = Answers(setup, settings, self._lag)
         self._threads = ThreadpoolController()  # finding the libraries takes longer than an update: once
 
@@ -84,12 +92,19 @@ class FixedLagTracker:
             return self._begin(begin) if len(self._recent) == self._start_frames else []
         try:
             self._step(self._smoother, measured)
+            if self._is_worth_another_start(self._smoother, measured):
+                self._start_again(self._smoother)
         except SolveError as error:
             self._answers.find(f"tracking was lost at {measured.time:.1f} s ({error}): starting again")
             self._smoother = None
             self._recent.clear()
             return []
-        return [self._answers.of(self._smoother, self._onlookers, begin)]
+        answer = self._answers.of(self._smoother, self._onlookers, begin)
+        if self._smoother.numbers[0] == measured.frame - self._lag:
+            self._paths.append(
+                (self._smoother.numbers[0], self._smoother.state(self._smoother.numbers[0]).p_world_pelvis)
+            )
+        return [answer]
 
     # Beginning
 
@@ -103,6 +118,39 @@ class FixedLagTracker:
             return []
         self._smoother = self._started(started)
         return self._answers.of_start(self._smoother, self._onlookers, begin)
+
+    def _is_worth_another_start(self, smoother: LagSmoother, measured: FrameMeasurement) -> bool:
+        """Whether a sensor has come, or a camera shows people and no wearer has been found by it yet."""
+        if measured.frame < self._look_again or len(self._recent) < self._start_frames:
+            return False
+        unseen = not smoother.problem.filmed and sum(len(video.pixels) > 0 for _, video in self._video) > SOME_VIDEO
+        used = {column for columns in smoother.problem.sensors for column in columns}
+        seen = np.stack([one.orientation_valid for one in self._recent]).mean(axis=0)
+        come = any(share > 0.9 and column not in used for column, share in enumerate(seen[: self._worn]))
+        return unseen or come
+
+    def _start_again(self, smoother: LagSmoother) -> None:
+        """Begin anew with the last second, knowing what is known; keep on as before if that brings nothing."""
+        newest = self._recent[-1].frame
+        self._look_again = newest + round(self._patience * self.settings.frame_rate)
+        self._patience *= 2
+        paths = dict(self._paths)
+        if self._recent[0].frame not in paths:
+            return
+        known = Known(self._answers.calibrations(smoother), paths[self._recent[0].frame])
+        stretch = MeasuredStretch(self.setup, list(self._recent), list(self._video), self._columns)
+        try:
+            started = start(stretch, self.settings, known)
+        except (RecordingError, SolveError):
+            return
+        more = sum(map(len, started.problem.sensors)) > sum(map(len, smoother.problem.sensors))
+        if not (started.filmed and not smoother.problem.filmed) and not more:
+            return
+        self._smoother = self._started(started)
+        self._smoother.forget(newest - self._lag)
+        self._answers.find(
+            "a wearer was found in the video" if started.filmed else "another sensor is used from here on"
+        )
 
     def _started(self, started: Started) -> LagSmoother:
         smoother = LagSmoother(started.problem, started.shared, self.settings)
@@ -126,6 +174,8 @@ class FixedLagTracker:
                 chosen = [int(np.flatnonzero(who == w)[0]) if np.any(who == w) else -1 for w in range(len(skeletons))]
                 onlooker.remember(number, one, np.array(chosen))
             self._onlookers.append(onlooker)
+        rate, begin = self.settings.frame_rate, smoother.numbers[0]
+        self._watches = [SensorWatch(one, self.settings.watch, rate, begin) for one in started.problem.wearers]
         return smoother
 
     # Going on
@@ -145,6 +195,27 @@ class FixedLagTracker:
         first = self._see(smoother, measured)
         smoother.update(first)
         smoother.forget(measured.frame - self._lag)
+        self._learn(smoother, measured.frame)
+
+    def _learn(self, smoother: LagSmoother, newest: int) -> None:
+        """What smoothed frames teach of the detectors and of the sensors."""
+        oldest = smoother.numbers[0]
+        model, state = smoother.scene(oldest)
+        for number, wearer in enumerate(model.wearers):
+            own = state.wearers[number]
+            body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
+            for sensor in self._watches[number].moved(oldest, wearer, own, body):
+                name, settings = wearer.frames.sensors[sensor], self.settings.watch
+                smoother.loosen_sensor(number, sensor, settings.heading_sigma_deg, settings.mounting_sigma_deg)
+                self._answers.find(
+                    f"sensor '{name}' of '{self.setup.wearers[number].name}' no longer sits as it did: its heading and "
+                    "mounting are estimated anew"
+                )
+            for onlooker, one in zip(self._onlookers, model.viewpoints(state.camera), strict=False):
+                view = one.views[number]
+                if view.seen.any():
+                    residual, _ = reprojections(view, one.problem, one.state.at_frames(slice(0, 1)), 0.0, body)
+                    onlooker.hear(number, residual[view.seen], self.settings.spread_share)
 
     def _find_contacts(self, smoother: LagSmoother) -> None:
         """Which feet stand from the last frame to the newest one."""

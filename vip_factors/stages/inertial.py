@@ -42,14 +42,15 @@ def inertial_tracker(
 
     A ``known`` calibration, of earlier frames, spares the guess from straps and the declared pose.
     """
-    calibration = known or _facing(recording, _first_calibration(recording, frames, settings), settings, solver.tell)
+    calibration = known or _facing(recording, first_calibration(recording, frames, settings), settings, solver.tell)
     model = inertial_model(recording, frames, calibration, settings)
     state = solver.solve(BatchObjective(alone(model)), _start(model, calibration), "inertial tracker")
     model = walking(model, settings.calibration)
     return Tracked(model, placed_on_floor(model, state).with_knots(len(model.heading_knots)))
 
 
-def _first_calibration(recording: Recording, frames: ImuFrames, settings: Settings) -> InitialCalibration:
+def first_calibration(recording: Recording, frames: ImuFrames, settings: Settings) -> InitialCalibration:
+    """Headings and mountings from straps, the declared pose and the motion; or the true ones, if the settings say so."""
     if settings.calibration.from_truth:
         if recording.truth is None or recording.truth.calibration is None:
             raise InputError(f"recording '{recording.name}' has no true calibration: leave calibration.from_truth off")

@@ -1,0 +1,58 @@
+"""Sensors that are no longer where they were: re-attached, knocked round their bone, or with a heading set anew."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.body.kinematics import BodyState
+from vip_factors.geometry.rotations import Array
+from vip_factors.graph.model import InertialModel
+from vip_factors.graph.state import GraphState
+from vip_factors.graph.wearer_residuals import orientation_residuals
+
+
+@dataclass(frozen=True)
+class WatchSettings:
+    """When a sensor is believed to have moved, and how much is forgotten of it then."""
+
+    angle_deg: float = 15.0  # of a sensor against its bone: four times what tissue and filters do
+    memory_s: float = 0.4  # over which that is averaged: a knock passes, a strap that has turned stays
+    rest_s: float = 3.0  # after which the same sensor may be judged again: that long re-estimating takes
+    settle_s: float = 2.0  # after a start nothing is judged: mountings are still being found
+    heading_sigma_deg: float = 40.0  # how far a sensor set anew may point elsewhere
+    mounting_sigma_deg: float = 30.0  # how far a strap slips
+
+
+class SensorWatch:
+    """Watches one wearer's sensors.
+
+    Args:
+        model: the wearer's problem.
+        settings: of the watch.
+        rate: frames per second.
+        begin: number of the frame that tracking began with.
+    """
+
+    def __init__(self, model: InertialModel, settings: WatchSettings, rate: float, begin: int) -> None:
+        self._settings, self._rate = settings, rate
+        self._mean = np.zeros((len(model.sensors), 3))
+        self._since = np.full(len(model.sensors), begin + round(settings.settle_s * rate))
+        self._sigma = model.settings.orientation.sigma
+
+    def moved(self, number: int, model: InertialModel, state: GraphState, body: BodyState) -> Sequence[int]:
+        """Sensors that have moved, judged at a frame: ``model``, ``state`` and ``body`` hold it alone."""
+        residual = orientation_residuals(model, state, body, slice(0, 1)).residual[0] * self._sigma
+        share = 1 - np.exp(-1 / (self._settings.memory_s * self._rate))
+        valid = model.frames.orientation_valid[0]
+        self._mean[valid] += share * (residual[valid] - self._mean[valid])
+        angle = np.linalg.norm(self._mean, axis=1)
+        found = np.flatnonzero((angle > np.deg2rad(self._settings.angle_deg)) & (number >= self._since))
+        self._since[found] = number + round(self._settings.rest_s * self._rate)
+        self._mean[found] = 0.0
+        return [int(sensor) for sensor in found]
+
+    @property
+    def angles(self) -> Array:
+        """How far each sensor is from its bone of late, ``(S,)`` radians."""
+        return np.linalg.norm(self._mean, axis=1)

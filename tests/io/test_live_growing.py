@@ -5,13 +5,15 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from live_streams import QUICK, Background, received, short_walk
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, Schema
 from mcap_samples import assert_same
 from scene_samples import camera_path, filmed_walk
 
@@ -99,6 +101,16 @@ def test_several_wearers_and_a_plain_recording_arrive(tmp_path: Path) -> None:
     assert sentences == []
 
 
+def test_further_cameras_arrive(tmp_path: Path) -> None:
+    scene = standing(short_walk())
+    sides = [replace(scene.camera, name=name) for name in ("side/left", "imu")]
+    scene = replace(scene, further_cameras=tuple(sides))
+    write_scene(scene, tmp_path / "three.mcap")
+    setup, samples, sentences = followed(tmp_path / "three.mcap")
+    assert_followed(scene, setup, samples)
+    assert sentences == []
+
+
 def test_nothing_is_dropped_by_a_slow_tracker(tmp_path: Path) -> None:
     scene = short_walk()
     (tmp_path / "walk.mcap").write_bytes(written(scene, tmp_path))
@@ -147,16 +159,14 @@ def test_leaving_early_ends_the_reader(tmp_path: Path) -> None:
     assert not source._thread.is_alive()
 
 
-def composed(path: Path, recording: Recording, add: Callable[[MessageWriter], None], finish: bool = True) -> None:
+def composed(path: Path, recording: Recording, add: Callable[[MessageWriter, IO[bytes]], None]) -> None:
     """A recording's beginning and samples, and then what ``add`` writes."""
-    with open(path, "wb") as file:
-        writer = MessageWriter(file)
+    with open(path, "wb") as file, MessageWriter(file) as writer:
         writer.add_in_order(*recording_messages(writer, replace(recording, truth=None)))
-        add(writer)
-        writer._writer.finish() if finish else writer.flush()
+        add(writer, file)
 
 
-def spoilt(tmp_path: Path, add: Callable[[MessageWriter], None]) -> list[str]:
+def spoilt(tmp_path: Path, add: Callable[[MessageWriter, IO[bytes]], None]) -> list[str]:
     """The sentences about what ``add`` writes behind a good recording, whose samples all arrive."""
     path, recording = tmp_path / "spoilt.mcap", short_walk().wearers[0]
     composed(path, recording, add)
@@ -168,31 +178,38 @@ def spoilt(tmp_path: Path, add: Callable[[MessageWriter], None]) -> list[str]:
 def test_a_channel_that_changes_its_schema_is_left_out_from_there(tmp_path: Path) -> None:
     stream = short_walk().wearers[0].imus["head"]
 
-    def another_channel(writer: MessageWriter) -> None:
-        writer._channels.clear()
-        channel = writer.channel("/imu/head", Detections2D)
-        for _ in range(3):
-            writer.add(channel, 0, Detections2D(frame=1).SerializeToString())
-
-    def the_same_channel(writer: MessageWriter) -> None:
-        from mcap.records import Channel
-
-        channel = writer.channel("/imu/head", ImuSample)
-        schema = writer._schema("vip_factors.Other", "protobuf", b"")
+    def again(writer: MessageWriter, file: IO[bytes], record: Channel | Schema) -> None:
+        """The record, and then samples."""
+        channel, records = writer.channel("/imu/head", ImuSample), RecordBuilder()
         writer.flush()
-        writer._writer._chunk_builder.add_channel(
-            Channel(id=channel, topic="/imu/head", message_encoding="protobuf", metadata={}, schema_id=schema)
-        )
+        record.write(records)
+        file.write(records.end())
         for time_ns, _, data in sample_messages(writer, "/imu/head", stream, 0):
             writer.add(channel, time_ns, data)
 
+    def another_channel(writer: MessageWriter, file: IO[bytes]) -> None:
+        writer._channels.clear()
+        for _ in range(3):
+            writer.add(writer.channel("/imu/head", Detections2D), 0, Detections2D(frame=1).SerializeToString())
+
+    def the_same_channel(writer: MessageWriter, file: IO[bytes]) -> None:
+        number = writer.channel("/imu/head", ImuSample)
+        again(writer, file, Channel(number, "/imu/head", "protobuf", {}, schema_id=0))
+
+    def the_same_schema(writer: MessageWriter, file: IO[bytes]) -> None:
+        number = next(number for (name, *_), number in writer._schemas.items() if name == "vip_factors.ImuSample")
+        again(writer, file, Schema(number, b"", "protobuf", "other.Sample"))
+
     for add in (another_channel, the_same_channel):
         (sentence,) = spoilt(tmp_path, add)
-        assert "channel /imu/head changes its schema mid-way" in sentence
+        assert "/imu/head: the schema changes mid-way" in sentence
+    (sentence,) = spoilt(tmp_path, the_same_schema)
+    assert "/imu/head, /imu/left_forearm, " in sentence
+    assert "the schema changes mid-way (to other.Sample)" in sentence
 
 
 def test_foreign_and_unparsable_messages_are_left_out(tmp_path: Path) -> None:
-    def add(writer: MessageWriter) -> None:
+    def add(writer: MessageWriter, file: IO[bytes]) -> None:
         schema = writer._schema("sensor_msgs/msg/Imu", "ros2msg", b"")
         writer.add(writer._writer.register_channel("/imu/tail", "cdr", schema), 0, b"words")
         writer.add(writer.channel("/imu/head", ImuSample), 0, b"\xff")
@@ -206,7 +223,7 @@ def test_foreign_and_unparsable_messages_are_left_out(tmp_path: Path) -> None:
 
 
 def test_oversized_messages_are_left_out(tmp_path: Path) -> None:
-    def add(writer: MessageWriter) -> None:
+    def add(writer: MessageWriter, file: IO[bytes]) -> None:
         writer.add(writer.channel("/imu/head", ImuSample), 0, ImuSample(sensor="x" * 5000).SerializeToString())
 
     path, recording = tmp_path / "large.mcap", short_walk().wearers[0]

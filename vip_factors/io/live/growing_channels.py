@@ -92,9 +92,7 @@ class Channels:
         schema = (read.name, read.encoding, read.data)
         if self._schemas.setdefault(read.id, schema) != schema:
             self._schemas[read.id] = schema
-            for channel_id, (schema_id, _) in self._channels.items():
-                if schema_id == read.id:
-                    self._leave_out(channel_id, read.name)
+            self._leave_out([one for one, (schema_id, _) in self._channels.items() if schema_id == read.id], read.name)
 
     def _channel(self, content: bytes) -> None:
         from mcap.data_stream import ReadDataStream
@@ -105,24 +103,25 @@ class Channels:
         channel = McapChannel(read.id, read.topic, read.message_encoding, *schema)
         if read.id in self._channels:
             if self._channels[read.id][1] != channel:
-                self._leave_out(read.id, f"{channel.schema_name}, topic {channel.topic}")
+                self._leave_out([read.id], f"{channel.schema_name}, topic {channel.topic}")
             return
         self._channels[read.id] = (read.schema_id, channel)
         if self._topics.setdefault(read.topic, schema) == schema:
             self._routes[read.id] = self._route(channel)
         else:
-            self._leave_out(read.id, channel.schema_name)
+            self._leave_out([read.id], channel.schema_name)
 
-    def _leave_out(self, channel_id: int, schema: str) -> None:
-        """A channel is not what it was."""
-        topic = self._channels[channel_id][1].topic
-        if _owner(topic) is not None:
+    def _leave_out(self, channel_ids: list[int], schema: str) -> None:
+        """Channels that are not what they were."""
+        topics = sorted({self._channels[one][1].topic for one in channel_ids})
+        topics = [topic for topic in topics if _owner(topic) is not None]
+        if topics:
             self._tell(
-                f"schema of {topic}",
-                f"channel {topic} changes its schema mid-way (to {schema or 'none'}): its messages are left out from "
+                f"schema of {topics[0]}",
+                f"{', '.join(topics)}: the schema changes mid-way (to {schema or 'none'}); the messages are left out from "
                 "here on",
             )
-        self._routes[channel_id] = None
+        self._routes.update(dict.fromkeys(channel_ids))
 
     def _route(self, channel: McapChannel) -> Route | None:
         found = _owner(channel.topic)

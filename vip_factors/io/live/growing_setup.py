@@ -115,9 +115,9 @@ class GatheredSetup:
 
     @property
     def _cameras(self) -> list[str]:
+        if self._scene is not None:
+            return [*([CAMERA] if self._scene.has_camera else []), *self._scene.further_camera_topics]
         found = [owner for owner in self._of if owner.startswith(CAMERA)]
-        if self._scene is not None and self._scene.has_camera and CAMERA not in found:
-            found.append(CAMERA)
         return sorted(found, key=lambda owner: owner != CAMERA)  # the first camera first, then as they came
 
     def _has(self, owner: str, kind: str) -> bool:

@@ -18,6 +18,7 @@ from vip_factors.sensors.live import LiveFinding
 if TYPE_CHECKING:
     from websockets.sync.server import Server, ServerConnection
 
+GRACE = 1.0  # seconds for the connection before to end: a client that comes back may be quicker than its old one
 CLOSE_WAIT = 1.0  # seconds that a client may take to say goodbye
 BUSY, REFUSED = 1013, 1008  # close codes: try again later, policy violation
 REASON_BYTES = 120  # a close frame holds 123
@@ -95,7 +96,7 @@ class WebSocketSource(LiveSource):
     def _serve(self, connection: "ServerConnection") -> None:
         """Follow one client, in a thread of its own."""
         client = Client(self._session, _peer(self.name, connection))
-        if not self._busy.acquire(blocking=False):
+        if not self._busy.acquire(timeout=GRACE):
             client.leave("it is sent away, as another client is connected")
             connection.close(BUSY, "another client is connected")
             return

@@ -130,10 +130,31 @@ def test_clocks_that_start_again_together_stay_in_step() -> None:
     assert sum(len(one.video) for one in frames) > 30
 
 
-def test_clocks_with_epochs_of_their_own_are_brought_together() -> None:
-    samples = [replace(one, time=one.time + 1e6) if one.sensor == "wrist" else one for one in stream(0.0, 3.0)]
+@pytest.mark.parametrize("epoch", [-1e6, 1e6])
+@pytest.mark.parametrize("which", COLUMNS)
+def test_clocks_with_epochs_of_their_own_are_brought_together(epoch: float, which: tuple[str, str]) -> None:
+    samples = [
+        replace(one, time=one.time + epoch) if (one.carrier, one.sensor) == which else one for one in stream(0.0, 4.0)
+    ]
     frames = assemble(samples, FrameAssembler(COLUMNS, RATE))
+    assert 100 < len(frames) < 300
     assert np.all(frames[-5].orientation_valid)
+
+
+def test_a_first_sample_of_another_age_does_not_spoil_the_rest() -> None:
+    frames = assemble([sample(WRIST, 0.0, stamp=1e9), *stream(0.0, 4.0)], FrameAssembler(COLUMNS, RATE))
+    assert len(frames) < 300
+    assert np.all(frames[-5].orientation_valid)
+
+
+def test_a_backlog_is_late_but_keeps_its_times() -> None:
+    assembler = started()
+    assemble(stream(1.0, 12.0, OTHERS), assembler, flush=False)
+    assemble(stream(1.0, 12.0, [WRIST]), assembler, flush=False)
+    frames = assemble(stream(12.0, 13.0), assembler)
+    assert np.all(frames[-1].orientation_valid)
+    truth = sample(WRIST, frames[-1].time).R_inertial_sensor
+    np.testing.assert_allclose(frames[-1].R_inertial_sensor[1], truth, atol=1e-3)
 
 
 @pytest.mark.parametrize(

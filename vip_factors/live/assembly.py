@@ -154,7 +154,8 @@ class FrameAssembler:
 
     def _after_silence(self, past: float, now: float) -> list[FrameMeasurement]:
         """What a silence of all sensors between two times of the stream's present means."""
-        self._first_sample = min(self._first_sample, now)
+        if now > past - self._settings.jump:
+            self._first_sample = min(self._first_sample, now)
         if not math.isfinite(past) or now - past <= self._settings.patience:
             return []
         self._attendance.resume(now)

@@ -17,6 +17,7 @@ class _Refused:
     newest: float
     ahead: bool
     leap: str  # in words
+    present_before: float  # s, the stream's newest before the first
     others_before: int  # samples accepted from anybody before the first
     told: bool = False
 
@@ -32,9 +33,10 @@ class Admitted:
 class StreamClocks:
     """Maps times of sources onto the stream's clock: sensors first, cameras behind them.
 
-    A sample that lies more than a jump *before* its own source's newest, or *ahead* of all sensors, is refused. If
-    that lasts, the source's clock has started again: its time goes on from the stream's newest. But if nobody else
-    went on meanwhile, all were silent, and the time ahead is believed.
+    A sample that lies more than a jump *before* its own source's newest, or *ahead* of all sensors, is refused, and so
+    is a sensor's that is older than the longest pause. If that lasts, the source's clock has started again: its time
+    goes on from the stream's newest. But if nobody else went on meanwhile, all were silent, and the time ahead is
+    believed.
     """
 
     def __init__(self, sensors: int, cameras: int, settings: AssemblySettings) -> None:
@@ -59,7 +61,12 @@ class StreamClocks:
         newest = self._newest[source]
         # Nobody begins far from the others; but a slow detector's frames are seconds old, and need not wait for IMUs.
         tolerance = settings.longest_pause if camera else settings.jump
-        behind = newest - settings.jump if newest > -math.inf else self.present - tolerance
+        if newest == -math.inf:
+            behind = self.present - tolerance
+        else:
+            behind = newest - settings.jump
+            if not camera:
+                behind = max(behind, self.present - settings.longest_pause)
         ahead = max(newest, self.present) + tolerance
         if moment < behind:
             return self._refuse(source, time, alive, is_ahead=False)
@@ -84,9 +91,12 @@ class StreamClocks:
         now = max(self._newest[source], self.present)
         if refused is None or refused.ahead != is_ahead or abs(time - refused.newest) > self._settings.jump:
             leap = f"its clock jumped from {now:.2f} s to {moment:.2f} s: such samples are refused"
-            refused = self._refused[source] = _Refused(time, time, is_ahead, leap, self._accepted)
+            refused = self._refused[source] = _Refused(time, time, is_ahead, leap, self.present, self._accepted)
         refused.newest = max(refused.newest, time)
         lasts = refused.newest - refused.first >= self._settings.restart_after
+        if not is_ahead and moment >= self._newest[source] - self._settings.jump:
+            # Its own time goes on, far behind the others': a backlog comes in faster than time passes.
+            lasts &= self.present - refused.present_before >= self._settings.restart_after / 2
         if is_ahead and self._all_were_silent(source, moment, alive, lasts):
             return self._accept(source, moment)
         if not lasts:

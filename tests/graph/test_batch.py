@@ -80,14 +80,23 @@ def batched_hessian(model: InertialModel, state: GraphState) -> tuple[np.ndarray
     return whole.hessian(order)
 
 
-def test_the_cost_is_the_error_of_the_graph() -> None:
+def with_limits(model: InertialModel, per_axis: bool) -> InertialModel:
+    limit = replace(model.settings.joint_limit, per_axis=per_axis)
+    return replace(model, settings=replace(model.settings, joint_limit=limit))
+
+
+@pytest.mark.parametrize("per_axis", [False, True])
+def test_the_cost_is_the_error_of_the_graph(per_axis: bool) -> None:
     model, state = small_model()
+    model = with_limits(model, per_axis)
     graph = nonlinear_graph(model)
     assert sum(BatchObjective(model).cost(state).values()) == pytest.approx(graph.error(state.to_values()), rel=1e-9)
 
 
-def test_the_normal_equations_are_those_of_the_graph() -> None:
+@pytest.mark.parametrize("per_axis", [False, True])
+def test_the_normal_equations_are_those_of_the_graph(per_axis: bool) -> None:
     model, state = small_model()
+    model = with_limits(model, per_axis)
     ordering = gtsam.Ordering()
     for key, _ in batch_columns(model):
         ordering.push_back(key)

@@ -12,7 +12,7 @@ from vip_factors.factors.gauge_prior import gauge_prior_factor
 from vip_factors.factors.heading_knots import HeadingAt
 from vip_factors.factors.heading_prior import heading_prior_factor
 from vip_factors.factors.heading_walk import heading_walk_factor
-from vip_factors.factors.joint_limit import joint_limit_factor
+from vip_factors.factors.joint_limit import joint_limit_factors
 from vip_factors.factors.orientation import orientation_factor
 from vip_factors.factors.pose_prior import pose_mean_factor, pose_prior_factor
 from vip_factors.factors.rotation_prior import rotation_prior_factor
@@ -44,7 +44,7 @@ def pose_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gtsa
             )  # fmt: skip
     yield pose_prior_factor(keys, pose_mean_key(wearer), model.prior, settings.pose_prior)
     for joint in range(1, LAST_JOINT + 1):
-        yield joint_limit_factor(keys, joint, model.limits, settings.joint_limit)
+        yield from joint_limit_factors(keys, joint, model.limits, settings.joint_limit)
     for c, contact in enumerate(model.contacts if model.has_floor else ()):
         confidence = float(model.contact_confidence[t, c])
         if confidence > 0:

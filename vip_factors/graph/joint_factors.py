@@ -35,7 +35,7 @@ def add_joint_factors(
     limits = limit_residuals(model, x)
     if limits.residual.any():
         sigma = model.settings.joint_limit.sigma
-        _add_by_joint(limits, (limits.residual != 0)[..., None] * D / sigma, hessian, gradient)
+        _add_by_joint(limits, (limits.residual != 0).reshape(*D.shape[:3], 1) * D / sigma, hessian, gradient)
     initial = initial_pose_residuals(model, state.R_parent_child[frames], frames)
     if initial is not None:
         sigma = model.initial_pose_sigma
@@ -82,8 +82,8 @@ def _add_smoothness(
 
 
 def _add_by_joint(term: Residuals, J: Array, hessian: Array, gradient: Array) -> None:
-    """Add factors with whitened Jacobians ``(t, 23, 3, 3)``, each by its own joint."""
-    weighted = transpose(term.weight[..., None, None] * J)
+    """Add factors with whitened Jacobians ``(t, 23, 3, 3)``, each by its own joint: one for each, or for each row."""
+    weighted = transpose(term.weight.reshape(*J.shape[:2], -1, 1) * J)
     hessian[:, _BLOCKS[:, :, None], _BLOCKS[:, None, :]] += weighted @ J
     gradient[:, JOINTS] += _blocks_apply(weighted, term.residual)
 

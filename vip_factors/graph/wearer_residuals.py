@@ -69,9 +69,10 @@ def prior_residuals(model: InertialModel, x: Array, mean: Array) -> Residuals:
 
 
 def limit_residuals(model: InertialModel, x: Array) -> Residuals:
-    """One factor for each joint but the root, of joint vectors ``(t, 69)``."""
+    """One factor for each joint but the root (or for each of its axes), of joint vectors ``(t, 69)``."""
     settings = model.settings.joint_limit
-    outside = joint_limit_residual(x, model.limits.lower, model.limits.upper).reshape(len(x), -1, 3)
+    rows = 1 if settings.per_axis else 3
+    outside = joint_limit_residual(x, model.limits.lower, model.limits.upper).reshape(len(x), -1, rows)
     return Residuals("joint limit", outside / settings.sigma, 1.0, settings.loss)
 
 

@@ -16,6 +16,7 @@ from vip_factors.live.settings import LiveSettings, RelinearisationSettings
 from vip_factors.live.state import FrameState, SharedState, stacked
 from vip_factors.solve.fixed_lag import FixedLagChain, LagSolution
 
+LEAST_STEP = 1e-5  # of shared variables that do not step: no information is infinite
 REACH = 2  # frames that a factor reaches ahead of its first one
 
 
@@ -48,6 +49,7 @@ class LagSmoother:
         self._walks: dict[int, Array] = {}  # by frame behind which shared variables step, their sigmas
         self._epoch: dict[int, int] = {}  # of each frame: how many such steps lie before it
         self._every = max(1, round(settings.walk.every_s * settings.frame_rate))
+        self._loosened = np.zeros(problem.columns.static)  # variances of the step behind the newest frame
         self._usual_walk = _walk_sigmas(problem, settings)
 
     # What there is
@@ -83,18 +85,20 @@ class LagSmoother:
         """A new frame behind the newest one; it counts from the next update on."""
         if frame.number - 1 in self._epoch:
             before = frame.number - 1
-            if frame.number % self._every == 0:
-                self._walks.setdefault(before, self._usual_walk)
-            self._epoch[frame.number] = self._epoch[before] + (before in self._walks)
+            step = self._loosened + (self._usual_walk**2 if frame.number % self._every == 0 else 0.0)
+            if np.any(step):
+                self._walks[before] = np.sqrt(np.maximum(step, LEAST_STEP**2))
+            self._epoch[frame.number], self._loosened = (
+                self._epoch[before] + (before in self._walks),
+                np.zeros_like(step),
+            )
         else:
             self._epoch[frame.number], self._beginning = 0, frame.number
         self._frames.append(_Kept(frame, guess, np.zeros(self.problem.columns.frame)))
 
     def loosen(self, sigmas: Array) -> None:
-        """Let shared variables step by ``sigmas`` ``(s,)`` before the newest frame: a sensor has moved, say."""
-        before = self.numbers[-1] - 1
-        self._walks[before] = np.hypot(self._walks.get(before, self._usual_walk), sigmas)
-        self._epoch[before + 1] = self._epoch[before] + 1
+        """Let shared variables step by ``sigmas`` ``(s,)`` behind the newest frame: a sensor has moved, say."""
+        self._loosened = self._loosened + sigmas**2
 
     def loosen_sensor(self, wearer: int, sensor: int, heading_deg: float, mounting_deg: float) -> None:
         """Let one sensor's heading and mounting step by so much before the newest frame: it has moved."""

@@ -1,0 +1,156 @@
+"""The fixed-lag chain against the whole problem, and against GTSAM's own smoothers."""
+
+import gtsam
+import numpy as np
+import pytest
+
+from vip_factors.errors import SolveError
+from vip_factors.solve.fixed_lag import FixedLagChain
+
+WIDTH, SHARED, FRAMES, LAG = 4, 3, 12, 5
+Z = gtsam.symbol("z", 0)
+
+
+def frame_key(number: int) -> int:
+    return int(gtsam.symbol("x", number))
+
+
+def slices(frames: int = FRAMES, seed: int = 0) -> list[gtsam.GaussianFactorGraph]:
+    """Each frame's factors: on itself, with the next two, and with what all share."""
+    rng, graphs = np.random.default_rng(seed), []
+    unit = gtsam.noiseModel.Unit.Create(6)
+    for t in range(frames):
+        graph = gtsam.GaussianFactorGraph()
+        graph.add(gtsam.JacobianFactor(frame_key(t), rng.normal(size=(6, WIDTH)), rng.normal(size=6), unit))
+        graph.add(
+            gtsam.JacobianFactor(
+                frame_key(t), rng.normal(size=(6, WIDTH)), Z, rng.normal(size=(6, SHARED)), rng.normal(size=6), unit
+            )
+        )
+        if t + 2 < frames:
+            keys = [frame_key(t + ahead) for ahead in range(3)]
+            blocks = [rng.normal(size=(6, WIDTH)) for _ in keys]
+            pairs = [item for pair in zip(keys, blocks, strict=True) for item in pair]
+            graph.add(gtsam.JacobianFactor(*pairs, rng.normal(size=6), unit))
+        graphs.append(graph)
+    return graphs
+
+
+def whole(graphs: list[gtsam.GaussianFactorGraph]) -> gtsam.GaussianFactorGraph:
+    graph = gtsam.GaussianFactorGraph()
+    for one in graphs:
+        graph.push_back(one)
+    return graph
+
+
+def run(graphs: list[gtsam.GaussianFactorGraph], lag: int = LAG) -> FixedLagChain:
+    chain = FixedLagChain()
+    for t, graph in enumerate(graphs):
+        chain.eliminate(t, [frame_key(t)], graph)
+        chain.forget(t - lag)
+    return chain
+
+
+def test_the_lag_equals_the_whole_problem() -> None:
+    graphs = slices()
+    chain, expected = run(graphs), whole(graphs).optimize()
+    solution = chain.solution(Z)
+    assert chain.numbers == range(FRAMES - 1 - LAG, FRAMES)
+    for t in chain.numbers:
+        np.testing.assert_allclose(solution.at(frame_key(t)), expected.at(frame_key(t)), atol=1e-10)
+    np.testing.assert_allclose(solution.at(Z), expected.at(Z), atol=1e-10)
+
+
+def test_covariances_are_those_of_the_whole_problem() -> None:
+    graphs = slices(seed=1)
+    solution, tree = run(graphs).solution(Z), whole(graphs).eliminateMultifrontal()
+    for key in (frame_key(FRAMES - 1), frame_key(FRAMES - 1 - LAG), Z):
+        np.testing.assert_allclose(solution.covariance(key), tree.marginalCovariance(key), atol=1e-10)
+
+
+def test_a_frame_within_the_lag_can_be_replaced() -> None:
+    graphs, other = slices(), slices(seed=7)
+    chain = run(graphs)
+    for t in range(FRAMES - 3, FRAMES):
+        chain.eliminate(t, [frame_key(t)], other[t])
+    expected = whole([*graphs[: FRAMES - 3], *other[FRAMES - 3 :]]).optimize()
+    np.testing.assert_allclose(
+        chain.solution(Z).at(frame_key(FRAMES - 1)), expected.at(frame_key(FRAMES - 1)), atol=1e-9
+    )
+
+
+def test_what_is_shared_may_wander() -> None:
+    graphs, later = slices(), int(gtsam.symbol("z", 1))
+    half, unit = FRAMES // 2, gtsam.noiseModel.Unit.Create(SHARED)
+    step = gtsam.JacobianFactor(Z, -np.eye(SHARED), later, np.eye(SHARED), np.zeros(SHARED), unit)
+    renamed = []
+    for t, graph in enumerate(graphs):
+        copy = gtsam.GaussianFactorGraph()
+        for index in range(graph.size()):
+            copy.push_back(_with_key(graph.at(index), Z, later) if t > half else graph.at(index))
+        if t == half:
+            copy.add(step)
+        renamed.append(copy)
+    chain = FixedLagChain()
+    for t, graph in enumerate(renamed):
+        chain.eliminate(t, [frame_key(t), Z] if t == half else [frame_key(t)], graph)
+    expected = whole(renamed).optimize()
+    np.testing.assert_allclose(chain.solution(later).at(later), expected.at(later), atol=1e-9)
+
+
+def _with_key(factor: gtsam.GaussianFactor, old: int, new: int) -> gtsam.GaussianFactor:
+    keys = [int(key) for key in factor.keys()]
+    if old not in keys:
+        return factor
+    A, b = factor.jacobian()
+    blocks, start = [], 0
+    for key in keys:
+        width = SHARED if key == old else WIDTH
+        blocks += [new if key == old else key, A[:, start : start + width]]
+        start += width
+    return gtsam.JacobianFactor(*blocks, b, gtsam.noiseModel.Unit.Create(len(b)))
+
+
+def test_gtsams_batch_fixed_lag_smoother_says_the_same() -> None:
+    graphs = slices(seed=3)
+    reference = gtsam.BatchFixedLagSmoother(float(LAG), gtsam.LevenbergMarquardtParams())
+    for t in range(FRAMES):
+        factors, values, stamps = gtsam.NonlinearFactorGraph(), gtsam.Values(), []
+        values.insert(frame_key(t), np.zeros(WIDTH))
+        stamps.append((frame_key(t), float(t)))
+        if t == 0:
+            values.insert(Z, np.zeros(SHARED))
+        stamps.append((Z, float(t)))
+        # A factor can only come when all of its frames have.
+        ready = [*_own(graphs[t], 1), *(_own(graphs[t - 2], 3) if t >= 2 else [])]
+        for factor in ready:
+            factors.push_back(gtsam.LinearContainerFactor(factor, _zeros(factor)))
+        reference.update(factors, values, dict(stamps))
+    found, solution = reference.calculateEstimate(), run(graphs).solution(Z)
+    for t in range(FRAMES - LAG, FRAMES):
+        np.testing.assert_allclose(solution.at(frame_key(t)), found.atVector(frame_key(t)), atol=1e-6)
+    np.testing.assert_allclose(solution.at(Z), found.atVector(Z), atol=1e-6)
+
+
+def _zeros(factor: gtsam.GaussianFactor) -> gtsam.Values:
+    values = gtsam.Values()
+    for key in factor.keys():
+        values.insert(int(key), np.zeros(SHARED if int(key) == Z else WIDTH))
+    return values
+
+
+def _own(graph: gtsam.GaussianFactorGraph, frames: int) -> list[gtsam.GaussianFactor]:
+    """Factors that see so many frames."""
+    factors = [graph.at(index) for index in range(graph.size())]
+    return [one for one in factors if len([key for key in one.keys() if int(key) != Z]) == frames]
+
+
+def test_an_undetermined_frame_and_a_gap_are_said() -> None:
+    chain = FixedLagChain()
+    graph = gtsam.GaussianFactorGraph()
+    graph.add(gtsam.JacobianFactor(frame_key(0), np.zeros((1, WIDTH)), np.zeros(1), gtsam.noiseModel.Unit.Create(1)))
+    with pytest.raises(SolveError, match="not determined"):
+        chain.eliminate(0, [frame_key(0)], graph)
+    chain = run(slices())
+    with pytest.raises(SolveError, match="does not follow"):
+        chain.eliminate(FRAMES + 3, [frame_key(FRAMES + 3)], slices()[0])

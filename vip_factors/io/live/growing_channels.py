@@ -118,8 +118,8 @@ class Channels:
         if topics:
             self._tell(
                 f"schema of {topics[0]}",
-                f"{', '.join(topics)}: the schema changes mid-way (to {schema or 'none'}); the messages are left out from "
-                "here on",
+                f"{', '.join(topics)}: the schema changes mid-way (to {schema or 'none'}); the messages are left out "
+                "from here on",
             )
         self._routes.update(dict.fromkeys(channel_ids))
 

@@ -4,6 +4,7 @@ A smoother that goes on where it left off needs them apart: what is left behind 
 factor that touches it, and a later linearisation holds all the others.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import gtsam
@@ -25,6 +26,24 @@ from vip_factors.graph.scene_state import CAMERA, SceneState
 from vip_factors.graph.state import GraphState
 from vip_factors.graph.terms import FRAME
 from vip_factors.graph.wearer_residuals import motion_residuals
+
+REACH = 2  # frames that a factor reaches ahead of its first one
+
+
+def slice_key(frame: int) -> int:
+    """Key of all variables of one frame, as one vector."""
+    return gtsam.symbol("x", frame)
+
+
+def shared_key(epoch: int) -> int:
+    """Key of all variables that frames share, as one vector; those of the next epoch have wandered from it."""
+    return gtsam.symbol("z", epoch)
+
+
+def step_factor(before: int, after: int, sigmas: Array) -> gtsam.JacobianFactor:
+    """Between the shared variables of two epochs: they stay where they are, but for ``sigmas`` ``(s,)``."""
+    one, none = np.diag(1 / sigmas), np.zeros(len(sigmas))
+    return gtsam.JacobianFactor(before, -one, after, one, none, gtsam.noiseModel.Unit.Create(len(sigmas)))
 
 
 @dataclass(frozen=True)
@@ -91,8 +110,8 @@ class Slices:
         transposed = transpose(jacobian)
         self.add(first, place, transposed @ jacobian, (transposed @ residual[..., None])[..., 0])
 
-    def factors(self, t: int, keys: tuple[int, int, int, int], value: Array) -> gtsam.GaussianFactorGraph:
-        """One slice as factors on its frame, the two after it and the shared variables.
+    def factors(self, t: int, keys: Sequence[int], shared_key: int, value: Array) -> gtsam.GaussianFactorGraph:
+        """One slice as factors on its frame, the two after it (``keys``) and the shared variables.
 
         The slice is a quadratic in steps from the coordinates ``value`` ``(n,)``; the factors are in the coordinates.
         """
@@ -114,15 +133,15 @@ class Slices:
         else:
             graph.push_back(
                 gtsam.HessianFactor(
-                    *keys[:3], H[now, now], H[now, after], H[now, last], -g[now],
+                    *keys, H[now, now], H[now, after], H[now, last], -g[now],
                     H[after, after], H[after, last], -g[after], H[last, last], -g[last], 0.0,
                 )
             )  # fmt: skip
         if self.columns.static:
-            graph.push_back(gtsam.HessianFactor(keys[3], H[shared, shared], -g[shared], 0.0))
+            graph.push_back(gtsam.HessianFactor(shared_key, H[shared, shared], -g[shared], 0.0))
             for key, part, there in zip(keys, parts, (True, *reach), strict=False):
                 if there and H[part, shared].any():
-                    graph.push_back(coupling_factor(key, keys[3], H[part, shared]))
+                    graph.push_back(coupling_factor(key, shared_key, H[part, shared]))
         return graph
 
 

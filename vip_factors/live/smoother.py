@@ -3,13 +3,12 @@
 from collections import deque
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
 from vip_factors.graph.scene_model import SceneModel
 from vip_factors.graph.scene_state import SceneState
-from vip_factors.graph.slices import scene_slices
+from vip_factors.graph.slices import REACH, scene_slices, shared_key, slice_key, step_factor
 from vip_factors.graph.terms import FRAME, ROOT
 from vip_factors.live.problem import LagFrame, LagProblem
 from vip_factors.live.settings import LiveSettings, RelinearisationSettings
@@ -17,7 +16,6 @@ from vip_factors.live.state import FrameState, SharedState, stacked
 from vip_factors.solve.fixed_lag import FixedLagChain, LagSolution
 
 LEAST_STEP = 1e-5  # of shared variables that do not step: no information is infinite
-REACH = 2  # frames that a factor reaches ahead of its first one
 
 
 @dataclass
@@ -136,15 +134,13 @@ class LagSmoother:
             for ahead, other in enumerate(kept[t : t + REACH + 1]):
                 value[w * ahead : w * (ahead + 1)] = other.coordinates
             value[3 * w :] = self._coordinates
-            shared_key = gtsam.symbol("z", self._epoch[number])
-            keys = (*[gtsam.symbol("x", number + ahead) for ahead in range(REACH + 1)], shared_key)
-            factors = slices.factors(t, keys, value)
-            eliminated = [keys[0]]
+            shared, eliminated = shared_key(self._epoch[number]), [slice_key(number)]
+            keys = [slice_key(number + ahead) for ahead in range(REACH + 1)]
+            factors = slices.factors(t, keys, shared, value)
             if number in self._walks:
-                factors.push_back(
-                    _walk_factor(shared_key, gtsam.symbol("z", self._epoch[number] + 1), self._walks[number])
-                )
-                eliminated.append(shared_key)
+                later = shared_key(self._epoch[number] + 1)
+                factors.push_back(step_factor(shared, later, self._walks[number]))
+                eliminated.append(shared)
             self._chain.eliminate(number, eliminated, factors)
             one.linearised, one.shared = one.coordinates, self._coordinates
         self._take(newest)
@@ -160,7 +156,7 @@ class LagSmoother:
     def covariance(self, number: int) -> Array:
         """Marginal covariance ``(w, w)`` of a frame's coordinates."""
         assert self._solution is not None
-        return self._solution.covariance(gtsam.symbol("x", number))
+        return self._solution.covariance(slice_key(number))
 
     def shared_covariance(self) -> Array:
         """Marginal covariance ``(s, s)`` of what all frames share."""
@@ -171,12 +167,12 @@ class LagSmoother:
 
     def _newest_shared(self) -> int:
         newest = self.numbers[-1]
-        return gtsam.symbol("z", self._epoch[newest] + (newest in self._walks))
+        return shared_key(self._epoch[newest] + (newest in self._walks))
 
     def _take(self, newest: int) -> None:
         self._solution = self._chain.solution(self._newest_shared())
         for one in self._frames:
-            one.coordinates = self._solution.at(gtsam.symbol("x", one.frame.number))
+            one.coordinates = self._solution.at(slice_key(one.frame.number))
         self._coordinates = self._solution.at(self._newest_shared())
 
     def _first_moved(self) -> int:
@@ -214,10 +210,3 @@ def _walk_sigmas(problem: LagProblem, settings: LiveSettings) -> Array:
     sigmas[camera[:3][camera[:3] >= 0]] = np.deg2rad(walk.camera_deg) * root
     sigmas[camera[3:6][camera[3:6] >= 0]] = walk.camera_m * root
     return sigmas
-
-
-def _walk_factor(before: int, after: int, sigmas: Array) -> gtsam.JacobianFactor:
-    one = np.diag(1 / sigmas)
-    return gtsam.JacobianFactor(
-        before, -one, after, one, np.zeros(len(sigmas)), gtsam.noiseModel.Unit.Create(len(sigmas))
-    )

@@ -44,6 +44,12 @@ class BodyState:
     R_world_bone: Array
     p_world_joint: Array
 
+    def at(self, frames: slice) -> "BodyState":
+        """A stretch of the frames; where it is all of them, this very object with what it has already found out."""
+        if frames.start == 0 and frames.stop >= len(self.p_world_joint):
+            return self
+        return BodyState(self.R_world_bone[frames], self.p_world_joint[frames])
+
     def point(self, bone: int, p_bone_point: Array) -> Array:
         """World positions ``(T, 3)`` of a point fixed to a bone (``p_bone_point`` in metres, bone axes)."""
         return self.p_world_joint[:, bone] + self.R_world_bone[:, bone] @ p_bone_point

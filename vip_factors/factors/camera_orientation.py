@@ -10,7 +10,6 @@ from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import (
     Array,
-    inverse_left_jacobian,
     inverse_right_jacobian,
     log,
     rotation_z,
@@ -42,10 +41,11 @@ def camera_orientation_jacobians(
     camera: CameraPoses, R_camera_imu: Array, residual: Array
 ) -> tuple[Array, Array, Array]:
     """By the camera's tangent ``(T, 3, 6)``, by the heading ``(T, 3)``, by the mounting ``(T, 3, 3)``."""
-    left = inverse_left_jacobian(residual)
+    right = inverse_right_jacobian(residual)
+    left = transpose(right)
     by_rotation = left @ camera.R_world_camera
     by_pose = np.concatenate([by_rotation, np.zeros_like(by_rotation)], axis=2)
-    return by_pose, -inverse_right_jacobian(residual)[:, :, 2], by_rotation @ R_camera_imu
+    return by_pose, -right[:, :, 2], by_rotation @ R_camera_imu
 
 
 def camera_orientation_factor(

@@ -11,7 +11,6 @@ from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import (
     Array,
     hat,
-    inverse_left_jacobian,
     inverse_right_jacobian,
     log,
     transpose,
@@ -46,10 +45,10 @@ def camera_velocity_jacobians(
     T = len(residual)
     turn, shift = residual[:, :3] * step, residual[:, 3:] * step
     by_now, by_after = np.zeros((2, T, 6, 6))
-    by_now[:, :3, :3] = -inverse_left_jacobian(turn)
+    by_after[:, :3, :3] = inverse_right_jacobian(turn)
+    by_now[:, :3, :3] = -transpose(by_after[:, :3, :3])  # the left one is its transpose
     by_now[:, 3:, :3] = hat(shift)
     by_now[:, 3:, 3:] = -np.eye(3)
-    by_after[:, :3, :3] = inverse_right_jacobian(turn)
     by_after[:, 3:, 3:] = transpose(now.R_world_camera) @ after.R_world_camera
     return by_now / step, by_after / step
 

@@ -12,7 +12,7 @@ import numpy as np
 from vip_factors.body.pose_prior import PosePrior
 from vip_factors.factors.adapter import custom_factor
 from vip_factors.factors.chain import FrameKeys
-from vip_factors.geometry.rotations import Array, inverse_left_jacobian, inverse_right_jacobian, log, transpose
+from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
 
 JOINTS = range(1, 24)
 
@@ -41,7 +41,8 @@ def smoothness_residual(
 
 def turn_jacobians(turn: Array) -> tuple[Array, Array]:
     """Derivatives of ``Log(R(t)ᵀ R(t+1))`` ``(..., 3)`` by the rotation now and the one after, ``(..., 3, 3)``."""
-    return -inverse_left_jacobian(turn), inverse_right_jacobian(turn)
+    right = inverse_right_jacobian(turn)
+    return -transpose(right), right  # the left one is the transpose
 
 
 def smoothness_factor(

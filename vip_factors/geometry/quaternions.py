@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vip_factors.errors import InputError
-from vip_factors.geometry.rotations import Array, _quaternion_parts, exp, log, transpose
+from vip_factors.geometry.rotations import Array, exp, log, transpose
 
 # A quaternion further than this from unit length is not a rounded rotation but a mistake.
 UNIT_TOLERANCE = 0.05
@@ -74,3 +74,23 @@ def interpolate_rotations(time: ArrayLike, R: ArrayLike, query: ArrayLike) -> Ar
     fraction = np.clip((query - time[left]) / (time[left + 1] - time[left]), 0.0, 1.0)
     step = log(transpose(R[left]) @ R[left + 1])
     return R[left] @ exp(fraction[:, None] * step)
+
+
+def _quaternion_parts(R: Array) -> tuple[Array, Array]:
+    """Scalar part ``(...)``, not negative, and vector part ``(..., 3)`` of the unit quaternion of R."""
+    trace = np.trace(R, axis1=-2, axis2=-1)
+    diagonal = np.diagonal(R, axis1=-2, axis2=-1)
+    # Each column of 4 q qᵀ is q times four times one component; the longest column is the accurate one.
+    outer = np.empty((*R.shape[:-2], 4, 4))
+    outer[..., 0, 0] = 1 + trace
+    outer[..., 0, 1:] = outer[..., 1:, 0] = np.stack(
+        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1
+    )
+    outer[..., 1:, 1:] = R + np.swapaxes(R, -1, -2)
+    index = np.arange(3)
+    outer[..., index + 1, index + 1] = 1 - trace[..., None] + 2 * diagonal
+    best = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(outer, best[..., None, None], axis=-1)[..., 0]
+    q /= np.linalg.norm(q, axis=-1, keepdims=True)
+    q *= np.where(q[..., :1] < 0, -1.0, 1.0)
+    return q[..., 0], q[..., 1:]

@@ -64,46 +64,32 @@ def exp(rotation_vector: ArrayLike) -> Array:
 def log(R: ArrayLike) -> Array:
     """Rotation vectors ``(..., 3)`` of angle in [0, π] radians, of rotation matrices ``(..., 3, 3)``.
 
-    Up to 120° it is the skew part, of length ``sin θ``, scaled to its angle. Beyond, where that part vanishes towards
-    the half turn, the quaternion of the matrix is found first, by the largest of its four components.
+    Up to 120° it is the skew part, of length ``sin θ``, scaled to the angle. Beyond, where that part vanishes towards
+    the half turn, the axis is read from the symmetric part.
     """
     R = np.asarray(R, dtype=float)
     parts = R.reshape(*R.shape[:-2], 9) @ _TRACE_AND_SKEW
     trace, skew = parts[..., :1], parts[..., 1:]
     sine = 0.5 * np.sqrt(_square(skew))
-    tiny = sine < 1e-12
-    v = np.where(tiny, 0.5, 0.5 * np.arctan2(sine, 0.5 * (trace - 1)) / np.where(tiny, 1.0, sine)) * skew
+    angle, tiny = np.arctan2(sine, 0.5 * (trace - 1)), sine < 1e-12
+    v = np.where(tiny, 0.5, 0.5 * angle / np.where(tiny, 1.0, sine)) * skew
     far = trace[..., 0] < 0
     if far.any():
-        v[far] = _log_of_large(R[far])
+        v[far] = angle[far] * _axis_of_large(R[far], trace[far], skew[far])
     return v
 
 
-def _log_of_large(R: Array) -> Array:
-    """:func:`log` of ``(n, 3, 3)`` rotations that are not small."""
-    w, v = _quaternion_parts(R)
-    sine = np.linalg.norm(v, axis=-1)
-    return (2 * np.arctan2(sine, w) / sine)[..., None] * v
+def _axis_of_large(R: Array, trace: Array, skew: Array) -> Array:
+    """Axes ``(n, 3)`` of rotations ``(n, 3, 3)`` by more than a right angle, from ``(1 − cos θ) a aᵀ``.
 
-
-def _quaternion_parts(R: Array) -> tuple[Array, Array]:
-    """Scalar part ``(...)``, not negative, and vector part ``(..., 3)`` of the unit quaternion of R."""
-    trace = np.trace(R, axis1=-2, axis2=-1)
-    diagonal = np.diagonal(R, axis1=-2, axis2=-1)
-    # Each column of 4 q qᵀ is q times four times one component; the longest column is the accurate one.
-    outer = np.empty((*R.shape[:-2], 4, 4))
-    outer[..., 0, 0] = 1 + trace
-    outer[..., 0, 1:] = outer[..., 1:, 0] = np.stack(
-        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1
-    )
-    outer[..., 1:, 1:] = R + np.swapaxes(R, -1, -2)
-    index = np.arange(3)
-    outer[..., index + 1, index + 1] = 1 - trace[..., None] + 2 * diagonal
-    best = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
-    q = np.take_along_axis(outer, best[..., None, None], axis=-1)[..., 0]
-    q /= np.linalg.norm(q, axis=-1, keepdims=True)
-    q *= np.where(q[..., :1] < 0, -1.0, 1.0)
-    return q[..., 0], q[..., 1:]
+    Each of its columns is the axis times one of its components: the longest is the accurate one. Its sign is that of
+    the skew part; at half turns either is right.
+    """
+    outer = R + transpose(R) - (trace - 1)[..., None] * np.eye(3)
+    best = np.argmax(np.einsum("nii->ni", outer), axis=1)
+    axis = outer[np.arange(len(R)), best]
+    axis *= np.where(np.sum(axis * skew, axis=1) < 0, -1.0, 1.0)[:, None] / np.sqrt(_square(axis))
+    return axis
 
 
 def right_jacobian(rotation_vector: ArrayLike) -> Array:

@@ -89,7 +89,8 @@ class BatchObjective:
 
     def _static_rows(self, state: GraphState) -> list[tuple[str, Array, list[int], Array]]:
         """Kind, whitened residual, columns and Jacobian of the priors that are not per frame."""
-        model, S, rows = self.model, len(self.model.sensors), []
+        model, S = self.model, len(self.model.sensors)
+        rows: list[tuple[str, Array, list[int], Array]] = []
         if not model.is_beginning:
             return rows
         if model.free_headings and not self.walk_keys:
@@ -97,11 +98,10 @@ class BatchObjective:
             rows.append(("heading prior", residual, list(range(FRAME, FRAME + S)), np.diag(1 / model.heading_sigmas)))
         if model.free_mountings:
             error = rotation_prior_residual(state.R_bone_sensor, model.prior_R_bone_sensor)
-            J = np.zeros((3 * S, 3 * S))
-            for s, block in enumerate(inverse_right_jacobian(error) / model.mounting_sigma[:, None, None]):
-                J[3 * s : 3 * s + 3, 3 * s : 3 * s + 3] = block
+            J, each = np.zeros((S, 3, S, 3)), np.arange(S)
+            J[each, :, each] = inverse_right_jacobian(error) / model.mounting_sigma[:, None, None]
             residual = (error / model.mounting_sigma[:, None]).ravel()
-            rows.append(("mounting prior", residual, list(range(FRAME + S, FRAME + 4 * S)), J))
+            rows.append(("mounting prior", residual, list(range(FRAME + S, FRAME + 4 * S)), J.reshape(3 * S, 3 * S)))
         if model.free_pose_mean:
             residual = pose_mean_residual(state.pose_mean, model.prior, model.settings.pose_prior)
             J = model.settings.pose_prior.mean_scale * model.prior.whitening
@@ -128,7 +128,7 @@ class BatchObjective:
 
         def add(frames: slice) -> None:
             part = slice(frames.start, min(frames.stop + 2, T))  # two frames on, for the blocks off the diagonal
-            beside = BodyState(body.R_world_bone[part], body.p_world_joint[part])
+            beside = body.at(part)
             if used == len(self._columns):  # all columns are free
                 H, g = system.own[frames], system.gradient[frames]
             else:

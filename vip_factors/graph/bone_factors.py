@@ -33,7 +33,7 @@ def add_bone_factors(
         hessian, gradient: of the stretch, ``(t, n, n)`` and ``(t, n)`` over all columns; added to in place.
     """
     count, S = frames.stop - frames.start, len(model.sensors)
-    here = BodyState(body.R_world_bone[:count], body.p_world_joint[:count])
+    here = body.at(slice(0, count))
     p = sites.on(body)
     by_twist, screws = body.point_twists(p), body.screws
     told = None if motion is None else motion.information(frames, by_twist)
@@ -49,7 +49,8 @@ def add_bone_factors(
     hessian[:, :FRAME, :FRAME] += twist.hessian(now, twist.carried(sites.bones, own))
     gradient[:, :FRAME] += twist.gradient(now, twist.carried(sites.bones, force))
     if told is not None:
-        assert system is not None and system.following is not None
+        assert system is not None
+        assert system.following is not None
         for ahead, information in enumerate(told.ahead, start=1):
             n = len(information)
             system.following[frames.start : frames.start + n, ahead - 1] += twist.hessian_between(

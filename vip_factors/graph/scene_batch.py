@@ -44,12 +44,12 @@ class SceneObjective:
     def cost(self, state: SceneState) -> Mapping[str, float]:
         """Half the sum of squared whitened residuals, losses applied, by factor kind, of all wearers together."""
         costs = self.camera.cost(state.camera)
-        for objective, wearer in zip(self.wearers, state.wearers, strict=True):
-            for kind, cost in objective.cost(wearer).items():
+        bodies = [self._body(state, number) for number in range(len(self.wearers))]
+        for objective, wearer, body in zip(self.wearers, state.wearers, bodies, strict=True):
+            for kind, cost in objective.cost(wearer, body).items():
                 costs[kind] = costs.get(kind, 0.0) + cost
         everything, costs["reprojection"] = slice(0, self.model.frames), 0.0
-        for number in range(len(self.wearers)):
-            body = self._body(state, number)
+        for number, body in enumerate(bodies):
             for one in self.model.viewpoints(state.camera):
                 view, settings = one.views[number], one.problem.settings
                 poses, clock = one.state.at_frames(everything), one.state.clock
@@ -62,11 +62,15 @@ class SceneObjective:
 
     def linearise(self, state: SceneState) -> SceneSystem:
         """The normal equations at a state."""
-        chains = [objective.linearise(wearer) for objective, wearer in zip(self.wearers, state.wearers, strict=True)]
+        bodies = [self._body(state, number) for number in range(len(self.wearers))]
+        chains = [
+            objective.linearise(wearer, body)
+            for objective, wearer, body in zip(self.wearers, state.wearers, bodies, strict=True)
+        ]
         camera = self.camera.linearise(state.camera)
         couplings, T = [], self.model.frames
         for number, (chain, view) in enumerate(zip(chains, self.model.views, strict=True)):
-            body, coupling = self._body(state, number), np.zeros((T, FRAME, len(camera.columns)))
+            body, coupling = bodies[number], np.zeros((T, FRAME, len(camera.columns)))
             for frames in (slice(start, min(start + CHUNK, T)) for start in range(0, T, CHUNK)):
                 equations = _view_equations(view, frames, self.model.camera, state.camera, body)
                 chain.own[frames, :FRAME, :FRAME] += equations.hessian[:, :FRAME, :FRAME]
@@ -96,7 +100,7 @@ def _view_equations(
     view: KeypointView, frames: slice, camera: CameraProblem, state: CameraState, body: BodyState
 ) -> ReprojectionEquations:
     """What one camera saw of one wearer in a stretch of frames: keypoints, and feet on the ground."""
-    poses, part = state.at_frames(frames), BodyState(body.R_world_bone[frames], body.p_world_joint[frames])
+    poses, part = state.at_frames(frames), body.at(frames)
     equations = reprojection_equations(_part(view, frames), camera, poses, state.clock, part)
     if view.ground is None:
         return equations

@@ -52,6 +52,7 @@ LIVE, LIVE_WEARER = "/estimate/live", "/estimate/live/wearer/"
 LIVE_UPDATE, LIVE_CAMERA = "/estimate/live/update", "/estimate/live/camera/pose"
 METHOD = "fixed lag"
 FLUSH_S = 0.5  # seconds of wall time or of the stream, whichever ends first: what a crash may cost
+BATCH_S = 0.1  # seconds of the stream that are written at once: cheaper than one by one, and short beside an update
 CHUNK_BYTES = 1 << 20  # more than comes in half a second, so that every flush makes one chunk
 MOST_FINDINGS = 200  # different sentences kept for the estimate; all of them are on LIVE_UPDATE
 
@@ -91,7 +92,9 @@ class LiveMcapSink:
         self._camera = _Camera(setup.camera, setup.start_ns) if setup.camera is not None else None
         self.frames = 0  # taken in so far
         self._waiting: list[LiveEstimate] = []
-        self._most = max(1, round(FLUSH_S * rate))
+        self._last: LiveEstimate | None = None
+        self._batch, self._chunk = max(1, round(BATCH_S * rate)), max(1, round(FLUSH_S * rate))
+        self._unflushed = 0  # frames since the last flush
         self._findings: dict[str, None] = {}  # ordered, each once
         self._told: tuple[int, int] = (0, 0)  # wearers and findings in the last SceneEstimateInfo
         try:
@@ -121,19 +124,25 @@ class LiveMcapSink:
             OSError: if the file cannot be written.
         """
         if self._waiting and estimate.frame != self._waiting[-1].frame + 1:
-            self.flush()  # the frames of a batch follow each other
+            self._write_waiting()  # the frames of a batch follow each other
         self._waiting.append(estimate)
+        self._last = estimate
         self.frames += 1
-        if len(self._waiting) >= self._most or time.monotonic() - self._flushed >= FLUSH_S:
+        self._unflushed += 1
+        if self._unflushed >= self._chunk or time.monotonic() - self._flushed >= FLUSH_S:
             self.flush()
+        elif len(self._waiting) >= self._batch:
+            self._write_waiting()
 
     def flush(self) -> None:
         """Write all that waits, so that it survives a crash."""
-        if self._waiting:
-            self._write_waiting(self._waiting)
-            self._waiting = []
+        self._write_waiting()
+        if self._unflushed and self._last is not None:
+            end_ns = nanoseconds_of(self._last.time, self._setup.start_ns)
+            for wearer, answer in zip(self._wearers, self._last.wearers, strict=True):
+                self._writer.write(wearer.prefix + CALIBRATION, calibration_message(answer.calibration), end_ns)
         self._writer.flush()
-        self._flushed = time.monotonic()
+        self._flushed, self._unflushed = time.monotonic(), 0
 
     def close(self) -> None:
         """Complete the file and give it its name, or remove it if nothing was written; a second call does nothing.
@@ -171,7 +180,10 @@ class LiveMcapSink:
             self._file.flush()
             os.fsync(self._file.fileno())
 
-    def _write_waiting(self, estimates: list[LiveEstimate]) -> None:
+    def _write_waiting(self) -> None:
+        estimates, self._waiting = self._waiting, []
+        if not estimates:
+            return
         writer = self._writer
         streams: list[Iterable[TimedMessage]] = [self._updates(estimates)]
         for index, wearer in enumerate(self._wearers):
@@ -182,8 +194,6 @@ class LiveMcapSink:
                     before = f"before {answer.smoothed.time:.2f} s"
                     self._find([f"{answer.name}: {missing} frames are missing {before}; the last pose is held there"])
             streams += wearer.streams(writer, estimates[0].frame, [answer.newest for answer in answers])
-            end_ns = nanoseconds_of(estimates[-1].time, self._setup.start_ns)
-            writer.write(wearer.prefix + CALIBRATION, calibration_message(answers[-1].calibration), end_ns)
         if self._camera is not None:
             streams += self._camera.streams(writer, estimates)
         self._find(chain.from_iterable(one.findings for one in estimates))

@@ -5,6 +5,7 @@ on. Nothing of Rerun is imported in the tracker's process.
 """
 
 import multiprocessing
+import os
 import signal
 import time
 from contextlib import ExitStack
@@ -29,7 +30,8 @@ GATHER_S, GATHER_FOR_FILE_S = 0.03, 0.5
 IN_FULL_EVERY = 6  # answers: calibrations and covariances in between are left out, they are most of the bytes
 VIEWER_MEMORY = "25%"  # of the machine's: the tracker works beside it; then the viewer forgets the oldest
 END_S = 20.0  # seconds that the process may take to write what is left
-FLUSH_S = 5.0  # seconds that Rerun may take to hand over the last: a viewer that was closed takes nothing
+FLUSH_S = 2.0  # seconds that Rerun may take to hand over the last: a viewer that was closed takes nothing
+ENDED = "the viewer's process has ended; tracking goes on without it"
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ class LiveRerunSink:
         except (EOFError, OSError):  # the process has ended
             if not self._ended:
                 self._ended = True
-                sentences.append("the viewer's process has ended; tracking goes on without it")
+                sentences.append(ENDED)
         return tuple(sentences)
 
     def close(self) -> tuple[str, ...]:
@@ -108,13 +110,11 @@ class LiveRerunSink:
         except Full:
             pass  # nobody takes anything out: it is ended below
         self._process.join(END_S if not self._ended else 0.1)
-        told = self.findings()
+        told = tuple(one for one in self.findings() if one != ENDED)  # tracking does not go on either
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
             told = (*told, f"the viewer's process did not end within {END_S:g} s and was stopped")
-        elif self._process.exitcode == 0:  # ended as it should
-            told = tuple(one for one in told if "has ended" not in one)
         self._queue.cancel_join_thread()  # what nobody will take out must not hold up the program
         self._queue.close()
         self._queue, self._ended = None, True
@@ -146,6 +146,7 @@ def _slim(estimate: LiveEstimate) -> LiveEstimate:
 def draw(queue: Any, telling: Connection, setup: LiveSetup, target: LiveTarget, rate: float) -> None:
     """The other process: draws what comes until None comes, or the tracker's process is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the tracker, which says when it is over
+    os.environ.setdefault("RUST_LOG", "off")  # Rerun's complaints about a closed viewer, line after line
     from vip_factors.viz.live_view import LiveView
 
     try:
@@ -155,8 +156,7 @@ def draw(queue: Any, telling: Connection, setup: LiveSetup, target: LiveTarget, 
             gather = GATHER_S if target.save is None else GATHER_FOR_FILE_S
             while (items := _gathered(queue, gather)) is not None:
                 view.log(items)
-            stream.flush(timeout_sec=FLUSH_S)
-            stream.disconnect()
+            _hand_over(stream, target, telling)
     except Exception as error:  # told where the user looks; the tracker does not care
         telling.send(f"the viewer stopped: {type(error).__name__}: {' '.join(str(error).split())}")
         raise SystemExit(1) from error
@@ -178,6 +178,17 @@ def _open(target: LiveTarget, files: ExitStack, telling: Connection) -> "rr.Reco
     else:
         stream.spawn(memory_limit=VIEWER_MEMORY)
     return stream
+
+
+def _hand_over(stream: "rr.RecordingStream", target: LiveTarget, telling: Connection) -> None:
+    """What Rerun still holds."""
+    try:
+        stream.flush(timeout_sec=FLUSH_S)
+    except RuntimeError:
+        if target.save is not None:
+            raise
+        telling.send("Rerun's viewer was closed, or was never reached: it has not shown everything")
+    stream.disconnect()
 
 
 def _gathered(queue: Any, seconds: float) -> list[LiveEstimate | VideoFrame] | None:

@@ -16,7 +16,7 @@ ROWS = [
     {"graph"},
     {"solve"},
     {"settings"},
-    {"stages"},
+    {"stages", "configurations"},
     {"pipeline", "live"},
     {"benchmark"},
     {"cli"},

@@ -1,7 +1,7 @@
 """Settings from a TOML file over the tree of settings dataclasses; a misspelt key is refused, the nearest one named."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
 from enum import Enum
@@ -13,8 +13,13 @@ from vip_factors.errors import FileFormatError, InputError
 Tree = TypeVar("Tree")
 
 
-def read_settings(path: Path, defaults: Tree) -> Tree:
+def read_settings(path: Path, defaults: Tree, named: Callable[[str], Tree] | None = None) -> Tree:
     """The settings of a file over ``defaults``: tables are nested dataclasses, keys their fields.
+
+    Args:
+        path: of the file.
+        defaults: what it changes.
+        named: given, a key ``configuration`` in the file replaces the defaults by what this makes of its value.
 
     Raises:
         InputError: for an unknown key (naming the nearest), or a value of another kind than the default's.
@@ -25,6 +30,12 @@ def read_settings(path: Path, defaults: Tree) -> Tree:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as wrong:
         raise FileFormatError(f"{path}: not TOML: {wrong}") from wrong
+    if named is not None and "configuration" in content:
+        name = content.pop("configuration")
+        try:
+            defaults = named(name)
+        except ValueError as wrong:
+            raise InputError(f"{path}: setting 'configuration': {wrong}") from wrong
     return _overlaid(defaults, content, str(path), ())
 
 

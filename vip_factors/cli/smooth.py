@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 
 from vip_factors.cli.options import Flag, beside, parse
+from vip_factors.configurations import Configuration, named_settings
 from vip_factors.estimate import SceneEstimate
 from vip_factors.settings import Settings
 
@@ -25,6 +26,9 @@ class SmoothOptions:
     """Recording (.mcap); vip-factors convert makes one from foreign files."""
     out: Path | None = None
     """Estimate (.mcap) to write; RECORDING.estimate.mcap if absent."""
+    configuration: Configuration = Configuration.OWN
+    """Settings to start from: this package's own, or those that stand for the estimators of Kaichi et al. 2020, which
+    want a camera of known pose. A settings file may name one too (configuration = "kaichi-full")."""
     settings: Path | None = None
     """TOML file with settings; a table for each group, such as [solve]."""
     overwrite: Flag = False
@@ -82,15 +86,27 @@ def _tell(estimate: SceneEstimate) -> None:
 
 
 def _defaults(arguments: Sequence[str]) -> SmoothOptions | None:
-    """The options' defaults, with those of a settings file if one is named: found before the rest is parsed."""
-    path = None
-    for index, word in enumerate(arguments):
-        if word == "--settings" and index + 1 < len(arguments):
-            path = arguments[index + 1]
-        elif word.startswith("--settings="):
-            path = word.partition("=")[2]
-    if path is None:
-        return None
-    from vip_factors.cli.settings_file import read_settings
+    """The options' defaults, with those of a configuration or settings file if named: found before the rest is parsed.
 
-    return SmoothOptions(recording=tyro.MISSING, tree=read_settings(Path(path), Settings()))
+    A configuration on the command line wins over that of the file, whose other settings stay.
+    """
+    name, path = _given(arguments, "--configuration"), _given(arguments, "--settings")
+    if (path is None and name is None) or (name is not None and name not in list(Configuration)):
+        return None  # of an unknown name the parser tells
+    tree = named_settings(name or Configuration.OWN)
+    if path is not None:
+        from vip_factors.cli.settings_file import read_settings
+
+        tree = read_settings(Path(path), tree, named_settings if name is None else lambda _: tree)
+    return SmoothOptions(recording=tyro.MISSING, tree=tree)
+
+
+def _given(arguments: Sequence[str], option: str) -> str | None:
+    """The value of an option among unparsed arguments; the last one counts."""
+    value = None
+    for index, word in enumerate(arguments):
+        if word == option and index + 1 < len(arguments):
+            value = arguments[index + 1]
+        elif word.startswith(f"{option}="):
+            value = word.partition("=")[2]
+    return value

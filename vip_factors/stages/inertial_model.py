@@ -48,6 +48,7 @@ def inertial_model(
         free_headings=settings.calibration.estimate_headings,
         free_mountings=settings.calibration.estimate_mountings,
         free_pose_mean=True,
+        use_acceleration=settings.acceleration,
         gauge_sensor=gauge_sensor([site.bone_index for site in sites]),
     )
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.kinematics import BodyState, forward_kinematics, local_rotations
+from vip_factors.body.kinematics import MOVES, BodyState, forward_kinematics, local_rotations
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, joint_index
 from vip_factors.geometry.rotations import exp, log, transpose
 
@@ -90,3 +90,24 @@ def test_orientation_jacobian_by_central_differences(bone: str, scale: float) ->
             ahead, behind = (perturbed(R, p, joint, sign * delta).R_world_bone[:, index] for sign in (1, -1))
             numeric = log(ahead @ transpose(behind)) / (2 * h)  # a turn in the world, on the left
             np.testing.assert_allclose(jacobian[:, column, :, axis], numeric, atol=1e-8, err_msg=JOINT_NAMES[joint])
+
+
+@SCALES
+def test_twists_of_points_by_screws_of_joints_are_point_jacobians(scale: float) -> None:
+    R, p = random_pose(3, scale)
+    state, bones = forward_kinematics(SKELETON, R, p), np.array([joint_index("left_hand"), joint_index("right_knee")])
+    places = np.array([[0.05, -0.1, 0.2], [0.0, -0.3, 0.1]])
+    points = state.points(bones, places)
+    found = np.einsum("tnak,tjkb->tnjab", state.point_twists(points), state.screws)
+    for n, bone in enumerate(bones):
+        np.testing.assert_allclose(points[:, n], state.point(bone, places[n]), atol=1e-12)
+        chain, expected = state.point_jacobian(bone, places[n])
+        np.testing.assert_allclose(found[:, n, chain], expected, atol=1e-12)
+        np.testing.assert_allclose(found[:, n, -1], np.broadcast_to(np.eye(3), (len(p), 3, 3)), atol=1e-12)
+        assert tuple(np.flatnonzero(MOVES[:-1, bone])) == tuple(sorted(chain))
+
+
+def test_a_stretch_of_all_frames_is_the_body_itself() -> None:
+    state = forward_kinematics(SKELETON, *random_pose(4, frames=5))
+    assert state.at(slice(0, 5)) is state
+    np.testing.assert_array_equal(state.at(slice(1, 3)).screws, state.screws[1:3])

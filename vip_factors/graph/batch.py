@@ -35,7 +35,7 @@ from vip_factors.graph.terms import (
 from vip_factors.graph.walk import WalkSystem, walk_costs
 from vip_factors.graph.wearer_residuals import Sites, motion_residuals, pose_residuals
 
-CHUNK = 125  # frames evaluated together: enough to amortise NumPy's calls, few enough to stay in cache and memory
+CHUNK = 32  # frames evaluated together: enough to amortise NumPy's calls, few enough to stay in a processor's cache
 # One unit of damping, in physical units, is a prior of this size on every step.
 STEP_ANGLE = 0.1  # rad
 STEP_LENGTH = 0.5  # m

@@ -98,9 +98,9 @@ class CameraObjective:
         now, after = state.at_frames(slice(0, self.frames - 1)), state.at_frames(slice(1, self.frames))
         return camera_velocity_residual(now, after, self.step) / self.camera.settings.velocity.sigmas
 
-    def _static_rows(self, state: CameraState) -> list[tuple[str, Array, Array, Array]]:
+    def _static_rows(self, state: CameraState) -> list[tuple[str, Array, np.ndarray, Array]]:
         """Kind, whitened residual, columns and Jacobian of the priors."""
-        camera, rows = self.camera, list[tuple[str, Array, Array, Array]]()
+        camera, rows = self.camera, list[tuple[str, Array, np.ndarray, Array]]()
         if not camera.is_beginning:
             return rows
         if camera.imu is not None:

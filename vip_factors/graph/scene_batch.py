@@ -21,7 +21,7 @@ from vip_factors.graph.scene_state import CameraState, SceneState
 from vip_factors.graph.scene_system import SceneSystem
 from vip_factors.graph.terms import FRAME
 
-CHUNK = 250  # frames evaluated together
+CHUNK = 32  # frames evaluated together: see the wearers' own
 
 
 class SceneObjective:

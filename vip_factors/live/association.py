@@ -30,7 +30,7 @@ class _Odds:
 
     Attributes:
         appearance, position: for each wearer and person.
-        usable: whether enough of the person fits to be used.
+        usable: whether enough of the person fits, and is near enough to where it should be, to be used.
     """
 
     appearance: Array
@@ -105,7 +105,7 @@ class OnlineAssociation:
         if late:
             return _assign(np.where(odds.usable, odds.both - self.settings.accept, -NEVER))
         row = self._tracks.link(frame.time, people.rays[0], people.weight[0])
-        self._tracks.hear(row, np.stack([odds.appearance, odds.position]), elapsed)
+        self._tracks.hear(row, odds.appearance, elapsed)
         number = self._tracks.number[row]
         self._remember_numbers(frame.time, number)
         memory = self._tracks.evidence[..., row]
@@ -135,7 +135,7 @@ class OnlineAssociation:
             known = self._numbers.get(frame.time)
             if known is not None and len(known) == len(frame.pixels):
                 number[f, : len(known)] = known
-        memory = self._tracks.evidence_of(number).transpose(0, 2, 1, 3)
+        memory = self._tracks.evidence_of(number).swapaxes(0, 1)
         gain = np.where(people.there[:, None], self._gain(odds, memory, number), -NEVER)
         paths = best_paths(gain, self._jump(people, number), self.settings.blink)
         if frames[-1].time == self._time:
@@ -180,24 +180,26 @@ class OnlineAssociation:
         spread = np.stack([turn, turn, 0 * turn], axis=-1) + self._lost_m()[None, :, None] ** 2
         covariance = covariance + spread[..., None] * np.eye(3)
         fit = self._fitter.fit(points, people, covariance)
-        appearance = s.joint_weight * fit.fitting - s.shape_weight * np.log(fit.shape + s.least_shape) + s.bias
+        appearance = (
+            s.bias - s.shape_weight * np.log(fit.shape + s.least_shape) - s.misfit_weight * (fit.seen - fit.fitting)
+        ) * np.minimum(fit.seen / s.enough_joints, 1.0)
         across = np.sqrt((covariance[..., 0, 0] + covariance[..., 1, 1]) / 2)[..., None]
         vague = np.log(np.maximum(across / s.known_m, 1.0))
-        position = np.maximum(-s.position_weight * np.log1p(fit.position / 4) - vague, -s.far_off)
-        usable = (appearance > s.usable) & (fit.fitting > s.enough_joints)
+        position = np.maximum(s.near - s.position_weight * np.log1p(fit.position / 4) - vague, -s.far_off)
+        usable = (fit.fitting > s.enough_joints) & (fit.position < s.gate)
         return _Odds(np.clip(appearance, -s.surely, s.surely), position, usable)
 
     def _gain(self, odds: _Odds, memory: Array, number: np.ndarray, bonus: Array | float = 0.0) -> Array:
         """Log-odds of taking a person for a wearer ``(..., W, N)``, all in all; very negative where that is not allowed.
 
-        Of the past of persons for whom a lost wearer is mistaken only the appearance counts: its position is unknown.
+        Of a person's past only the appearance counts: positions stay wrong for as long as a second, so that a second
+        of them says no more than one frame.
         """
         s, lost = self.settings, self.recovering
-        heard = memory[0] + np.where(lost[:, None], 0.0, memory[1])
-        score = odds.both + s.memory_weight * heard + bonus
-        allowed = odds.usable & (score > s.accept)
+        score = odds.both + s.memory_weight * memory + bonus
+        allowed = odds.usable
         if lost.any():
-            allowed &= self._recovered(memory[0], number) | ~lost[:, None]
+            allowed = allowed & (self._recovered(memory, number) | ~lost[:, None])
         return np.where(allowed, score - s.accept, -NEVER)
 
     def _recovered(self, appearance: Array, number: np.ndarray) -> np.ndarray:
@@ -225,7 +227,7 @@ class OnlineAssociation:
         """What steps from person to person cost, by how far apart they are in the image, ``(F − 1, N, N)``."""
         gap = image_gap(people.rays[:-1], people.rays[1:], people.weight[:-1], people.weight[1:])
         same = (number[:-1, :, None] == number[1:, None]) & (number[:-1, :, None] >= 0)
-        return np.where(same, 0.0, self.settings.switch * np.minimum((gap / FURTHEST) ** 2, 1.0))
+        return np.where(same, -self.settings.stay, self.settings.switch * np.minimum((gap / FURTHEST) ** 2, 1.0))
 
     def _take(self, time: float, chosen: np.ndarray, number: np.ndarray) -> None:
         for one, n in zip(self._wearers, chosen, strict=True):

@@ -22,6 +22,7 @@ CAUCHY = 2.0  # sigmas at which a keypoint starts to be doubted: left and right 
 NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer
 FREE_M = 100.0  # sideways the shape may lie anywhere: that is for the position to say
 LEAST_WEIGHT = 1e-6
+FULL_CONFIDENCE = 0.3  # above the least, from which a keypoint counts fully
 
 
 @dataclass(frozen=True)
@@ -46,14 +47,14 @@ class Fit:
     Attributes:
         shape: robust mean of the keypoints' squared errors in sigmas, the body moved to where it fits.
         fitting: how many major joints are near where they should be.
+        seen: how many are seen; both count keypoints of little confidence in part.
         position: squared Mahalanobis distance of that move.
-        moved_m: how far it is, across the view.
     """
 
     shape: Array
     fitting: Array
+    seen: Array
     position: Array
-    moved_m: Array
 
 
 def people_of(pixels: Sequence[Array], confidence: Sequence[Array], model: CameraModel) -> People:
@@ -130,19 +131,15 @@ class BodyFitter:
         scaled = square * self.precision
         shape = np.sum(w * CAUCHY**2 * np.log1p(scaled / CAUCHY**2), axis=-1) / total
         fits = np.exp(-0.5 * square / FITTING_M**2)
-        sure = np.clip((w[..., self.major] - 0.1) / 0.3, 0, 1)
+        sure = np.clip((w[..., self.major] - LEAST_CONFIDENCE) / FULL_CONFIDENCE, 0, 1)
         moved = t - place[:, :, None]
         slack = self._slack(depth)
         around = covariance[:, :, None] + slack[:, :, None] + np.linalg.inv(information)
         position = np.einsum("fwni,fwni->fwn", moved, np.linalg.solve(around, moved[..., None])[..., 0])
-        # Sideways is across the ray to where the body was expected, not to where it was found.
-        side = np.linalg.norm(t[..., :2] / t[..., 2:] - (place[..., :2] / place[..., 2:])[:, :, None], axis=-1)
-        return Fit(shape, np.sum(sure * fits[..., self.major], axis=-1), position, side * depth[..., None])
+        return Fit(shape, np.sum(sure * fits[..., self.major], axis=-1), sure.sum(axis=-1), position)
 
     def _slack(self, depth: Array) -> Array:
-        diagonal = np.stack(
-            [np.full(depth.shape, self.side_m**2)] * 2 + [(self.depth_share * depth) ** 2 / 4], axis=-1
-        )
+        diagonal = np.stack([np.full(depth.shape, self.side_m**2)] * 2 + [(self.depth_share * depth) ** 2 / 4], axis=-1)
         return diagonal[..., None] * np.eye(3)
 
     def _place(self, local: Array, rays: Array, w: Array, depth: Array, depth_variance: Array) -> tuple[Array, Array]:

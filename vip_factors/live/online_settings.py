@@ -9,22 +9,24 @@ from vip_factors.errors import InputError
 class OnlineAssociationSettings:
     """How persons are given to wearers, on-line.
 
-    All evidence is in log-odds that a person is the wearer. The first four numbers are a logistic regression on
-    46 000 pairs of simulated scenes (two wearers, four bystanders; gestures and recorded clips) with poses that are
-    10° off, cameras that are 2° off and roots known to 5 cm: rounded, as they are much alike from scene to scene.
+    All evidence is in log-odds that a person is the wearer. The first numbers are logistic regressions on 24 000 pairs
+    of simulated scenes (two wearers, four bystanders; gestures and recorded clips) with poses that are 10° off, cameras
+    that are 2° off and roots known to 5 cm: rounded, as they are much alike from scene to scene.
     """
 
-    shape_weight: float = 3.2
+    shape_weight: float = 4.5
     """Log-odds lost with each e-fold of the shape's mean squared error (in sigmas; 0.4 if right, 2.5 if wrong)."""
-    joint_weight: float = 0.7
-    """Log-odds won with each major joint that fits: 11 if right, 5 if wrong; it also asks for enough of them."""
-    position_weight: float = 2.9
+    misfit_weight: float = 0.75
+    """Log-odds lost with each major joint that is seen and does not fit."""
+    bias: float = 1.0
+    """Log-odds where both are zero: a person taken at random is mostly a wrong one."""
+    near: float = 1.5
+    """Log-odds won by being exactly where the wearer should be."""
+    position_weight: float = 3.5
     """Log-odds lost with each e-fold of ``1 +`` a quarter of the squared Mahalanobis distance of the position."""
-    bias: float = -4.2
-    """Log-odds where all these are zero: a person taken at random is mostly a wrong one."""
     least_shape: float = 0.1
     """Added to the shape's error: a better fit than that is luck."""
-    surely: float = 4.0
+    surely: float = 5.0
     """Most that one frame's appearance may say for or against a person: errors of detectors last for many frames."""
     far_off: float = 6.0
     """Most that a position may say against: after a mistake the prediction is wrong, and the shape must win."""
@@ -42,9 +44,9 @@ class OnlineAssociationSettings:
     """Of that evidence against one frame's: a second holds a few independent looks at somebody, not thirty."""
     stay: float = 2.0
     """Log-odds for the person who continues, in the image, whom the wearer was before: a bystander may pass."""
-    usable: float = -1.0
-    """Log-odds of one frame's appearance, below which a person is not taken although it is the wearer: mixed up with
-    somebody, or mostly hidden; a frame without a person costs little."""
+    gate: float = 14.0
+    """Squared Mahalanobis distance of a position (three numbers) beyond which nobody is taken: one in 300 if all
+    uncertainties are as they are said to be."""
     enough_joints: float = 6.0
     """Major joints that must fit: half of them, and what the truth of simulated scenes asks for, seven, less what
     predicted poses err."""
@@ -56,9 +58,9 @@ class OnlineAssociationSettings:
     """By which the position of a lost wearer becomes more uncertain, besides what the caller says: a slow walk."""
     most_lost_m: float = 4.0
     """At most so much: the size of a room."""
-    recover: float = 0.7
+    recover: float = 0.3
     """Mean log-odds of appearance over ``memory_s`` that a track needs to be taken for a lost wearer. It starts at
-    zero, so that this is reached after a fifth of a second by a person who fits well, never by one who does not."""
+    zero, so that this is reached after a tenth of a second by a person who fits well, never by one who does not."""
     recover_margin: float = 0.5
     """By which that must be more than that of any other track which is not another wearer's."""
     drop: float = -0.5

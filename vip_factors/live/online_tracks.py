@@ -41,19 +41,19 @@ class PersonTracks:
     time: Array = field(init=False)
     rays: Array = field(init=False)
     weight: Array = field(init=False)
-    evidence: Array = field(init=False)  # (2, W, M): of appearance and of position, mean log-odds
+    evidence: Array = field(init=False)  # (W, M) mean log-odds of the appearance
 
     def __post_init__(self) -> None:
         self.number, self.time = np.zeros(0, int), np.zeros(0)
         self.rays, self.weight = np.zeros((0, self.keypoints, 2)), np.zeros((0, self.keypoints))
-        self.evidence = np.zeros((2, self.wearers, 0))
+        self.evidence = np.zeros((self.wearers, 0))
         self._next = 0
 
     def link(self, time: float, rays: Array, weight: Array) -> np.ndarray:
         """Rows ``(N,)`` of the tracks that persons ``(N, K, 2)`` continue or begin; they then end at this frame."""
         self._keep(self.time >= time - KEPT_S)
         row = np.full(len(rays), -1)
-        evidence = np.zeros((2, self.wearers, len(rays)))
+        evidence = np.zeros((self.wearers, len(rays)))
         open_ends = np.flatnonzero(self.time >= time - LONGEST_GAP_S - STILL_THE_SAME_S)
         if len(open_ends) and len(rays):
             self._continue(open_ends, row, evidence, rays, weight)
@@ -64,9 +64,7 @@ class PersonTracks:
         self.rays[row], self.weight[row], self.time[row] = rays, weight, time
         return row
 
-    def _continue(
-        self, open_ends: np.ndarray, row: np.ndarray, evidence: Array, rays: Array, weight: Array
-    ) -> None:
+    def _continue(self, open_ends: np.ndarray, row: np.ndarray, evidence: Array, rays: Array, weight: Array) -> None:
         """Fill in the rows of plain continuations, and what is inherited of others."""
         gap = image_gap(self.rays[open_ends], rays, self.weight[open_ends], weight)
         near = np.sort(gap, axis=1)[:, :2], np.sort(gap, axis=0)[:2]
@@ -81,13 +79,13 @@ class PersonTracks:
                 evidence[..., b] = UNCERTAIN * self.evidence[..., open_ends[a]]
 
     def _begin(self, evidence: Array) -> None:
-        count = evidence.shape[2]
+        count = evidence.shape[1]
         self.number = np.append(self.number, self._next + np.arange(count))
         self._next += count
         self.time = np.append(self.time, np.zeros(count))
         self.rays = np.concatenate([self.rays, np.zeros((count, self.keypoints, 2))])
         self.weight = np.concatenate([self.weight, np.zeros((count, self.keypoints))])
-        self.evidence = np.concatenate([self.evidence, evidence], axis=2)
+        self.evidence = np.concatenate([self.evidence, evidence], axis=1)
 
     def _keep(self, which: np.ndarray) -> None:
         if which.all():
@@ -96,13 +94,13 @@ class PersonTracks:
         self.rays, self.weight = self.rays[which], self.weight[which]
 
     def hear(self, row: np.ndarray, log_odds: Array, elapsed: float) -> None:
-        """Take in what one more frame says of tracks ``row``, ``(2, W, N)``, after ``elapsed`` seconds."""
+        """Take in what one more frame says of tracks ``row``, ``(W, N)``, after ``elapsed`` seconds."""
         share = 1 - np.exp(-max(elapsed, 0.0) / self.memory_s)
         self.evidence[..., row] += share * (log_odds - self.evidence[..., row])
 
     def evidence_of(self, number: np.ndarray) -> Array:
-        """Evidence ``(2, W, ...)`` of tracks by number; zero for a track that is not remembered."""
+        """Evidence ``(W, ...)`` of tracks by number; zero for a track that is not remembered."""
         if not len(self.number):
-            return np.zeros((2, self.wearers, *number.shape))
+            return np.zeros((self.wearers, *number.shape))
         place = np.minimum(np.searchsorted(self.number, number), len(self.number) - 1)
-        return np.where(self.number[place] == number, self.evidence[:, :, place], 0.0)
+        return np.where(self.number[place] == number, self.evidence[:, place], 0.0)

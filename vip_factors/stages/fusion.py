@@ -188,7 +188,7 @@ def _views(
             image_scale(body, state, number, lens), spreads[number], settings.reprojection,
             predicted_pixels(keypoints, body, state, number, lens) if path_known else None, lens.width,
         )  # fmt: skip
-        if settings.ground_contact.use:
+        if settings.ground_contact.use and not camera.problem.free_pose:
             ground = seen_standing(wearer, state, number, keypoints, view, lens, path_known, settings.ground_contact)
             view = replace(view, ground=ground)
         views.append(view)

@@ -10,8 +10,8 @@ from vip_factors.associate.tracklets import FURTHEST
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Skeleton
-from vip_factors.geometry.rotations import Array
-from vip_factors.live.online_costs import BodyFitter, People, people_of
+from vip_factors.geometry.rotations import Array, transpose
+from vip_factors.live.online_costs import BodyFitter, People, people_of, together
 from vip_factors.live.online_settings import OnlineAssociationSettings
 from vip_factors.live.online_tracks import STILL_THE_SAME_S, PersonTracks, image_gap
 from vip_factors.live.online_window import best_paths
@@ -75,7 +75,7 @@ class OnlineAssociation:
         self._wearers = [_Wearer() for _ in skeletons]
         self._tracks = PersonTracks(len(skeletons), len(keypoints), self.settings.memory_s)
         self._time = -np.inf
-        self._numbers: dict[float, np.ndarray] = {}  # numbers of the tracks of the persons of recent frames
+        self._frames: dict[float, tuple[People, np.ndarray]] = {}  # recent ones, and their persons' tracks
 
     @property
     def recovering(self) -> np.ndarray:
@@ -95,7 +95,7 @@ class OnlineAssociation:
             root_sigma: covariances ``(3, 3)`` m² of where each wearer is before the camera, world axes; the camera's
                 turn is not part of it.
         """
-        people = people_of([frame.pixels], [frame.confidence], self.model)
+        people = people_of(frame.pixels, frame.confidence, self.model)
         late = frame.time <= self._time
         elapsed = min(frame.time - self._time, self.settings.memory_s) if np.isfinite(self._time) else 0.03
         if not late:
@@ -107,7 +107,7 @@ class OnlineAssociation:
         row = self._tracks.link(frame.time, people.rays[0], people.weight[0])
         self._tracks.hear(row, odds.appearance, elapsed)
         number = self._tracks.number[row]
-        self._remember_numbers(frame.time, number)
+        self._keep(frame.time, people, number)
         memory = self._tracks.evidence[..., row]
         own = np.array([one.track for one in self._wearers])[:, None] == number
         chosen = _assign(self._gain(odds, memory, number, self.settings.stay * own))
@@ -128,13 +128,13 @@ class OnlineAssociation:
         if not window:
             return []
         frames = [one[0] for one in window]
-        people = people_of([one.pixels for one in frames], [one.confidence for one in frames], self.model)
+        fresh = np.zeros(0, int)
+        known = [self._frames.get(one.time) or (people_of(one.pixels, one.confidence, self.model), fresh) for one in frames]
+        people = together([one for one, _ in known])
         odds = self._odds(window, people)
         number = np.full(people.there.shape, NOBODY)
-        for f, frame in enumerate(frames):
-            known = self._numbers.get(frame.time)
-            if known is not None and len(known) == len(frame.pixels):
-                number[f, : len(known)] = known
+        for row, (_, numbers) in zip(number, known, strict=True):
+            row[: len(numbers)] = numbers
         memory = self._tracks.evidence_of(number).swapaxes(0, 1)
         gain = np.where(people.there[:, None], self._gain(odds, memory, number), -NEVER)
         paths = best_paths(gain, self._jump(people, number), self.settings.blink)
@@ -147,10 +147,10 @@ class OnlineAssociation:
         if frame.time <= self._time:
             return
         self._time = frame.time
-        people = people_of([frame.pixels], [frame.confidence], self.model)
+        people = people_of(frame.pixels, frame.confidence, self.model)
         row = self._tracks.link(frame.time, people.rays[0], people.weight[0])
         number = self._tracks.number[row]
-        self._remember_numbers(frame.time, number)
+        self._keep(frame.time, people, number)
         self._begin(frame.time)
         self._take(frame.time, chosen, number)
 
@@ -158,10 +158,10 @@ class OnlineAssociation:
         for one in self._wearers:
             one.seen = time if one.seen is None else one.seen
 
-    def _remember_numbers(self, time: float, number: np.ndarray) -> None:
-        self._numbers[time] = number
-        for old in [one for one in self._numbers if one < time - self.settings.memory_s]:
-            del self._numbers[old]
+    def _keep(self, time: float, people: People, number: np.ndarray) -> None:
+        self._frames[time] = people, number
+        for old in [one for one in self._frames if one < time - self.settings.memory_s]:
+            del self._frames[old]
 
     def _lost_m(self) -> Array:
         """By how much positions are more uncertain than the caller says, ``(W,)``."""
@@ -172,10 +172,10 @@ class OnlineAssociation:
 
     def _odds(self, window: Sequence[Seen], people: People) -> _Odds:
         s = self.settings
-        points = np.stack([self._fitter.points(bodies, *camera) for _, bodies, camera, _ in window])
+        R, p = (np.array([one[2][part] for one in window]) for part in (0, 1))
+        points = self._fitter.points([one[1] for one in window], R, p)
         depth = self._fitter.middle(points)[..., 2]
-        R = np.stack([camera[0] for _, _, camera, _ in window])[:, None]
-        covariance = np.swapaxes(R, -1, -2) @ np.array([sigma for *_, sigma in window]) @ R
+        covariance = transpose(R)[:, None] @ np.array([one[3] for one in window]) @ R[:, None]
         turn = (np.deg2rad(s.camera_sigma_deg) * depth) ** 2
         spread = np.stack([turn, turn, 0 * turn], axis=-1) + self._lost_m()[None, :, None] ** 2
         covariance = covariance + spread[..., None] * np.eye(3)
@@ -203,13 +203,15 @@ class OnlineAssociation:
         return np.where(allowed, score - s.accept, -NEVER)
 
     def _recovered(self, appearance: Array, number: np.ndarray) -> np.ndarray:
-        """Who has long looked like a lost wearer, more than anybody else whom no other wearer has."""
+        """Who has never been out of sight, or has long looked like a lost wearer, more than anybody else who is free."""
         s = self.settings
         taken = [one.track for one, lost in zip(self._wearers, self.recovering, strict=True) if not lost]
         rival = np.where(np.isin(number, taken)[..., None, :], -s.surely, appearance)
         ordered = np.sort(rival, axis=-1)
         second = ordered[..., -2:-1] if ordered.shape[-1] > 1 else -s.surely
-        return (rival > s.recover) & (rival >= ordered[..., -1:]) & (rival > second + s.recover_margin)
+        stayed = number[..., None, :] == np.array([one.track for one in self._wearers])[:, None]
+        plain = (rival > s.recover) & (rival >= ordered[..., -1:]) & (rival > second + s.recover_margin)
+        return plain | stayed & (number[..., None, :] != NOBODY)
 
     def _doubt(self, appearance: Array, chosen: np.ndarray, elapsed: float) -> None:
         """Wearers who were given somebody who for long has not looked like them are lost."""

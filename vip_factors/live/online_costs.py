@@ -22,6 +22,7 @@ CAUCHY = 2.0  # sigmas at which a keypoint starts to be doubted: left and right 
 NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer
 FREE_M = 100.0  # sideways the shape may lie anywhere: that is for the position to say
 LEAST_WEIGHT = 1e-6
+TURNS = 3  # of the robust fit: the first is not robust
 FULL_CONFIDENCE = 0.3  # above the least, from which a keypoint counts fully
 
 
@@ -57,18 +58,21 @@ class Fit:
     position: Array
 
 
-def people_of(pixels: Sequence[Array], confidence: Sequence[Array], model: CameraModel) -> People:
-    """Persons of video frames ``(N, K, 2)``, ``(N, K)``, padded to the most crowded frame."""
-    F, N = len(pixels), max(len(one) for one in pixels)
-    K = pixels[0].shape[1]
-    rays, weight, there = np.zeros((F, N, K, 2)), np.zeros((F, N, K)), np.zeros((F, N), bool)
-    for f, (seen, sure) in enumerate(zip(pixels, confidence, strict=True)):
-        n = len(seen)
-        usable = (sure >= LEAST_CONFIDENCE) & np.isfinite(seen).all(axis=-1)
-        weight[f, :n] = np.where(usable, np.minimum(sure, 1.0), 0.0)
-        rays[f, :n] = np.where(usable[..., None], seen, model.centre)
-        there[f, :n] = True
-    return People(np.where(weight[..., None] > 0, model.normalise(rays), 0.0), weight, there)
+def people_of(pixels: Array, confidence: Array, model: CameraModel) -> People:
+    """Persons ``(N, K, 2)``, ``(N, K)`` of one video frame."""
+    weight = np.where(np.isfinite(pixels).all(axis=-1) & (confidence >= LEAST_CONFIDENCE), confidence, 0.0)
+    rays = np.where(weight[..., None] > 0, model.normalise(pixels), 0.0)
+    return People(rays[None], np.minimum(weight, 1.0)[None], np.ones((1, len(pixels)), bool))
+
+
+def together(frames: Sequence[People]) -> People:
+    """Several single frames as one, padded to the most crowded."""
+    N, K = max(one.there.shape[1] for one in frames), frames[0].rays.shape[2]
+    people = People(np.zeros((len(frames), N, K, 2)), np.zeros((len(frames), N, K)), np.zeros((len(frames), N), bool))
+    for f, one in enumerate(frames):
+        n = one.there.shape[1]
+        people.rays[f, :n], people.weight[f, :n], people.there[f, :n] = one.rays[0], one.weight[0], True
+    return people
 
 
 class BodyFitter:
@@ -95,15 +99,18 @@ class BodyFitter:
         self.major = np.array([name.split("_")[-1] in MAJOR_JOINTS for name in names])
         self.depth_share, self.side_m = depth_share, side_m
 
-    def points(self, bodies: Sequence[BodyState], R_world_camera: Array, p_world_camera: Array) -> Array:
-        """Keypoints ``(W, K, 3)`` of one frame in the camera's axes, metres."""
-        p_world = np.stack(
-            [
-                body.p_world_joint[0, bone] + (body.R_world_bone[0, bone] @ offset[:, :, None])[:, :, 0]
-                for body, bone, offset in zip(bodies, self.bone, self.offset, strict=True)
-            ]
-        )
-        return (p_world - p_world_camera) @ R_world_camera
+    def points(self, bodies: Sequence[Sequence[BodyState]], R_world_camera: Array, p_world_camera: Array) -> Array:
+        """Keypoints ``(F, W, K, 3)`` in the camera's axes, metres.
+
+        Args:
+            bodies: of each of ``F`` frames, those of the wearers.
+            R_world_camera, p_world_camera: ``(F, 3, 3)`` and ``(F, 3)``.
+        """
+        R = np.array([[one.R_world_bone[0] for one in frame] for frame in bodies])
+        p = np.array([[one.p_world_joint[0] for one in frame] for frame in bodies])
+        wearer = np.arange(len(self.bone))[:, None]
+        p_world = p[:, wearer, self.bone] + (R[:, wearer, self.bone] @ self.offset[..., None])[..., 0]
+        return np.asarray((p_world - p_world_camera[:, None, None]) @ R_world_camera[:, None])
 
     def middle(self, points: Array) -> Array:
         """Mean ``(..., W, 3)`` of known keypoints ``(..., W, K, 3)``."""
@@ -119,57 +126,57 @@ class BodyFitter:
             covariance: ``(F, W, 3, 3)`` m², camera axes, of where the wearer is before the camera.
         """
         w = people.weight[:, None] * self.known[:, None]  # (F, W, N, K)
-        total = np.maximum(w.sum(axis=-1), LEAST_WEIGHT)
-        centre = self.middle(points)
-        depth = np.maximum(centre[..., 2], NEAREST_M)
-        local = (points - centre[..., None, :])[:, :, None]  # (F, W, 1, K, 3)
-        rays = people.rays[:, None]
-        place = np.stack([centre[..., 0], centre[..., 1], depth], axis=-1)
-        t, information = self._place(local, rays, w, depth, covariance[..., 2, 2])
-        error = self._error(local, rays, t)
-        square = np.einsum("fwnki,fwnki->fwnk", error, error)
-        scaled = square * self.precision
-        shape = np.sum(w * CAUCHY**2 * np.log1p(scaled / CAUCHY**2), axis=-1) / total
-        fits = np.exp(-0.5 * square / FITTING_M**2)
+        place = self.middle(points)
+        local = (points - place[..., None, :])[:, :, None]  # (F, W, 1, K, 3)
+        place[..., 2] = np.maximum(place[..., 2], NEAREST_M)
+        depth = place[..., 2, None]
+        prior = 1 / ((self.depth_share * depth) ** 2 + covariance[..., 2, 2, None])
+        t, doubt, square = self._moved(local, people.rays[:, None], w, depth, prior)
+        shape = np.einsum("...k,...k->...", w, CAUCHY**2 * np.log1p(square * (self.precision / CAUCHY**2)))
         sure = np.clip((w[..., self.major] - LEAST_CONFIDENCE) / FULL_CONFIDENCE, 0, 1)
+        fits = np.einsum("...k,...k->...", sure, np.exp(square[..., self.major] * (-0.5 / FITTING_M**2)))
         moved = t - place[:, :, None]
-        slack = self._slack(depth)
-        around = covariance[:, :, None] + slack[:, :, None] + np.linalg.inv(information)
-        position = np.einsum("fwni,fwni->fwn", moved, np.linalg.solve(around, moved[..., None])[..., 0])
-        return Fit(shape, np.sum(sure * fits[..., self.major], axis=-1), sure.sum(axis=-1), position)
+        around = (covariance + self._slack(depth))[:, :, None] + doubt
+        position = np.sum(moved * np.linalg.solve(around, moved[..., None])[..., 0], axis=-1)
+        return Fit(shape / np.maximum(w.sum(axis=-1), LEAST_WEIGHT), fits, sure.sum(axis=-1), position)
 
     def _slack(self, depth: Array) -> Array:
-        diagonal = np.stack([np.full(depth.shape, self.side_m**2)] * 2 + [(self.depth_share * depth) ** 2 / 4], axis=-1)
-        return diagonal[..., None] * np.eye(3)
+        """Covariance ``(F, W, 3, 3)`` of a place found with limbs predicted wrongly; half of it is the depth prior's."""
+        slack = np.zeros((*depth.shape[:2], 3, 3))
+        slack[..., 0, 0] = slack[..., 1, 1] = self.side_m**2
+        slack[..., 2, 2] = (self.depth_share * depth[..., 0] / 2) ** 2
+        return slack
 
-    def _place(self, local: Array, rays: Array, w: Array, depth: Array, depth_variance: Array) -> tuple[Array, Array]:
-        """Where the body's middle is for each person ``(F, W, N, 3)``, and the information on it, robustly."""
-        prior = 1 / ((self.depth_share * depth) ** 2 + depth_variance)[..., None]
-        u2 = np.einsum("fwnki,fwnki->fwnk", rays, rays) + 0 * w
-        x, z = local[..., :2], local[..., 2]
-        target = rays * z[..., None] - x  # t_xy − u t_z = u z − x
-        ut = np.einsum("fwnki,fwnki->fwnk", rays, target)
+    def _moved(self, local: Array, rays: Array, w: Array, depth: Array, prior: Array) -> tuple[Array, Array, Array]:
+        """Bodies moved to where they fit each person, robustly.
+
+        Returns:
+            Places ``(F, W, N, 3)`` of their middles, the covariances of these, and what is left of each keypoint's
+            error, squared, in m² ``(F, W, N, K)``.
+        """
+        x, z = local[..., :2], local[..., 2:]
+        target = rays * z - x  # t_xy − u t_z = u z − x
+        rays = np.broadcast_to(rays, target.shape)
+        terms = np.concatenate(
+            [rays, target, np.einsum("...i,...i->...", rays, rays)[..., None],
+             np.einsum("...i,...i->...", rays, target)[..., None]], axis=-1,
+        )  # fmt: skip
         each = w * self.precision
-        t = np.zeros(0)
-        for turn in range(3):
-            A = np.zeros((*each.shape[:-1], 3, 3))
-            b = np.zeros((*each.shape[:-1], 3))
-            total = each.sum(axis=-1)
-            mean_u = np.einsum("fwnk,fwnki->fwni", each, rays + 0 * local[..., :2])
-            A[..., 0, 0] = A[..., 1, 1] = total + 1 / FREE_M**2
-            A[..., :2, 2] = A[..., 2, :2] = -mean_u
-            A[..., 2, 2] = np.sum(each * u2, axis=-1) + prior
-            b[..., :2] = (each[..., None, :] @ target)[..., 0, :]
-            b[..., 2] = prior * depth[..., None] - np.sum(each * ut, axis=-1)
-            t = np.linalg.solve(A, b[..., None])[..., 0]
-            t[..., 2] = np.maximum(t[..., 2], NEAREST_M)
-            if turn < 2:
-                error = self._error(local, rays, t)
-                square = np.einsum("fwnki,fwnki->fwnk", error, error) * self.precision
-                each = w * self.precision / (1 + square / CAUCHY**2)
-        return t, A
-
-    @staticmethod
-    def _error(local: Array, rays: Array, t: Array) -> Array:
-        p = local + t[..., None, :]
-        return p[..., :2] - rays * p[..., 2:]
+        t, square = np.empty((*w.shape[:-1], 3)), np.zeros(0)
+        for turn in range(TURNS):
+            if turn:
+                each = w * self.precision / (1 + square * (self.precision / CAUCHY**2))
+            sums = (each[..., None, :] @ terms)[..., 0, :]
+            total = each.sum(axis=-1) + 1 / FREE_M**2
+            mean_ray, mean_target = sums[..., :2] / total[..., None], sums[..., 2:4] / total[..., None]
+            along = sums[..., 4] + prior - np.einsum("...i,...i->...", mean_ray, sums[..., :2])
+            pull = np.einsum("...i,...i->...", mean_ray, sums[..., 2:4]) - sums[..., 5]
+            t[..., 2] = np.maximum((prior * depth + pull) / along, NEAREST_M)
+            t[..., :2] = mean_target + mean_ray * t[..., 2:]
+            error = t[..., None, :2] - rays * t[..., None, 2:] - target
+            square = np.einsum("...i,...i->...", error, error)
+        way = np.concatenate([mean_ray, np.ones((*w.shape[:-1], 1))], axis=-1)
+        doubt = way[..., :, None] * way[..., None, :] / along[..., None, None]
+        doubt[..., 0, 0] += 1 / total
+        doubt[..., 1, 1] += 1 / total
+        return t, doubt, square

@@ -11,6 +11,7 @@ from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import exp, rotation_z
+from vip_factors.graph import batch
 from vip_factors.graph.batch import BatchObjective
 from vip_factors.graph.frame import nonlinear_graph
 from vip_factors.graph.keys import heading_key, joint_key, mounting_key, pose_mean_key, root_key
@@ -160,3 +161,15 @@ def test_marginals_of_all_frames() -> None:
     for t, key in enumerate(objective.frame_keys):
         block = covariance[75 * t : 75 * t + 75, 75 * t : 75 * t + 75]
         np.testing.assert_allclose(marginals[key], block, atol=1e-6 * np.abs(block).max())
+
+
+def test_it_does_not_matter_how_many_frames_are_evaluated_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, state = small_model()
+    whole = BatchObjective(model).linearise(state)
+    monkeypatch.setattr(batch, "CHUNK", 2)
+    parts = BatchObjective(model).linearise(state)
+    assert whole.following is not None and parts.following is not None
+    scale = np.abs(whole.own).max()
+    np.testing.assert_allclose(parts.own, whole.own, atol=1e-12 * scale)
+    np.testing.assert_allclose(parts.following, whole.following, atol=1e-12 * scale)
+    np.testing.assert_allclose(parts.gradient, whole.gradient, atol=1e-12 * np.abs(whole.gradient).max())

@@ -133,7 +133,8 @@ class BatchObjective:
                 H, g = system.own[frames], system.gradient[frames]
             else:
                 H, g = np.zeros((frames.stop - frames.start, used, used)), np.zeros((frames.stop - frames.start, used))
-            add_joint_factors(model, state, frames, H, g, system.following)
+            following = None if system.following is None else system.following[frames]
+            add_joint_factors(model, state, frames, H, g, following)
             add_bone_factors(model, self.sites, state, beside, frames, motion, system, H, g)
             if used > len(self._columns):
                 system.add_frames(frames, H, g)

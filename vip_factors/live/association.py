@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -52,11 +53,11 @@ class _Wearer:
     track: int = NOBODY  # number of the track that it was last
     seen: float | None = None  # when that was
     wide_m: float = 0.0  # uncertainty after a drop
-    looks: float = 0.0  # mean log-odds of the appearance of whom it was given, since there was last nobody
+    looks: float = 0.0  # mean log-odds of the appearance of whom it was given, since it was last lost
 
 
 class OnlineAssociation:
-    """Who is who, video frame by video frame.
+    """Who is who in one camera's video, frame by frame.
 
     Args:
         keypoints: of the detector.
@@ -76,6 +77,8 @@ class OnlineAssociation:
         self._tracks = PersonTracks(len(skeletons), len(keypoints), self.settings.memory_s)
         self._time = -np.inf
         self._frames: dict[float, tuple[People, np.ndarray]] = {}  # recent ones, and their persons' tracks
+
+        self._gaps: dict[tuple[float, float], Array] = {}  # between persons of two successive frames
 
     @property
     def recovering(self) -> np.ndarray:
@@ -128,8 +131,7 @@ class OnlineAssociation:
         if not window:
             return []
         frames = [one[0] for one in window]
-        fresh = np.zeros(0, int)
-        known = [self._frames.get(one.time) or (people_of(one.pixels, one.confidence, self.model), fresh) for one in frames]
+        known = [self._frames.get(one.time) or self._unknown(one) for one in frames]
         people = together([one for one, _ in known])
         odds = self._odds(window, people)
         number = np.full(people.there.shape, NOBODY)
@@ -137,7 +139,7 @@ class OnlineAssociation:
             row[: len(numbers)] = numbers
         memory = self._tracks.evidence_of(number).swapaxes(0, 1)
         gain = np.where(people.there[:, None], self._gain(odds, memory, number), -NEVER)
-        paths = best_paths(gain, self._jump(people, number), self.settings.blink)
+        paths = best_paths(gain, self._jump([one.time for one in frames], people, number), self.settings.blink)
         if frames[-1].time == self._time:
             self._take(frames[-1].time, paths[-1], number[-1])
         return list(paths)
@@ -154,6 +156,9 @@ class OnlineAssociation:
         self._begin(frame.time)
         self._take(frame.time, chosen, number)
 
+    def _unknown(self, frame: VideoFrame) -> tuple[People, np.ndarray]:
+        return people_of(frame.pixels, frame.confidence, self.model), np.zeros(0, int)
+
     def _begin(self, time: float) -> None:
         for one in self._wearers:
             one.seen = time if one.seen is None else one.seen
@@ -162,6 +167,8 @@ class OnlineAssociation:
         self._frames[time] = people, number
         for old in [one for one in self._frames if one < time - self.settings.memory_s]:
             del self._frames[old]
+        for pair in [one for one in self._gaps if one[0] < time - self.settings.memory_s]:
+            del self._gaps[pair]
 
     def _lost_m(self) -> Array:
         """By how much positions are more uncertain than the caller says, ``(W,)``."""
@@ -190,7 +197,7 @@ class OnlineAssociation:
         return _Odds(np.clip(appearance, -s.surely, s.surely), position, usable)
 
     def _gain(self, odds: _Odds, memory: Array, number: np.ndarray, bonus: Array | float = 0.0) -> Array:
-        """Log-odds of taking a person for a wearer ``(..., W, N)``, all in all; very negative where that is not allowed.
+        """Log-odds of taking a person for a wearer ``(..., W, N)``, all in all; very negative where not allowed.
 
         Of a person's past only the appearance counts: positions stay wrong for as long as a second, so that a second
         of them says no more than one frame.
@@ -203,7 +210,7 @@ class OnlineAssociation:
         return np.where(allowed, score - s.accept, -NEVER)
 
     def _recovered(self, appearance: Array, number: np.ndarray) -> np.ndarray:
-        """Who has never been out of sight, or has long looked like a lost wearer, more than anybody else who is free."""
+        """Who never was out of sight, or has long looked like a lost wearer, more than anybody else who is free."""
         s = self.settings
         taken = [one.track for one, lost in zip(self._wearers, self.recovering, strict=True) if not lost]
         rival = np.where(np.isin(number, taken)[..., None, :], -s.surely, appearance)
@@ -225,20 +232,29 @@ class OnlineAssociation:
                 one.track, one.wide_m, one.looks = NOBODY, s.dropped_m, 0.0
                 one.seen = self._time - s.patience_s - STILL_THE_SAME_S
 
-    def _jump(self, people: People, number: np.ndarray) -> Array:
+    def _jump(self, time: Sequence[float], people: People, number: np.ndarray) -> Array:
         """What steps from person to person cost, by how far apart they are in the image, ``(F − 1, N, N)``."""
-        gap = image_gap(people.rays[:-1], people.rays[1:], people.weight[:-1], people.weight[1:])
+        N = number.shape[1]
+        gap = np.full((len(time) - 1, N, N), np.inf)
+        for f, (before, now) in enumerate(pairwise(time)):
+            if (before, now) not in self._gaps:
+                rays, weight = people.rays, people.weight
+                self._gaps[before, now] = image_gap(rays[f], rays[f + 1], weight[f], weight[f + 1])
+            known = self._gaps[before, now][:N, :N]  # may be padded otherwise
+            gap[f, : known.shape[0], : known.shape[1]] = known
         same = (number[:-1, :, None] == number[1:, None]) & (number[:-1, :, None] >= 0)
         return np.where(same, -self.settings.stay, self.settings.switch * np.minimum((gap / FURTHEST) ** 2, 1.0))
 
     def _take(self, time: float, chosen: np.ndarray, number: np.ndarray) -> None:
         for one, n in zip(self._wearers, chosen, strict=True):
             if n >= 0:
+                if one.seen is None or time - one.seen > self.settings.patience_s:
+                    one.looks = 0.0
                 one.track, one.seen, one.wide_m = int(number[n]), time, 0.0
 
 
 def _assign(gain: Array) -> np.ndarray:
-    """The person ``(W,)`` of each wearer with the most gain ``(W, N)`` altogether; −1 for nobody, which gains nothing."""
+    """The person ``(W,)`` of each wearer, −1 for nobody: with the most gain ``(W, N)`` altogether; nobody gains 0."""
     W, N = gain.shape
     chosen = np.full(W, NOBODY)
     for w, n in zip(*linear_sum_assignment(np.concatenate([-gain, np.zeros((W, W))], axis=1)), strict=True):

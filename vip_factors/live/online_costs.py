@@ -1,8 +1,8 @@
 """How well each person in a video frame fits each wearer: the body moved to where its keypoints are seen.
 
-In normalised coordinates a keypoint at ``(u, v)`` and a body point at ``p + t`` agree where ``p_x + t_x = u (p_z + t_z)``
-and likewise for y: linear in the translation ``t``. So all wearers and persons of all frames are solved at once, and
-the errors come out in metres at the person's depth, as those of the batch association do.
+In normalised coordinates a keypoint at ``(u, v)`` and a body point at ``p + t`` agree where ``p_x + t_x`` is
+``u (p_z + t_z)``, and likewise for y: linear in the translation ``t``. So all wearers and persons of all frames are
+solved at once, and the errors come out in metres at the person's depth, as those of the batch association do.
 """
 
 from collections.abc import Sequence
@@ -141,7 +141,7 @@ class BodyFitter:
         return Fit(shape / np.maximum(w.sum(axis=-1), LEAST_WEIGHT), fits, sure.sum(axis=-1), position)
 
     def _slack(self, depth: Array) -> Array:
-        """Covariance ``(F, W, 3, 3)`` of a place found with limbs predicted wrongly; half of it is the depth prior's."""
+        """Covariance ``(F, W, 3, 3)`` of a place found with limbs predicted wrongly."""
         slack = np.zeros((*depth.shape[:2], 3, 3))
         slack[..., 0, 0] = slack[..., 1, 1] = self.side_m**2
         slack[..., 2, 2] = (self.depth_share * depth[..., 0] / 2) ** 2

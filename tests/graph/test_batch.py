@@ -166,7 +166,7 @@ def test_marginals_of_all_frames() -> None:
 def test_it_does_not_matter_how_many_frames_are_evaluated_together(monkeypatch: pytest.MonkeyPatch) -> None:
     model, state = small_model()
     whole = BatchObjective(model).linearise(state)
-    monkeypatch.setattr(batch, "CHUNK", 2)
+    monkeypatch.setattr(batch, "CHUNK", 2)  # the last frame is then alone
     parts = BatchObjective(model).linearise(state)
     assert whole.following is not None and parts.following is not None
     scale = np.abs(whole.own).max()

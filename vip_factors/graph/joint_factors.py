@@ -90,10 +90,10 @@ def _add_by_joint(term: Residuals, J: Array, hessian: Array, gradient: Array) ->
 
 def _blocks_times(blocks: Array, matrix: Array) -> Array:
     """``B M`` ``(t, 69, 69)`` for block-diagonal ``B``, given as ``(t, 23, 3, 3)``; ``M`` ``(69, 69)`` or stacked."""
-    rows = matrix.reshape(*matrix.shape[:-2], -1, 3, matrix.shape[-1])
+    rows = matrix.reshape(*matrix.shape[:-2], POSE_SIZE // 3, 3, matrix.shape[-1])
     return (blocks @ rows).reshape(len(blocks), POSE_SIZE, POSE_SIZE)
 
 
 def _blocks_apply(blocks: Array, vector: Array) -> Array:
     """``B v`` ``(t, 69)`` for block-diagonal ``B``."""
-    return (blocks @ vector.reshape(len(blocks), -1, 3, 1)).reshape(len(blocks), POSE_SIZE)
+    return (blocks @ vector.reshape(len(blocks), POSE_SIZE // 3, 3, 1)).reshape(len(blocks), POSE_SIZE)

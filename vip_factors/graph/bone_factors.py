@@ -53,6 +53,8 @@ def add_bone_factors(
         assert system.following is not None
         for ahead, information in enumerate(told.ahead, start=1):
             n = len(information)
+            if n == 0:  # the last frame, alone in its stretch
+                continue
             system.following[frames.start : frames.start + n, ahead - 1] += twist.hessian_between(
                 now[:n], twist.carried(sites.bones, information), screws[ahead : ahead + n]
             )

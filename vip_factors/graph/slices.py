@@ -6,6 +6,7 @@ factor that touches it, and a later linearisation holds all the others.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import gtsam
 import numpy as np
@@ -94,16 +95,19 @@ class Slices:
 
     def add(self, first: slice, place: np.ndarray, hessian: Array, gradient: Array) -> None:
         """Add ``(t, k, k)`` and ``(t, k)`` at ``k`` columns of a stretch of slices; columns below zero are left out."""
-        inside = np.flatnonzero(place >= 0)
-        if len(inside) < len(place):
-            place, hessian, gradient = place[inside], hessian[:, inside[:, None], inside], gradient[:, inside]
-        self.hessian[first, place[:, None], place] += hessian
-        self.gradient[first, place] += gradient
+        runs = _runs(place)
+        for here, there in runs:
+            self.gradient[first, there] += gradient[:, here]
+            for other, beside in runs:
+                self.hessian[first, there, beside] += hessian[:, here, other]
 
     def add_between(self, first: slice, rows: np.ndarray, columns: np.ndarray, block: Array) -> None:
         """Add blocks ``(t, k, l)`` off the diagonal, and their mirror images."""
-        self.hessian[first, rows[:, None], columns] += block
-        self.hessian[first, columns[:, None], rows] += transpose(block)
+        for here, there in _runs(rows):
+            for other, beside in _runs(columns):
+                part = block[:, here, other]
+                self.hessian[first, there, beside] += part
+                self.hessian[first, beside, there] += transpose(part)
 
     def add_rows(self, first: slice, place: np.ndarray, jacobian: Array, residual: Array) -> None:
         """Add weighted rows ``(t, m, k)`` with residuals ``(t, m)``."""
@@ -143,6 +147,19 @@ class Slices:
                 if there and H[part, shared].any():
                     graph.push_back(coupling_factor(key, shared_key, H[part, shared]))
         return graph
+
+
+def _runs(place: np.ndarray) -> list[tuple[slice, slice]]:
+    """Stretches of columns that follow one another, as they are numbered in a block and in a slice.
+
+    NumPy moves whole stretches at once; picked columns it moves number by number.
+    """
+    starts = [0, *(np.flatnonzero(np.diff(place) != 1) + 1).tolist(), len(place)]
+    return [
+        (slice(start, stop), slice(int(place[start]), int(place[start]) + stop - start))
+        for start, stop in pairwise(starts)
+        if stop > start and place[start] >= 0
+    ]
 
 
 def scene_slices(model: SceneModel, state: SceneState, columns: SliceColumns) -> Slices:

@@ -12,6 +12,7 @@ from vip_factors.cli.benchmark_options import (
     ConsistencyOptions,
     SipOptions,
     SpeedOptions,
+    StreamFaultsOptions,
     VipOptions,
     WalkOptions,
     WearersOptions,
@@ -23,7 +24,14 @@ if TYPE_CHECKING:
     from vip_factors.settings import Settings
 
 Options = (
-    SipOptions | VipOptions | AssociationOptions | WearersOptions | ConsistencyOptions | SpeedOptions | WalkOptions
+    SipOptions
+    | VipOptions
+    | AssociationOptions
+    | WearersOptions
+    | ConsistencyOptions
+    | SpeedOptions
+    | StreamFaultsOptions
+    | WalkOptions
 )
 Write = Callable[[str], None]
 
@@ -39,6 +47,7 @@ class BenchmarkOptions:
         | Annotated[WearersOptions, tyro.conf.subcommand("wearers")]
         | Annotated[ConsistencyOptions, tyro.conf.subcommand("consistency")]
         | Annotated[SpeedOptions, tyro.conf.subcommand("speed")]
+        | Annotated[StreamFaultsOptions, tyro.conf.subcommand("stream-faults")]
         | Annotated[WalkOptions, tyro.conf.subcommand("walk")],
         tyro.conf.arg(name=""),
     ]
@@ -78,6 +87,8 @@ def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
         return _wearers(options, tell)
     if isinstance(options, ConsistencyOptions):
         return _consistency(options, tell)
+    if isinstance(options, StreamFaultsOptions):
+        return _stream_faults(options, tell)
     return _speed(options, tell) if isinstance(options, SpeedOptions) else _walk(options, tell)
 
 
@@ -177,3 +188,14 @@ def _speed(options: SpeedOptions, tell: Tell) -> tuple[str, str]:
 
     speed = run_speed(SpeedTrials.quick() if options.quick else None, tell)
     return speed_table(speed), speed_json(speed)
+
+
+def _stream_faults(options: StreamFaultsOptions, tell: Tell) -> tuple[str, str]:
+    from vip_factors.benchmark.stream_fault_table import stream_fault_json, stream_fault_table
+    from vip_factors.benchmark.stream_faults import StreamTrials, run_stream_faults
+
+    trials = StreamTrials(
+        options.seconds, options.fault_s, options.cameras, options.faults, processes=options.processes
+    )
+    results = run_stream_faults(trials, options.motions, options.clips, tell)
+    return stream_fault_table(results, trials), stream_fault_json(results, trials)

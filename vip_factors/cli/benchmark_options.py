@@ -152,3 +152,27 @@ class ConsistencyOptions:
     """Of each clip of the realistic scenes, from its middle."""
     sizes: tuple[float, ...] = (0.25, 1.0)
     """Of the Gaussian noise, against what the factors suppose."""
+
+
+@dataclass(frozen=True)
+class StreamFaultsOptions:
+    """Live streams with samples lost, late or wrong: what it costs, and how soon all is good again."""
+
+    motions: Path | None = None
+    """Folder of motions, searched with all folders below it; the package's own gestures if absent."""
+    clips: tuple[str, ...] = ()
+    """Names of the motions' files, such as 07_02; with --motions only."""
+    json: Path | None = None
+    """Also write everything to this file, as JSON, second by second."""
+    overwrite: Flag = False
+    """Replace the JSON file if it exists."""
+    seconds: float = 24.0
+    """Of each stream, which begins with a T-pose of 2 s; clips are repeated."""
+    fault_s: float = 8.0
+    """When the faults begin, in seconds."""
+    cameras: tuple[Literal["fixed", "hand-held", "walking"], ...] = ("fixed", "hand-held")
+    """What films."""
+    faults: tuple[str, ...] = ()
+    """Parts of names of faults, such as 'lost' or 'shank'; 'killed' for that of the program; all if absent."""
+    processes: int = 1
+    """Streams worked on side by side."""

@@ -5,7 +5,7 @@ measured, and only :func:`clock_jumping` changes it. Same seed, same fault.
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from heapq import heappop, heappush
 from itertools import count
 
@@ -34,9 +34,15 @@ def of_video(sample: LiveSample) -> bool:
     return isinstance(sample, VideoFrame)
 
 
-def of_sensors(names: Collection[str]) -> Chosen:
+@dataclass(frozen=True)
+class OfSensors:
     """Samples of sensors with one of these names."""
-    return lambda sample: isinstance(sample, ImuSample) and sample.sensor in names
+
+    names: Collection[str]
+
+    def __call__(self, sample: LiveSample) -> bool:
+        """Whether a sample is one of theirs."""
+        return isinstance(sample, ImuSample) and sample.sensor in self.names
 
 
 def lost(samples: Samples, chosen: Chosen, start: float, end: float = FOREVER, share: float = 1.0,
@@ -94,7 +100,7 @@ def turned_on_bone(samples: Samples, sensor: str, turn: Array, start: float) -> 
 
 
 def heading_reset(samples: Samples, sensor: str, angle: float, start: float) -> Iterator[LiveSample]:
-    """A filter starts anew: from ``start`` on a sensor's inertial frame is turned by ``angle`` rad about the vertical."""
+    """A filter starts anew: from ``start`` on a sensor's inertial frame is turned about z by ``angle`` rad."""
     R = rotation_z(angle)
     for sample in samples:
         mine = isinstance(sample, ImuSample) and sample.sensor == sensor and sample.time >= start

@@ -32,6 +32,7 @@ LIMBS: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, float]
 }
 DEAD = ("left_forearm", "right_shank", "pelvis")
 TURN_DEG, HEADING_DEG = 40.0, 60.0
+SLIP_S = 0.2  # that a strap takes to slip; a filter that starts anew takes no time
 CAMERA_GONE_S = 10.0
 OVERLOAD_S = 8.0  # with updates of three frames each, five seconds of samples pile up: more than the queue holds
 
@@ -123,7 +124,7 @@ def _moved(wearer: Recording, sensor: str, begin: float) -> Iterator[Fault]:
         turn = np.deg2rad(TURN_DEG) * (R_sensor_bone @ np.array(axis))
         yield Fault(
             f"{sensor} turned {TURN_DEG:g}° {where} its bone", begin, FOREVER,
-            partial(turned_on_bone, sensor=sensor, turn=turn, start=begin),
+            partial(turned_on_bone, sensor=sensor, turn=turn, start=begin, takes=SLIP_S),
         )  # fmt: skip
     yield Fault(
         f"{sensor}'s heading set {HEADING_DEG:g}° anew", begin, FOREVER,

@@ -160,11 +160,11 @@ def run_stream_faults(
         if tell is not None:
             own = partial(_part, tell, number, len(work))
         scene = stream_scene(trials, camera, motions, clip)
-        usual = _run((scene, trials.settings, None))
-        assert isinstance(usual, StreamRun)
         faults = chosen_faults(scene, trials.fault_s, tuple(name for name in trials.faults if name != KILLED))
         if trials.faults == (KILLED,):
             faults = []
+        usual = _run((scene, trials.settings, None))
+        assert isinstance(usual, StreamRun)
         jobs = [(scene, trials.settings, fault) for fault in faults]
         if trials.processes > 1:
             with ProcessPoolExecutor(trials.processes) as pool:

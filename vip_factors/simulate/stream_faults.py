@@ -84,12 +84,13 @@ def repeated(samples: Samples, chosen: Chosen, share: float, start: float, end: 
             yield sample
 
 
-def turned_on_bone(samples: Samples, sensor: str, turn: Array, start: float) -> Iterator[LiveSample]:
-    """A strap slips: from ``start`` on a sensor is turned by a rotation vector ``(3,)`` in its own axes, radians."""
-    R = exp(np.asarray(turn, dtype=float))
+def turned_on_bone(samples: Samples, sensor: str, turn: Array, start: float,
+                   takes: float = 0.0) -> Iterator[LiveSample]:  # fmt: skip
+    """A strap slips: a sensor is turned by a rotation vector ``(3,)`` rad in its own axes, steadily for ``takes`` s."""
     for sample in samples:
         if isinstance(sample, ImuSample) and sample.sensor == sensor and sample.time >= start:
             orientation, force = sample.R_inertial_sensor, sample.specific_force
+            R = exp(np.asarray(turn, dtype=float) * (min(1.0, (sample.time - start) / takes) if takes else 1.0))
             yield replace(
                 sample,
                 R_inertial_sensor=None if orientation is None else orientation @ R,

@@ -1,7 +1,6 @@
 """From where the smoother stands to answers for the user."""
 
 import time as clock
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -9,9 +8,10 @@ from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.geometry.rotations import Array, wrap_angle
 from vip_factors.graph.terms import FRAME, ROOT
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.sight import Onlooker
+from vip_factors.live.settling import Settling
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.state import FrameState
+from vip_factors.live.tracking import Tracking
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.live import LiveSetup
@@ -28,6 +28,7 @@ class Answers:
         self._newest: Array | None = None  # covariance of the newest frame
         self._smoothed: Array | None = None
         self._shared: Array | None = None
+        self._newest_told, self._smoothed_told = self._settlings()
 
     def find(self, *sentences: str) -> None:
         """Something to tell with the next answer."""
@@ -40,24 +41,24 @@ class Answers:
         roots = [slice(FRAME * number + ROOT, FRAME * (number + 1)) for number in range(wearers)]
         return [self._newest[root, root] for root in roots]
 
-    def of_start(self, smoother: LagSmoother, onlookers: Sequence[Onlooker], begin: float) -> list[LiveEstimate]:
-        """Answers to all frames that tracking began with."""
-        self._measure(smoother, smoother.numbers[-1])
+    def of_start(self, tracking: Tracking, begin: float, first: int) -> list[LiveEstimate]:
+        """Answers to the frames that tracking began with, from the number ``first`` on."""
+        smoother = tracking.smoother
         numbers = smoother.numbers
-        seconds = clock.perf_counter() - begin
+        self._measure(smoother, numbers[-1])
+        self._newest_told, self._smoothed_told = self._settlings()
         answers = []
         for number in numbers:
-            back = number - self._lag if number - self._lag in numbers else None
-            last = number == numbers[-1]
-            answers.append(self._estimate(smoother, onlookers if last else (), number, back, seconds if last else 0.0))
-        smoother.forget(numbers[-1] - self._lag)
-        return answers
+            seconds = clock.perf_counter() - begin if number == numbers[-1] else 0.0
+            answers.append(self._estimate(tracking, number, number - self._lag, seconds))
+        smoother.forget(numbers[-1] - self._lag - 1)
+        return [answer for answer in answers if answer.frame >= first]
 
-    def of(self, smoother: LagSmoother, onlookers: Sequence[Onlooker], begin: float) -> LiveEstimate:
+    def of(self, tracking: Tracking, begin: float) -> LiveEstimate:
         """The answer to the newest frame."""
-        newest = smoother.numbers[-1]
-        self._measure(smoother, newest)
-        return self._estimate(smoother, onlookers, newest, newest - self._lag, clock.perf_counter() - begin)
+        newest = tracking.smoother.numbers[-1]
+        self._measure(tracking.smoother, newest)
+        return self._estimate(tracking, newest, newest - self._lag, clock.perf_counter() - begin)
 
     def calibrations(self, smoother: LagSmoother) -> dict[str, Calibration]:
         """Of each wearer's sensors, as they are believed now."""
@@ -84,34 +85,36 @@ class Answers:
             self._shared = smoother.shared_covariance() if smoother.problem.columns.static else np.zeros((0, 0))
             self._smoothed = smoother.covariance(max(smoother.numbers[0], newest - self._lag))
 
-    def _estimate(
-        self, smoother: LagSmoother, onlookers: Sequence[Onlooker], number: int, back: int | None, seconds: float
-    ) -> LiveEstimate:
-        newest = smoother.state(number)
-        smoothed = smoother.state(back) if back is not None and back in smoother.numbers else None
+    def _settlings(self) -> tuple[Settling, Settling]:
+        share = min(1.0, 1 / (self._settings.settling_s * self._settings.frame_rate + 1e-9))
+        return Settling(share), Settling(share)
+
+    def _estimate(self, tracking: Tracking, number: int, back: int, seconds: float) -> LiveEstimate:
+        smoother = tracking.smoother
+        numbers, time = smoother.numbers, smoother.frame(number).time
+
+        def told(settling: Settling, at: int) -> FrameState:
+            return settling.tell(smoother.state(at - 1) if at - 1 in numbers else None, smoother.state(at))
+
+        newest = told(self._newest_told, number)
+        smoothed = told(self._smoothed_told, back) if back in numbers else None
+        late = smoother.frame(back).time if smoothed is not None else 0.0
         calibrations = self.calibrations(smoother)
-        wearers = []
-        for w, wearer in enumerate(self._setup.wearers):
-            chosen = int(onlookers[0].chosen[w]) if onlookers else -1
-            late = None
-            if smoothed is not None and back is not None:
-                late = _pose(smoothed, w, smoother.frame(back).time, self._smoothed)
-            wearers.append(
-                LiveWearerEstimate(
-                    wearer.name,
-                    _pose(newest, w, smoother.frame(number).time, self._newest),
-                    late,
-                    calibrations[wearer.name],
-                    chosen if chosen >= 0 else None,
-                )
+        chosen = tracking.onlookers[0].chosen if tracking.onlookers and number == numbers[-1] else None
+        wearers = tuple(
+            LiveWearerEstimate(
+                wearer.name,
+                _pose(newest, w, time, self._newest),
+                None if smoothed is None else _pose(smoothed, w, late, self._smoothed),
+                calibrations[wearer.name],
+                int(chosen[w]) if chosen is not None and chosen[w] >= 0 else None,
             )
+            for w, wearer in enumerate(self._setup.wearers)
+        )
         findings, self._findings = tuple(self._findings), []
-        time = smoother.frame(number).time
         camera = self._camera(smoother, newest, time, self._newest)
-        late_camera = None
-        if smoothed is not None and back is not None:
-            late_camera = self._camera(smoother, smoothed, smoother.frame(back).time, self._smoothed)
-        return LiveEstimate(number, time, tuple(wearers), camera, late_camera, findings, seconds)
+        late_camera = None if smoothed is None else self._camera(smoother, smoothed, late, self._smoothed)
+        return LiveEstimate(number, time, wearers, camera, late_camera, findings, seconds)
 
     def _camera(
         self, smoother: LagSmoother, state: FrameState, time: float, covariance: Array | None

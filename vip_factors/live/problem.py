@@ -49,6 +49,10 @@ class LagFrame:
     sights: list[tuple[Sight, ...] | None] = field(default_factory=list)
     contacts: list[Array] = field(default_factory=list)
 
+    def take_accelerations(self, after: FrameMeasurement) -> None:
+        """What the next frame's measurement brings: the window of accelerations reaches into it."""
+        self.specific_force_inertial, self.acceleration_valid = after.specific_force_inertial, after.acceleration_valid
+
 
 def lag_frame(measured: FrameMeasurement, sights: list[tuple[Sight, ...] | None]) -> LagFrame:
     """The newest frame: its accelerations are measured by the next one."""

@@ -44,6 +44,8 @@ class LiveSettings(Settings):
     start_s: float = 1.0  # of data before the first answer: a step or a gesture shows where the sensors point
     spread_share: float = 0.02  # of what one video frame says of how detections scatter: two seconds of them count
     start_iterations: int = 2  # over the first frames, from where the batch stages put them
+    # Over which answers make up for what is believed anew of the past; else they tremble by some millimetres.
+    settling_s: float = 0.1
     covariance_every: int = 6  # frames between covariances of the smoothed pose, which cost 3 ms
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
     online_association: OnlineAssociationSettings = field(default_factory=OnlineAssociationSettings)

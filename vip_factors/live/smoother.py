@@ -12,7 +12,7 @@ from vip_factors.graph.slices import REACH, scene_slices, shared_key, slice_key,
 from vip_factors.graph.terms import FRAME, ROOT
 from vip_factors.live.problem import LagFrame, LagProblem
 from vip_factors.live.settings import LiveSettings, RelinearisationSettings
-from vip_factors.live.state import FrameState, SharedState, stacked
+from vip_factors.live.state import FrameState, SharedState, moved_frames, stacked
 from vip_factors.solve.fixed_lag import FixedLagChain, LagSolution
 
 LEAST_STEP = 1e-5  # of shared variables that do not step: no information is infinite
@@ -25,20 +25,22 @@ class _Kept:
     frame: LagFrame
     origin: FrameState
     coordinates: Array
+    state: FrameState
     linearised: Array | None = None
     shared: Array | None = None  # that it was linearised at
 
-    @property
-    def state(self) -> FrameState:
-        return self.origin.moved(self.coordinates)
-
 
 class LagSmoother:
-    """Frames go in one by one; those of the lag are smoothed, those before it are held by their marginal."""
+    """Frames go in one by one; those of the lag are smoothed, those before it are held by their marginal.
+
+    Attributes:
+        problem: of any stretch.
+        shared: what all frames share, as it is believed now.
+    """
 
     def __init__(self, problem: LagProblem, shared: SharedState, settings: LiveSettings) -> None:
         self.problem, self._settings = problem, settings
-        self._origin = shared
+        self.shared = self._origin = shared
         self._coordinates = np.zeros(problem.columns.static)
         self._frames: deque[_Kept] = deque()
         self._chain = FixedLagChain()
@@ -49,6 +51,7 @@ class LagSmoother:
         self._every = max(1, round(settings.walk.every_s * settings.frame_rate))
         self._loosened = np.zeros(problem.columns.static)  # variances of the step behind the newest frame
         self._usual_walk = _walk_sigmas(problem, settings)
+        self._limits = _limits(problem, settings.relinearisation)
 
     # What there is
 
@@ -56,11 +59,6 @@ class LagSmoother:
     def numbers(self) -> range:
         """Numbers of the frames of the lag."""
         return range(self._frames[0].frame.number, self._frames[-1].frame.number + 1) if self._frames else range(0)
-
-    @property
-    def shared(self) -> SharedState:
-        """What all frames share, as it is believed now."""
-        return self.problem.shared.moved(self._origin, self._coordinates)
 
     def frame(self, number: int) -> LagFrame:
         """The measurements of a frame of the lag."""
@@ -72,7 +70,7 @@ class LagSmoother:
 
     def states(self, start: int) -> list[FrameState]:
         """All from a frame on."""
-        return [self._at(number).state for number in range(max(start, self.numbers[0]), self.numbers[-1] + 1)]
+        return [one.state for one in self._frames if one.frame.number >= start]
 
     def _at(self, number: int) -> _Kept:
         return self._frames[number - self._frames[0].frame.number]
@@ -92,7 +90,7 @@ class LagSmoother:
             )
         else:
             self._epoch[frame.number], self._beginning = 0, frame.number
-        self._frames.append(_Kept(frame, guess, np.zeros(self.problem.columns.frame)))
+        self._frames.append(_Kept(frame, guess, np.zeros(self.problem.columns.frame), guess))
 
     def loosen(self, sigmas: Array) -> None:
         """Let shared variables step by ``sigmas`` ``(s,)`` behind the newest frame: a sensor has moved, say."""
@@ -171,15 +169,17 @@ class LagSmoother:
 
     def _take(self, newest: int) -> None:
         self._solution = self._chain.solution(self._newest_shared())
-        for one in self._frames:
-            one.coordinates = self._solution.at(slice_key(one.frame.number))
+        coordinates = [self._solution.at(slice_key(one.frame.number)) for one in self._frames]
+        states = moved_frames([one.origin for one in self._frames], np.stack(coordinates))
+        for one, own, state in zip(self._frames, coordinates, states, strict=True):
+            one.coordinates, one.state = own, state
         self._coordinates = self._solution.at(self._newest_shared())
+        self.shared = self.problem.shared.moved(self._origin, self._coordinates)
 
     def _first_moved(self) -> int:
         """The earliest of the frames to be linearised anew because something in them has moved."""
         settings, newest = self._settings.relinearisation, self.numbers[-1]
-        limits = _limits(self.problem, settings)
-        shared = np.deg2rad(settings.shared_deg)
+        limits, shared = self._limits, np.deg2rad(settings.shared_deg)
         for number in range(max(self.numbers[0], newest - settings.most + 1), newest):
             one = self._at(number)
             if one.linearised is None or one.shared is None:

@@ -214,9 +214,7 @@ def _started(
         ]
         frame = lag_frame(one, sights)
         if after is not None:
-            frame.specific_force_inertial, frame.acceleration_valid = (
-                after.specific_force_inertial, after.acceleration_valid,
-            )  # fmt: skip
+            frame.take_accelerations(after)
         frame.contacts = [own.contact_confidence[t] for own in model.wearers]
         frames.append(frame)
         at = t if len(poses) > 1 else 0

@@ -20,7 +20,8 @@ class FrameState:
     Attributes:
         R_parent_child: ``(W, 24, 3, 3)`` of the wearers.
         p_world_pelvis: ``(W, 3)`` metres.
-        R_world_camera, p_world_camera: of the first camera, ``(3, 3)`` and ``(3,)``.
+        R_world_camera, p_world_camera: of the first camera, ``(3, 3)`` and ``(3,)``; a standing camera has no
+            coordinates here.
     """
 
     R_parent_child: Array
@@ -28,22 +29,24 @@ class FrameState:
     R_world_camera: Array
     p_world_camera: Array
 
-    def moved(self, step: Array) -> "FrameState":
-        """At coordinates ``(w,)`` from here; a camera whose pose is no variable of the frame has none."""
-        wearers = len(self.p_world_pelvis)
-        bodies, camera = np.split(step, [FRAME * wearers])
-        bodies = bodies.reshape(wearers, FRAME)
-        turns = [bodies[:, :ROOT].reshape(-1, 3)]
-        if len(camera):
-            turns.append(camera[None, :3])
-        R = exp(np.concatenate(turns))
-        joints = self.R_parent_child @ R[: wearers * JOINT_COUNT].reshape(wearers, JOINT_COUNT, 3, 3)
-        p = self.p_world_pelvis + bodies[:, ROOT:]
-        if not len(camera):
-            return replace(self, R_parent_child=joints, p_world_pelvis=p)
-        return FrameState(
-            joints, p, self.R_world_camera @ R[-1], self.p_world_camera + self.R_world_camera @ camera[3:]
-        )
+
+def moved_frames(origins: Sequence[FrameState], steps: Array) -> list[FrameState]:
+    """Each of the frames at coordinates ``(n, w)``; all at once, for the arithmetic is small and the calls are not."""
+    wearers, n = len(origins[0].p_world_pelvis), len(origins)
+    bodies, camera = steps[:, : FRAME * wearers].reshape(n, wearers, FRAME), steps[:, FRAME * wearers :]
+    turns = [bodies[:, :, :ROOT].reshape(n, -1, 3)]
+    if camera.shape[1]:
+        turns.append(camera[:, None, :3])
+    R = exp(np.concatenate(turns, axis=1))
+    joints = np.stack([one.R_parent_child for one in origins])
+    joints = joints @ R[:, : wearers * JOINT_COUNT].reshape(joints.shape)
+    p = np.stack([one.p_world_pelvis for one in origins]) + bodies[:, :, ROOT:]
+    R_camera = np.stack([one.R_world_camera for one in origins])
+    p_camera = np.stack([one.p_world_camera for one in origins])
+    if camera.shape[1]:
+        p_camera = p_camera + (R_camera @ camera[:, 3:, None])[..., 0]
+        R_camera = R_camera @ R[:, -1]
+    return [FrameState(*parts) for parts in zip(joints, p, R_camera, p_camera, strict=True)]
 
 
 @dataclass(frozen=True)

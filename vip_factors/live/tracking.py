@@ -1,0 +1,194 @@
+"""Going on from frame to frame: predict, see, smooth, learn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.body.kinematics import BodyState, forward_kinematics
+from vip_factors.geometry.rotations import Array
+from vip_factors.graph.reprojection_batch import reprojections
+from vip_factors.initialise.root_path import contact_confidence
+from vip_factors.live.measurement import FrameMeasurement
+from vip_factors.live.predict import predicted
+from vip_factors.live.problem import lag_frame
+from vip_factors.live.settings import LiveSettings
+from vip_factors.live.sight import Onlooker, Scenery
+from vip_factors.live.smoother import LagSmoother
+from vip_factors.live.start import Started
+from vip_factors.live.watch import SensorWatch
+from vip_factors.sensors.live import LiveSetup, VideoFrame
+
+CONTACT_FRAMES = 8  # frames over which a foot is watched to tell whether it stands
+
+
+@dataclass(frozen=True)
+class _Window:
+    """What is believed of the frames from ``first`` on: the bodies of each wearer, and the camera's poses."""
+
+    first: int
+    bodies: tuple[BodyState, ...]
+    R_world_camera: Array
+    p_world_camera: Array
+
+
+class Tracking:
+    """A smoother at work, with those who look on.
+
+    Attributes:
+        smoother: where all variables stand.
+        onlookers: one for each camera that is of use.
+    """
+
+    def __init__(
+        self, setup: LiveSetup, settings: LiveSettings, started: Started, video: Sequence[tuple[int, VideoFrame]]
+    ) -> None:
+        """Begin.
+
+        Args:
+            setup: of the stream.
+            settings: of all rooms.
+            started: where tracking begins.
+            video: frames of all cameras in that time, each with the number of its frame.
+
+        Raises:
+            SolveError: if the frames do not determine all variables.
+        """
+        self._setup, self._settings = setup, settings
+        self.smoother = LagSmoother(started.problem, started.shared, settings)
+        for frame, state in zip(started.frames, started.states, strict=True):
+            self.smoother.append(frame, state)
+        for _ in range(settings.start_iterations):
+            self.smoother.update(self.smoother.numbers[0])
+        self.onlookers = self._gathered(started, video)
+        rate, begin = settings.frame_rate, self.smoother.numbers[0]
+        self._watches = [SensorWatch(one, settings.watch, rate, begin) for one in started.problem.wearers]
+
+    def _gathered(self, started: Started, video: Sequence[tuple[int, VideoFrame]]) -> list[Onlooker]:
+        """The onlookers, told who is who in the frames of the start."""
+        skeletons, onlookers = [wearer.skeleton for wearer in started.problem.wearers], []
+        for shot, spreads in zip(started.shots, started.spreads, strict=True):
+            camera = next(one for one in self._setup.cameras if one.name == shot.camera.name)
+            settings = self._settings
+            onlooker = Onlooker(camera, skeletons, spreads, settings.online_association, settings.camera.reprojection)
+            own = sorted(((n, one) for n, one in video if one.camera == camera.name), key=lambda pair: pair[1].time)
+            for index, (number, one) in enumerate(own):
+                who = shot.association.wearer[shot.detections.of_frame(index)]
+                chosen = [int(np.flatnonzero(who == w)[0]) if np.any(who == w) else -1 for w in range(len(skeletons))]
+                onlooker.remember(number, one, np.array(chosen))
+            onlookers.append(onlooker)
+        return onlookers
+
+    def step(self, measured: FrameMeasurement, lag: int, root_covariance: Sequence[Array]) -> list[str]:
+        """One frame more.
+
+        Args:
+            measured: in the new frame.
+            lag: frames to keep behind it.
+            root_covariance: of where each wearer is, as of late.
+
+        Returns:
+            Sentences for the user.
+
+        Raises:
+            SolveError: if the frames do not determine all variables.
+        """
+        smoother, problem = self.smoother, self.smoother.problem
+        numbers = smoother.numbers
+        smoother.frame(numbers[-1]).take_accelerations(measured)
+        frame = lag_frame(measured, [None] * (1 + len(problem.further)))
+        frame.contacts = [np.zeros(len(wearer.contacts)) for wearer in problem.wearers]
+        before = [(smoother.frame(n), smoother.state(n)) for n in numbers[-2:]]
+        smoother.append(frame, predicted(problem, before, frame, smoother.shared))
+        news = [one for one in measured.video if one.frame in smoother.numbers]
+        window = self._window(smoother.numbers[0] if news else measured.frame - CONTACT_FRAMES)
+        self._find_contacts(window)
+        changed = [
+            frame
+            for number, onlooker in enumerate(self.onlookers)
+            for frame in self._see(number, onlooker, measured, window, root_covariance)
+        ]
+        smoother.update(min(changed, default=None))
+        smoother.forget(measured.frame - lag - 1)  # the frame told last stays for its successor to follow
+        return self._learn()
+
+    def _window(self, first: int) -> _Window:
+        smoother = self.smoother
+        first = max(first, smoother.numbers[0])
+        states = smoother.states(first)
+        bodies = tuple(
+            forward_kinematics(
+                wearer.skeleton,
+                np.stack([one.R_parent_child[number] for one in states]),
+                np.stack([one.p_world_pelvis[number] for one in states]),
+            )
+            for number, wearer in enumerate(smoother.problem.wearers)
+        )
+        R = np.stack([one.R_world_camera for one in states])
+        return _Window(first, bodies, R, np.stack([one.p_world_camera for one in states]))
+
+    def _find_contacts(self, window: _Window) -> None:
+        """Which feet stand from the last frame to the newest one."""
+        smoother, newest = self.smoother, self.smoother.numbers[-1]
+        recent = slice(max(0, newest + 1 - CONTACT_FRAMES - window.first), None)
+        for number, (wearer, body) in enumerate(zip(smoother.problem.wearers, window.bodies, strict=True)):
+            if not wearer.contacts:
+                continue
+            points = tuple((contact.bone, contact.p_bone_point) for contact in wearer.contacts)
+            confidence = contact_confidence(body.at(recent), points, 1 / self._settings.frame_rate)
+            smoother.frame(newest - 1).contacts[number] = confidence[-2]
+            smoother.frame(newest).contacts[number] = confidence[-1]
+
+    def _see(
+        self, camera: int, onlooker: Onlooker, measured: FrameMeasurement, window: _Window,
+        root_covariance: Sequence[Array],
+    ) -> list[int]:  # fmt: skip
+        """Put in what one camera saw; the frames that change by it."""
+        smoother, changed = self.smoother, []
+
+        def scenery(number: int) -> Scenery:
+            at = number - window.first
+            bodies = [body.at(slice(at, at + 1)) for body in window.bodies]
+            pose = self._fixed_pose(camera)
+            if pose is None:
+                pose = window.R_world_camera[at], window.p_world_camera[at]
+            return Scenery(bodies, pose, root_covariance)
+
+        news = [one for one in measured.video if one.video.camera == onlooker.camera.name]
+        news = [one for one in news if one.frame in smoother.numbers]
+        for one in news:
+            smoother.frame(one.frame).sights[camera] = onlooker.look(one.frame, one.video, scenery(one.frame))
+            changed.append(one.frame)
+        for number, sights in (onlooker.look_again(window.first, scenery) if news else {}).items():
+            smoother.frame(number).sights[camera] = sights
+            changed.append(number)
+        return changed
+
+    def _fixed_pose(self, camera: int) -> tuple[Array, Array] | None:
+        """Where a camera that stands still is; None of one whose pose belongs to the frames."""
+        problem = self.smoother.problem
+        if camera == 0 and problem.moving:
+            return None
+        state = problem.further[camera - 1].state if camera else self.smoother.shared.camera
+        return state.poses.R_world_camera[0], state.poses.p_world_camera[0]
+
+    def _learn(self) -> list[str]:
+        """What the smoothed frame teaches of the sensors and of the detectors."""
+        smoother, findings = self.smoother, []
+        oldest = smoother.numbers[0]
+        model, state = smoother.scene(oldest)
+        for number, (wearer, own) in enumerate(zip(model.wearers, state.wearers, strict=True)):
+            body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
+            for sensor in self._watches[number].moved(oldest, wearer, own, body):
+                settings = self._settings.watch
+                smoother.loosen_sensor(number, sensor, settings.heading_sigma_deg, settings.mounting_sigma_deg)
+                findings.append(
+                    f"sensor '{wearer.frames.sensors[sensor]}' of '{self._setup.wearers[number].name}' no longer sits "
+                    "as it did: its heading and mounting are estimated anew"
+                )
+            for onlooker, one in zip(self.onlookers, model.viewpoints(state.camera), strict=False):
+                view = one.views[number]
+                if view.seen.any():
+                    residual, _ = reprojections(view, one.problem, one.state.at_frames(slice(0, 1)), 0.0, body)
+                    onlooker.hear(number, residual[view.seen], self._settings.spread_share)
+        return findings

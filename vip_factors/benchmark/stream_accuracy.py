@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import Literal, get_args
@@ -154,7 +155,7 @@ def stream_scene(motion: Motion, name: str, trials: StreamTrials, camera: Filmin
         scene = scene_of(motion, name, scenes, seed)
     else:
         middle = middle_of(motion, scenes.seconds, name)
-        whole = lasting(middle, SETTLED_S + len(middle) / middle.rate)  # as much as after a T-pose is compared
+        whole = lasting(middle, HOLD_S + len(middle) / middle.rate)  # as much as after a T-pose is compared
         performer = Performer("wearer", whole, preset(PLACEMENT, whole.skeleton))
         scene = simulate_scene([performer], scenes.scene_settings, seed, name)
     return scene if camera != "none" else replace(scene, camera=None, truth=None)
@@ -162,10 +163,10 @@ def stream_scene(motion: Motion, name: str, trials: StreamTrials, camera: Filmin
 
 def trials_of(scene: Scene, blank: StreamTrial, trials: StreamTrials) -> Iterator[StreamTrial]:
     """Batch, then every lag; what fails says so."""
-    yield _guarded(blank, lambda: _batch(scene, blank, trials.settings))
+    yield _guarded(blank, partial(_batch, scene, blank, trials.settings))
     for lag in trials.lags_of(blank.begin):
         one, settings = replace(blank, lag_s=lag), live_settings(trials.settings, lag_s=lag)
-        yield _guarded(one, lambda one=one, settings=settings: _live(scene, one, settings))  # type: ignore[misc]
+        yield _guarded(one, partial(_live, scene, one, settings))
 
 
 def _guarded(blank: StreamTrial, work: Callable[[], StreamTrial]) -> StreamTrial:

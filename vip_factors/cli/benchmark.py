@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from vip_factors.cli import benchmark_live
+from vip_factors.cli.benchmark_live_options import KaichiOptions, StreamAccuracyOptions
 from vip_factors.cli.benchmark_options import (
     AssociationOptions,
     ConsistencyOptions,
@@ -30,7 +32,9 @@ Options = (
     | WearersOptions
     | ConsistencyOptions
     | SpeedOptions
+    | StreamAccuracyOptions
     | StreamFaultsOptions
+    | KaichiOptions
     | WalkOptions
 )
 Write = Callable[[str], None]
@@ -47,6 +51,8 @@ class BenchmarkOptions:
         | Annotated[WearersOptions, tyro.conf.subcommand("wearers")]
         | Annotated[ConsistencyOptions, tyro.conf.subcommand("consistency")]
         | Annotated[SpeedOptions, tyro.conf.subcommand("speed")]
+        | Annotated[StreamAccuracyOptions, tyro.conf.subcommand("stream-accuracy")]
+        | Annotated[KaichiOptions, tyro.conf.subcommand("kaichi")]
         | Annotated[StreamFaultsOptions, tyro.conf.subcommand("stream-faults")]
         | Annotated[WalkOptions, tyro.conf.subcommand("walk")],
         tyro.conf.arg(name=""),
@@ -87,6 +93,10 @@ def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
         return _wearers(options, tell)
     if isinstance(options, ConsistencyOptions):
         return _consistency(options, tell)
+    if isinstance(options, StreamAccuracyOptions):
+        return benchmark_live.stream_accuracy(options, tell, write)
+    if isinstance(options, KaichiOptions):
+        return benchmark_live.kaichi(options, tell, write)
     if isinstance(options, StreamFaultsOptions):
         return _stream_faults(options, tell)
     return _speed(options, tell) if isinstance(options, SpeedOptions) else _walk(options, tell)

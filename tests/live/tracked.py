@@ -1,0 +1,89 @@
+"""Short streams for tests of the tracker: gestures in front of a camera, tracked at half the usual rate."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from filmed_gestures import filmed_gestures
+
+from vip_factors.body.motion import Motion
+from vip_factors.evaluate.frames import common_frames
+from vip_factors.evaluate.metrics import mpjpe
+from vip_factors.live.settings import LiveSettings
+from vip_factors.live.tracker import FixedLagTracker
+from vip_factors.live_estimate import LiveEstimate, LivePose
+from vip_factors.sensors.live import LiveSample, LiveSetup, live_samples
+from vip_factors.sensors.scene import Scene
+
+RATE = 30.0  # half the usual: half the time
+SETTINGS = LiveSettings(frame_rate=RATE)
+LAG = round(SETTINGS.lag_s * RATE)
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """A scene and what was answered to it."""
+
+    scene: Scene
+    answers: tuple[LiveEstimate, ...]
+
+    @property
+    def findings(self) -> str:
+        return "\n".join(sentence for answer in self.answers for sentence in answer.findings)
+
+    def motion(self, kind: str, wearer: int = 0) -> Motion:
+        """The ``"newest"`` or ``"smoothed"`` poses."""
+        return motion_of(poses(self.answers, kind, wearer), self.scene, wearer)
+
+    def error_mm(self, kind: str, after: float = 2.0, wearer: int = 0, before: float = np.inf) -> float:
+        """MPJPE of the answers from a time on."""
+        chosen = [one for one in poses(self.answers, kind, wearer) if after <= one.time < before]
+        truth = self.scene.wearers[wearer].truth
+        assert truth is not None
+        ours, true, _ = common_frames(motion_of(chosen, self.scene, wearer), truth.motion)
+        return mpjpe(ours, true)
+
+
+def poses(answers: Iterable[LiveEstimate], kind: str, wearer: int = 0) -> list[LivePose]:
+    found = [getattr(one.wearers[wearer], kind) for one in answers]
+    return [one for one in found if one is not None]
+
+
+def motion_of(chosen: Sequence[LivePose], scene: Scene, wearer: int = 0) -> Motion:
+    R, p = np.stack([one.R_parent_child for one in chosen]), np.stack([one.p_world_pelvis for one in chosen])
+    return Motion(scene.wearers[wearer].subject.body(), R, p, RATE, chosen[0].time, "live")
+
+
+def track(scene: Scene, samples: Iterable[LiveSample] | None = None, settings: LiveSettings = SETTINGS) -> Tracked:
+    """All answers to a scene's samples, or to others of the same set-up."""
+    tracker = FixedLagTracker(LiveSetup.of(scene), settings)
+    answers: list[LiveEstimate] = []
+    for sample in live_samples(scene) if samples is None else samples:
+        answers += tracker.push(sample)
+    return Tracked(scene, (*answers, *tracker.finish()))
+
+
+@cache
+def filmed() -> Scene:
+    """One wearer of ten sensors, four seconds, a camera on a tripod whose pose nobody knows."""
+    return filmed_gestures("fixed", 4.0)
+
+
+@cache
+def tracked() -> Tracked:
+    """That, undisturbed."""
+    return track(filmed())
+
+
+@cache
+def placed_camera() -> Scene:
+    """The same with the camera's pose known."""
+    scene = filmed()
+    assert scene.camera is not None
+    assert scene.truth is not None
+    return replace(scene, camera=replace(scene.camera, known_path=scene.truth.camera, moving=False))
+
+
+def unfilmed(scene: Scene) -> Scene:
+    return Scene(scene.name, scene.wearers)

@@ -27,9 +27,9 @@ class WalkSettings:
 class RelinearisationSettings:
     """Which frames of the lag are linearised anew."""
 
-    angle_deg: float = 2.0  # a joint that moved by less is linear to a thousandth
-    length_m: float = 0.05
-    shared_deg: float = 1.0  # heading or mounting
+    angle_deg: float = 1.0  # a joint that moved by less is linear to some thousandths
+    length_m: float = 0.02
+    shared_deg: float = 0.3  # heading or mounting: they are seen by all frames, 1.0 costs 2 mm
     most: int = 6  # frames at once, the newest: what an update may cost
 
 

@@ -5,9 +5,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from vip_factors.factors.ground_contact import Foot
 from vip_factors.geometry.rotations import Array
 from vip_factors.graph.model import InertialModel
-from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel, Viewpoint
+from vip_factors.graph.scene_model import CameraProblem, GroundView, KeypointView, SceneModel, Viewpoint
 from vip_factors.graph.slices import SliceColumns
 from vip_factors.live.measurement import FrameMeasurement
 from vip_factors.live.state import SharedColumns
@@ -16,16 +17,32 @@ from vip_factors.sensors.frames import ImuFrames
 
 @dataclass(frozen=True)
 class Sight:
-    """One wearer's keypoints in one camera at one frame: ``(K, 2)`` pixels, ``(K,)`` sigmas, ``(K,)`` whether seen."""
+    """What one camera saw of one wearer at one frame.
+
+    Attributes:
+        pixels: ``(K, 2)`` of keypoints; zero where not seen.
+        sigma: ``(K,)`` pixels; one where not seen.
+        seen: ``(K,)``.
+        confidence: ``(K,)`` of the detector, times the biweight; zero where not seen. Sigma has it already.
+        ground: of the problem's feet, in this single frame; None where none is known to stand.
+    """
 
     pixels: Array
     sigma: Array
     seen: np.ndarray
+    confidence: Array
+    ground: GroundView | None = None
 
     @classmethod
     def nothing(cls, keypoints: int) -> "Sight":
         """Of a wearer who is not in the picture."""
-        return cls(np.zeros((keypoints, 2)), np.ones(keypoints), np.zeros(keypoints, bool))
+        return cls(np.zeros((keypoints, 2)), np.ones(keypoints), np.zeros(keypoints, bool), np.zeros(keypoints))
+
+    @classmethod
+    def of(cls, view: KeypointView, t: int) -> "Sight":
+        """One frame of a view."""
+        ground = None if view.ground is None else view.ground.at_frames(slice(t, t + 1))
+        return cls(view.pixels[t], view.sigma[t], view.seen[t], view.confidence[t], ground)
 
 
 @dataclass
@@ -69,6 +86,7 @@ class LagProblem:
     Attributes:
         wearers, camera, further: the problems without frames: body, sensors, priors, what is free.
         sensors: of each wearer, its columns among all carriers' sensors; of the camera's IMU, last, one or none.
+        feet: by camera and wearer, those whose contact with the ground is used; None where it is not.
         columns: of the slices.
         shared: where shared variables have their coordinates.
     """
@@ -84,7 +102,9 @@ class LagProblem:
     ) -> None:
         self.wearers, self.camera, self.further = tuple(wearers), camera, tuple(further)
         self.sensors, self._step = list(sensors), step
-        self._points = [[view.points for view in views], *[[view.points for view in one.views] for one in further]]
+        cameras = [tuple(views), *(one.views for one in further)]
+        self._points = [[view.points for view in own] for own in cameras]
+        self.feet = [[None if view.ground is None else view.ground.feet for view in own] for own in cameras]
         bare = SceneModel(self.wearers, camera, tuple(views), self.further)
         self.columns = SliceColumns.of(bare)
         self.shared = _shared_columns(self.wearers, self.columns)
@@ -138,9 +158,22 @@ class LagProblem:
             sights = [frame.sights[camera] for frame in frames]
             own = [sight[wearer] if sight is not None else nothing for sight in sights]
             pixels, seen = np.stack([one.pixels for one in own]), np.stack([one.seen for one in own])
-            sigma = np.stack([one.sigma for one in own])
-            views.append(KeypointView(points, pixels, sigma, seen, np.zeros_like(pixels)))
+            sigma, confidence = np.stack([one.sigma for one in own]), np.stack([one.confidence for one in own])
+            ground = _grounds(self.feet[camera][wearer], own)
+            views.append(KeypointView(points, pixels, sigma, seen, np.zeros_like(pixels), confidence, ground))
         return tuple(views)
+
+
+def _grounds(feet: tuple[Foot, ...] | None, sights: Sequence[Sight]) -> GroundView | None:
+    """The ground contacts of a stretch of sights."""
+    if feet is None:
+        return None
+    T, G = len(sights), len(feet)
+    rays, whitening, stands = np.ones((T, G, 3)), np.zeros((T, G, 3, 3)), np.zeros((T, G), bool)
+    for t, own in enumerate(one.ground for one in sights):
+        if own is not None:
+            rays[t], whitening[t], stands[t] = own.rays[0], own.whitening[0], own.stands[0]
+    return GroundView(feet, rays, whitening, stands)
 
 
 def _imu_frames(names: tuple[str, ...], time: Array, parts: tuple[Array, ...], columns: np.ndarray) -> ImuFrames:

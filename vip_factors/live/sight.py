@@ -1,18 +1,21 @@
 """One camera of a stream: who is who in its video frames, and what each wearer's keypoints are worth."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Skeleton, joint_index
-from vip_factors.factors.reprojection import ReprojectionSettings
+from vip_factors.factors.adaptive_biweight import adaptive_biweight
+from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
+from vip_factors.graph.scene_model import CameraFactorSettings, GroundView, KeypointView
 from vip_factors.live.association import NOBODY, CameraPose, OnlineAssociation, OnlineAssociationSettings
 from vip_factors.live.problem import Sight
 from vip_factors.sensors.live import LiveCamera, VideoFrame
 from vip_factors.sensors.placement import stature_of
+from vip_factors.stages.ground import ground_view, seen_feet
 from vip_factors.stages.views import AREA_OF_HEIGHT, RAYLEIGH_MEDIAN, pixel_sigma, points_on_body
 
 NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer
@@ -20,11 +23,16 @@ NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer
 
 @dataclass(frozen=True)
 class Scenery:
-    """What is believed of one frame: each wearer's body, the camera's pose, covariances of the roots."""
+    """What is believed of one frame: each wearer's body, the camera's pose, covariances of the roots.
+
+    ``standing`` ``(G,)`` of each wearer is how surely each of the feet stands whose contact with the ground is used;
+    None where none is.
+    """
 
     bodies: Sequence[BodyState]
     camera: CameraPose
     root_covariance: Sequence[Array]
+    standing: Sequence[Array | None]
 
 
 @dataclass
@@ -41,17 +49,19 @@ class Onlooker:
         camera: which.
         skeletons: of the wearers.
         spreads: scatter of the detections of each wearer, in OKS sigmas; follows what is seen.
-        settings: of the association and of the reprojection factor.
+        association, settings: of the association, and of the factors on what was seen.
     """
 
     def __init__(
         self, camera: LiveCamera, skeletons: Sequence[Skeleton], spreads: Sequence[float],
-        association: OnlineAssociationSettings, reprojection: ReprojectionSettings,
+        association: OnlineAssociationSettings, settings: CameraFactorSettings,
     ) -> None:  # fmt: skip
-        self.camera, self.spreads, self._settings = camera, list(spreads), reprojection
+        self.camera, self.spreads, self._settings = camera, list(spreads), settings.reprojection
+        self._ground = settings.ground_contact
         self._skeletons = list(skeletons)
         self._association = OnlineAssociation(camera.keypoints, camera.model, skeletons, association)
-        self._used = [points_on_body(camera.keypoints, skeleton)[0] for skeleton in skeletons]
+        self._used = [points_on_body(camera.keypoints, skeleton) for skeleton in skeletons]
+        self._feet = [seen_feet(camera.keypoints, skeleton) for skeleton in skeletons]
         self._shown: list[_Shown] = []
         self.chosen = np.full(len(self._skeletons), NOBODY)  # in the newest video frame
 
@@ -98,17 +108,36 @@ class Onlooker:
         )
 
     def _sights(self, video: VideoFrame, chosen: np.ndarray, scenery: Scenery) -> tuple[Sight, ...]:
-        sights = []
-        for wearer, (person, skeleton, used) in enumerate(zip(chosen, self._skeletons, self._used, strict=True)):
-            if person == NOBODY:
-                sights.append(Sight.nothing(len(used)))
-                continue
-            pixels, confidence = video.pixels[person, used], video.confidence[person, used]
-            seen = (confidence >= self._settings.least_confidence) & np.all(np.isfinite(pixels), axis=1)
-            R, p = scenery.camera
-            depth = R[:, 2] @ (scenery.bodies[wearer].p_world_joint[0, joint_index("spine2")] - p)
-            scale = AREA_OF_HEIGHT * self.camera.model.focal[1] * stature_of(skeleton) / max(depth, NEAREST_M)
-            size = self.camera.keypoints.sigmas[used] * scale
-            sigma = pixel_sigma(size, confidence, seen, self.spreads[wearer], self._settings)
-            sights.append(Sight(np.where(seen[:, None], pixels, 0.0), sigma, seen))
-        return tuple(sights)
+        return tuple(
+            Sight.nothing(len(points)) if person == NOBODY else self._sight(video, int(person), number, scenery)
+            for number, (person, (_, points)) in enumerate(zip(chosen, self._used, strict=True))
+        )
+
+    def _sight(self, video: VideoFrame, person: int, wearer: int, scenery: Scenery) -> Sight:
+        used, points = self._used[wearer]
+        lens, settings, body = self.camera.model, self._settings, scenery.bodies[wearer]
+        pixels, confidence = video.pixels[person, used], video.confidence[person, used]
+        seen = (confidence >= settings.least_confidence) & np.all(np.isfinite(pixels), axis=1)
+        R, p = scenery.camera
+        depth = R[:, 2] @ (body.p_world_joint[0, joint_index("spine2")] - p)
+        height = lens.focal[1] * stature_of(self._skeletons[wearer]) / max(depth, NEAREST_M)
+        oks, scale = self.camera.keypoints.sigmas[used], np.asarray(AREA_OF_HEIGHT * height)
+        if settings.biweight.use:
+            predicted = lens.project((np.concatenate([point.of(body) for point in points]) - p) @ R)
+            weight = adaptive_biweight(pixels, predicted, oks, scale, lens.width, settings.biweight)
+            seen, confidence = seen & (weight > 0), confidence * weight
+        sigma = pixel_sigma(oks * scale, confidence, seen, self.spreads[wearer], settings)
+        confidence = np.where(seen, np.minimum(confidence, 1.0), 0.0)
+        sight = Sight(np.where(seen[:, None], pixels, 0.0), sigma, seen, confidence)
+        standing = scenery.standing[wearer]
+        return sight if standing is None else replace(sight, ground=self._ground_view(sight, wearer, standing, scenery))
+
+    def _ground_view(self, sight: Sight, wearer: int, standing: Array, scenery: Scenery) -> GroundView:
+        view = KeypointView(
+            self._used[wearer][1], sight.pixels[None], sight.sigma[None], sight.seen[None],
+            np.zeros_like(sight.pixels)[None], sight.confidence[None],
+        )  # fmt: skip
+        (feet, columns), (R, p) = self._feet[wearer], scenery.camera
+        pose = CameraPoses(R[None], p[None])
+        body = scenery.bodies[wearer]
+        return ground_view(view, feet, columns, standing[None], body, pose, self.camera.model, self._ground)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vip_factors.errors import RecordingError
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
 from vip_factors.graph.batch import BatchObjective
@@ -85,6 +86,9 @@ def start(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None 
         RecordingError: if a wearer has no sensor that measures.
         SolveError: if the problem is not determined.
     """
+    silent = [wearer.name for wearer in stretch.setup.wearers if not stretch.alive(wearer.name)]
+    if silent:
+        raise RecordingError(f"no sensor of '{silent[0]}' has measured in the last {len(stretch.time)} frames")
     scene, solver = stretch.scene(), Solver(settings.solve, lambda stage, fraction: None)
     wearers = tuple(_tracked(stretch, one, settings, solver, known) for one in scene.wearers)
     filmed = _filmed(stretch, scene, wearers, settings, solver) if scene.cameras else None
@@ -158,7 +162,9 @@ def _unfilmed(
         models.append(with_contacts(kept(tracked.model, fine), state))
         states.append(state)
     nothing = tuple(
-        KeypointView((), np.zeros((T, 0, 2)), np.ones((T, 0)), np.zeros((T, 0), bool), np.zeros((T, 0, 2)))
+        KeypointView(
+            (), np.zeros((T, 0, 2)), np.ones((T, 0)), np.zeros((T, 0), bool), np.zeros((T, 0, 2)), np.zeros((T, 0))
+        )
         for T in [len(stretch.time)] * len(models)
     )
     camera = CameraProblem(NO_CAMERA, moving=False, free_pose=False, settings=settings.camera)
@@ -209,9 +215,7 @@ def _started(
     )
     frames, states = [], []
     for t, (one, after) in enumerate(zip(stretch.measurements, [*stretch.measurements[1:], None], strict=True)):
-        sights = [
-            tuple(Sight(view.pixels[t], view.sigma[t], view.seen[t]) for view in camera.views) for camera in cameras
-        ]
+        sights = [tuple(Sight.of(view, t) for view in camera.views) for camera in cameras]
         frame = lag_frame(one, sights)
         if after is not None:
             frame.take_accelerations(after)

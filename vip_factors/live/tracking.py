@@ -11,10 +11,11 @@ from vip_factors.graph.reprojection_batch import reprojections
 from vip_factors.initialise.root_path import contact_confidence
 from vip_factors.live.measurement import FrameMeasurement
 from vip_factors.live.predict import predicted
-from vip_factors.live.problem import lag_frame
+from vip_factors.live.problem import LagFrame, lag_frame
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.sight import Onlooker, Scenery
 from vip_factors.live.smoother import LagSmoother
+from vip_factors.live.standing import standing_feet
 from vip_factors.live.start import Started
 from vip_factors.live.watch import SensorWatch
 from vip_factors.sensors.live import LiveSetup, VideoFrame
@@ -70,7 +71,7 @@ class Tracking:
         for shot, spreads in zip(started.shots, started.spreads, strict=True):
             camera = next(one for one in self._setup.cameras if one.name == shot.camera.name)
             settings = self._settings
-            onlooker = Onlooker(camera, skeletons, spreads, settings.online_association, settings.camera.reprojection)
+            onlooker = Onlooker(camera, skeletons, spreads, settings.online_association, settings.camera)
             own = sorted(((n, one) for n, one in video if one.camera == camera.name), key=lambda pair: pair[1].time)
             for index, (number, one) in enumerate(own):
                 who = shot.association.wearer[shot.detections.of_frame(index)]
@@ -99,7 +100,8 @@ class Tracking:
         frame = lag_frame(measured, [None] * (1 + len(problem.further)))
         frame.contacts = [np.zeros(len(wearer.contacts)) for wearer in problem.wearers]
         before = [(smoother.frame(n), smoother.state(n)) for n in numbers[-2:]]
-        smoother.append(frame, predicted(problem, before, frame, smoother.shared))
+        findings, knocked = self._notice_jumps(smoother.frame(numbers[-1]), frame)
+        smoother.append(frame, predicted(problem, before, frame, smoother.shared, knocked))
         news = [one for one in measured.video if one.frame in smoother.numbers]
         window = self._window(smoother.numbers[0] if news else measured.frame - CONTACT_FRAMES)
         self._find_contacts(window)
@@ -110,7 +112,29 @@ class Tracking:
         ]
         smoother.update(min(changed, default=None))
         smoother.forget(measured.frame - lag - 1)  # the frame told last stays for its successor to follow
-        return self._learn()
+        return findings + self._learn()
+
+    def _notice_jumps(self, last: LagFrame, frame: LagFrame) -> tuple[list[str], list[int]]:
+        """Sensors that have turned on their bone just now: sentences, and their columns."""
+        findings, knocked = [], []
+        for number, (wearer, columns) in enumerate(
+            zip(self.smoother.problem.wearers, self.smoother.problem.sensors, strict=False)
+        ):
+            both = last.orientation_valid[columns] & frame.orientation_valid[columns]
+            R_before, R_now = last.R_inertial_sensor[columns], frame.R_inertial_sensor[columns]
+            for sensor in self._watches[number].jumped(frame.number, R_before, R_now, both):
+                findings.append(self._loosen(number, sensor, wearer.frames.sensors[sensor]))
+                knocked.append(int(columns[sensor]))
+        return findings, knocked
+
+    def _loosen(self, wearer: int, sensor: int, name: str) -> str:
+        """Let a sensor sit anew behind the newest frame, and say so."""
+        settings = self._settings.watch
+        self.smoother.loosen_sensor(wearer, sensor, settings.heading_sigma_deg, settings.mounting_sigma_deg)
+        return (
+            f"sensor '{name}' of '{self._setup.wearers[wearer].name}' no longer sits as it did: its heading and "
+            "mounting are estimated anew"
+        )
 
     def _window(self, first: int) -> _Window:
         smoother = self.smoother
@@ -152,7 +176,7 @@ class Tracking:
             pose = self._fixed_pose(camera)
             if pose is None:
                 pose = window.R_world_camera[at], window.p_world_camera[at]
-            return Scenery(bodies, pose, root_covariance)
+            return Scenery(bodies, pose, root_covariance, self._standing(camera, window, number))
 
         news = [one for one in measured.video if one.video.camera == onlooker.camera.name]
         news = [one for one in news if one.frame in smoother.numbers]
@@ -163,6 +187,25 @@ class Tracking:
             smoother.frame(number).sights[camera] = sights
             changed.append(number)
         return changed
+
+    def _standing(self, camera: int, window: _Window, number: int) -> list[Array | None]:
+        """How surely each wearer's feet stand in a frame; None of wearers whose feet this camera has nothing to do."""
+        problem, at = self.smoother.problem, number - window.first
+        recent = slice(max(0, at + 1 - CONTACT_FRAMES), at + CONTACT_FRAMES)
+        frames = [
+            self.smoother.frame(n) for n in self.smoother.numbers[window.first - self.smoother.numbers[0] :][recent]
+        ]
+        settings, standing = self._settings.camera.ground_contact, list[Array | None]()
+        for wearer, columns, feet, body in zip(
+            problem.wearers, problem.sensors, problem.feet[camera], window.bodies, strict=False
+        ):  # the camera's own sensors are the last
+            recently = at - recent.start
+            standing.append(
+                None
+                if feet is None
+                else standing_feet(wearer, columns, feet, body.at(recent), frames, recently, settings)
+            )
+        return standing
 
     def _fixed_pose(self, camera: int) -> tuple[Array, Array] | None:
         """Where a camera that stands still is; None of one whose pose belongs to the frames."""
@@ -180,12 +223,7 @@ class Tracking:
         for number, (wearer, own) in enumerate(zip(model.wearers, state.wearers, strict=True)):
             body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
             for sensor in self._watches[number].moved(oldest, wearer, own, body):
-                settings = self._settings.watch
-                smoother.loosen_sensor(number, sensor, settings.heading_sigma_deg, settings.mounting_sigma_deg)
-                findings.append(
-                    f"sensor '{wearer.frames.sensors[sensor]}' of '{self._setup.wearers[number].name}' no longer sits "
-                    "as it did: its heading and mounting are estimated anew"
-                )
+                findings.append(self._loosen(number, sensor, wearer.frames.sensors[sensor]))
             for onlooker, one in zip(self.onlookers, model.viewpoints(state.camera), strict=False):
                 view = one.views[number]
                 if view.seen.any():

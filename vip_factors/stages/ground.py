@@ -1,5 +1,7 @@
 """Which feet a camera saw standing on the ground, and where."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from vip_factors.body.keypoints import KeypointSet
@@ -18,7 +20,7 @@ from vip_factors.factors.ground_contact import (
     rays_meet_floor,
 )
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.model import InertialModel
+from vip_factors.graph.model import BodyPoint, InertialModel
 from vip_factors.graph.scene_model import GroundView, KeypointView
 from vip_factors.graph.scene_state import SceneState
 from vip_factors.graph.state import GraphState
@@ -68,11 +70,18 @@ def standing_confidence(
     """
     grounded = state if path_known else placed_on_floor(model, state)
     body = forward_kinematics(model.skeleton, state.R_parent_child, grounded.p_world_pelvis)
-    lowest = np.stack([_lowest(body, foot) for foot in feet], axis=1)
     if settings.contact_from is ContactFrom.ACCELERATION:
-        return acceleration_confidence(_accelerations(model, feet), lowest, settings)
-    points = contact_points(model.skeleton)
-    each = contact_confidence(body, points, model.frames.step)
+        free = free_accelerations(
+            model.sensors, feet, model.frames.specific_force_inertial, model.frames.acceleration_valid
+        )
+        return foot_acceleration_confidence(body, feet, free, settings)
+    return joint_state_confidence(model.skeleton, body, feet, model.frames.step)
+
+
+def joint_state_confidence(skeleton: Skeleton, body: BodyState, feet: tuple[Foot, ...], step: float) -> Array:
+    """How surely each foot ``(T, G)`` of a placed body stands on the floor, in [0, 1]: it neither moves nor is high."""
+    points, lowest = contact_points(skeleton), _lowest(body, feet)
+    each = contact_confidence(body, points, step)
     bones = np.array([bone for bone, _ in points])
     surest = np.stack([each[:, bones == foot.bone].max(axis=1) for foot in feet], axis=1)
     return np.asarray(surest * np.exp(-0.5 * (np.maximum(lowest, 0.0) / FLOOR_BAND) ** 2))
@@ -110,17 +119,34 @@ def ground_view(
     return GroundView(feet, rays, whitening, stands)
 
 
-def _lowest(body: BodyState, foot: Foot) -> Array:
-    return np.stack([body.point(foot.bone, p)[:, 2] for p in foot.p_bone_sole], axis=1).min(axis=1)
+def foot_acceleration_confidence(
+    body: BodyState, feet: tuple[Foot, ...], free_acceleration: Array, settings: GroundContactSettings
+) -> Array:
+    """How surely each foot ``(T, G)`` of a placed body stands, up to two, by :func:`free_accelerations`."""
+    return acceleration_confidence(free_acceleration, _lowest(body, feet), settings)
 
 
-def _accelerations(model: InertialModel, feet: tuple[Foot, ...]) -> Array:
-    """Norms ``(T, G)`` of the acceleration of the sensor on each foot, gravity removed; NaN without one."""
-    frames, norms = model.frames, np.full((len(model.frames), len(feet)), np.nan)
+def free_accelerations(
+    sensors: Sequence[BodyPoint], feet: tuple[Foot, ...], specific_force_inertial: Array, valid: np.ndarray
+) -> Array:
+    """Norms ``(T, G)`` of the acceleration of the sensor on each foot, gravity removed; NaN without one.
+
+    Args:
+        sensors: ``S`` of them, where they sit.
+        feet: whose they are.
+        specific_force_inertial, valid: ``(T, S, 3)`` m/s² and ``(T, S)``.
+    """
+    norms = np.full((len(valid), len(feet)), np.nan)
     for g, foot in enumerate(feet):
         side = SIDES[0] if foot.bone == joint_index("left_ankle") else SIDES[1]
-        for s, sensor in enumerate(model.sensors):
+        for s, sensor in enumerate(sensors):
             if sensor.bone in (foot.bone, joint_index(f"{side}_foot")):
-                free = np.linalg.norm(frames.specific_force_inertial[:, s] + GRAVITY, axis=1)
-                norms[:, g] = np.where(frames.acceleration_valid[:, s], free, np.nan)
+                free = np.linalg.norm(specific_force_inertial[:, s] + GRAVITY, axis=1)
+                norms[:, g] = np.where(valid[:, s], free, np.nan)
     return norms
+
+
+def _lowest(body: BodyState, feet: Sequence[Foot]) -> Array:
+    """Height of the lowest point of each foot's sole ``(T, G)``."""
+    soles = [np.stack([body.point(foot.bone, p)[:, 2] for p in foot.p_bone_sole], axis=1) for foot in feet]
+    return np.stack([sole.min(axis=1) for sole in soles], axis=1) if soles else np.zeros((len(body.p_world_joint), 0))

@@ -29,7 +29,7 @@ def stream_accuracy_table(results: Sequence[StreamTrial], trials: StreamTrials) 
 def _errors_lines(results: Sequence[StreamTrial]) -> list[str]:
     head = [
         "camera", "begin", "estimator", "newest mm", "deg", "root cm", "jitter", "smoothed mm", "deg", "root cm",
-        "jitter", "to batch", "heading", "95 %", "mounting", "95 %", "lost", "CPU ms", "95 %",
+        "jitter", "of truth", "to batch", "heading", "95 %", "mounting", "95 %", "lost", "CPU ms", "95 %",
     ]  # fmt: skip
     lines = [f"| {' | '.join(head)} |", "|---|---|---|" + "---:|" * (len(head) - 3)]
     for camera, begin in dict.fromkeys((one.camera, one.begin) for one in results):
@@ -41,7 +41,8 @@ def _errors_lines(results: Sequence[StreamTrial]) -> list[str]:
 
 
 def _row(own: Sequence[StreamTrial], rows: Sequence[StreamTrial]) -> list[str]:
-    cells = [*_errors([one.newest for one in own]), *_errors([one.smoothed for one in own]), _to_batch(own, rows)]
+    cells = [*_errors([one.newest for one in own]), *_errors([one.smoothed for one in own])]
+    cells += [_one(_mean(one.jitter_truth for one in own)), _to_batch(own, rows)]
     for name in ("heading_deg", "mounting_deg"):
         values = np.array([getattr(sensor, name) for one in own for sensor in one.sensors])
         cells += [_one(values.mean()), _one(np.quantile(values, 0.95))] if len(values) else ["", ""]

@@ -59,5 +59,5 @@ class KaichiOptions:
     """Of each clip, from its middle."""
     seeds: int = 1
     """Recordings of each clip, each with other errors."""
-    pose_error_deg: float = 2.5
+    pose_error_deg: float = 1.5
     """How imperfectly the T-pose before each clip is held, sigma of each joint and axis; it adds up along a limb."""

@@ -41,10 +41,15 @@ class Answers:
         roots = [slice(FRAME * number + ROOT, FRAME * (number + 1)) for number in range(wearers)]
         return [self._newest[root, root] for root in roots]
 
+    def begin_anew(self) -> None:
+        """Another smoother answers from here on: what was computed of the last one is not of its variables."""
+        self._newest = self._smoothed = self._shared = None
+
     def of_start(self, tracking: Tracking, begin: float, first: int) -> list[LiveEstimate]:
         """Answers to the frames that tracking began with, from the number ``first`` on."""
         smoother = tracking.smoother
         numbers = smoother.numbers
+        self.begin_anew()
         self._measure(smoother, numbers[-1])
         self._newest_told, self._smoothed_told = self._settlings()
         answers = []

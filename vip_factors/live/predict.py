@@ -15,24 +15,30 @@ CAMERA_KEEPS = 0.95
 
 
 def predicted(
-    problem: LagProblem, before: Sequence[tuple[LagFrame, FrameState]], frame: LagFrame, shared: SharedState
-) -> FrameState:
-    """A frame from the one or two ``before`` it, oldest first, and its own measured orientations."""
+    problem: LagProblem, before: Sequence[tuple[LagFrame, FrameState]], frame: LagFrame, shared: SharedState,
+    knocked: Sequence[int] = (),
+) -> FrameState:  # fmt: skip
+    """A frame from the one or two ``before`` it, oldest first, and its own measured orientations.
+
+    What ``knocked`` sensors (columns) say of their turn is not believed.
+    """
     last, state = before[-1]
     older = before[-2][1] if len(before) > 1 else state
     turned = replace(state, R_parent_child=state.R_parent_child.copy())
     for number, wearer in enumerate(problem.wearers):
         bones = [sensor.bone for sensor in wearer.sensors]
-        turns = _turns(last, frame, problem.sensors[number], shared.headings[number])
+        turns = _turns(last, frame, problem.sensors[number], shared.headings[number], knocked)
         turned.R_parent_child[number] = _with_turned_bones(state.R_parent_child[number], bones, turns)
     p = 2 * state.p_world_pelvis - older.p_world_pelvis
     turned = replace(turned, p_world_pelvis=p)
     return _with_camera(problem, turned, older, state, last, frame, shared) if problem.moving else turned
 
 
-def _turns(last: LagFrame, frame: LagFrame, columns: np.ndarray, headings: Array) -> list[Array | None]:
+def _turns(
+    last: LagFrame, frame: LagFrame, columns: np.ndarray, headings: Array, knocked: Sequence[int] = ()
+) -> list[Array | None]:
     """How each sensor has turned since the last frame, in the world; None where that was not measured."""
-    both = last.orientation_valid[columns] & frame.orientation_valid[columns]
+    both = last.orientation_valid[columns] & frame.orientation_valid[columns] & ~np.isin(columns, knocked)
     turns = frame.R_inertial_sensor[columns] @ last.R_inertial_sensor[columns].swapaxes(1, 2)
     R = rotation_z(headings)
     turns = R @ turns @ R.swapaxes(1, 2)

@@ -16,6 +16,8 @@ from vip_factors.graph.wearer_residuals import orientation_residuals
 class WatchSettings:
     """When a sensor is believed to have moved, and how much is forgotten of it then."""
 
+    # Between two frames at 60 Hz: 1500 °/s, which hands and feet reach for an instant only, and slipping straps easily.
+    jump_deg: float = 25.0
     angle_deg: float = 15.0  # of a sensor against its bone: four times what tissue and filters do
     memory_s: float = 0.4  # over which that is averaged: a knock passes, a strap that has turned stays
     rest_s: float = 3.0  # after which the same sensor may be judged again: that long re-estimating takes
@@ -48,6 +50,20 @@ class SensorWatch:
         self._mean[valid] += share * (residual[valid] - self._mean[valid])
         angle = np.linalg.norm(self._mean, axis=1)
         found = np.flatnonzero((angle > np.deg2rad(self._settings.angle_deg)) & (number >= self._since))
+        self._since[found] = number + round(self._settings.rest_s * self._rate)
+        self._mean[found] = 0.0
+        return [int(sensor) for sensor in found]
+
+    def jumped(self, number: int, R_before: Array, R_now: Array, both: np.ndarray) -> list[int]:
+        """Sensors that turned further than a limb can from the last frame to the newest one.
+
+        Args:
+            number: of the newest frame.
+            R_before, R_now: ``(S, 3, 3)`` orientations in the sensors' inertial frames.
+            both: ``(S,)`` whether both were measured.
+        """
+        cosine = (np.einsum("sij,sij->s", R_before, R_now) - 1) / 2
+        found = np.flatnonzero(both & (cosine < np.cos(np.deg2rad(self._settings.jump_deg))))
         self._since[found] = number + round(self._settings.rest_s * self._rate)
         self._mean[found] = 0.0
         return [int(sensor) for sensor in found]

@@ -15,6 +15,7 @@ from vip_factors.factors.camera_acceleration import CameraAccelerationSettings, 
 from vip_factors.factors.camera_orientation import CameraOrientationSettings, camera_orientation_factor
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.camera_velocity import CameraVelocitySettings, camera_velocity_factor
+from vip_factors.factors.coasting import CoastingSettings, pelvis_turn_factor, root_coasting_factor
 from vip_factors.factors.floor_contact import FloorContactSettings, floor_contact_factor
 from vip_factors.factors.foot_contact import FootContactSettings, foot_contact_factor
 from vip_factors.factors.gauge_prior import GaugePriorSettings, gauge_prior_factor
@@ -77,6 +78,8 @@ FACTORS: dict[str, Callable[[], gtsam.NonlinearFactor]] = {
     "pose prior": lambda: pose_prior_factor(KEYS[0], pose_mean_key(), load_pose_prior(), PosePriorSettings(0.5)),
     "pose mean": lambda: pose_mean_factor(pose_mean_key(), load_pose_prior(), PosePriorSettings()),
     "smoothness": lambda: smoothness_factor(KEYS[0], KEYS[1], 0.1, load_pose_prior(), SmoothnessSettings()),
+    "root coasting": lambda: root_coasting_factor([root_key(t) for t in range(3)], 0.1, CoastingSettings()),
+    "pelvis turn": lambda: pelvis_turn_factor(joint_key(0, 0), joint_key(1, 0), 0.1, CoastingSettings()),
     "joint limit": lambda: joint_limit_factor(
         KEYS[0], joint_index("left_knee"), load_joint_limits(), JointLimitSettings(loss=SQUARE)
     ),

@@ -1,5 +1,6 @@
 """The batched objective and the graph of GTSAM factors are the same problem."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import gtsam
@@ -10,6 +11,7 @@ from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.body.skeleton import joint_index
+from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import exp, rotation_z
 from vip_factors.graph import batch
 from vip_factors.graph.batch import BatchObjective
@@ -27,8 +29,11 @@ from vip_factors.solve.marginals import chain_marginals
 T, S = 5, 6
 
 
-def small_model(free: bool = True) -> tuple[InertialModel, GraphState]:
-    """A noisy little problem in which every kind of factor acts, at a random state."""
+SILENCES = [(2,), (0,), (3, 4)]  # frames in which no sensor measured anything: within, at the start, at the end
+
+
+def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[InertialModel, GraphState]:
+    """A noisy little problem in which every kind of factor acts, at a random state; some frames may be silent."""
     motion = gestures(seconds=0.5)
     placement = preset("sip6", motion.skeleton)
     recording = simulate_recording(motion, placement, SimulateSettings(gap_s=0.0, packet_loss=0.0), seed=3)
@@ -36,7 +41,11 @@ def small_model(free: bool = True) -> tuple[InertialModel, GraphState]:
     random = np.random.default_rng(1)
     valid = frames.orientation_valid.copy()
     valid[2, 1] = False
-    frames = replace(frames, orientation_valid=valid)
+    valid[list(silent)] = False
+    whole = frames.acceleration_valid.copy()
+    for t in silent:
+        whole[max(t - 1, 0) : t + 2] = False
+    frames = replace(frames, orientation_valid=valid, acceleration_valid=whole)
     sites = [placement.site(name) for name in frames.sensors]
     ankle = joint_index("left_ankle")
     model = InertialModel(
@@ -89,7 +98,41 @@ def with_limits(model: InertialModel, per_axis: bool) -> InertialModel:
 @pytest.mark.parametrize("per_axis", [False, True])
 def test_the_cost_is_the_error_of_the_graph(per_axis: bool) -> None:
     model, state = small_model()
-    model = with_limits(model, per_axis)
+    assert_cost_of_the_graph(with_limits(model, per_axis), state)
+
+
+@pytest.mark.parametrize("silent", SILENCES)
+def test_where_nothing_was_measured_batch_and_graph_are_the_same_problem(silent: Sequence[int]) -> None:
+    model, state = small_model(silent=silent)
+    kinds = BatchObjective(model).cost(state)
+    assert kinds["root coasting"] > 0
+    assert kinds["pelvis turn"] > 0
+    assert_cost_of_the_graph(model, state)
+    assert_equations_of_the_graph(model, state)
+
+
+@pytest.mark.parametrize("silent", SILENCES)
+def test_frames_in_which_nothing_was_measured_are_determined(silent: Sequence[int]) -> None:
+    model, state = small_model(free=False, silent=silent)
+    held = np.arange(T)[:, None] == 0  # at the start alone: nothing else says how fast the wearer moves
+    model = replace(model, contact_confidence=held.astype(float))
+    covariance = chain_marginals(BatchObjective(model).linearise(state))
+    sigmas = np.sqrt([np.diag(block) for block in covariance.values()])
+    assert sigmas[:, :3].max() < 1.0  # rad
+    assert sigmas[:, 72:].max() < 5.0  # m: a contact off by so much says little of the velocity
+    coasting = replace(model.settings.coasting, use=False)
+    without = replace(model, settings=replace(model.settings, coasting=coasting))
+    with pytest.raises(SolveError):
+        chain_marginals(BatchObjective(without).linearise(state))
+
+
+def test_coasting_costs_nothing_where_something_was_measured() -> None:
+    model, state = small_model()
+    assert not {"root coasting", "pelvis turn"} & set(BatchObjective(model).cost(state))
+    assert len(BatchObjective(model).sites.bones) == S + len(model.contacts)
+
+
+def assert_cost_of_the_graph(model: InertialModel, state: GraphState) -> None:
     graph = nonlinear_graph(model)
     assert sum(BatchObjective(model).cost(state).values()) == pytest.approx(graph.error(state.to_values()), rel=1e-9)
 
@@ -97,7 +140,10 @@ def test_the_cost_is_the_error_of_the_graph(per_axis: bool) -> None:
 @pytest.mark.parametrize("per_axis", [False, True])
 def test_the_normal_equations_are_those_of_the_graph(per_axis: bool) -> None:
     model, state = small_model()
-    model = with_limits(model, per_axis)
+    assert_equations_of_the_graph(with_limits(model, per_axis), state)
+
+
+def assert_equations_of_the_graph(model: InertialModel, state: GraphState) -> None:
     ordering = gtsam.Ordering()
     for key, _ in batch_columns(model):
         ordering.push_back(key)
@@ -163,12 +209,16 @@ def test_marginals_of_all_frames() -> None:
         np.testing.assert_allclose(marginals[key], block, atol=1e-6 * np.abs(block).max())
 
 
-def test_it_does_not_matter_how_many_frames_are_evaluated_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    model, state = small_model()
+@pytest.mark.parametrize("silent", [(), *SILENCES])
+def test_it_does_not_matter_how_many_frames_are_evaluated_together(
+    monkeypatch: pytest.MonkeyPatch, silent: Sequence[int]
+) -> None:
+    model, state = small_model(silent=silent)
     whole = BatchObjective(model).linearise(state)
     monkeypatch.setattr(batch, "CHUNK", 2)  # the last frame is then alone
     parts = BatchObjective(model).linearise(state)
-    assert whole.following is not None and parts.following is not None
+    assert whole.following is not None
+    assert parts.following is not None
     scale = np.abs(whole.own).max()
     np.testing.assert_allclose(parts.own, whole.own, atol=1e-12 * scale)
     np.testing.assert_allclose(parts.following, whole.following, atol=1e-12 * scale)

@@ -1,5 +1,6 @@
 """The batched scene and its GTSAM graph are the same problem: moving, standing, known and further cameras."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import gtsam
@@ -39,10 +40,10 @@ R_WORLD_CAMERA = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # looks along t
 KINDS = ["moving", "standing", "known path", "no IMU", "further cameras"]
 
 
-def small_scene(kind: str) -> tuple[SceneModel, SceneState]:
+def small_scene(kind: str, silent: Sequence[int] = ()) -> tuple[SceneModel, SceneState]:
     """Two wearers, a camera, and detections with noise, at a random state."""
     random = np.random.default_rng(7)
-    first, state = small_model()
+    first, state = small_model(silent=silent)
     second = replace(first, is_gauge=False)
     other = replace(state, p_world_pelvis=state.p_world_pelvis + np.array([0.8, 0.3, 0.0]))
     lens = CameraModel(1920, 1080, (1400.0, 1390.0), (950.0, 550.0), (-0.1, 0.02, 0.001, -0.002))

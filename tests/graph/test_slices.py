@@ -1,10 +1,12 @@
 """The slices of a scene add up to the scene, and each holds the factors whose first frame is its own."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import gtsam
 import numpy as np
 import pytest
+from test_batch import SILENCES
 from test_scene_batch import KINDS, T, batched_hessian, small_scene
 
 from vip_factors.graph.scene_model import SceneModel
@@ -31,7 +33,15 @@ def hessian_of_slices(model: SceneModel, state: SceneState, value: np.ndarray) -
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_slices_add_up_to_the_batch(kind: str) -> None:
-    model, state = small_scene(kind)
+    assert_slices_add_up(*small_scene(kind))
+
+
+@pytest.mark.parametrize("silent", SILENCES)
+def test_slices_add_up_where_nothing_was_measured(silent: Sequence[int]) -> None:
+    assert_slices_add_up(*small_scene("moving", silent))
+
+
+def assert_slices_add_up(model: SceneModel, state: SceneState) -> None:
     expected_H, expected_g = batched_hessian(model, state)
     H, g = hessian_of_slices(model, state, np.zeros(len(expected_g)))
     np.testing.assert_allclose(H, expected_H, atol=1e-9 * np.abs(expected_H).max())
@@ -47,8 +57,9 @@ def test_factors_are_in_coordinates_not_in_steps() -> None:
     np.testing.assert_allclose(moved, g + H @ value, atol=1e-9 * np.abs(g).max() + 1e-12 * np.abs(H).max())
 
 
-def test_a_slice_does_not_depend_on_what_came_before() -> None:
-    model, state = small_scene("moving")
+@pytest.mark.parametrize("silent", [(), *SILENCES])
+def test_a_slice_does_not_depend_on_what_came_before(silent: Sequence[int]) -> None:
+    model, state = small_scene("moving", silent)
     columns = SliceColumns.of(model)
     later = _without_first(model), _state_without_first(state)
     whole, part = scene_slices(_inner(model), state, columns), scene_slices(*later, columns)

@@ -52,7 +52,7 @@ class BatchObjective:
         self._columns = np.concatenate([np.arange(FRAME), self._static])
         shared = FRAME + 4 * S  # headings and mountings come together, whichever is free
         self._used = FRAME if not len(self._static) else max(shared, int(self._columns[-1]) + 1)
-        self.sites = Sites.of([*model.sensors, *model.contacts])
+        self.sites = Sites.seen_by(model)
         self.frame_keys = [gtsam.symbol("x", wearer * WEARER + t) for t in range(len(model.frames))]
         self.static_key = gtsam.symbol("z", wearer * WEARER)
         later = range(1, len(model.heading_knots) if model.free_headings else 1)

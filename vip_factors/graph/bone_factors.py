@@ -12,7 +12,7 @@ from vip_factors.graph.state import GraphState
 from vip_factors.graph.system import ChainSystem
 from vip_factors.graph.terms import FRAME
 from vip_factors.graph.walk import WalkSystem
-from vip_factors.graph.wearer_residuals import Sites, floor_residuals, orientation_residuals
+from vip_factors.graph.wearer_residuals import Sites, contact_sites, floor_residuals, orientation_residuals
 
 OMEGA = slice(0, 3)  # of a twist: the turn
 
@@ -25,7 +25,7 @@ def add_bone_factors(
 
     Args:
         model, state: of the whole recording.
-        sites: the sensors, then the contacts.
+        sites: all of the model's.
         body: of the stretch and up to two frames after it.
         frames: the stretch.
         motion: the factors over three frames, if there are any.
@@ -40,11 +40,12 @@ def add_bone_factors(
     own, force = _empty(count, len(sites.bones)) if told is None else (told.own, told.force)
     shared = _add_orientations(model, state, here, frames, own, force)
     if model.has_floor and model.contacts:
-        term = floor_residuals(model, p[:count, S:], frames)
-        J = by_twist[:count, S:, 2:] / model.settings.floor_contact.sigma  # the row of the height
+        contacts = contact_sites(model)
+        term = floor_residuals(model, p[:count, contacts], frames)
+        J = by_twist[:count, contacts, 2:] / model.settings.floor_contact.sigma  # the row of the height
         weighted = (term.weight[..., None, None] * J).swapaxes(2, 3)
-        own[:, S:] += weighted @ J
-        force[:, S:] += (weighted @ term.residual[..., None])[..., 0]
+        own[:, contacts] += weighted @ J
+        force[:, contacts] += (weighted @ term.residual[..., None])[..., 0]
     now = screws[:count]
     hessian[:, :FRAME, :FRAME] += twist.hessian(now, twist.carried(sites.bones, own))
     gradient[:, :FRAME] += twist.gradient(now, twist.carried(sites.bones, force))

@@ -90,7 +90,7 @@ class CameraObjective:
         by_heading = acceleration_by_heading(state.heading, force) / settings.sigma
         yield MotionResiduals(
             "camera acceleration", residual[:, None], imu.acceleration_valid[1:-1], settings.loss, 1,
-            np.array([1.0, -2.0, 1.0]) / (self.step**2 * settings.sigma), by_heading[:, None],
+            slice(0, 1), np.array([1.0, -2.0, 1.0]) / (self.step**2 * settings.sigma), by_heading[:, None],
         )  # fmt: skip
 
     def _velocity(self, state: CameraState) -> Array:

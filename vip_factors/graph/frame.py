@@ -6,6 +6,7 @@ import gtsam
 import numpy as np
 
 from vip_factors.factors.acceleration import acceleration_factor
+from vip_factors.factors.coasting import pelvis_turn_factor, root_coasting_factor
 from vip_factors.factors.floor_contact import floor_contact_factor
 from vip_factors.factors.foot_contact import foot_contact_factor
 from vip_factors.factors.gauge_prior import gauge_prior_factor
@@ -70,6 +71,8 @@ def motion_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gt
                 model.skeleton, keys, heading_in(model, t, s, wearer), sensor.bone, sensor.p_bone_point, force, step,
                 settings.acceleration,
             )  # fmt: skip
+    if model.coasting[t]:
+        yield root_coasting_factor([frame.root for frame in keys], step, settings.coasting)
 
 
 def pair_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gtsam.NonlinearFactor]:
@@ -87,6 +90,8 @@ def pair_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gtsa
             )  # fmt: skip
     if settings.smoothness.use:
         yield smoothness_factor(now, after, step, model.prior, settings.smoothness)
+    if model.turning[t]:
+        yield pelvis_turn_factor(now.joints[0], after.joints[0], step, settings.coasting)
 
 
 def static_factors(model: InertialModel, wearer: int = 0) -> Iterator[gtsam.NonlinearFactor]:

@@ -3,13 +3,15 @@
 import numpy as np
 
 from vip_factors.body.pose_prior import POSE_SIZE
+from vip_factors.factors.coasting import pelvis_turn_jacobians
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
 from vip_factors.graph.model import InertialModel
 from vip_factors.graph.residuals import Residuals
 from vip_factors.graph.state import GraphState
 from vip_factors.graph.terms import ROOT, pose_mean_columns
-from vip_factors.graph.wearer_residuals import initial_pose_residuals, is_smoothed, limit_residuals
+from vip_factors.graph.wearer_residuals import initial_pose_residuals, is_smoothed, limit_residuals, turn_residuals
 
+PELVIS = slice(0, 3)  # columns of the pelvis's rotation in a frame's tangent
 JOINTS = slice(3, ROOT)  # columns of joints 1 … 23 in a frame's tangent
 _BLOCKS = np.arange(POSE_SIZE).reshape(-1, 3) + JOINTS.start
 
@@ -44,6 +46,9 @@ def add_joint_factors(
         assert following is not None
         own = slice(frames.start - before, last - before)  # of the pairs, those whose first frame is in the stretch
         _add_smoothness(model, vectors[count:], jacobians[count:], own, hessian, gradient, following)
+    if model.turning[before:last].any():
+        assert following is not None
+        _add_turns(model, state, slice(before, last), frames.start, hessian, gradient, following)
 
 
 def _add_prior(model: InertialModel, x: Array, D: Array, mean: Array, hessian: Array, gradient: Array) -> None:
@@ -79,6 +84,25 @@ def _add_smoothness(
     Jt = transpose(J[into])
     hessian[after, JOINTS, JOINTS] += _blocks_times(Jt, transpose(_blocks_times(Jt, information)))
     gradient[after, JOINTS] += _blocks_apply(Jt, force[into])
+
+
+def _add_turns(
+    model: InertialModel, state: GraphState, pairs: slice, start: int, hessian: Array, gradient: Array, following: Array
+) -> None:
+    """Of pelvises that turn unseen, in ``pairs`` by their first frames; the stretch begins at frame ``start``."""
+    term, sigma = turn_residuals(model, state.R_parent_child, pairs), model.settings.coasting.turn_sigma
+    r, weight = term.residual[:, 0, :, None], term.weight[..., None]
+    by_now, by_after = (J / sigma for J in pelvis_turn_jacobians(r[..., 0] * sigma, model.frames.step))
+    own = slice(start - pairs.start, len(r))  # whose first frame is in the stretch, and so for their second one
+    into = slice(0, min(len(r), start + len(hessian) - 1 - pairs.start))
+    now, after = slice(0, own.stop - own.start), slice(pairs.start + 1 - start, pairs.start + 1 - start + into.stop)
+    weighted = weight * transpose(by_now)
+    hessian[now, PELVIS, PELVIS] += (weighted @ by_now)[own]
+    following[now, 0, PELVIS, PELVIS] += (weighted @ by_after)[own]
+    gradient[now, PELVIS] += (weighted @ r)[own, :, 0]
+    weighted = weight * transpose(by_after)
+    hessian[after, PELVIS, PELVIS] += (weighted @ by_after)[into]
+    gradient[after, PELVIS] += (weighted @ r)[into, :, 0]
 
 
 def _add_by_joint(term: Residuals, J: Array, hessian: Array, gradient: Array) -> None:

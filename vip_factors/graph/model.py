@@ -1,6 +1,7 @@
 """Everything that defines one wearer's cost: measurements, body, priors and settings."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from vip_factors.body.kinematics import BodyState
 from vip_factors.body.pose_prior import PosePrior
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.factors.acceleration import AccelerationSettings
+from vip_factors.factors.coasting import CoastingSettings
 from vip_factors.factors.floor_contact import FloorContactSettings
 from vip_factors.factors.foot_contact import FootContactSettings
 from vip_factors.factors.gauge_prior import GaugePriorSettings
@@ -39,6 +41,7 @@ class FactorSettings:
     foot_contact: FootContactSettings = field(default_factory=FootContactSettings)
     floor_contact: FloorContactSettings = field(default_factory=FloorContactSettings)
     gauge_prior: GaugePriorSettings = field(default_factory=GaugePriorSettings)
+    coasting: CoastingSettings = field(default_factory=CoastingSettings)
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,25 @@ class InertialModel:
     def has_floor(self) -> bool:
         """Whether contacts stand on the floor at z = 0; where frames are independent, roots are free."""
         return self.use_acceleration and self.settings.floor_contact.use
+
+    @cached_property
+    def coasting(self) -> np.ndarray:
+        """``(T,)`` whether the root coasts over a frame and its neighbours: no accelerometer says how it moves there.
+
+        The first frame and the last have one neighbour and never do.
+        """
+        coasting = np.zeros(len(self.frames), bool)
+        if self.use_acceleration and self.settings.coasting.use:
+            coasting[1:-1] = ~np.any(self.frames.acceleration_valid[1:-1], axis=1)
+        return coasting
+
+    @cached_property
+    def turning(self) -> np.ndarray:
+        """``(T − 1,)`` whether the pelvis turns unseen from a frame to the next: one has no orientation of a sensor."""
+        if not (self.use_acceleration and self.settings.coasting.use):
+            return np.zeros(max(len(self.frames) - 1, 0), bool)
+        seen = np.any(self.frames.orientation_valid, axis=1)
+        return ~(seen[:-1] & seen[1:])
 
     @property
     def heading_sigmas(self) -> Array:

@@ -47,15 +47,13 @@ class MotionFactors:
         self._residuals = np.zeros((frames + 2, points, 3))
         self._by_heading = np.zeros((frames + 2, headings, 3))
         self._coefficients = np.zeros((3, points))
-        start = 0
         for term in terms:
-            first, count, n = term.start + 1, *term.residual.shape[:2]
-            here = np.s_[first : first + count, start : start + n]
+            first, count = term.start + 1, len(term.residual)
+            here = np.s_[first : first + count, term.sites]
             self._weights[here], self._residuals[here] = term.weight, term.residual
-            self._coefficients[:, start : start + n] = term.coefficients[:, None]
+            self._coefficients[:, term.sites] = term.coefficients[:, None]
             if term.by_heading is not None:
                 self._by_heading[here] = term.by_heading
-            start += n
 
     def information(self, frames: slice, jacobian: Array) -> MotionInformation:
         """Blocks of a stretch.

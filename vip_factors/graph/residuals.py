@@ -47,10 +47,12 @@ class MotionResiduals(Residuals):
 
     Attributes:
         start: frame of the first.
+        sites: which of all points, in their order.
         coefficients: ``(3,)`` of the points' positions before, now and after, whitened.
         by_heading: ``(t, n, 3)`` derivative by each sensor's heading, whitened, or None.
     """
 
     start: int
+    sites: slice
     coefficients: Array
     by_heading: Array | None = None

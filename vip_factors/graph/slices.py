@@ -14,19 +14,20 @@ import numpy as np
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.factors.camera_velocity import camera_velocity_jacobians, camera_velocity_residual
+from vip_factors.factors.coasting import pelvis_turn_jacobians
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
 from vip_factors.graph import twist
 from vip_factors.graph.batch import BatchObjective, pose_equations
 from vip_factors.graph.bone_factors import add_bone_factors
 from vip_factors.graph.camera_batch import CameraObjective
 from vip_factors.graph.hessian import coupling_factor
-from vip_factors.graph.joint_factors import JOINTS, add_joint_factors, is_smoothed
+from vip_factors.graph.joint_factors import JOINTS, PELVIS, add_joint_factors, is_smoothed
 from vip_factors.graph.scene_batch import _view_equations as view_equations
 from vip_factors.graph.scene_model import SceneModel
 from vip_factors.graph.scene_state import CAMERA, SceneState
 from vip_factors.graph.state import GraphState
 from vip_factors.graph.terms import FRAME
-from vip_factors.graph.wearer_residuals import motion_residuals
+from vip_factors.graph.wearer_residuals import motion_residuals, turn_residuals
 
 REACH = 2  # frames that a factor reaches ahead of its first one
 
@@ -171,6 +172,7 @@ def scene_slices(model: SceneModel, state: SceneState, columns: SliceColumns) ->
         objective, place = BatchObjective(wearer, number), columns.wearers[number]
         _add_poses(slices, objective, own, body, place)
         _add_smoothness(slices, objective, own, place)
+        _add_turns(slices, objective, own, place)
         _add_motion(slices, objective, own, body, place)
         whose = [columns.camera, *[np.full(CAMERA, -1)] * len(model.further)]
         for camera, one in zip(whose, model.viewpoints(state.camera), strict=True):
@@ -191,7 +193,9 @@ def _add_poses(
     everything, width = slice(0, T), objective._used
     used = np.concatenate([np.arange(FRAME), objective.static_columns])
     H, g = np.zeros((T, width, width)), np.zeros((T, width))
-    rough = replace(model, settings=replace(model.settings, smoothness=replace(model.settings.smoothness, use=False)))
+    settings = model.settings
+    smoothness, coasting = replace(settings.smoothness, use=False), replace(settings.coasting, use=False)
+    rough = replace(model, settings=replace(settings, smoothness=smoothness, coasting=coasting))
     add_joint_factors(rough, state, everything, H, g, None)
     add_bone_factors(model, objective.sites, state, body, everything, None, None, H, g)
     H[:, FRAME:, :FRAME] = transpose(H[:, :FRAME, FRAME:])
@@ -221,6 +225,18 @@ def _add_smoothness(slices: Slices, objective: BatchObjective, state: GraphState
     slices.add(slice(0, T), np.concatenate([joints, joints + w]), hessian, gradient)
 
 
+def _add_turns(slices: Slices, objective: BatchObjective, state: GraphState, place: np.ndarray) -> None:
+    """The factors of a wearer between pelvises of which one was not measured."""
+    model, w = objective.model, slices.columns.frame
+    if not model.turning.any():
+        return
+    term = turn_residuals(model, state.R_parent_child)
+    sigma, step, root = model.settings.coasting.turn_sigma, model.frames.step, np.sqrt(term.weight)[..., None]
+    J = np.concatenate(pelvis_turn_jacobians(term.residual[:, 0] * sigma, step), axis=2) / sigma
+    pelvis, pairs = place[PELVIS], slice(0, len(J))
+    slices.add_rows(pairs, np.concatenate([pelvis, pelvis + w]), root * J, root[..., 0] * term.residual[:, 0])
+
+
 def _add_motion(
     slices: Slices, objective: BatchObjective, state: GraphState, body: BodyState, place: np.ndarray
 ) -> None:
@@ -229,7 +245,7 @@ def _add_motion(
     p, S = sites.on(body), len(model.sensors)
     by_twist, screws, frame = body.point_twists(p), body.screws, place[:FRAME]
     for term in motion_residuals(model, state, p):
-        chosen = slice(0, S) if term.by_heading is not None else slice(S, None)
+        chosen = term.sites
         bones, reach = sites.bones[chosen], 2 if term.start else 1
         count = len(term.residual)
         if count == 0:

@@ -7,6 +7,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import BodyState
 from vip_factors.factors.acceleration import acceleration_by_heading, acceleration_residual
+from vip_factors.factors.coasting import DIFFERENCE, pelvis_turn_residual, root_coasting_residual
 from vip_factors.factors.floor_contact import floor_contact_residual
 from vip_factors.factors.foot_contact import foot_contact_residual
 from vip_factors.factors.joint_limit import joint_limit_residual
@@ -21,6 +22,7 @@ from vip_factors.graph.residuals import MotionResiduals, Residuals
 from vip_factors.graph.state import GraphState
 
 SQUARE = RobustLoss()
+PELVIS = BodyPoint(0, np.zeros(3))  # its origin, which the root's translation moves
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,11 @@ class Sites:
         """The same points."""
         p = np.array([point.p_bone_point for point in points]).reshape(-1, 3)
         return cls(tuple(point.bone for point in points), p)
+
+    @classmethod
+    def seen_by(cls, model: InertialModel) -> "Sites":
+        """Those of a model's factors: its sensors, then its contacts, and last the pelvis if it coasts anywhere."""
+        return cls.of([*model.sensors, *model.contacts, *[PELVIS] * bool(model.coasting.any())])
 
     def on(self, body: BodyState) -> Array:
         """World positions ``(T, n, 3)``."""
@@ -95,16 +102,23 @@ def pose_residuals(
     yield prior_residuals(model, x, state.pose_mean)
     yield limit_residuals(model, x)
     if model.has_floor and model.contacts:
-        yield floor_residuals(model, p_world_site[:, len(model.sensors) :], everything)
+        yield floor_residuals(model, p_world_site[:, contact_sites(model)], everything)
     initial = initial_pose_residuals(model, state.R_parent_child, everything)
     if initial is not None:
         yield initial
     if is_smoothed(model):
         yield smoothness_residuals(model, state.R_parent_child)
+    if model.turning.any():
+        yield turn_residuals(model, state.R_parent_child)
+
+
+def contact_sites(model: InertialModel) -> slice:
+    """Which of all sites are the contacts."""
+    return slice(len(model.sensors), len(model.sensors) + len(model.contacts))
 
 
 def motion_residuals(model: InertialModel, state: GraphState, p_world_site: Array) -> Iterator[MotionResiduals]:
-    """All factors over two or three frames, on the sensors and the contacts ``(T, n, 3)``."""
+    """All factors over two or three frames, on the model's sites ``(T, n, 3)``."""
     if not model.use_acceleration:
         return
     step, settings, contact = model.frames.step, model.settings.acceleration, model.settings.foot_contact
@@ -114,16 +128,26 @@ def motion_residuals(model: InertialModel, state: GraphState, p_world_site: Arra
     yield MotionResiduals(
         "acceleration",
         acceleration_residual(q[:-2], q[centre], q[2:], step, turned, force) / settings.sigma,
-        model.frames.acceleration_valid[centre], settings.loss, 1,
+        model.frames.acceleration_valid[centre], settings.loss, 1, slice(0, S),
         np.array([1.0, -2.0, 1.0]) / (step**2 * settings.sigma),
         acceleration_by_heading(turned, force) / settings.sigma,
     )  # fmt: skip
     if model.contacts:
+        sites = contact_sites(model)
         yield MotionResiduals(
             "foot contact",
-            foot_contact_residual(p[:-1, S:], p[1:, S:], step) / contact.sigma,
-            model.contact_confidence[:-1], contact.loss, 0,
+            foot_contact_residual(p[:-1, sites], p[1:, sites], step) / contact.sigma,
+            model.contact_confidence[:-1], contact.loss, 0, sites,
             np.array([0.0, -1.0, 1.0]) / (step * contact.sigma),
+        )  # fmt: skip
+    if model.coasting.any():
+        sigma, last = model.settings.coasting.acceleration_sigma, contact_sites(model).stop
+        root = p[:, last : last + 1]
+        yield MotionResiduals(
+            "root coasting",
+            root_coasting_residual(root[:-2], root[centre], root[2:], step) / sigma,
+            model.coasting[centre, None], SQUARE, 1, slice(last, last + 1),
+            DIFFERENCE / (step**2 * sigma),
         )  # fmt: skip
 
 
@@ -137,3 +161,11 @@ def smoothness_residuals(model: InertialModel, R_parent_child: Array) -> Residua
     R, settings = R_parent_child[:, 1:], model.settings.smoothness
     residual = smoothness_residual(R[:-1], R[1:], model.frames.step, model.prior, settings)
     return Residuals("smoothness", residual[:, None], 1.0, SQUARE)
+
+
+def turn_residuals(model: InertialModel, R_parent_child: Array, pairs: slice | None = None) -> Residuals:
+    """One factor for each frame of a stretch (or of all) and its next, where no sensor saw the pelvis turn."""
+    pairs = slice(0, len(R_parent_child) - 1) if pairs is None else pairs
+    R = R_parent_child[pairs.start : pairs.stop + 1, :1]
+    residual = pelvis_turn_residual(R[:-1], R[1:], model.frames.step) / model.settings.coasting.turn_sigma
+    return Residuals("pelvis turn", residual, model.turning[pairs, None], SQUARE)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, log, transpose
 from vip_factors.graph.model import InertialModel
 from vip_factors.graph.state import GraphState
 from vip_factors.graph.wearer_residuals import orientation_residuals
@@ -16,8 +16,8 @@ from vip_factors.graph.wearer_residuals import orientation_residuals
 class WatchSettings:
     """When a sensor is believed to have moved, and how much is forgotten of it then."""
 
-    # Between two frames at 60 Hz: 1500 °/s, which hands and feet reach for an instant only, and slipping straps easily.
-    jump_deg: float = 25.0
+    # °/s², of one sensor from frame to frame: 11° within a sixtieth of a second. A kick reaches 20 000.
+    knock_deg_s2: float = 40_000.0
     angle_deg: float = 15.0  # of a sensor against its bone: four times what tissue and filters do
     memory_s: float = 0.4  # over which that is averaged: a knock passes, a strap that has turned stays
     rest_s: float = 3.0  # after which the same sensor may be judged again: that long re-estimating takes
@@ -40,6 +40,8 @@ class SensorWatch:
         self._settings, self._rate = settings, rate
         self._mean = np.zeros((len(model.sensors), 3))
         self._since = np.full(len(model.sensors), begin + round(settings.settle_s * rate))
+        self._turn = np.zeros((len(model.sensors), 3))  # from frame to frame, of late
+        self._moving = np.zeros(len(model.sensors), bool)  # whether that is known
         self._sigma = model.settings.orientation.sigma
 
     def moved(self, number: int, model: InertialModel, state: GraphState, body: BodyState) -> Sequence[int]:
@@ -55,15 +57,20 @@ class SensorWatch:
         return [int(sensor) for sensor in found]
 
     def jumped(self, number: int, R_before: Array, R_now: Array, both: np.ndarray) -> list[int]:
-        """Sensors that turned further than a limb can from the last frame to the newest one.
+        """Sensors that turned as no limb can from the last frame to the newest one.
 
         Args:
             number: of the newest frame.
             R_before, R_now: ``(S, 3, 3)`` orientations in the sensors' inertial frames.
             both: ``(S,)`` whether both were measured.
         """
-        cosine = (np.einsum("sij,sij->s", R_before, R_now) - 1) / 2
-        found = np.flatnonzero(both & (cosine < np.cos(np.deg2rad(self._settings.jump_deg))))
+        turn = log(R_now @ transpose(R_before))
+        limit = np.deg2rad(self._settings.knock_deg_s2) / self._rate**2
+        knocked = both & (np.linalg.norm(turn - self._turn, axis=1) > limit)
+        steady = both & ~knocked
+        self._turn[steady] = turn[steady]  # the second half of a knock is not compared with its first
+        found = np.flatnonzero(knocked & self._moving)
+        self._moving = both
         self._since[found] = number + round(self._settings.rest_s * self._rate)
         self._mean[found] = 0.0
         return [int(sensor) for sensor in found]

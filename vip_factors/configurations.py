@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from enum import StrEnum
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from vip_factors.factors.pose_prior import PosePriorSettings
 from vip_factors.factors.reprojection import ReprojectionSettings
 from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.settings import Settings
+
+Tree = TypeVar("Tree", bound=Settings)
 
 
 class Configuration(StrEnum):
@@ -44,7 +47,17 @@ def named_settings(name: Configuration | str) -> Settings:
     Raises:
         ValueError: for an unknown name.
     """
-    return _SETTINGS[Configuration(name)]()
+    return configured(Settings(), name)
+
+
+def configured(own: Tree, name: Configuration | str) -> Tree:
+    """Settings (of a stream too) with all that a configuration says, and the rest as it is.
+
+    Raises:
+        ValueError: for an unknown name.
+    """
+    changed: Tree = _SETTINGS[Configuration(name)](own)
+    return changed
 
 
 def cauchy_of(weight: float, unit: float, orientation_sigma: float) -> tuple[float, RobustLoss]:
@@ -57,8 +70,8 @@ def cauchy_of(weight: float, unit: float, orientation_sigma: float) -> tuple[flo
     return unit / k, RobustLoss(Loss.CAUCHY, k)
 
 
-def _kaichi(weighted: bool = True, contact: bool = True, camera: bool = True) -> Settings:
-    own, orientation = Settings(), OrientationSettings(SIGMA_DEG, RobustLoss(Loss.SQUARE))
+def _kaichi(own: Tree, weighted: bool = True, contact: bool = True, camera: bool = True) -> Tree:
+    orientation = OrientationSettings(SIGMA_DEG, RobustLoss(Loss.SQUARE))
     limit, limit_loss = cauchy_of(ROM_WEIGHT, ROM_UNIT_DEG, orientation.sigma)
     pixel, pixel_loss = cauchy_of(KEYPOINT_WEIGHT, KEYPOINT_UNIT_PX, orientation.sigma)
     ground, ground_loss = cauchy_of(GROUND_WEIGHT, GROUND_UNIT, orientation.sigma)
@@ -86,10 +99,10 @@ def _kaichi(weighted: bool = True, contact: bool = True, camera: bool = True) ->
     )
 
 
-_SETTINGS: dict[Configuration, Callable[[], Settings]] = {
-    Configuration.OWN: Settings,
+_SETTINGS: dict[Configuration, Callable[[Any], Any]] = {
+    Configuration.OWN: lambda own: own,
     Configuration.KAICHI_FULL: _kaichi,
-    Configuration.KAICHI_UNWEIGHTED: lambda: _kaichi(weighted=False),
-    Configuration.KAICHI_NO_CONTACT: lambda: _kaichi(contact=False),
-    Configuration.KAICHI_IMU: lambda: _kaichi(camera=False),
+    Configuration.KAICHI_UNWEIGHTED: lambda own: _kaichi(own, weighted=False),
+    Configuration.KAICHI_NO_CONTACT: lambda own: _kaichi(own, contact=False),
+    Configuration.KAICHI_IMU: lambda own: _kaichi(own, camera=False),
 }

@@ -5,8 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.body.skeleton import JOINT_COUNT, PARENTS
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z
+from vip_factors.initialise.root_path import contact_points
 from vip_factors.live.problem import LagFrame, LagProblem
 from vip_factors.live.state import FrameState, SharedState
 
@@ -29,9 +31,26 @@ def predicted(
         bones = [sensor.bone for sensor in wearer.sensors]
         turns = _turns(last, frame, problem.sensors[number], shared.headings[number], knocked)
         turned.R_parent_child[number] = _with_turned_bones(state.R_parent_child[number], bones, turns)
-    p = 2 * state.p_world_pelvis - older.p_world_pelvis
-    turned = replace(turned, p_world_pelvis=p)
+    turned = replace(turned, p_world_pelvis=2 * state.p_world_pelvis - older.p_world_pelvis)
+    for number, wearer in enumerate(problem.wearers):
+        if not wearer.use_acceleration:
+            turned.p_world_pelvis[number] = _on_standing_foot(wearer.skeleton, state, turned, number, problem.filmed)
     return _with_camera(problem, turned, older, state, last, frame, shared) if problem.moving else turned
+
+
+def _on_standing_foot(skeleton: Skeleton, before: FrameState, now: FrameState, wearer: int, filmed: bool) -> Array:
+    """The root ``(3,)`` with which the foot that was the lowest stays where it was; without a camera, on the floor.
+
+    Where frames are estimated each by itself nothing else ties one root to the next, and a velocity would run away.
+    """
+    R = np.stack([before.R_parent_child[wearer], now.R_parent_child[wearer]])
+    body = forward_kinematics(skeleton, R, np.zeros((2, 3)))
+    points = np.stack([body.point(bone, p) for bone, p in contact_points(skeleton)], axis=1)
+    lowest = np.argmin(points[0, :, 2])
+    p = before.p_world_pelvis[wearer] + points[0, lowest] - points[1, lowest]
+    if not filmed:
+        p[2] = -points[1, :, 2].min()
+    return np.asarray(p)
 
 
 def _turns(

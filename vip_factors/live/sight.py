@@ -98,7 +98,7 @@ class Onlooker:
         return changed
 
     def hear(self, wearer: int, residual: Array, share: float) -> None:
-        """Learn how the detections scatter from whitened residuals ``(n, 2)`` of smoothed frames; ``share`` in (0, 1]."""
+        """Learn how detections scatter from whitened residuals ``(n, 2)`` of smoothed frames; ``share`` in (0, 1]."""
         if not self._settings.adaptive or len(residual) == 0:
             return
         median = float(np.median(np.linalg.norm(residual, axis=1)))

@@ -1,6 +1,7 @@
 """The fixed-lag smoother of a stream: what is linearised when, and where all variables stand."""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,13 +9,14 @@ import numpy as np
 from vip_factors.geometry.rotations import Array
 from vip_factors.graph.scene_model import SceneModel
 from vip_factors.graph.scene_state import SceneState
-from vip_factors.graph.slices import REACH, scene_slices, shared_key, slice_key, step_factor
+from vip_factors.graph.slices import REACH, Slices, scene_slices, shared_key, slice_key, step_factor
 from vip_factors.graph.terms import FRAME, ROOT
 from vip_factors.live.problem import LagFrame, LagProblem
 from vip_factors.live.settings import LiveSettings, RelinearisationSettings
 from vip_factors.live.state import FrameState, SharedState, moved_frames, stacked
 from vip_factors.solve.fixed_lag import FixedLagChain, LagSolution
 
+PREDICTED_SIGMA = 10.0  # rad or m: far less than the least that a measurement says
 LEAST_STEP = 1e-5  # of shared variables that do not step: no information is infinite
 
 
@@ -126,6 +128,7 @@ class LagSmoother:
         )
         model = self.problem.model([one.frame for one in kept], beginning=start == self._beginning)
         slices = scene_slices(model, state, self.problem.columns)
+        self._hold(slices, kept)
         w, width = self.problem.columns.frame, self.problem.columns.width
         for t, one in enumerate(kept):
             number, value = one.frame.number, np.zeros(width)
@@ -159,22 +162,36 @@ class LagSmoother:
     def shared_covariance(self) -> Array:
         """Marginal covariance ``(s, s)`` of what all frames share."""
         assert self._solution is not None
-        return self._solution.covariance(self._newest_shared())
+        shared = self._newest_shared()
+        return np.zeros((0, 0)) if shared is None else self._solution.covariance(shared)
 
     # Inside
 
-    def _newest_shared(self) -> int:
+    def _hold(self, slices: Slices, kept: Sequence[_Kept]) -> None:
+        """Frames that are estimated each by itself stay where they were predicted in what nothing tells of them."""
+        for number, wearer in enumerate(self.problem.wearers):
+            if not wearer.use_acceleration:
+                own = np.arange(FRAME * number, FRAME * (number + 1))
+                slices.hessian[:, own, own] += 1 / PREDICTED_SIGMA**2
+                slices.gradient[:, own] += np.stack([one.coordinates[own] for one in kept]) / PREDICTED_SIGMA**2
+
+    def _newest_shared(self) -> int | None:
+        """Key of what frames to come will share with the newest one; None where nothing is shared."""
+        if not self.problem.columns.static:
+            return None
         newest = self.numbers[-1]
         return shared_key(self._epoch[newest] + (newest in self._walks))
 
     def _take(self, newest: int) -> None:
-        self._solution = self._chain.solution(self._newest_shared())
+        shared = self._newest_shared()
+        self._solution = self._chain.solution(shared)
         coordinates = [self._solution.at(slice_key(one.frame.number)) for one in self._frames]
         states = moved_frames([one.origin for one in self._frames], np.stack(coordinates))
         for one, own, state in zip(self._frames, coordinates, states, strict=True):
             one.coordinates, one.state = own, state
-        self._coordinates = self._solution.at(self._newest_shared())
-        self.shared = self.problem.shared.moved(self._origin, self._coordinates)
+        if shared is not None:
+            self._coordinates = self._solution.at(shared)
+            self.shared = self.problem.shared.moved(self._origin, self._coordinates)
 
     def _first_moved(self) -> int:
         """The earliest of the frames to be linearised anew because something in them has moved."""

@@ -91,7 +91,9 @@ def start(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None 
         raise RecordingError(f"no sensor of '{silent[0]}' has measured in the last {len(stretch.time)} frames")
     scene, solver = stretch.scene(), Solver(settings.solve, lambda stage, fraction: None)
     wearers = tuple(_tracked(stretch, one, settings, solver, known) for one in scene.wearers)
-    filmed = _filmed(stretch, scene, wearers, settings, solver) if scene.cameras else None
+    filmed = (
+        _filmed(stretch, scene, wearers, settings, solver) if scene.cameras and settings.fusion.use_camera else None
+    )
     model, state, shots, spreads = filmed or _unfilmed(stretch, scene, wearers, settings, solver)
     if known is not None and ((shots and shots[0].camera.known_path is None) or not shots):
         state = _shifted(state, known.p_world_pelvis[0] - state.wearers[0].p_world_pelvis[0])

@@ -141,7 +141,8 @@ class FixedLagTracker:
         if newest < self._next_try or len(self._paths) < self._start_frames - self._lag:
             return False
         problem = tracking.smoother.problem
-        unseen = not problem.filmed and sum(len(video.pixels) > 0 for _, video in self._video) > SOME_VIDEO
+        wanted = self.settings.fusion.use_camera
+        unseen = wanted and not problem.filmed and sum(len(video.pixels) > 0 for _, video in self._video) > SOME_VIDEO
         used = {column for columns in problem.sensors for column in columns}
         seen = np.stack([one.orientation_valid for one in self._recent]).mean(axis=0)
         come = any(share > MEASURES and column not in used for column, share in enumerate(seen[: self._worn]))

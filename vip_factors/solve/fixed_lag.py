@@ -63,15 +63,17 @@ class FixedLagChain:
         for number in [kept for kept in self._frames if kept < before]:
             del self._frames[number]
 
-    def solution(self, shared: int) -> "LagSolution":
-        """All variables of the lag; ``shared`` is the key of what the newest frame shares with those to come.
+    def solution(self, shared: int | None) -> "LagSolution":
+        """All variables of the lag; ``shared`` is the key of what the newest frame shares with those to come, if any.
 
         Raises:
             SolveError: if it is not determined.
         """
-        last, _ = _eliminated(self._frames[max(self._frames)].rest, [shared])
         conditionals = [one for number in self.numbers for one in self._frames[number].conditionals]
-        return LagSolution([*conditionals, last.at(0)])
+        if shared is not None:
+            last, _ = _eliminated(self._frames[max(self._frames)].rest, [shared])
+            conditionals.append(last.at(0))
+        return LagSolution(conditionals)
 
 
 class LagSolution:

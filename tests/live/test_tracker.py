@@ -77,7 +77,9 @@ def test_covariances_are_positive_and_calibrations_get_surer() -> None:
 def test_smoothed_poses_are_surer_than_the_newest() -> None:
     last = tracked().answers[-1].wearers[0]
     assert last.smoothed is not None
-    sizes = [np.trace(one.joint_covariance, axis1=1, axis2=2).mean() for one in (last.smoothed, last.newest)]
+    sizes = [
+        np.trace(np.asarray(one.joint_covariance), axis1=1, axis2=2).mean() for one in (last.smoothed, last.newest)
+    ]
     assert sizes[0] < sizes[1]
 
 

@@ -6,6 +6,7 @@ factor that touches it, and a later linearisation holds all the others.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 
 import gtsam
@@ -87,12 +88,24 @@ class SliceColumns:
 
 
 class Slices:
-    """The slices of a stretch: Hessians ``(T, n, n)`` and gradients ``(T, n)``."""
+    """The slices of a stretch.
+
+    Attributes:
+        columns: whose columns are where.
+        hessian, gradient: ``(T, n, n)`` and ``(T, n)``.
+    """
 
     def __init__(self, columns: SliceColumns, frames: int) -> None:
         self.columns = columns
         self.hessian = np.zeros((frames, columns.width, columns.width))
         self.gradient = np.zeros((frames, columns.width))
+
+    def emptied(self, frames: int) -> "Slices":
+        """Of so many frames, all zero; in the same memory, if it is enough: new pages cost more than zeros."""
+        if frames > len(self.hessian):
+            return Slices(self.columns, frames)
+        self.hessian[:frames], self.gradient[:frames] = 0.0, 0.0
+        return self
 
     def add(self, first: slice, place: np.ndarray, hessian: Array, gradient: Array) -> None:
         """Add ``(t, k, k)`` and ``(t, k)`` at ``k`` columns of a stretch of slices; columns below zero are left out."""
@@ -150,22 +163,28 @@ class Slices:
         return graph
 
 
-def _runs(place: np.ndarray) -> list[tuple[slice, slice]]:
+def _runs(place: np.ndarray) -> tuple[tuple[slice, slice], ...]:
     """Stretches of columns that follow one another, as they are numbered in a block and in a slice.
 
     NumPy moves whole stretches at once; picked columns it moves number by number.
     """
-    starts = [0, *(np.flatnonzero(np.diff(place) != 1) + 1).tolist(), len(place)]
-    return [
-        (slice(start, stop), slice(int(place[start]), int(place[start]) + stop - start))
+    return _runs_of(place.astype(np.int64).tobytes())
+
+
+@cache
+def _runs_of(place: bytes) -> tuple[tuple[slice, slice], ...]:
+    columns = np.frombuffer(place, np.int64)
+    starts = [0, *(np.flatnonzero(np.diff(columns) != 1) + 1).tolist(), len(columns)]
+    return tuple(
+        (slice(start, stop), slice(int(columns[start]), int(columns[start]) + stop - start))
         for start, stop in pairwise(starts)
-        if stop > start and place[start] >= 0
-    ]
+        if stop > start and columns[start] >= 0
+    )
 
 
-def scene_slices(model: SceneModel, state: SceneState, columns: SliceColumns) -> Slices:
-    """The slices of a scene's problem at a state."""
-    slices = Slices(columns, model.frames)
+def scene_slices(model: SceneModel, state: SceneState, slices: Slices) -> Slices:
+    """The slices of a scene's problem at a state, in the memory of earlier ``slices`` if that is enough."""
+    slices, columns = slices.emptied(model.frames), slices.columns
     everything = slice(0, model.frames)
     for number, (wearer, own) in enumerate(zip(model.wearers, state.wearers, strict=True)):
         body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)

@@ -53,6 +53,7 @@ class LagSmoother:
         self._every = max(1, round(settings.walk.every_s * settings.frame_rate))
         self._loosened = np.zeros(problem.columns.static)  # variances of the step behind the newest frame
         self._usual_walk = _walk_sigmas(problem, settings)
+        self._slices = Slices(problem.columns, settings.relinearisation.most)
         self._limits = _limits(problem, settings.relinearisation)
 
     # What there is
@@ -127,7 +128,7 @@ class LagSmoother:
             [one.state for one in kept], self.shared, self.problem.moving, self.problem.wearers[0].prior.mean
         )
         model = self.problem.model([one.frame for one in kept], beginning=start == self._beginning)
-        slices = scene_slices(model, state, self.problem.columns)
+        slices = self._slices = scene_slices(model, state, self._slices)
         self._hold(slices, kept)
         w, width = self.problem.columns.frame, self.problem.columns.width
         for t, one in enumerate(kept):

@@ -79,7 +79,7 @@ def test_every_fault_is_a_stream(scene: Scene) -> None:
     with pytest.raises(InputError, match="at least 6 s more"):
         StreamTrials(8.0, 3.0)
     with pytest.raises(InputError, match="or neither"):
-        run_stream_faults(trials, None, ("07_02",))
+        run_stream_faults(StreamTrials(), None, ("07_02",))
 
 
 def test_a_queue_that_runs_over_is_told_and_order_is_kept(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,13 +11,13 @@ from test_scene_batch import KINDS, T, batched_hessian, small_scene
 
 from vip_factors.graph.scene_model import SceneModel
 from vip_factors.graph.scene_state import SceneState
-from vip_factors.graph.slices import SliceColumns, scene_slices, shared_key, slice_key
+from vip_factors.graph.slices import SliceColumns, Slices, scene_slices, shared_key, slice_key
 
 
 def hessian_of_slices(model: SceneModel, state: SceneState, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of all slices' factors together, for coordinates ``value`` of frames and of what they share."""
     columns = SliceColumns.of(model)
-    slices, w, s = scene_slices(model, state, columns), columns.frame, columns.static
+    slices, w, s = scene_slices(model, state, Slices(columns, T)), columns.frame, columns.static
     graph, order = gtsam.GaussianFactorGraph(), gtsam.Ordering()
     for t in range(T):
         own = np.zeros(columns.width)
@@ -62,7 +62,7 @@ def test_a_slice_does_not_depend_on_what_came_before(silent: Sequence[int]) -> N
     model, state = small_scene("moving", silent)
     columns = SliceColumns.of(model)
     later = _without_first(model), _state_without_first(state)
-    whole, part = scene_slices(_inner(model), state, columns), scene_slices(*later, columns)
+    whole, part = scene_slices(_inner(model), state, Slices(columns, T)), scene_slices(*later, Slices(columns, T - 1))
     np.testing.assert_allclose(part.hessian, whole.hessian[1:], atol=1e-9 * np.abs(whole.hessian).max())
     np.testing.assert_allclose(part.gradient, whole.gradient[1:], atol=1e-9 * np.abs(whole.gradient).max())
 

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import tyro
 
+from vip_factors.cli.named import named_tree
 from vip_factors.cli.options import Flag, beside, parse
-from vip_factors.configurations import Configuration, named_settings
+from vip_factors.configurations import Configuration
 from vip_factors.estimate import SceneEstimate
 from vip_factors.settings import Settings
 
@@ -86,27 +87,6 @@ def _tell(estimate: SceneEstimate) -> None:
 
 
 def _defaults(arguments: Sequence[str]) -> SmoothOptions | None:
-    """The options' defaults, with those of a configuration or settings file if named: found before the rest is parsed.
-
-    A configuration on the command line wins over that of the file, whose other settings stay.
-    """
-    name, path = _given(arguments, "--configuration"), _given(arguments, "--settings")
-    if (path is None and name is None) or (name is not None and name not in list(Configuration)):
-        return None  # of an unknown name the parser tells
-    tree = named_settings(name or Configuration.OWN)
-    if path is not None:
-        from vip_factors.cli.settings_file import read_settings
-
-        tree = read_settings(Path(path), tree, named_settings if name is None else lambda _: tree)
-    return SmoothOptions(recording=tyro.MISSING, tree=tree)
-
-
-def _given(arguments: Sequence[str], option: str) -> str | None:
-    """The value of an option among unparsed arguments; the last one counts."""
-    value = None
-    for index, word in enumerate(arguments):
-        if word == option and index + 1 < len(arguments):
-            value = arguments[index + 1]
-        elif word.startswith(f"{option}="):
-            value = word.partition("=")[2]
-    return value
+    """The options' defaults, with those of a configuration or settings file if named."""
+    tree = named_tree(arguments, Settings())
+    return None if tree is None else SmoothOptions(recording=tyro.MISSING, tree=tree)

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from vip_factors.cli.named import named_tree
 from vip_factors.cli.options import Flag, parse
+from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
 from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.live.settings import LiveSettings
@@ -57,6 +59,9 @@ class StreamOptions:
     """Wait for more at the end of the file: another program still writes it."""
     lag: float | None = None
     """Seconds between the newest pose and the smoothed one; the same as --lag-s."""
+    configuration: Configuration = Configuration.OWN
+    """Settings to start from: this package's own, or those that stand for the estimators of Kaichi et al. 2020, which
+    want a camera of known pose. A settings file may name one too (configuration = "kaichi-full")."""
     settings: Path | None = None
     """TOML file with settings; a table for each group, such as [walk]."""
     overwrite: Flag = False
@@ -192,15 +197,6 @@ def _silence_stdout() -> None:
 
 
 def _defaults(arguments: Sequence[str]) -> StreamOptions | None:
-    """The options' defaults, with those of a settings file if one is named: found before the rest is parsed."""
-    path = None
-    for index, word in enumerate(arguments):
-        if word == "--settings" and index + 1 < len(arguments):
-            path = arguments[index + 1]
-        elif word.startswith("--settings="):
-            path = word.partition("=")[2]
-    if path is None:
-        return None
-    from vip_factors.cli.settings_file import read_settings
-
-    return StreamOptions(source=tyro.MISSING, tree=read_settings(Path(path), LiveSettings()))
+    """The options' defaults, with those of a configuration or settings file if named."""
+    tree = named_tree(arguments, LiveSettings())
+    return None if tree is None else StreamOptions(source=tyro.MISSING, tree=tree)

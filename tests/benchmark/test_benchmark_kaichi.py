@@ -21,14 +21,17 @@ from vip_factors.benchmark.kaichi_suite import (
     KaichiScenes,
     grounded,
     kaichi_scene,
+    mean_angle,
     share_off_ground,
     told_headings,
+    told_straps,
     with_sensors,
 )
 from vip_factors.benchmark.kaichi_table import kaichi_json, kaichi_line, kaichi_table
+from vip_factors.benchmark.vip_suite import nominal_start
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
-from vip_factors.geometry.rotations import angle_between
+from vip_factors.geometry.rotations import angle_between, wrap_angle
 from vip_factors.live.settings import LiveSettings
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
@@ -82,6 +85,17 @@ def test_their_calibration_is_right_if_pose_and_sensors_are() -> None:
     for name, one in known.items():
         assert one.heading == true[name].heading
         assert angle_between(one.R_bone_sensor, true[name].R_bone_sensor) < np.deg2rad(1.0)
+
+
+def test_under_told_straps_the_pose_gives_the_headings(scene: Scene) -> None:
+    settings = Settings()
+    known = told_headings(scene, settings).wearers[0].truth
+    told = told_straps(scene, settings)
+    names, start = nominal_start(told.wearers[0], settings)
+    true = np.array([(known.calibration or {})[name].heading for name in names])  # type: ignore[union-attr]
+    turns = wrap_angle(true - start.headings)
+    assert np.abs(wrap_angle(turns - mean_angle(turns))).max() < np.deg2rad(1.0)
+    assert told.wearers[0].truth is scene.wearers[0].truth
 
 
 def test_forms_use_what_the_papers_do() -> None:

@@ -16,6 +16,7 @@ from vip_factors.benchmark.kaichi_suite import (
     kaichi_scene,
     share_off_ground,
     told_headings,
+    told_straps,
     with_sensors,
     without_camera,
 )
@@ -54,6 +55,7 @@ class Way(StrEnum):
     """Whose terms, and how they are solved."""
 
     THEIRS = "theirs, per frame"
+    THEIRS_LIVE = "theirs, live"  # in the fixed-lag tracker, zero lag
     NEWEST = "ours, zero lag"
     SMOOTHED = "ours, full lag"
     BATCH = "ours, batch"
@@ -164,6 +166,9 @@ def trials_of(scene: Scene, kind: str, seed: int, trials: KaichiTrials) -> Itera
             blank = KaichiTrial(kind, scene.name, seed, count, form, Way.THEIRS)
             if Way.THEIRS in trials.ways:
                 yield _estimated([blank], worn, partial(_theirs, worn, form))
+            if Way.THEIRS_LIVE in trials.ways:
+                one = replace(blank, way=Way.THEIRS_LIVE)
+                yield _estimated([one], worn, partial(_theirs_live, worn, form))
             live = [replace(blank, way=way) for way in (Way.NEWEST, Way.SMOOTHED) if way in trials.ways]
             if live:
                 yield _estimated(live, worn, partial(_live, worn, form, trials.settings))
@@ -207,6 +212,13 @@ def _theirs(scene: Scene, form: Form) -> Estimates:
     told = told_headings(scene, settings)
     estimate = smooth_scene(without_camera(told) if form is Form.IMU else told, settings)
     return {Way.THEIRS: estimate.wearers[0].motion}, estimate.findings
+
+
+def _theirs_live(scene: Scene, form: Form) -> Estimates:
+    settings = live_settings(named_settings(THEIRS[form]))
+    told = told_straps(scene, settings)
+    run = run_live(without_camera(told) if form is Form.IMU else told, settings)
+    return {Way.THEIRS_LIVE: run.newest}, tuple(f"{time:.1f} s: {finding}" for time, finding in run.findings)
 
 
 def _live(scene: Scene, form: Form, settings: LiveSettings) -> Estimates:

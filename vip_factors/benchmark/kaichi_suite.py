@@ -132,6 +132,20 @@ def told_headings(scene: Scene, settings: Settings) -> Scene:
     return replace(scene, wearers=(replace(wearer, truth=Truth(wearer.truth.motion, known), initial_pose="none"),))
 
 
+def told_straps(scene: Scene, settings: Settings) -> Scene:
+    """The scene with the calibration of :func:`told_headings` as that of its straps, for who may not be told headings.
+
+    Under such straps the declared T-pose gives the true headings, but for what all of them have in common.
+    """
+    wearer, known = scene.wearers[0], told_headings(scene, settings).wearers[0].truth
+    calibration = {} if known is None else dict(known.calibration or {})
+    sites = tuple(
+        replace(site, R_bone_sensor=calibration[site.sensor].R_bone_sensor) if site.sensor in calibration else site
+        for site in wearer.placement.sites
+    )
+    return replace(scene, wearers=(replace(wearer, placement=replace(wearer.placement, sites=sites)),))
+
+
 def mean_angle(angles: Array) -> float:
     """Circular mean, radians."""
     return float(np.angle(np.exp(1j * angles).sum()))

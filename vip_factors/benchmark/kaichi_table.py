@@ -68,7 +68,7 @@ def _clip_lines(
     for form, way, own in _rows(results):
         cells = [_one(_mean(value(one) for one in own if one.clip == clip)) for clip in clips]
         mean = _one(_mean(value(one) for one in own if one.clip not in jumps))
-        theirs = f"{published[form]:g}" if way is Way.THEIRS and form in published else ""
+        theirs = f"{published[form]:g}" if way in (Way.THEIRS, Way.THEIRS_LIVE) and form in published else ""
         lines.append(f"| {form} | {way} | {' | '.join(cells)} | {mean} | {theirs} |")
     return lines
 

@@ -36,7 +36,7 @@ def kaichi(options: KaichiOptions, tell: Tell, write: Callable[[str], None]) -> 
     from vip_factors.benchmark.vip import chosen_clips
 
     forms = tuple(Form[name.upper().replace("-", "_")] for name in options.forms)
-    ways = tuple(Way[name.upper()] for name in options.ways)
+    ways = tuple(Way[name.upper().replace("-", "_")] for name in options.ways)
     scenes = KaichiScenes(options.seconds, options.seeds, options.pose_error_deg)
     trials = KaichiTrials(scenes, options.imus, forms, ways)
     told = 0

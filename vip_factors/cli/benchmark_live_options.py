@@ -49,8 +49,11 @@ class KaichiOptions:
     """Numbers of IMUs: all, without that on the head, without upper arms, without thighs."""
     forms: tuple[Literal["imu", "no-contact", "unweighted", "full"], ...] = ("imu", "no-contact", "unweighted", "full")
     """What is used: IMUs alone, a camera without ground contact, without adaptive weights, everything."""
-    ways: tuple[Literal["theirs", "newest", "smoothed", "batch"], ...] = ("theirs", "newest", "smoothed", "batch")
-    """Their estimator frame by frame; ours live with zero and full lag, and over whole recordings."""
+    ways: tuple[Literal["theirs", "theirs-live", "newest", "smoothed", "batch"], ...] = (
+        "theirs", "theirs-live", "newest", "smoothed", "batch",
+    )  # fmt: skip
+    """Their estimator frame by frame, and in the live tracker; ours live with zero and full lag, and over whole
+    recordings."""
     clips: tuple[str, ...] = ()
     """Names of clips; all if absent."""
     kinds: tuple[str, ...] = ()

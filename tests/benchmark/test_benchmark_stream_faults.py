@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from live_answers import answers, live_scene, truth_of
 
-from vip_factors.benchmark.stream_error import ErrorOverTime, error_over_time, seconds_until_good
+from vip_factors.benchmark.stream_error import ErrorOverTime, bad_seconds, error_over_time, seconds_until_good
 from vip_factors.benchmark.stream_fault_list import chosen_faults
 from vip_factors.benchmark.stream_fault_table import stream_fault_json, stream_fault_table
 from vip_factors.benchmark.stream_faults import (
@@ -39,6 +39,8 @@ def test_it_is_good_again_with_the_first_good_second() -> None:
     assert seconds_until_good(over([20.0] * 10 + [80.0] * 15 + [23.0] * 25), usual, 1.0) == 1.5
     assert seconds_until_good(over([20.0] * 10 + [math.nan] * 15 + [23.0] * 25), usual, 1.0) == 1.5
     assert math.isnan(seconds_until_good(over([20.0] * 10 + [25.0] * 40), usual, 1.0))
+    assert bad_seconds(over([20.0] * 10 + [80.0] * 15 + [20.0] * 25), usual, 1.0) == pytest.approx(2.5, abs=0.2)
+    assert bad_seconds(usual, usual, 1.0) == 0.0
 
 
 def test_errors_forgive_the_gauge_but_not_a_drift() -> None:
@@ -119,7 +121,7 @@ def test_little_is_lost_with_the_program() -> None:
 def test_the_table_says_what_was_measured() -> None:
     usual, bad = Errors(20.0, 21.0, 22.0), Errors(20.0, 50.0, float("nan"))
     trial = FaultTrial(
-        "pelvis dead", "fixed", "gestures", bad, bad, usual, usual, (30.0, 10.0), 12, 0.31, 1.5, float("nan"),
+        "pelvis dead", "fixed", "gestures", bad, bad, usual, usual, (30.0, 10.0), 12, 0.31, 1.5, float("nan"), 2.5, 3.5,
         ((1.0, 2.0, 3.0, 4.0),), 0.5, ((8.0, "it is dead"), (9.0, "it is dead")),
     )  # fmt: skip
     failed = replace(trial, fault="other", failure="ValueError: x", findings=())

@@ -79,15 +79,27 @@ def error_over_time(poses: Sequence[LivePose], skeleton: Skeleton, truth: Motion
 def seconds_until_good(error: ErrorOverTime, undisturbed: ErrorOverTime, start: float) -> float:
     """Seconds from ``start`` until a second begins whose mean error is at most 1.2 times the undisturbed stream's in
     the same second; NaN if none does. A frame without an answer is not good."""
+    good = _good(error, undisturbed, start)
+    return float(np.argmax(good) / error.rate) if good.any() else float("nan")
+
+
+def bad_seconds(error: ErrorOverTime, undisturbed: ErrorOverTime, start: float) -> float:
+    """How many of the seconds from ``start`` on are not so: what gets worse again later counts too."""
+    return float(np.sum(~_good(error, undisturbed, start)) / error.rate)
+
+
+def _good(error: ErrorOverTime, undisturbed: ErrorOverTime, start: float) -> np.ndarray:
+    """Of each second, one for every frame from ``start`` on that it can begin with."""
     length = round(SUSTAINED_S * error.rate)
     begin = max(0, round(start * error.rate))
     frames = min(len(error.mpjpe_mm), len(undisturbed.mpjpe_mm))
+    good = []
     for row in range(begin, frames - length + 1):
         ours, theirs = error.mpjpe_mm[row : row + length], undisturbed.mpjpe_mm[row : row + length]
         seen = np.isfinite(theirs)
-        if np.all(np.isfinite(ours[seen])) and seen.any() and ours[seen].mean() <= GOOD * theirs[seen].mean():
-            return (row - begin) / error.rate
-    return float("nan")
+        whole = bool(seen.any() and np.all(np.isfinite(ours[seen])))
+        good.append(whole and bool(ours[seen].mean() <= GOOD * theirs[seen].mean()))
+    return np.array(good, bool)
 
 
 def _mean(values: Array) -> float:

@@ -12,7 +12,7 @@ from vip_factors.benchmark.vip_table import plain
 
 HEAD = (
     "fault", "newest: before", "during", "after", "smoothed: before", "during", "after", "newest good after s",
-    "smoothed good after s", "place at end cm", "frames missing", "oldest answer s",
+    "smoothed good after s", "bad s", "place at end cm", "frames missing", "oldest answer s",
 )  # fmt: skip
 
 
@@ -21,7 +21,8 @@ def stream_fault_table(results: StreamResults, trials: StreamTrials) -> str:
     blocks = [
         f"MPJPE mm of one wearer's stream of {trials.seconds:g} s; faults from {trials.fault_s:g} s on; in brackets "
         "the same stream without the fault.\n'Good after': until the first second whose mean error is at most 1.2 "
-        "times the undisturbed stream's, from the end of the fault, or from its beginning if it lasts."
+        "times the undisturbed stream's, from the end of the fault, or from its beginning if it lasts. 'Bad': "
+        "how many seconds of smoothed poses in all are not so, from the beginning of the fault on."
     ]
     streams = list(
         dict.fromkeys(
@@ -50,7 +51,7 @@ def _table(trials: Sequence[FaultTrial]) -> str:
             continue
         cells = [
             one.fault, *_errors(one.newest, one.usual_newest), *_errors(one.smoothed, one.usual_smoothed),
-            _seconds(one.good_newest_s), _seconds(one.good_smoothed_s),
+            _seconds(one.good_newest_s), _seconds(one.good_smoothed_s), f"{one.bad_smoothed_s:.1f}",
             f"{_number(one.place_cm[0])} ({_number(one.place_cm[1])})", str(one.missing), f"{one.latency_s:.2f}",
         ]  # fmt: skip
         lines.append(f"| {' | '.join(cells)} |")

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from vip_factors.benchmark.sip import find_clips
-from vip_factors.benchmark.stream_error import ErrorOverTime, error_over_time, seconds_until_good
+from vip_factors.benchmark.stream_error import ErrorOverTime, bad_seconds, error_over_time, seconds_until_good
 from vip_factors.benchmark.stream_fault_list import Fault, chosen_faults
 from vip_factors.benchmark.stream_killed import Killed, kill_while_writing
 from vip_factors.benchmark.stream_run import StreamRun, run_stream
@@ -78,9 +78,10 @@ class FaultTrial:
         latency_s: age of the newest pose at most, during and after.
         good_newest_s, good_smoothed_s: until errors are as usual again, from the end of the fault (from its beginning,
             if it lasts); NaN if they are not to the end.
+        bad_newest_s, bad_smoothed_s: seconds since the fault's beginning in which errors were not as usual.
         by_second: ``(newest, smoothed, usual newest, usual smoothed)`` of each second.
         clock_shift_s: by which the stream's clock is behind at the end.
-        findings: what was said from the beginning of the fault on, that is not said in the undisturbed stream.
+        findings: what was said from the beginning of the fault on, that the undisturbed stream does not say then.
         failure: what was raised, if anything.
     """
 
@@ -96,6 +97,8 @@ class FaultTrial:
     latency_s: float
     good_newest_s: float
     good_smoothed_s: float
+    bad_newest_s: float
+    bad_smoothed_s: float
     by_second: tuple[tuple[float, float, float, float], ...]
     clock_shift_s: float = 0.0
     findings: tuple[tuple[float, str], ...] = ()
@@ -205,7 +208,7 @@ def _scored(
     over = fault.begin + LASTING_S if fault.lasts else fault.end
     good_from = fault.begin if fault.lasts else fault.end
     spans = ((fault.begin - UNTIL_FAULT_S, fault.begin), (fault.begin, over), (over, trials.seconds))
-    said = {sentence for _, sentence in usual.findings}
+    said = {(round(time), sentence) for time, sentence in usual.findings}
     seconds = int(trials.seconds)
     series = (newest, smoothed, usual_newest, usual_smoothed)
     last = (trials.seconds - 2, trials.seconds)
@@ -222,9 +225,13 @@ def _scored(
         latency_s=run.latency(fault.begin, float("inf")),
         good_newest_s=seconds_until_good(newest, usual_newest, good_from),
         good_smoothed_s=seconds_until_good(smoothed, usual_smoothed, good_from),
+        bad_newest_s=bad_seconds(newest, usual_newest, fault.begin),
+        bad_smoothed_s=bad_seconds(smoothed, usual_smoothed, fault.begin),
         by_second=tuple(by_second),
         clock_shift_s=run.clock_shift_s,
-        findings=tuple((time, one) for time, one in run.findings if time >= fault.begin and one not in said),
+        findings=tuple(
+            (time, one) for time, one in run.findings if time >= fault.begin and (round(time), one) not in said
+        ),
         failure=failure,
     )  # fmt: skip
 

@@ -1,0 +1,66 @@
+"""A silence of all sensors at once: the wearer coasts through it, on a stream as in a recording."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tracked import RATE, filmed, poses, track
+
+from vip_factors.evaluate.frames import common_frames
+from vip_factors.evaluate.metrics import mpjpe
+from vip_factors.pipeline import smooth
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.live import live_samples
+from vip_factors.sensors.placement import preset
+from vip_factors.sensors.recording import Recording, Subject
+from vip_factors.settings import CalibrationSettings, Settings
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.recording import simulate_recording
+from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.simulate.stream_faults import Chosen, everything, lost, of_imus
+
+START, END = 2.0, 3.0  # s
+
+
+@pytest.mark.parametrize("chosen", [everything, of_imus])
+def test_a_stream_is_tracked_through_a_silence(chosen: Chosen) -> None:
+    one = track(filmed(), lost(live_samples(filmed()), chosen, START, END))
+    assert "tracking" not in one.findings  # neither lost nor started again
+    assert [answer.frame for answer in one.answers] == list(range(len(one.answers)))
+    assert len(one.answers) == round(4.0 * RATE) - 1
+    silent = [pose.p_world_pelvis for pose in poses(one.answers, "newest") if START < pose.time < END]
+    assert speed(np.stack(silent)) < 4.0
+    assert one.error_mm("smoothed", after=END + 0.3) < 60
+
+
+@pytest.mark.parametrize("factor", [1, 2])
+def test_a_recording_is_smoothed_through_a_silence(factor: int) -> None:
+    motion = gestures(4.0)
+    placement, sensors = preset("sip6", motion.skeleton), SimulateSettings.noise_free(heading_offset_deg=0.0)
+    whole = simulate_recording(motion, placement, sensors, seed=2)
+    whole = replace(whole, subject=Subject(skeleton=motion.skeleton))
+    silent = replace(whole, imus={name: with_silence(stream) for name, stream in whole.imus.items()})
+    settings = Settings(frame_rate=20.0, coarse_factor=factor, calibration=CalibrationSettings(passes=1))
+    error, root = smoothed(silent, settings)
+    known, _ = smoothed(whole, settings)
+    assert error < known + 40
+    assert speed(root, settings.frame_rate) < 4.0
+
+
+def with_silence(stream: ImuStream) -> ImuStream:
+    kept = (stream.time < START) | (stream.time >= END)
+    parts = (stream.specific_force, stream.R_inertial_sensor, stream.angular_rate)
+    return ImuStream(stream.name, stream.time[kept], *[None if part is None else part[kept] for part in parts])
+
+
+def smoothed(recording: Recording, settings: Settings) -> tuple[float, np.ndarray]:
+    """Error in millimetres, and the root's path."""
+    assert recording.truth is not None
+    motion = smooth(recording, settings).motion
+    ours, truth, _ = common_frames(motion, recording.truth.motion)
+    return mpjpe(ours, truth), motion.p_world_pelvis
+
+
+def speed(p_world_pelvis: np.ndarray, rate: float = RATE) -> float:
+    """The highest, m/s."""
+    return float(np.linalg.norm(np.diff(p_world_pelvis, axis=0), axis=1).max()) * rate

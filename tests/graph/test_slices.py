@@ -11,7 +11,8 @@ from test_scene_batch import KINDS, T, batched_hessian, small_scene
 
 from vip_factors.graph.scene_model import SceneModel
 from vip_factors.graph.scene_state import SceneState
-from vip_factors.graph.slices import SliceColumns, Slices, scene_slices, shared_key, slice_key
+from vip_factors.graph.slice_factors import scene_slices
+from vip_factors.graph.slices import SliceColumns, Slices, shared_key, slice_key
 
 
 def hessian_of_slices(model: SceneModel, state: SceneState, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@ GTSAM sees one vector per frame (24 joints and the root) and one for the calibra
 The factors of :mod:`vip_factors.graph.frame` stay the definition, and a test holds both ways equal.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import gtsam
 import numpy as np
@@ -18,7 +18,6 @@ from vip_factors.factors.pose_prior import pose_mean_residual
 from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian
 from vip_factors.graph.bone_factors import add_bone_factors
-from vip_factors.graph.evaluated import PoseTerm
 from vip_factors.graph.joint_factors import add_joint_factors
 from vip_factors.graph.keys import WEARER
 from vip_factors.graph.model import InertialModel
@@ -51,7 +50,7 @@ class BatchObjective:
         self._static = np.flatnonzero(free) + FRAME  # columns of what all frames share that move
         self._columns = np.concatenate([np.arange(FRAME), self._static])
         shared = FRAME + 4 * S  # headings and mountings come together, whichever is free
-        self._used = FRAME if not len(self._static) else max(shared, int(self._columns[-1]) + 1)
+        self.used = FRAME if not len(self._static) else max(shared, int(self._columns[-1]) + 1)
         self.sites = Sites.seen_by(model)
         self.frame_keys = [gtsam.symbol("x", wearer * WEARER + t) for t in range(len(model.frames))]
         self.static_key = gtsam.symbol("z", wearer * WEARER)
@@ -74,7 +73,7 @@ class BatchObjective:
         p, x = self.sites.on(body), joint_vector(state.R_parent_child)
         kinds = *pose_residuals(self.model, state, body, p, x), *motion_residuals(self.model, state, p)
         costs = {residuals.kind: residuals.cost for residuals in kinds}
-        for kind, residual, _, _ in self._static_rows(state):
+        for kind, residual, _, _ in self.static_rows(state):
             costs[kind] = costs.get(kind, 0.0) + 0.5 * float(residual @ residual)
         if self.walk_keys:
             costs |= walk_costs(self.model, state)
@@ -87,7 +86,7 @@ class BatchObjective:
         T = len(self.model.frames)
         return [slice(start, min(start + CHUNK, T)) for start in range(0, T, CHUNK)]
 
-    def _static_rows(self, state: GraphState) -> list[tuple[str, Array, list[int], Array]]:
+    def static_rows(self, state: GraphState) -> list[tuple[str, Array, list[int], Array]]:
         """Kind, whitened residual, columns and Jacobian of the priors that are not per frame."""
         model, S = self.model, len(self.model.sensors)
         rows: list[tuple[str, Array, list[int], Array]] = []
@@ -124,7 +123,7 @@ class BatchObjective:
         system = ChainSystem.empty(self.frame_keys, self.static_key, FRAME, self._columns, self._damping(), tied)
         if self.walk_keys:
             system.walk = WalkSystem.of(self.model, state, self.walk_keys, FRAME, STEP_ANGLE**-2.0)
-        used = self._used
+        used = self.used
 
         def add(frames: slice) -> None:
             part = slice(frames.start, min(frames.stop + 2, T))  # two frames on, for the blocks off the diagonal
@@ -140,7 +139,7 @@ class BatchObjective:
                 system.add_frames(frames, H, g)
 
         side_by_side(add, self._chunks())
-        for _, residual, columns, J in self._static_rows(state):
+        for _, residual, columns, J in self.static_rows(state):
             system.add_first(np.array(columns), J.T @ J, J.T @ residual)
         return system
 
@@ -161,32 +160,3 @@ class BatchObjective:
         joints = steps[:, :ROOT].reshape(T, JOINT_COUNT, 3)
         walk = np.array([delta.at(key) for key in self.walk_keys]) if self.walk_keys else None
         return state.retract(joints, steps[:, ROOT:], static, walk)
-
-
-def pose_equations(terms: Iterable[PoseTerm], frames: int, columns: int) -> tuple[Array, Array]:
-    """Hessians ``(T, columns, columns)`` and gradients ``(T, columns)`` of the factors on single frames."""
-    H, g = np.zeros((frames, columns, columns)), np.zeros((frames, columns))
-    scattered = []
-    for term in terms:
-        first, last = term.columns[0], term.columns[-1] + 1
-        if last - first > len(term.columns):
-            scattered.append(term)
-            continue
-        assert term.jacobian is not None
-        weighted = (term.weight[:, None, None] * term.jacobian).swapaxes(1, 2)
-        H[:, first:last, first:last] += weighted @ term.jacobian
-        g[:, first:last] += (weighted @ term.residual[:, :, None])[:, :, 0]
-    count = sum(term.residual.shape[1] for term in scattered)
-    rows, residual = np.zeros((frames, count, columns)), np.zeros((frames, count, 1))
-    start = 0
-    for term in scattered:
-        here, root = slice(start, start + term.residual.shape[1]), np.sqrt(term.weight)
-        assert term.jacobian is not None
-        inside = [place for place, column in enumerate(term.columns) if column < columns]
-        rows[:, here, [term.columns[place] for place in inside]] = root[:, None, None] * term.jacobian[:, :, inside]
-        residual[:, here, 0] = root[:, None] * term.residual
-        start = here.stop
-    transposed = rows.swapaxes(1, 2)
-    H += transposed @ rows
-    g += (transposed @ residual)[:, :, 0]
-    return H, g

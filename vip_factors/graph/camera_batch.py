@@ -11,10 +11,9 @@ from vip_factors.factors.camera_velocity import camera_velocity_jacobians, camer
 from vip_factors.factors.heading_prior import heading_prior_residual
 from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, transpose
-from vip_factors.graph.batch import STEP_ANGLE, STEP_LENGTH, pose_equations
-from vip_factors.graph.evaluated import MotionTerm, PoseTerm
+from vip_factors.graph.batch import STEP_ANGLE, STEP_LENGTH
 from vip_factors.graph.motion import MotionFactors
-from vip_factors.graph.residuals import MotionResiduals
+from vip_factors.graph.residuals import MotionResiduals, Residuals
 from vip_factors.graph.scene_model import CameraProblem
 from vip_factors.graph.scene_state import CAMERA, CLOCK, HEADING, MOUNTING, POSE, CameraState
 from vip_factors.graph.system import ChainSystem
@@ -46,42 +45,49 @@ class CameraObjective:
 
     def cost(self, state: CameraState) -> dict[str, float]:
         """Half the sum of squared whitened residuals, losses applied, by factor kind."""
-        terms: list[PoseTerm | MotionTerm] = [*self._pose_terms(state, False), *self._motion_terms(state, False)]
+        terms = [*self._orientation_residuals(state), *self.motion_residuals(state)]
         costs = {term.kind: term.cost for term in terms}
-        for kind, residual, _, _ in self._static_rows(state):
+        for kind, residual, _, _ in self.static_rows(state):
             costs[kind] = 0.5 * float(residual @ residual)
         if self._chained:
             loss = self.camera.settings.velocity.loss
             costs["camera velocity"] = float(np.sum(loss.cost(np.linalg.norm(self._velocity(state), axis=1))))
         return costs
 
-    def _pose_terms(self, state: CameraState, jacobians: bool) -> Iterator[PoseTerm]:
+    def _orientation_residuals(self, state: CameraState) -> Iterator[Residuals]:
         imu, settings = self.camera.imu, self.camera.settings.orientation
         if imu is None:
             return
-        poses = state.at_frames(slice(0, self.frames))
+        poses, sigma = state.at_frames(slice(0, self.frames)), self._orientation_sigma
         residual = camera_orientation_residual(poses, state.R_camera_imu, state.heading, imu.R_inertial_sensor[:, 0])
-        J = None
-        if jacobians:
-            by_pose, by_heading, by_mounting = camera_orientation_jacobians(poses, state.R_camera_imu, residual)
-            J = np.concatenate([by_pose, by_heading[:, :, None], by_mounting], axis=2)
-        sigma = settings.sigma / np.sqrt(self.camera.orientation_weight(self.step))
-        mask = imu.orientation_valid[:, 0].astype(float)
-        J = None if J is None else J / sigma
-        yield PoseTerm("camera orientation", residual / sigma, mask, settings.loss, list(range(10)), J)
+        yield Residuals("camera orientation", residual[:, None] / sigma, imu.orientation_valid, settings.loss)
 
-    def _motion_terms(self, state: CameraState, jacobians: bool) -> Iterator[MotionTerm]:
-        imu, settings = self.camera.imu, self.camera.settings.acceleration
-        if imu is None or not self._chained:
-            return
-        p, force = state.poses.point(self.camera.p_camera_imu), imu.specific_force_inertial[1:-1, 0]
-        residual = acceleration_residual(p[:-2], p[1:-1], p[2:], self.step, state.heading, force) / settings.sigma
-        by_heading = acceleration_by_heading(state.heading, force) / settings.sigma if jacobians else None
-        mask = imu.acceleration_valid[1:-1, 0].astype(float)
-        coefficients = np.array([1.0, -2.0, 1.0]) / (self.step**2 * settings.sigma)
-        yield MotionTerm("camera acceleration", 1, residual, mask, settings.loss, 0, coefficients, by_heading)
+    @property
+    def _orientation_sigma(self) -> float:
+        return self.camera.settings.orientation.sigma / float(np.sqrt(self.camera.orientation_weight(self.step)))
 
-    def _motion_residuals(self, state: CameraState) -> Iterator[MotionResiduals]:
+    def orientation_rows(self, state: CameraState) -> tuple[Array, Array]:
+        """Of the orientation factors, weighted: Jacobians ``(T, 3, 11)``, residuals ``(T, 3)``; zeros without an IMU."""
+        J, poses = np.zeros((self.frames, 3, CAMERA)), state.at_frames(slice(0, self.frames))
+        for term in self._orientation_residuals(state):
+            sigma, root, residual = self._orientation_sigma, np.sqrt(term.weight), term.residual[:, 0]
+            parts = camera_orientation_jacobians(poses, state.R_camera_imu, residual * sigma)
+            J[:, :, POSE], J[:, :, HEADING], J[:, :, MOUNTING] = parts
+            return (root[..., None] / sigma) * J, root * residual
+        return J, J[:, :, 0]
+
+    def velocity_rows(self, state: CameraState) -> tuple[Array, Array, Array]:
+        """Of the velocity factors, weighted: Jacobians ``(T − 1, 6, 6)`` by either pose, residuals ``(T − 1, 6)``."""
+        settings = self.camera.settings.velocity
+        now, after = state.at_frames(slice(0, self.frames - 1)), state.at_frames(slice(1, self.frames))
+        residual = camera_velocity_residual(now, after, self.step)
+        root = np.sqrt(settings.loss.weight(np.linalg.norm(residual / settings.sigmas, axis=1)))[:, None]
+        root = root / settings.sigmas
+        by_now, by_after = camera_velocity_jacobians(now, after, residual, self.step)
+        return root[..., None] * by_now, root[..., None] * by_after, root * residual
+
+    def motion_residuals(self, state: CameraState) -> Iterator[MotionResiduals]:
+        """The acceleration factors, where each frame has a pose of its own."""
         imu, settings = self.camera.imu, self.camera.settings.acceleration
         if imu is None or not self._chained:
             return
@@ -98,7 +104,7 @@ class CameraObjective:
         now, after = state.at_frames(slice(0, self.frames - 1)), state.at_frames(slice(1, self.frames))
         return camera_velocity_residual(now, after, self.step) / self.camera.settings.velocity.sigmas
 
-    def _static_rows(self, state: CameraState) -> list[tuple[str, Array, np.ndarray, Array]]:
+    def static_rows(self, state: CameraState) -> list[tuple[str, Array, np.ndarray, Array]]:
         """Kind, whitened residual, columns and Jacobian of the priors."""
         camera, rows = self.camera, list[tuple[str, Array, np.ndarray, Array]]()
         if not camera.is_beginning:
@@ -123,13 +129,14 @@ class CameraObjective:
             self.frame_keys, self.static_key, self.frame_width, self.columns, self._damping(), tied=self._chained
         )
         everything = slice(0, self.frames)
-        system.add_frames(everything, *pose_equations(self._pose_terms(state, jacobians=True), self.frames, CAMERA))
-        moving = list(self._motion_residuals(state))
+        J, residual = self.orientation_rows(state)
+        system.add_frames(everything, transpose(J) @ J, (transpose(J) @ residual[..., None])[..., 0])
+        moving = list(self.motion_residuals(state))
         if moving:
             self._add_motion(system, MotionFactors(moving, self.frames), state)
         if self._chained:
             self._add_velocity(system, state)
-        for _, residual, columns, J in self._static_rows(state):
+        for _, residual, columns, J in self.static_rows(state):
             system.add_first(columns, J.T @ J, J.T @ residual)
         return system
 
@@ -148,19 +155,11 @@ class CameraObjective:
 
     def _add_velocity(self, system: ChainSystem, state: CameraState) -> None:
         assert system.following is not None
-        settings = self.camera.settings.velocity
-        now, after = state.at_frames(slice(0, self.frames - 1)), state.at_frames(slice(1, self.frames))
-        residual = camera_velocity_residual(now, after, self.step)
-        by_now, by_after = (
-            J / settings.sigmas[:, None] for J in camera_velocity_jacobians(now, after, residual, self.step)
-        )
-        residual = residual / settings.sigmas
-        weight = settings.loss.weight(np.linalg.norm(residual, axis=1))[:, None, None]
-        system.following[:-1, 0] += transpose(by_now) @ (weight * by_after)
+        by_now, by_after, residual = self.velocity_rows(state)
+        system.following[:-1, 0] += transpose(by_now) @ by_after
         for part, J in ((slice(0, -1), by_now), (slice(1, None), by_after)):
-            weighted = transpose(J) * weight
-            system.own[part, :6, :6] += weighted @ J
-            system.gradient[part, :6] += (weighted @ residual[..., None])[..., 0]
+            system.own[part, :6, :6] += transpose(J) @ J
+            system.gradient[part, :6] += (transpose(J) @ residual[..., None])[..., 0]
 
     def _damping(self) -> Array:
         scale = np.full(CAMERA, STEP_ANGLE**-2.0)

@@ -72,13 +72,13 @@ class SceneObjective:
         for number, (chain, view) in enumerate(zip(chains, self.model.views, strict=True)):
             body, coupling = bodies[number], np.zeros((T, FRAME, len(camera.columns)))
             for frames in (slice(start, min(start + CHUNK, T)) for start in range(0, T, CHUNK)):
-                equations = _view_equations(view, frames, self.model.camera, state.camera, body)
+                equations = view_equations(view, frames, self.model.camera, state.camera, body)
                 chain.own[frames, :FRAME, :FRAME] += equations.hessian[:, :FRAME, :FRAME]
                 chain.gradient[frames, :FRAME] += equations.gradient[:, :FRAME]
                 camera.add_frames(frames, equations.hessian[:, FRAME:, FRAME:], equations.gradient[:, FRAME:])
                 coupling[frames] = equations.coupling[:, :, camera.columns]
                 for known in self.model.further:
-                    equations = _view_equations(known.views[number], frames, known.problem, known.state, body)
+                    equations = view_equations(known.views[number], frames, known.problem, known.state, body)
                     chain.own[frames, :FRAME, :FRAME] += equations.hessian[:, :FRAME, :FRAME]
                     chain.gradient[frames, :FRAME] += equations.gradient[:, :FRAME]
             couplings.append(coupling)
@@ -96,7 +96,7 @@ class SceneObjective:
         return forward_kinematics(self.model.wearers[number].skeleton, wearer.R_parent_child, wearer.p_world_pelvis)
 
 
-def _view_equations(
+def view_equations(
     view: KeypointView, frames: slice, camera: CameraProblem, state: CameraState, body: BodyState
 ) -> ReprojectionEquations:
     """What one camera saw of one wearer in a stretch of frames: keypoints, and feet on the ground."""

@@ -117,7 +117,7 @@ class LagProblem:
     def model(self, frames: Sequence[LagFrame], beginning: bool) -> SceneModel:
         """The problem of consecutive frames; ``beginning``: they are the first ones."""
         time = frames[0].time + self._step * np.arange(len(frames))
-        parts = (
+        parts: tuple[Array, ...] = (
             np.stack([frame.R_inertial_sensor for frame in frames]),
             np.stack([frame.orientation_valid for frame in frames]),
             np.stack([frame.specific_force_inertial for frame in frames]),

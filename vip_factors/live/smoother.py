@@ -9,7 +9,8 @@ import numpy as np
 from vip_factors.geometry.rotations import Array
 from vip_factors.graph.scene_model import SceneModel
 from vip_factors.graph.scene_state import SceneState
-from vip_factors.graph.slices import REACH, Slices, scene_slices, shared_key, slice_key, step_factor
+from vip_factors.graph.slice_factors import scene_slices
+from vip_factors.graph.slices import REACH, Slices, shared_key, slice_key, step_factor
 from vip_factors.graph.terms import FRAME, ROOT
 from vip_factors.live.problem import LagFrame, LagProblem
 from vip_factors.live.settings import LiveSettings, RelinearisationSettings
@@ -173,8 +174,10 @@ class LagSmoother:
         for number, wearer in enumerate(self.problem.wearers):
             if not wearer.use_acceleration:
                 own = np.arange(FRAME * number, FRAME * (number + 1))
-                slices.hessian[:, own, own] += 1 / PREDICTED_SIGMA**2
-                slices.gradient[:, own] += np.stack([one.coordinates[own] for one in kept]) / PREDICTED_SIGMA**2
+                slices.hessian[: len(kept), own, own] += 1 / PREDICTED_SIGMA**2
+                slices.gradient[: len(kept), own] += (
+                    np.stack([one.coordinates[own] for one in kept]) / PREDICTED_SIGMA**2
+                )
 
     def _newest_shared(self) -> int | None:
         """Key of what frames to come will share with the newest one; None where nothing is shared."""

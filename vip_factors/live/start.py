@@ -32,7 +32,7 @@ from vip_factors.stages.solver import Solver
 
 UNKNOWN_HEADING = np.pi  # radians: of a sensor that comes late, before it has been seen to move
 # Stands for the camera where there is none: nobody is seen by it.
-NO_CAMERA = CameraModel(640, 480, np.full(2, 500.0), np.array([320.0, 240.0]))
+NO_CAMERA = CameraModel(640, 480, (500.0, 500.0), (320.0, 240.0))
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,9 @@ def _started(
     )
     frames, states = [], []
     for t, (one, after) in enumerate(zip(stretch.measurements, [*stretch.measurements[1:], None], strict=True)):
-        sights = [tuple(Sight.of(view, t) for view in camera.views) for camera in cameras]
+        sights: list[tuple[Sight, ...] | None] = [
+            tuple(Sight.of(view, t) for view in camera.views) for camera in cameras
+        ]
         frame = lag_frame(one, sights)
         if after is not None:
             frame.take_accelerations(after)

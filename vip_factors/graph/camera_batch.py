@@ -67,7 +67,7 @@ class CameraObjective:
         return self.camera.settings.orientation.sigma / float(np.sqrt(self.camera.orientation_weight(self.step)))
 
     def orientation_rows(self, state: CameraState) -> tuple[Array, Array]:
-        """Of the orientation factors, weighted: Jacobians ``(T, 3, 11)``, residuals ``(T, 3)``; zeros without an IMU."""
+        """Of the orientation factors, weighted: Jacobians ``(T, 3, 11)``, residuals ``(T, 3)``; zero without an IMU."""
         J, poses = np.zeros((self.frames, 3, CAMERA)), state.at_frames(slice(0, self.frames))
         for term in self._orientation_residuals(state):
             sigma, root, residual = self._orientation_sigma, np.sqrt(term.weight), term.residual[:, 0]

@@ -176,7 +176,7 @@ def _grounds(feet: tuple[Foot, ...] | None, sights: Sequence[Sight]) -> GroundVi
     return GroundView(feet, rays, whitening, stands)
 
 
-def _imu_frames(names: tuple[str, ...], time: Array, parts: tuple[Array, ...], columns: np.ndarray) -> ImuFrames:
+def _imu_frames(names: tuple[str, ...], time: np.ndarray, parts: tuple[Array, ...], columns: np.ndarray) -> ImuFrames:
     R, seen, force, whole = (part[:, columns] for part in parts)
     return ImuFrames(names, time, R, seen, force, whole)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli import benchmark_live
+from vip_factors.cli import benchmark_live, benchmark_stream
 from vip_factors.cli.benchmark_live_options import KaichiOptions, StreamAccuracyOptions
 from vip_factors.cli.benchmark_options import (
     AssociationOptions,
@@ -19,6 +19,7 @@ from vip_factors.cli.benchmark_options import (
     WalkOptions,
     WearersOptions,
 )
+from vip_factors.cli.benchmark_stream_options import StreamHourOptions, StreamLatencyOptions
 from vip_factors.cli.options import parse
 from vip_factors.cli.terminal import Tell, progress_bar
 
@@ -34,6 +35,8 @@ Options = (
     | SpeedOptions
     | StreamAccuracyOptions
     | StreamFaultsOptions
+    | StreamLatencyOptions
+    | StreamHourOptions
     | KaichiOptions
     | WalkOptions
 )
@@ -54,6 +57,8 @@ class BenchmarkOptions:
         | Annotated[StreamAccuracyOptions, tyro.conf.subcommand("stream-accuracy")]
         | Annotated[KaichiOptions, tyro.conf.subcommand("kaichi")]
         | Annotated[StreamFaultsOptions, tyro.conf.subcommand("stream-faults")]
+        | Annotated[StreamLatencyOptions, tyro.conf.subcommand("stream-latency")]
+        | Annotated[StreamHourOptions, tyro.conf.subcommand("stream-hour")]
         | Annotated[WalkOptions, tyro.conf.subcommand("walk")],
         tyro.conf.arg(name=""),
     ]
@@ -97,6 +102,10 @@ def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
         return benchmark_live.stream_accuracy(options, tell, write)
     if isinstance(options, KaichiOptions):
         return benchmark_live.kaichi(options, tell, write)
+    if isinstance(options, StreamLatencyOptions):
+        return benchmark_stream.stream_latency(options, tell)
+    if isinstance(options, StreamHourOptions):
+        return benchmark_stream.stream_hour(options, tell, write)
     if isinstance(options, StreamFaultsOptions):
         return _stream_faults(options, tell)
     return _speed(options, tell) if isinstance(options, SpeedOptions) else _walk(options, tell)

@@ -60,12 +60,31 @@ def pose_prior_factor(
     L = settings.scale * prior.whitening
 
     def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
-        R = np.stack([values.atRot3(key).matrix() for key in joint_keys])
-        x = log(R).reshape(1, -1)
-        blocks = L.reshape(69, 23, 3).swapaxes(0, 1) @ joint_vector_jacobian(x)[0]
-        residual = pose_prior_residual(x, values.atVector(mean_key), prior, settings)
-        return residual[0], [*blocks, -L]
+        residual, blocks = _of_joints(values, joint_keys, values.atVector(mean_key), prior, settings)
+        return residual, [*blocks, -L]
 
     return custom_factor(
         "pose prior", gtsam.noiseModel.Unit.Create(69), [*joint_keys, mean_key], [*[3] * 23, 69], evaluate
     )
+
+
+def held_pose_prior_factor(
+    keys: FrameKeys, mean: Array, prior: PosePrior, settings: PosePriorSettings
+) -> gtsam.CustomFactor:
+    """The same where the mean ``(69,)`` is no variable."""
+    joint_keys = [keys.joints[joint] for joint in range(1, 24)]
+
+    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
+        return _of_joints(values, joint_keys, mean, prior, settings)
+
+    return custom_factor("pose prior", gtsam.noiseModel.Unit.Create(69), joint_keys, [3] * 23, evaluate)
+
+
+def _of_joints(
+    values: gtsam.Values, joint_keys: list[int], mean: Array, prior: PosePrior, settings: PosePriorSettings
+) -> tuple[Array, list[Array]]:
+    """Residual ``(69,)``, and its derivatives ``(69, 3)`` by each joint."""
+    R = np.stack([values.atRot3(key).matrix() for key in joint_keys])
+    x, L = log(R).reshape(1, -1), settings.scale * prior.whitening
+    blocks = L.reshape(69, 23, 3).swapaxes(0, 1) @ joint_vector_jacobian(x)[0]
+    return pose_prior_residual(x, mean, prior, settings)[0], list(blocks)

@@ -1,0 +1,31 @@
+"""``vip-factors benchmark stream-latency`` and ``stream-hour``."""
+
+from collections.abc import Callable
+
+from vip_factors.cli.benchmark_stream_options import StreamHourOptions, StreamLatencyOptions
+from vip_factors.cli.terminal import Tell
+
+
+def stream_latency(options: StreamLatencyOptions, tell: Tell) -> tuple[str, str]:
+    """The tables and the JSON."""
+    from vip_factors.benchmark.long_stream import LongStreamTrials
+    from vip_factors.benchmark.stream_latency import latency_json, latency_table, run_stream_latency
+    from vip_factors.live.settings import LiveSettings
+
+    trials = LongStreamTrials(60 * options.minutes, options.scene_s, options.camera)
+    settings = LiveSettings(lag_s=options.lag)
+    result = run_stream_latency(trials, settings, tell, options.real_time_s, options.references)
+    return latency_table(result), latency_json(result)
+
+
+def stream_hour(options: StreamHourOptions, tell: Tell, write: Callable[[str], None]) -> tuple[str, str]:
+    """The table and the JSON, which is written after each part."""
+    from vip_factors.benchmark.long_stream import LongStreamTrials
+    from vip_factors.benchmark.stream_hour import hour_json, hour_table, run_stream_hour
+    from vip_factors.live.settings import LiveSettings
+
+    trials = LongStreamTrials(60 * options.minutes, options.scene_s, options.camera)
+    result = run_stream_hour(
+        trials, LiveSettings(), tell, 60 * options.part_minutes, lambda so_far: write(hour_json(so_far))
+    )
+    return hour_table(result), hour_json(result)

@@ -1,0 +1,47 @@
+"""What the benchmarks of the fixed-lag tracker's speed can be told on the command line."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from vip_factors.cli.options import Flag
+
+
+@dataclass(frozen=True)
+class StreamLatencyOptions:
+    """What an update of the fixed-lag tracker takes, beside GTSAM's own smoothers on the same factors."""
+
+    json: Path | None = None
+    """Also write everything to this file, as JSON."""
+    overwrite: Flag = False
+    """Replace the JSON file if it exists."""
+    minutes: float = 10.0
+    """Of the simulated stream: 13 IMUs at 60 Hz, 18 keypoints at 30 Hz."""
+    scene_s: float = 60.0
+    """Of the scene that is played forwards and backwards, with new noise."""
+    camera: Literal["fixed", "hand-held", "walking"] = "hand-held"
+    """What films."""
+    lag: float = 0.25
+    """Seconds by which smoothed poses come later."""
+    real_time_s: float = 0.0
+    """Also feed so many seconds as they would arrive, and measure how old answers are."""
+    references: int = 30
+    """Updates of each of GTSAM's smoothers, which take up to a second each; 0 for none."""
+
+
+@dataclass(frozen=True)
+class StreamHourOptions:
+    """Whether an hour of tracking stays as fast and as small as it began."""
+
+    json: Path | None = None
+    """Also write everything to this file, as JSON, after each part."""
+    overwrite: Flag = False
+    """Replace the JSON file if it exists."""
+    minutes: float = 60.0
+    """Of the simulated stream: 13 IMUs at 60 Hz, 18 keypoints at 30 Hz."""
+    part_minutes: float = 5.0
+    """Between looks at clock and memory."""
+    scene_s: float = 60.0
+    """Of the scene that is played forwards and backwards, with new noise."""
+    camera: Literal["fixed", "hand-held", "walking"] = "hand-held"
+    """What films."""

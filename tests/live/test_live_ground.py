@@ -1,0 +1,203 @@
+"""What a camera of known pose tells a stream: feet on the floor, keypoints as expected, and a second camera."""
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from tracked import RATE, SETTINGS, Tracked, filmed, placed_camera, track
+
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.configurations import configured
+from vip_factors.evaluate.frames import common_frames
+from vip_factors.factors.adaptive_biweight import AdaptiveBiweightSettings
+from vip_factors.factors.ground_contact import ContactFrom
+from vip_factors.graph.scene_model import SceneModel
+from vip_factors.live.association import OnlineAssociationSettings
+from vip_factors.live.settings import LiveSettings
+from vip_factors.live.sight import Onlooker, Scenery
+from vip_factors.live.smoother import LagSmoother
+from vip_factors.live.tracker import FixedLagTracker
+from vip_factors.sensors.live import LiveSample, LiveSetup, VideoFrame, live_samples
+from vip_factors.sensors.placement import preset
+from vip_factors.sensors.scene import Scene
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.scene import Performer, simulate_scene
+from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.staging import placed
+
+
+def with_ground(settings: LiveSettings, **changes: Any) -> LiveSettings:
+    ground = replace(settings.camera.ground_contact, **changes)
+    return replace(settings, camera=replace(settings.camera, ground_contact=ground))
+
+
+def with_biweight(settings: LiveSettings) -> LiveSettings:
+    reprojection = replace(settings.camera.reprojection, biweight=AdaptiveBiweightSettings(use=True))
+    return replace(settings, camera=replace(settings.camera, reprojection=reprojection))
+
+
+def placed_cm(one: Tracked, kind: str = "smoothed", after: float = 1.5) -> float:
+    """Mean joint error with nothing aligned, from a time on."""
+    motion, truth = one.motion(kind), one.scene.wearers[0].truth
+    assert truth is not None
+    ours, true, _ = common_frames(motion.frames(slice(round((after - motion.start) * RATE), None)), truth.motion)
+    off = ours.state.p_world_joint - true.state.p_world_joint
+    return float(100 * np.linalg.norm(off, axis=2).mean())
+
+
+@cache
+def begun(settings: LiveSettings) -> FixedLagTracker:
+    """A tracker two seconds into the scene with the known camera."""
+    tracker = FixedLagTracker(LiveSetup.of(placed_camera()), settings)
+    for sample in live_samples(placed_camera()):
+        if sample.time < 2.0:
+            tracker.push(sample)
+    return tracker
+
+
+def stretch(settings: LiveSettings) -> tuple[LagSmoother, SceneModel]:
+    """The problem of the frames that the tracker keeps, and where it stands."""
+    tracking = begun(settings)._tracking
+    assert tracking is not None
+    smoother = tracking.smoother
+    frames = [smoother.frame(number) for number in smoother.numbers]
+    return smoother, smoother.problem.model(frames, beginning=False)
+
+
+def test_feet_that_stand_are_held_where_their_pixels_meet_the_floor() -> None:
+    smoother, model = stretch(SETTINGS)
+    ground, view = model.views[0].ground, model.views[0]
+    assert ground is not None
+    assert ground.stands.any()
+    assert not ground.stands[~view.seen.any(axis=1)].any()
+    truth = filmed().wearers[0].truth
+    assert truth is not None
+    time = [smoother.frame(number).time for number in smoother.numbers]
+    nearest = np.rint((np.array(time) - truth.motion.start) * truth.motion.rate).astype(int)
+    true = truth.motion.frames(slice(0, None)).state.p_world_joint[nearest]
+    heights = np.stack([true[:, foot.bone, 2] for foot in ground.feet], axis=1)
+    assert heights[ground.stands].max() < heights.max() - 0.02  # swinging feet are higher
+    camera = smoother.shared.camera.poses
+    for g, foot in enumerate(ground.feet):
+        rows = np.flatnonzero(ground.stands[:, g])
+        d = ground.rays[rows, g] @ camera.R_world_camera[0].T
+        ends = (
+            camera.p_world_camera[0] + d * ((true[rows, foot.bone, 2] - camera.p_world_camera[0, 2]) / d[:, 2])[:, None]
+        )
+        assert np.median(np.linalg.norm(ends - true[rows, foot.bone], axis=1)) < 0.2
+
+
+def test_feet_may_be_told_by_their_sensors() -> None:
+    _, model = stretch(with_ground(SETTINGS, contact_from=ContactFrom.ACCELERATION))
+    assert model.views[0].ground is not None
+    # One of both feet always stands, by their word.
+    seen = model.views[0].seen.all(axis=1)
+    assert model.views[0].ground.stands[seen].any(axis=1).all()
+
+
+def test_where_it_is_not_wanted_or_the_pose_unknown_there_is_none() -> None:
+    _, model = stretch(with_ground(SETTINGS, use=False))
+    assert model.views[0].ground is None
+    tracker = FixedLagTracker(LiveSetup.of(filmed()), SETTINGS)
+    for sample in live_samples(filmed()):
+        if sample.time < 1.5:
+            tracker.push(sample)
+    assert tracker._tracking is not None
+    assert tracker._tracking.smoother.problem.feet == [[None]]
+
+
+def test_a_wearer_before_a_known_camera_is_where_they_are() -> None:
+    one = track(placed_camera())
+    assert placed_cm(one) < 8
+    assert placed_cm(one, "newest") < 10
+
+
+@pytest.mark.parametrize("far_px", [15.0, 400.0])
+def test_keypoints_far_from_where_they_are_expected_count_less(far_px: float) -> None:
+    scene, truth = placed_camera(), filmed().wearers[0].truth
+    setup, settings = LiveSetup.of(scene), with_biweight(SETTINGS)
+    assert truth is not None
+    assert scene.camera is not None
+    assert scene.camera.known_path is not None
+    assert setup.camera is not None
+    motion, path = truth.motion.frames(slice(0, 1)), scene.camera.known_path
+    skeleton = setup.wearers[0].subject.body()
+    body = forward_kinematics(skeleton, motion.R_parent_child, motion.p_world_pelvis)
+    R, p = path.R_world_camera[0], path.p_world_camera[0]
+    places = setup.camera.keypoints.on_body(skeleton)
+    points = [np.zeros(3) if one is None else body.point(one.bone, one.p_bone_point)[0] for one in places]
+    pixels = scene.camera.model.project((np.stack(points) - p) @ R)
+    pixels[places.index(next(one for one in places if one is not None))] += far_px
+    video = VideoFrame("camera", 0.0, pixels[None], np.full((1, len(pixels)), 0.9))
+    sights = []
+    for one in (SETTINGS, settings):
+        onlooker = Onlooker(setup.camera, [skeleton], [1.0], OnlineAssociationSettings(), one.camera)
+        sights.append(onlooker._sight(video, 0, 0, Scenery([body], (R, p), [np.eye(3)], [None])))
+    plain, careful = sights
+    assert careful.seen[0] == (far_px < 100)
+    assert careful.confidence[0] < plain.confidence[0]
+    np.testing.assert_allclose(careful.sigma[1:], plain.sigma[1:], rtol=1e-6)
+    np.testing.assert_allclose(careful.confidence[1:], 0.9, rtol=1e-6)
+    assert careful.ground is None
+
+
+@cache
+def two_cameras() -> Scene:
+    """Both of known pose, facing each other."""
+    motion = placed(gestures(3.0), 0.3, (0.4, -0.2))
+    settings = SceneSettings.realistic(camera="fixed", cameras=2, azimuth_deg=270.0)
+    return simulate_scene([Performer("anna", motion, preset("tnt10", motion.skeleton))], settings, seed=5)
+
+
+def test_two_cameras_tell_more_than_one() -> None:
+    two = track(two_cameras())
+    one = track(replace(two_cameras(), further_cameras=(), truth=None))
+    assert placed_cm(two) < 0.9 * placed_cm(one)
+    assert placed_cm(two) < 5
+
+
+def test_kaichis_estimator_on_a_stream() -> None:
+    """Frames each by itself, nothing that all share, their weights."""
+    settings = configured(SETTINGS, "kaichi-full")
+    assert settings.lag_s == SETTINGS.lag_s
+    one = track(placed_camera(), settings=settings)
+    assert one.findings == ""
+    assert one.error_mm("newest") < 60
+    assert placed_cm(one, "newest") < 20
+    tracking = begun(settings)._tracking
+    assert tracking is not None
+    assert tracking.smoother.problem.columns.static == 0
+    assert np.isnan(one.answers[-1].wearers[0].calibration["pelvis"].heading_sigma)
+
+
+def test_their_imus_alone_walk_on_standing_feet() -> None:
+    """Where the camera is not used the root follows the feet, and goes neither up nor down."""
+    one = track(placed_camera(), settings=configured(SETTINGS, "kaichi-imu"))
+    assert all(answer.camera is None for answer in one.answers)
+    assert one.error_mm("newest") < 60
+    motion, truth = one.motion("newest"), filmed().wearers[0].truth
+    assert truth is not None
+    ours, true, _ = common_frames(motion, truth.motion)
+    assert np.abs(ours.p_world_pelvis[:, 2] - true.p_world_pelvis[:, 2]).max() < 0.1
+    gone, truly = (np.linalg.norm(np.diff(m.p_world_pelvis[::15, :2], axis=0), axis=1).sum() for m in (ours, true))
+    assert 0.7 < gone / truly < 1.4
+
+
+def test_a_stretch_without_the_wearer_does_not_lose_their_estimator() -> None:
+    def blind(sample: LiveSample) -> LiveSample:
+        if isinstance(sample, VideoFrame) and 2.0 < sample.time < 2.6:
+            return replace(sample, pixels=sample.pixels[:0], confidence=sample.confidence[:0])
+        return sample
+
+    settings = configured(SETTINGS, "kaichi-full")
+    one = track(placed_camera(), map(blind, live_samples(placed_camera())), settings)
+    assert "lost" not in one.findings
+    assert placed_cm(one, "newest") < 25
+
+
+def test_the_defaults_of_a_configuration_are_those_given() -> None:
+    own = replace(SETTINGS, lag_s=0.4)
+    assert configured(own, "own") is own
+    assert configured(own, "kaichi-full").lag_s == 0.4

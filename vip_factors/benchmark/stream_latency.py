@@ -23,7 +23,7 @@ Quantiles = dict[str, float]
 
 @dataclass(frozen=True)
 class SlowUpdate:
-    """One of the slowest: the stream's time (s), what it took (wall and CPU, s), and what it said."""
+    """One of the slowest: the stream's time (s), what an answer took then (wall and CPU, s), and what it said."""
 
     time: float
     seconds: float
@@ -132,7 +132,7 @@ def measure(
         else:
             age = after[0] - begin
             rows += [(one.time, wall / len(answers), cpu / len(answers), age - one.time) for one in answers]
-            slowest = _with_slow(slowest, answers, wall, cpu)
+            slowest = _with_slow(slowest, answers, wall / len(answers), cpu / len(answers))
         wall, cpu = 0.0, 0.0
         tell(answers[-1].time)
     if start is None or not rows:

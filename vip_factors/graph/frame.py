@@ -52,7 +52,7 @@ def pose_factors(model: InertialModel, t: int, wearer: int = 0) -> Iterator[gtsa
             yield floor_contact_factor(
                 model.skeleton, keys, contact.bone, contact.p_bone_point, confidence, settings.floor_contact
             )
-    if model.initial_pose is not None and t < model.initial_pose.frames:
+    if model.initial_pose is not None and t < model.initial_pose.left:
         for joint in range(1, LAST_JOINT + 1):
             R = model.initial_pose.R_parent_child[joint]
             yield rotation_prior_factor("initial pose", joint_key(t, joint, wearer), R, model.initial_pose_sigma)

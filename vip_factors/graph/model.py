@@ -58,10 +58,19 @@ class BodyPoint:
 
 @dataclass(frozen=True)
 class InitialPose:
-    """A declared pose over the first frames: ``R_parent_child`` ``(24, 3, 3)``; the root's heading is free."""
+    """A declared pose over the first ``frames``: ``R_parent_child`` ``(24, 3, 3)``; the root's heading is free.
+
+    Of a stretch of something longer, ``passed`` frames are before it.
+    """
 
     R_parent_child: Array
     frames: int
+    passed: int = 0
+
+    @property
+    def left(self) -> int:
+        """How many frames of this stretch it is held in."""
+        return max(self.frames - self.passed, 0)
 
 
 @dataclass(frozen=True)

@@ -86,9 +86,9 @@ def limit_residuals(model: InertialModel, x: Array) -> Residuals:
 def initial_pose_residuals(model: InertialModel, R_parent_child: Array, frames: slice) -> Residuals | None:
     """One factor for each joint but the root, in the frames of the declared pose; None if the stretch has none."""
     initial = model.initial_pose
-    if initial is None or frames.start >= initial.frames:
+    if initial is None or frames.start >= initial.left:
         return None
-    held = np.arange(frames.start, frames.stop)[:, None] < initial.frames
+    held = np.arange(frames.start, frames.stop)[:, None] < initial.left
     error = rotation_prior_residual(R_parent_child[:, 1:], initial.R_parent_child[1:])
     return Residuals("initial pose", error / model.initial_pose_sigma, held, SQUARE)
 

@@ -128,8 +128,7 @@ class LagProblem:
             contacts = np.stack([frame.contacts[number] for frame in frames])
             pose = wearer.initial_pose
             if pose is not None:
-                left = pose.frames - frames[0].number
-                pose = replace(pose, frames=left) if left > 0 else None
+                pose = replace(pose, passed=frames[0].number)
             wearers.append(
                 replace(
                     wearer,

@@ -21,7 +21,7 @@ class AssemblySettings:
     # Without a sample for so long a sensor is no longer waited for: longer than a body blocks the radio (0.25 s).
     dead_after: float = 1.0
     # A silence of all sensors: after a longer one nobody knows where the wearers are, and tracking begins anew.
-    longest_pause: float = 5.0
+    longest_pause: float = 2.5
     # A step of one sensor's clock, back or ahead of all others, that no delay explains.
     jump: float = 1.0
     # Samples from such a clock, in a row, after which it is believed to have started again: a lone bad stamp never

@@ -8,6 +8,7 @@ from threading import Condition
 
 from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, VideoFrame
 
+KEPT = 8  # one IMU sample in so many stays where they must be dropped: who is late is to catch up, not to stay late
 TELL_EVERY = 1.0  # seconds between findings about dropped samples: a person reads them
 
 
@@ -15,8 +16,8 @@ class LiveQueue:
     """Items of one source in the order of their arrival; findings are never dropped.
 
     When more samples than ``limit`` wait, either the reader waits too (a file has time), or the oldest video frame is
-    dropped, and without one the oldest IMU sample: a pose without a video frame is still a pose, and old samples are
-    of less use than new ones. How many were dropped is told in a finding, at most once a second.
+    dropped, and without one all IMU samples but the newest: a pose without a video frame is still a pose, and old
+    samples are of less use than new ones. How many were dropped is told in a finding, at most once a second.
 
     Args:
         limit: of waiting samples.
@@ -91,9 +92,14 @@ class LiveQueue:
         return len(self._frames) + len(self._imu)
 
     def _drop(self) -> None:
-        kind, oldest = (VideoFrame, self._frames) if self._frames else (ImuSample, self._imu)
-        oldest.popleft()
-        self._lost[kind] += 1
+        if self._frames:
+            self._frames.popleft()
+            self._lost[VideoFrame] += 1
+            return
+        left = max(1, self._limit // KEPT)
+        while len(self._imu) > left:
+            self._imu.popleft()
+            self._lost[ImuSample] += 1
 
     def _loss(self) -> LiveFinding | None:
         """What was dropped since it was told last, if it is time to tell."""

@@ -86,3 +86,13 @@ def test_the_camera_sees_standing_feet_where_it_is_sure_of_their_ankles(sureness
     assert ground.stands[:10, 0].all() == (sureness > 0.1)
     assert not ground.stands[3, 1]
     assert not ground.stands[20:].any()
+
+
+def test_feet_stand_a_little_over_the_floor() -> None:
+    model, state = standing_then_jumping()
+    body = forward_kinematics(SKELETON, state.R_parent_child, state.p_world_pelvis)
+    (on, *_), _ = seen_feet(COCO, SKELETON)
+    (over, *_), _ = seen_feet(COCO, SKELETON, GroundContactSettings().sole_height)
+    raised = over.ankle(body)[1] - on.ankle(body)[1]
+    np.testing.assert_allclose(raised, GroundContactSettings().sole_height)
+    assert over.ankle(body)[0][0] @ [0, 0, 1] == pytest.approx(on.ankle(body)[1][0], abs=1e-9)

@@ -61,7 +61,7 @@ class Onlooker:
         self._skeletons = list(skeletons)
         self._association = OnlineAssociation(camera.keypoints, camera.model, skeletons, association)
         self._used = [points_on_body(camera.keypoints, skeleton) for skeleton in skeletons]
-        self._feet = [seen_feet(camera.keypoints, skeleton) for skeleton in skeletons]
+        self._feet = [seen_feet(camera.keypoints, skeleton, self._ground.sole_height) for skeleton in skeletons]
         self._shown: list[_Shown] = []
         self.chosen = np.full(len(self._skeletons), NOBODY)  # in the newest video frame
 

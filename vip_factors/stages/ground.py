@@ -32,7 +32,9 @@ SIDES = ("left", "right")
 FLOOR_BAND = 0.15  # m over the floor: jumps and stairs are higher, a root path before its last solve is as wrong
 
 
-def seen_feet(keypoints: KeypointSet, skeleton: Skeleton) -> tuple[tuple[Foot, ...], list[int]]:
+def seen_feet(
+    keypoints: KeypointSet, skeleton: Skeleton, sole_height: float = 0.0
+) -> tuple[tuple[Foot, ...], list[int]]:
     """The feet whose ankles are among the keypoints, and the column of each among those that are on the body."""
     places = keypoints.on_body(skeleton)
     on_body = [name for name, place in zip(keypoints.keypoints, places, strict=True) if place is not None]
@@ -42,7 +44,7 @@ def seen_feet(keypoints: KeypointSet, skeleton: Skeleton) -> tuple[tuple[Foot, .
         place = dict(zip(keypoints.keypoints, places, strict=True)).get(name)
         if place is not None:
             sole = np.stack([p for bone, p in soles if bone == place.bone])
-            feet.append(Foot(place.bone, place.p_bone_point, sole))
+            feet.append(Foot(place.bone, place.p_bone_point, sole, sole_height))
             columns.append(on_body.index(name))
     return tuple(feet), columns
 
@@ -53,7 +55,7 @@ def seen_standing(
 ) -> GroundView:  # fmt: skip
     """The ground contacts of one wearer before the camera of a scene's state, over a whole recording."""
     state = scene.wearers[number]
-    feet, columns = seen_feet(keypoints, model.skeleton)
+    feet, columns = seen_feet(keypoints, model.skeleton, settings.sole_height)
     confidence = standing_confidence(model, state, feet, path_known, settings)
     body = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis)
     poses = scene.camera.at_frames(slice(0, len(confidence)))

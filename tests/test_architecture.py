@@ -32,6 +32,7 @@ FENCED = {
     "mcap_ros2": {"io"},
     "google": {"io"},
     "rerun": {"viz"},
+    "websockets": {"io"},
     "cv2": {"associate", "initialise", "io", "viz", "sensors"},
     "vqf": {"sensors"},
     "tyro": {"cli"},

@@ -89,7 +89,7 @@ def test_the_camera_sees_standing_feet_where_it_is_sure_of_their_ankles(sureness
 
 
 def test_feet_stand_a_little_over_the_floor() -> None:
-    model, state = standing_then_jumping()
+    _, state = standing_then_jumping()
     body = forward_kinematics(SKELETON, state.R_parent_child, state.p_world_pelvis)
     (on, *_), _ = seen_feet(COCO, SKELETON)
     (over, *_), _ = seen_feet(COCO, SKELETON, GroundContactSettings().sole_height)

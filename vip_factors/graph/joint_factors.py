@@ -25,11 +25,12 @@ def add_joint_factors(
         model, state: of the whole recording.
         frames: the stretch.
         hessian, gradient: of the stretch, ``(t, n, n)`` and ``(t, n)`` over all columns; added to in place.
-        following: ``(t, 2, 75, 75)`` of the stretch with the next frames; added to in place.
+        following: ``(t, 2, 75, 75)`` of the stretch with the next frames; added to in place. None leaves out what ties
+            frames.
     """
     R, count = state.R_parent_child[:, 1:], frames.stop - frames.start
     before, last = max(frames.start - 1, 0), min(frames.stop, len(R) - 1)
-    turns = transpose(R[before:last]) @ R[before + 1 : last + 1] if is_smoothed(model) else R[:0]
+    turns = transpose(R[before:last]) @ R[before + 1 : last + 1] if is_smoothed(model) and following is not None else R[:0]
     vectors = log(np.concatenate([R[frames], turns]))
     jacobians = inverse_right_jacobian(vectors)
     x, D = vectors[:count].reshape(count, POSE_SIZE), jacobians[:count]
@@ -42,12 +43,12 @@ def add_joint_factors(
     if initial is not None:
         sigma = model.initial_pose_sigma
         _add_by_joint(initial, inverse_right_jacobian(initial.residual * sigma) / sigma, hessian, gradient)
+    if following is None:
+        return
     if len(turns):
-        assert following is not None
         own = slice(frames.start - before, last - before)  # of the pairs, those whose first frame is in the stretch
         _add_smoothness(model, vectors[count:], jacobians[count:], own, hessian, gradient, following)
     if model.turning[before:last].any():
-        assert following is not None
         _add_turns(model, state, slice(before, last), frames.start, hessian, gradient, following)
 
 

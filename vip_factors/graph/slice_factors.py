@@ -1,13 +1,13 @@
 """The factors of a scene, gathered into slices: each factor into that of its first frame."""
 
-from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.factors.coasting import pelvis_turn_jacobians
-from vip_factors.geometry.rotations import inverse_right_jacobian, log, transpose
+from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
 from vip_factors.graph import twist
 from vip_factors.graph.batch import BatchObjective
 from vip_factors.graph.bone_factors import add_bone_factors
@@ -52,10 +52,7 @@ def _add_poses(
     everything, width = slice(0, T), objective.used
     used = np.concatenate([np.arange(FRAME), objective.static_columns])
     H, g = np.zeros((T, width, width)), np.zeros((T, width))
-    settings = model.settings
-    smoothness, coasting = replace(settings.smoothness, use=False), replace(settings.coasting, use=False)
-    rough = replace(model, settings=replace(settings, smoothness=smoothness, coasting=coasting))
-    add_joint_factors(rough, state, everything, H, g, None)
+    add_joint_factors(model, state, everything, H, g, None)
     add_bone_factors(model, objective.sites, state, body, everything, None, None, H, g)
     H[:, FRAME:, :FRAME] = transpose(H[:, :FRAME, FRAME:])
     slices.add(everything, place, H[:, used[:, None], used], g[:, used])
@@ -104,33 +101,39 @@ def _add_motion(
     p, S = sites.on(body), len(model.sensors)
     by_twist, screws, frame = body.point_twists(p), body.screws, place[:FRAME]
     for term in motion_residuals(model, state, p):
-        chosen = term.sites
-        bones, reach = sites.bones[chosen], 2 if term.start else 1
-        count = len(term.residual)
+        chosen, count = term.sites, len(term.residual)
         if count == 0:
             continue
-        here, weight = [slice(ahead, ahead + count) for ahead in range(reach + 1)], term.weight
-        c = term.coefficients[2 - reach :]
-        J = [by_twist[one][:, chosen] for one in here]
-        first = slice(0, count)
+        bones, reach, first = sites.bones[chosen], 2 if term.start else 1, slice(0, count)
+        # Which frame of each factor, counted from its first: one after the other, so that one call does them all.
+        frames = np.arange(reach + 1)[:, None] + np.arange(count)
+        c = term.coefficients[2 - reach :, None, None, None, None]
+        J, moved = by_twist[frames][:, :, chosen], screws[frames]
+        pushed = J.swapaxes(3, 4) * (c * term.weight[..., None, None])
+        own = twist.carried(bones, _flat(c * (pushed @ J)))
+        force = twist.carried(bones, _flat((pushed @ term.residual[..., None])[..., 0]))
+        hessians, gradients = twist.hessian(_flat(moved), own), twist.gradient(_flat(moved), force)
         for i in range(reach + 1):
-            pushed = J[i].swapaxes(2, 3) * (weight * c[i])[..., None, None]
-            own = twist.carried(bones, c[i] * (pushed @ J[i]))
-            force = twist.carried(bones, (pushed @ term.residual[..., None])[..., 0])
-            now = screws[here[i]]
-            slices.add(first, frame + w * i, twist.hessian(now, own), twist.gradient(now, force))
-            for j in range(i + 1, reach + 1):
-                between = twist.carried(bones, c[j] * (pushed @ J[j]))
-                block = twist.hessian_between(now, between, screws[here[j]])
-                slices.add_between(first, frame + w * i, frame + w * j, block)
-            if term.by_heading is not None and model.free_headings:
-                turned = pushed @ term.by_heading[..., None]
-                block = twist.coupling_of_each(now, bones, turned)
-                slices.add_between(first, frame + w * i, place[FRAME : FRAME + S], block)
-        if term.by_heading is not None and model.free_headings:
-            headings = place[FRAME : FRAME + S]
-            slices.hessian[first, headings, headings] += weight * np.sum(term.by_heading**2, axis=2)
-            slices.gradient[first, headings] += weight * np.sum(term.by_heading * term.residual, axis=2)
+            here = slice(i * count, (i + 1) * count)
+            slices.add(first, frame + w * i, hessians[here], gradients[here])
+        earlier, later = np.array(list(combinations(range(reach + 1), 2))).T
+        between = twist.carried(bones, _flat(c[later] * (pushed[earlier] @ J[later])))
+        blocks = twist.hessian_between(_flat(moved[earlier]), between, _flat(moved[later]))
+        for pair, (i, j) in enumerate(zip(earlier, later, strict=True)):
+            slices.add_between(first, frame + w * i, frame + w * j, blocks[pair * count : (pair + 1) * count])
+        if term.by_heading is None or not model.free_headings:
+            continue
+        headings = place[FRAME : FRAME + S]
+        blocks = twist.coupling_of_each(_flat(moved), bones, _flat(pushed @ term.by_heading[..., None]))
+        for i in range(reach + 1):
+            slices.add_between(first, frame + w * i, headings, blocks[i * count : (i + 1) * count])
+        slices.hessian[first, headings, headings] += term.weight * np.sum(term.by_heading**2, axis=2)
+        slices.gradient[first, headings] += term.weight * np.sum(term.by_heading * term.residual, axis=2)
+
+
+def _flat(stacked: Array) -> Array:
+    """The first two axes as one."""
+    return stacked.reshape(-1, *stacked.shape[2:])
 
 
 def _add_camera(slices: Slices, objective: CameraObjective, state: SceneState) -> None:

@@ -99,7 +99,7 @@ def test_what_is_shared_may_wander() -> None:
 
 
 def _with_key(factor: gtsam.GaussianFactor, old: int, new: int) -> gtsam.GaussianFactor:
-    keys = [int(key) for key in factor.keys()]
+    keys = [int(key) for key in list(factor.keys())]
     if old not in keys:
         return factor
     A, b = factor.jacobian()
@@ -134,7 +134,7 @@ def test_gtsams_batch_fixed_lag_smoother_says_the_same() -> None:
 
 def _zeros(factor: gtsam.GaussianFactor) -> gtsam.Values:
     values = gtsam.Values()
-    for key in factor.keys():
+    for key in list(factor.keys()):
         values.insert(int(key), np.zeros(SHARED if int(key) == Z else WIDTH))
     return values
 
@@ -142,7 +142,7 @@ def _zeros(factor: gtsam.GaussianFactor) -> gtsam.Values:
 def _own(graph: gtsam.GaussianFactorGraph, frames: int) -> list[gtsam.GaussianFactor]:
     """Factors that see so many frames."""
     factors = [graph.at(index) for index in range(graph.size())]
-    return [one for one in factors if len([key for key in one.keys() if int(key) != Z]) == frames]
+    return [one for one in factors if len([key for key in list(one.keys()) if int(key) != Z]) == frames]
 
 
 def test_an_undetermined_frame_and_a_gap_are_said() -> None:

@@ -28,6 +28,7 @@ class Answers:
         self._newest: Array | None = None  # covariance of the newest frame
         self._smoothed: Array | None = None
         self._shared: Array | None = None
+        self._next_covariance = 0  # frame
         self._newest_told, self._smoothed_told = self._settlings()
 
     def find(self, *sentences: str) -> None:
@@ -62,7 +63,8 @@ class Answers:
     def of(self, tracking: Tracking, begin: float) -> LiveEstimate:
         """The answer to the newest frame."""
         newest = tracking.smoother.numbers[-1]
-        self._measure(tracking.smoother, newest)
+        if tracking.solved:
+            self._measure(tracking.smoother, newest)
         return self._estimate(tracking, newest, newest - self._lag, clock.perf_counter() - begin)
 
     def calibrations(self, smoother: LagSmoother) -> dict[str, Calibration]:
@@ -86,7 +88,8 @@ class Answers:
     def _measure(self, smoother: LagSmoother, newest: int) -> None:
         """Covariances: of the newest frame each time, of the rest now and then."""
         self._newest = smoother.covariance(newest)
-        if newest % self._settings.covariance_every == 0 or self._shared is None:
+        if newest >= self._next_covariance or self._shared is None:
+            self._next_covariance = newest + self._settings.covariance_every
             self._shared = smoother.shared_covariance() if smoother.problem.columns.static else np.zeros((0, 0))
             self._smoothed = smoother.covariance(max(smoother.numbers[0], newest - self._lag))
 

@@ -6,14 +6,16 @@ from dataclasses import replace
 import numpy as np
 
 from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton
-from vip_factors.geometry.rotations import Array, exp, log, rotation_z
+from vip_factors.body.skeleton import PARENTS, Skeleton
+from vip_factors.factors.acceleration import GRAVITY
+from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose
 from vip_factors.initialise.root_path import contact_points
 from vip_factors.live.problem import LagFrame, LagProblem
 from vip_factors.live.state import FrameState, SharedState
 
 # Of the camera's velocity that is left one frame later, without an IMU on it: hands change their mind in 0.3 s.
 CAMERA_KEEPS = 0.95
+PELVIS = 0  # bone
 
 
 def predicted(
@@ -30,12 +32,29 @@ def predicted(
     for number, wearer in enumerate(problem.wearers):
         bones = [sensor.bone for sensor in wearer.sensors]
         turns = _turns(last, frame, problem.sensors[number], shared.headings[number], knocked)
-        turned.R_parent_child[number] = _with_turned_bones(state.R_parent_child[number], bones, turns)
-    turned = replace(turned, p_world_pelvis=2 * state.p_world_pelvis - older.p_world_pelvis)
+        R = np.stack([older.R_parent_child[number], state.R_parent_child[number]])
+        R_world_bone = forward_kinematics(wearer.skeleton, R, np.zeros((2, 3))).R_world_bone
+        turns = _steadied(turns, R_world_bone[1, bones] @ transpose(R_world_bone[0, bones]))
+        turned.R_parent_child[number] = _with_turned_bones(R[1], R_world_bone[1], bones, turns)
+    pushed = [_pushed(problem, number, last, shared) for number in range(len(problem.wearers))]
+    turned = replace(turned, p_world_pelvis=2 * state.p_world_pelvis - older.p_world_pelvis + pushed)
     for number, wearer in enumerate(problem.wearers):
         if not wearer.use_acceleration:
             turned.p_world_pelvis[number] = _on_standing_foot(wearer.skeleton, state, turned, number, problem.filmed)
     return _with_camera(problem, turned, older, state, last, frame, shared) if problem.moving else turned
+
+
+def _pushed(problem: LagProblem, number: int, last: LagFrame, shared: SharedState) -> Array:
+    """Second difference ``(3,)`` of a wearer's path in metres, by the accelerometer on the pelvis; zero without one."""
+    bones = [sensor.bone for sensor in problem.wearers[number].sensors]
+    if PELVIS not in bones:
+        return np.zeros(3)
+    sensor = bones.index(PELVIS)
+    column = problem.sensors[number][sensor]
+    if not last.acceleration_valid[column]:
+        return np.zeros(3)
+    heading, force = shared.headings[number][sensor], last.specific_force_inertial[column]
+    return np.asarray(problem.step**2 * (rotation_z(heading) @ force + GRAVITY))
 
 
 def _on_standing_foot(skeleton: Skeleton, before: FrameState, now: FrameState, wearer: int, filmed: bool) -> Array:
@@ -64,17 +83,27 @@ def _turns(
     return [turn if seen else None for turn, seen in zip(turns, both, strict=True)]
 
 
-def _with_turned_bones(R_parent_child: Array, bones: Sequence[int], turns: Sequence[Array | None]) -> Array:
+def _steadied(turns: Sequence[Array | None], before: Array) -> list[Array | None]:
+    """Turns ``(S, 3, 3)`` half as measured and half as they were ``before``: one measurement trembles."""
+    known = [number for number, turn in enumerate(turns) if turn is not None]
+    steadied = list(turns)
+    if known:
+        measured = np.stack([turn for turn in turns if turn is not None])
+        for number, turn in zip(known, exp((log(measured) + log(before[known])) / 2), strict=True):
+            steadied[number] = turn
+    return steadied
+
+
+def _with_turned_bones(
+    R_parent_child: Array, R_world_bone: Array, bones: Sequence[int], turns: Sequence[Array | None]
+) -> Array:
     """Joint rotations ``(24, 3, 3)`` with sensed bones turned in the world, all others as they are to their parents."""
     turn_of = {bone: turn for bone, turn in zip(bones, turns, strict=True) if turn is not None}
-    before: list[Array] = []
     after: list[Array] = []
     result = R_parent_child.copy()
-    for joint in range(JOINT_COUNT):
-        parent = PARENTS[joint]
-        before.append(R_parent_child[joint] if parent < 0 else before[parent] @ R_parent_child[joint])
+    for joint, parent in enumerate(PARENTS):
         if joint in turn_of:
-            after.append(turn_of[joint] @ before[joint])
+            after.append(turn_of[joint] @ R_world_bone[joint])
             result[joint] = after[joint] if parent < 0 else after[parent].T @ after[joint]
         else:
             after.append(R_parent_child[joint] if parent < 0 else after[parent] @ R_parent_child[joint])

@@ -85,6 +85,7 @@ class LagProblem:
 
     Attributes:
         wearers, camera, further: the problems without frames: body, sensors, priors, what is free.
+        step: seconds between frames.
         sensors: of each wearer, its columns among all carriers' sensors; of the camera's IMU, last, one or none.
         feet: by camera and wearer, those whose contact with the ground is used; None where it is not.
         columns: of the slices.
@@ -101,7 +102,7 @@ class LagProblem:
         step: float,
     ) -> None:
         self.wearers, self.camera, self.further = tuple(wearers), camera, tuple(further)
-        self.sensors, self._step = list(sensors), step
+        self.sensors, self.step = list(sensors), step
         cameras = [tuple(views), *(one.views for one in further)]
         self._points = [[view.points for view in own] for own in cameras]
         self.feet = [[None if view.ground is None else view.ground.feet for view in own] for own in cameras]
@@ -116,7 +117,7 @@ class LagProblem:
 
     def model(self, frames: Sequence[LagFrame], beginning: bool) -> SceneModel:
         """The problem of consecutive frames; ``beginning``: they are the first ones."""
-        time = frames[0].time + self._step * np.arange(len(frames))
+        time = frames[0].time + self.step * np.arange(len(frames))
         parts: tuple[Array, ...] = (
             np.stack([frame.R_inertial_sensor for frame in frames]),
             np.stack([frame.orientation_valid for frame in frames]),

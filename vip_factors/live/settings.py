@@ -46,7 +46,9 @@ class LiveSettings(Settings):
     start_iterations: int = 2  # over the first frames, from where the batch stages put them
     # Over which answers make up for what is believed anew of the past; else they tremble by some millimetres.
     settling_s: float = 0.1
-    covariance_every: int = 6  # frames between covariances of the smoothed pose, which cost 3 ms
+    # Frames to each update; those between are predicted, by how their sensors turned. Video comes 30 times a second.
+    solve_every: int = 2
+    covariance_every: int = 12  # frames between covariances of the smoothed pose, which cost 4 ms
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
     online_association: OnlineAssociationSettings = field(default_factory=OnlineAssociationSettings)
     walk: WalkSettings = field(default_factory=WalkSettings)

@@ -122,7 +122,8 @@ class LagSmoother:
             SolveError: if the frames do not determine all variables.
         """
         newest = self.numbers[-1]
-        start = min(newest - REACH, self._first_moved(), newest if first is None else first)
+        fresh = next(one.frame.number for one in self._frames if one.linearised is None or one.frame.number == newest)
+        start = min(fresh - REACH, self._first_moved(), newest if first is None else first)
         start = max(start, self._frames[0].frame.number)
         kept = [self._at(number) for number in range(start, newest + 1)]
         state = stacked(
@@ -204,7 +205,7 @@ class LagSmoother:
         for number in range(max(self.numbers[0], newest - settings.most + 1), newest):
             one = self._at(number)
             if one.linearised is None or one.shared is None:
-                return number
+                break
             if np.any(np.abs(one.coordinates - one.linearised) > limits):
                 return number
             if np.any(np.abs(self._coordinates - one.shared) > shared):

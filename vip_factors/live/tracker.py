@@ -1,5 +1,6 @@
 """The fixed-lag tracker: samples go in one by one, and every frame gets its answer."""
 
+import gc
 import time as clock
 from collections import deque
 
@@ -124,6 +125,7 @@ class FixedLagTracker:
             self._next_try = newest + self._lag
             return []
         self._tracking = tracking
+        gc.freeze()  # what is there stays: the collector need not look at it again in the midst of an update
         answers = self._answers.of_start(tracking, begin, self._answered + 1)
         self._paths.clear()
         oldest = tracking.smoother.numbers[0]

@@ -39,6 +39,7 @@ class Tracking:
     Attributes:
         smoother: where all variables stand.
         onlookers: one for each camera that is of use.
+        solved: whether the newest frame is more than predicted.
     """
 
     def __init__(
@@ -63,7 +64,13 @@ class Tracking:
             self.smoother.update(self.smoother.numbers[0])
         self.onlookers = self._gathered(started, video)
         rate, begin = settings.frame_rate, self.smoother.numbers[0]
-        self._watches = [SensorWatch(one, settings.watch, rate, begin) for one in started.problem.wearers]
+        self._watches = [
+            SensorWatch(one, settings.watch, rate, settings.solve_every, begin) for one in started.problem.wearers
+        ]
+        self.solved = True
+        self._unsolved = 0  # frames that are predicted only, so far
+        self._changed: list[int] = []  # frames with something new since the last update
+        self._was_seen = True  # whether the last update had something new of a camera
 
     def _gathered(self, started: Started, video: Sequence[tuple[int, VideoFrame]]) -> list[Onlooker]:
         """The onlookers, told who is who in the frames of the start."""
@@ -110,9 +117,15 @@ class Tracking:
             for number, onlooker in enumerate(self.onlookers)
             for frame in self._see(number, onlooker, measured, window, root_covariance)
         ]
-        smoother.update(min(changed, default=None))
+        self._changed += changed
+        self._unsolved += 1
+        self.solved = self._unsolved >= self._settings.solve_every or bool(changed and not self._was_seen)
+        if self.solved:
+            smoother.update(min(self._changed, default=None))
+            findings += self._learn()
+            self._changed, self._unsolved, self._was_seen = [], 0, bool(changed)
         smoother.forget(measured.frame - lag - 1)  # the frame told last stays for its successor to follow
-        return findings + self._learn()
+        return findings
 
     def _notice_jumps(self, last: LagFrame, frame: LagFrame) -> tuple[list[str], list[int]]:
         """Sensors that have turned on their bone just now: sentences, and their columns."""
@@ -154,7 +167,8 @@ class Tracking:
     def _find_contacts(self, window: _Window) -> None:
         """Which feet stand from the last frame to the newest one."""
         smoother, newest = self.smoother, self.smoother.numbers[-1]
-        recent = slice(max(0, newest + 1 - CONTACT_FRAMES - window.first), None)
+        count = newest + 1 - window.first
+        recent = slice(max(0, count - CONTACT_FRAMES), count)
         for number, (wearer, body) in enumerate(zip(smoother.problem.wearers, window.bodies, strict=True)):
             if not wearer.contacts:
                 continue

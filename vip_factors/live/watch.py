@@ -33,11 +33,12 @@ class SensorWatch:
         model: the wearer's problem.
         settings: of the watch.
         rate: frames per second.
+        every: how many frames lie between those that are judged.
         begin: number of the frame that tracking began with.
     """
 
-    def __init__(self, model: InertialModel, settings: WatchSettings, rate: float, begin: int) -> None:
-        self._settings, self._rate = settings, rate
+    def __init__(self, model: InertialModel, settings: WatchSettings, rate: float, every: int, begin: int) -> None:
+        self._settings, self._rate, self._every = settings, rate, every
         self._mean = np.zeros((len(model.sensors), 3))
         self._since = np.full(len(model.sensors), begin + round(settings.settle_s * rate))
         self._turn = np.zeros((len(model.sensors), 3))  # from frame to frame, of late
@@ -47,7 +48,7 @@ class SensorWatch:
     def moved(self, number: int, model: InertialModel, state: GraphState, body: BodyState) -> Sequence[int]:
         """Sensors that have moved, judged at a frame: ``model``, ``state`` and ``body`` hold it alone."""
         residual = orientation_residuals(model, state, body, slice(0, 1)).residual[0] * self._sigma
-        share = 1 - np.exp(-1 / (self._settings.memory_s * self._rate))
+        share = 1 - np.exp(-self._every / (self._settings.memory_s * self._rate))
         valid = model.frames.orientation_valid[0]
         self._mean[valid] += share * (residual[valid] - self._mean[valid])
         angle = np.linalg.norm(self._mean, axis=1)

@@ -30,6 +30,7 @@ class FixedLagChain:
 
     def __init__(self) -> None:
         self._frames: dict[int, _Eliminated] = {}
+        self._past: gtsam.GaussianFactorGraph | None = None  # what is known from the frames that were forgotten
 
     @property
     def numbers(self) -> range:
@@ -40,28 +41,30 @@ class FixedLagChain:
         """Put in a frame, behind the one before it; what was kept of this and of later ones is replaced.
 
         Args:
-            number: of the frame; the one before must be kept, unless it is the first of all.
+            number: of the frame: one of those that are kept, or the next.
             keys: to eliminate, in this order: its own, and of shared variables that no later frame has.
             factors: all whose first frame this is.
 
         Raises:
-            SolveError: if a variable is not determined, or the frame before is not kept.
+            SolveError: if a variable is not determined, or for another number.
         """
-        for later in [kept for kept in self._frames if kept >= number]:
+        kept = self.numbers
+        if kept and not kept[0] <= number <= kept[-1] + 1:
+            raise SolveError(f"frame {number} does not follow one of the frames {kept[0]} to {kept[-1]}")
+        before = self._frames[number - 1].rest if number - 1 in self._frames else self._past
+        for later in range(number, kept.stop):
             del self._frames[later]
         graph = gtsam.GaussianFactorGraph()
-        if self._frames:
-            if number - 1 not in self._frames:
-                raise SolveError(f"frame {number} does not follow frame {max(self._frames)}")
-            graph.push_back(self._frames[number - 1].rest)
+        if before is not None:
+            graph.push_back(before)
         graph.push_back(factors)
         net, rest = _eliminated(graph, keys)
         self._frames[number] = _Eliminated(tuple(net.at(index) for index in range(net.size())), rest)
 
     def forget(self, before: int) -> None:
-        """Keep no frame with a smaller number."""
+        """Keep no frame with a smaller number, but what is known from them."""
         for number in [kept for kept in self._frames if kept < before]:
-            del self._frames[number]
+            self._past = self._frames.pop(number).rest
 
     def solution(self, shared: int | None) -> "LagSolution":
         """All variables of the lag; ``shared`` is the key of what the newest frame shares with those to come, if any.

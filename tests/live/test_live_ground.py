@@ -78,7 +78,7 @@ def test_feet_that_stand_are_held_where_their_pixels_meet_the_floor() -> None:
     nearest = np.rint((np.array(time) - truth.motion.start) * truth.motion.rate).astype(int)
     true = truth.motion.frames(slice(0, None)).state.p_world_joint[nearest]
     heights = np.stack([true[:, foot.bone, 2] for foot in ground.feet], axis=1)
-    assert heights[ground.stands].max() < heights.max() - 0.02  # swinging feet are higher
+    assert np.median(heights[ground.stands]) < np.median(heights[~ground.stands]) - 0.01  # swinging feet are higher
     camera = smoother.shared.camera.poses
     for g, foot in enumerate(ground.feet):
         rows = np.flatnonzero(ground.stands[:, g])

@@ -1,3 +1,3 @@
-"""Video Inertial Poser: body-worn IMUs (and one camera) to 3D human motion, as a GTSAM factor graph."""
+"""Video Inertial Poser: body-worn IMUs (and cameras) to 3D human motion, as a GTSAM factor graph."""
 
 __version__ = "0.1.0"

@@ -30,6 +30,7 @@ GATHER_S, GATHER_FOR_FILE_S = 0.03, 0.5
 IN_FULL_EVERY = 6  # answers: calibrations and covariances in between are left out, they are most of the bytes
 VIEWER_MEMORY = "25%"  # of the machine's: the tracker works beside it; then the viewer forgets the oldest
 END_S = 20.0  # seconds that the process may take to write what is left
+FILE_WAIT_S = 5.0  # for a process that writes a file; longer means that it hangs
 FLUSH_S = 2.0  # seconds that Rerun may take to hand over the last: a viewer that was closed takes nothing
 ENDED = "the viewer's process has ended; tracking goes on without it"
 
@@ -54,7 +55,7 @@ class LiveTarget:
 
 
 class LiveRerunSink:
-    """Shows a stream; ``write`` returns at once, always.
+    """Shows a stream; ``write`` returns at once, but where everything goes to a file.
 
     Args:
         setup: of the stream.
@@ -68,6 +69,7 @@ class LiveRerunSink:
     ) -> None:
         # A new interpreter: a fork would take the tracker's threads and locks along.
         context = multiprocessing.get_context("spawn")
+        self._waits = target is not None and target.save is not None  # a file is to have it all; a viewer, the newest
         self.dropped = 0  # answers that the viewer never got
         self._written = 0
         self._ended = False
@@ -124,7 +126,7 @@ class LiveRerunSink:
         if self._ended or self._queue is None:
             return False
         try:
-            self._queue.put_nowait(item)
+            self._queue.put(item, timeout=FILE_WAIT_S if self._waits else 0.0)
         except Full:
             return False
         return True

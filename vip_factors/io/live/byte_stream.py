@@ -2,6 +2,7 @@
 
 import os
 import select
+import stat
 import sys
 import time
 from collections.abc import Callable
@@ -79,7 +80,7 @@ class StandardInputSource(LiveSource):
         tell: Callable[[LiveFinding], None] | None = None,
         descriptor: int | None = None,
     ) -> None:
-        super().__init__("standard input", settings, tell=tell)
+        super().__init__("standard input", settings, drops=not _is_file(descriptor), tell=tell)
         self._descriptor = descriptor
 
     def _open(self) -> None:
@@ -100,3 +101,11 @@ class StandardInputSource(LiveSource):
         if descriptor is None or not select.select([descriptor], [], [], POLL)[0]:
             return None
         return os.read(descriptor, PIECE)
+
+
+def _is_file(descriptor: int | None) -> bool:
+    """Whether a file is read, which has time: nothing of it need be dropped."""
+    try:
+        return stat.S_ISREG(os.fstat(sys.stdin.fileno() if descriptor is None else descriptor).st_mode)
+    except (AttributeError, OSError, ValueError):
+        return False

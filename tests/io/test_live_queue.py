@@ -51,7 +51,8 @@ def test_video_frames_are_dropped_before_imu_samples_and_old_before_new(frames: 
     queue = LiveQueue(limit)
     for item in items:
         queue.put(item)
-    assert len(queue) <= limit and (len(queue) == len(items) or len(items) > limit)
+    assert len(queue) <= limit
+    assert len(queue) == len(items) or len(items) > limit
     left = [item for item in drained(queue) if not isinstance(item, LiveFinding)]
     assert [one.time for one in left] == sorted(one.time for one in left)
     samples = [one for one in items if isinstance(one, ImuSample)]

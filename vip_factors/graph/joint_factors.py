@@ -30,7 +30,8 @@ def add_joint_factors(
     """
     R, count = state.R_parent_child[:, 1:], frames.stop - frames.start
     before, last = max(frames.start - 1, 0), min(frames.stop, len(R) - 1)
-    turns = transpose(R[before:last]) @ R[before + 1 : last + 1] if is_smoothed(model) and following is not None else R[:0]
+    tied = following is not None and is_smoothed(model)
+    turns = transpose(R[before:last]) @ R[before + 1 : last + 1] if tied else R[:0]
     vectors = log(np.concatenate([R[frames], turns]))
     jacobians = inverse_right_jacobian(vectors)
     x, D = vectors[:count].reshape(count, POSE_SIZE), jacobians[:count]

@@ -50,7 +50,7 @@ def inertial_tracker(
 
 
 def first_calibration(recording: Recording, frames: ImuFrames, settings: Settings) -> InitialCalibration:
-    """Headings and mountings from straps, the declared pose and the motion; or the true ones, if the settings say so."""
+    """Headings and mountings from straps, the declared pose and the motion; or the true ones, if settings say so."""
     if settings.calibration.from_truth:
         if recording.truth is None or recording.truth.calibration is None:
             raise InputError(f"recording '{recording.name}' has no true calibration: leave calibration.from_truth off")

@@ -1,10 +1,14 @@
 """What all tests share: the folder of real recordings, repeatable property tests, single-threaded arithmetic."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # so begins what a shell runs in the background; tests interrupt
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Before any test imports NumPy: two test workers with many threads each would only wait for one another.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):

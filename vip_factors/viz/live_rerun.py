@@ -30,7 +30,7 @@ GATHER_S, GATHER_FOR_FILE_S = 0.03, 0.5
 IN_FULL_EVERY = 6  # answers: calibrations and covariances in between are left out, they are most of the bytes
 VIEWER_MEMORY = "25%"  # of the machine's: the tracker works beside it; then the viewer forgets the oldest
 END_S = 20.0  # seconds that the process may take to write what is left
-FILE_WAIT_S = 5.0  # for a process that writes a file; longer means that it hangs
+FILE_ITEMS = 20_000  # that may wait for a process that writes a file: five minutes, which a viewer should never lag
 FLUSH_S = 2.0  # seconds that Rerun may take to hand over the last: a viewer that was closed takes nothing
 ENDED = "the viewer's process has ended; tracking goes on without it"
 
@@ -55,25 +55,25 @@ class LiveTarget:
 
 
 class LiveRerunSink:
-    """Shows a stream; ``write`` returns at once, but where everything goes to a file.
+    """Shows a stream; ``write`` returns at once, always.
 
     Args:
         setup: of the stream.
         target: where to draw.
         rate: frames per second of the tracker.
-        queue_items: that may wait before some are dropped.
+        queue_items: that may wait before some are dropped; more by default if they go to a file.
     """
 
     def __init__(
-        self, setup: LiveSetup, target: LiveTarget | None = None, rate: float = 60.0, queue_items: int = QUEUE_ITEMS
+        self, setup: LiveSetup, target: LiveTarget | None = None, rate: float = 60.0, queue_items: int | None = None
     ) -> None:
         # A new interpreter: a fork would take the tracker's threads and locks along.
         context = multiprocessing.get_context("spawn")
-        self._waits = target is not None and target.save is not None  # a file is to have it all; a viewer, the newest
         self.dropped = 0  # answers that the viewer never got
         self._written = 0
         self._ended = False
-        self._queue: Any = context.Queue(queue_items)
+        to_file = target is not None and target.save is not None
+        self._queue: Any = context.Queue(queue_items or (FILE_ITEMS if to_file else QUEUE_ITEMS))
         self._told, telling = context.Pipe(duplex=False)
         arguments = (self._queue, telling, setup, target or LiveTarget(), rate)
         self._process = context.Process(target=draw, args=arguments, name="viewer", daemon=True)
@@ -126,7 +126,7 @@ class LiveRerunSink:
         if self._ended or self._queue is None:
             return False
         try:
-            self._queue.put(item, timeout=FILE_WAIT_S if self._waits else 0.0)
+            self._queue.put_nowait(item)
         except Full:
             return False
         return True

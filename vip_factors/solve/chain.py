@@ -25,12 +25,24 @@ def eliminate(stretches: Iterable[tuple[gtsam.GaussianFactorGraph, gtsam.Orderin
     net, rest = gtsam.GaussianBayesNet(), gtsam.GaussianFactorGraph()
     for graph, ordering in stretches:
         rest.push_back(graph)
-        try:
-            part, rest = rest.eliminatePartialSequential(ordering)
-        except RuntimeError as error:  # gtsam's IndeterminateSystemException arrives as this
-            if "ndeterminate" not in str(error):
-                raise
-            raise SolveError("the linear system is not determined") from error
+        part, rest = eliminate_part(rest, ordering)
         for index in range(part.size()):
             net.push_back(part.at(index))
     return net
+
+
+def eliminate_part(
+    graph: gtsam.GaussianFactorGraph, ordering: gtsam.Ordering
+) -> tuple[gtsam.GaussianBayesNet, gtsam.GaussianFactorGraph]:
+    """Conditionals of some variables, and what is left of the graph for all others.
+
+    Raises:
+        SolveError: if a variable is not determined.
+    """
+    try:
+        net, rest = graph.eliminatePartialSequential(ordering)
+    except RuntimeError as error:  # gtsam's IndeterminateSystemException arrives as this
+        if "ndeterminate" not in str(error):
+            raise
+        raise SolveError("the linear system is not determined") from error
+    return net, rest

@@ -15,6 +15,7 @@ from scipy.linalg import solve_triangular
 
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
+from vip_factors.solve.chain import eliminate_part
 
 
 @dataclass(frozen=True)
@@ -125,10 +126,4 @@ def _eliminated(
     ordering = gtsam.Ordering()
     for key in keys:
         ordering.push_back(key)
-    try:
-        net, rest = graph.eliminatePartialSequential(ordering)
-    except RuntimeError as error:  # gtsam's IndeterminateSystemException arrives as this
-        if "ndeterminate" not in str(error):
-            raise
-        raise SolveError("the linear system is not determined") from error
-    return net, rest
+    return eliminate_part(graph, ordering)

@@ -44,7 +44,7 @@ def test_a_slow_tracker_loses_samples_of_a_recording_in_its_own_time() -> None:
         source.setup  # noqa: B018
         source._thread.join(20)
         samples, sentences = sorted_out(source)
-    assert len(samples) == 20
+    assert 0 < len(samples) <= 20
     assert len(sentences) == 1
     assert "does not keep up" in sentences[0]
 

@@ -13,6 +13,8 @@ from vip_factors.sensors.live import LiveCamera, LiveSetup, VideoFrame
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, CameraMount, Scene
 
+MEASURES = 0.3  # of the frames: a third of its packets is enough to start with a sensor
+
 
 class MeasuredStretch:
     """Consecutive frames of a stream.
@@ -44,7 +46,9 @@ class MeasuredStretch:
         seen = np.stack([one.orientation_valid for one in self.measurements])
         share = seen.mean(axis=0)
         return [
-            sensor for (who, sensor), part in zip(self.columns, share, strict=True) if who == carrier and part > 0.3
+            sensor
+            for (who, sensor), part in zip(self.columns, share, strict=True)
+            if who == carrier and part > MEASURES
         ]
 
     def column(self, carrier: str, sensor: str) -> int:

@@ -41,7 +41,7 @@ class Known:
 
     Attributes:
         calibration: of each wearer's sensors, with standard deviations.
-        p_world_pelvis: ``(W, 3)`` of the wearers at the first frame of the new start.
+        p_world_pelvis: ``(W, 3)`` metres, of the wearers at the first frame of the new start, or where they were lost.
     """
 
     calibration: Mapping[str, Calibration]

@@ -75,8 +75,3 @@ class SensorWatch:
         self._since[found] = number + round(self._settings.rest_s * self._rate)
         self._mean[found] = 0.0
         return [int(sensor) for sensor in found]
-
-    @property
-    def angles(self) -> Array:
-        """How far each sensor is from its bone of late, ``(S,)`` radians."""
-        return np.linalg.norm(self._mean, axis=1)

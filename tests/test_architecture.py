@@ -13,8 +13,9 @@ ROWS = [
     {"sensors"},
     {"estimate", "live_estimate"},
     {"simulate", "associate", "initialise", "evaluate", "io", "viz", "factors"},
-    {"graph"},
-    {"solve"},
+    {"problem", "solve"},
+    {"assembly"},
+    {"factor_graph"},
     {"settings"},
     {"stages", "configurations"},
     {"pipeline", "live"},
@@ -26,7 +27,7 @@ ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}
 NEIGHBOURS = {("geometry", "errors")}
 # Third parties that only some rooms may see.
 FENCED = {
-    "gtsam": {"factors", "graph", "solve"},
+    "gtsam": {"solve", "factor_graph"},
     "mcap": {"io"},
     "mcap_protobuf": {"io"},
     "mcap_ros2": {"io"},

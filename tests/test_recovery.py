@@ -16,8 +16,8 @@ from vip_factors.factors.orientation import OrientationSettings
 from vip_factors.factors.pose_prior import PosePriorSettings
 from vip_factors.factors.robust import RobustLoss
 from vip_factors.factors.smoothness import SmoothnessSettings
-from vip_factors.graph.model import FactorSettings
 from vip_factors.pipeline import smooth
+from vip_factors.problem.wearer import FactorSettings
 from vip_factors.sensors.placement import Placement, SensorSite
 from vip_factors.sensors.recording import Subject
 from vip_factors.settings import CalibrationSettings, Settings

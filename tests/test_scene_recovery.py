@@ -17,8 +17,8 @@ from vip_factors.factors.camera_velocity import CameraVelocitySettings
 from vip_factors.factors.reprojection import ReprojectionSettings
 from vip_factors.factors.robust import RobustLoss
 from vip_factors.geometry.rotations import Array, angle_between, transpose
-from vip_factors.graph.scene_model import CameraFactorSettings
 from vip_factors.pipeline import smooth_scene
+from vip_factors.problem.scene import CameraFactorSettings
 from vip_factors.sensors.placement import Placement, SensorSite
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CalibrationSettings, Settings

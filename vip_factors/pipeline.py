@@ -7,16 +7,19 @@ from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
+from vip_factors.assembly.objective import WearerObjective
+from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
-from vip_factors.graph.batch import BatchObjective
-from vip_factors.graph.decode import decode, motion_of, pose_covariance
-from vip_factors.graph.model import InertialModel
-from vip_factors.graph.state import GraphState
+from vip_factors.factor_graph.extra import ExtraFactors, UserTerms
+from vip_factors.problem.state import WearerState
+from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import resample, resample_streams
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
+from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.solve.marginals import chain_marginals
+from vip_factors.stages.decode import decode, motion_of, pose_covariance
 from vip_factors.stages.filming import start_filming
 from vip_factors.stages.fusion import fuse, fuse_finely
 from vip_factors.stages.inertial import at_frames, inertial_tracker
@@ -33,7 +36,10 @@ one_blas_thread = threadpool_limits.wrap(limits=1, user_api="blas")
 
 
 @one_blas_thread
-def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progress | None = None) -> Estimate:
+def smooth(
+    recording: Recording, settings: Settings = DEFAULT, progress: Progress | None = None,
+    extra_factors: ExtraFactors | None = None,
+) -> Estimate:  # fmt: skip
     """Reconstruct a whole recording from its IMUs.
 
     First coarsely: the inertial tracker (IT; thesis eq. 4.10) starts the sparse inertial poser (SIP; thesis 3.3) on
@@ -44,12 +50,14 @@ def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progres
         recording: with at least one placed sensor.
         settings: of all rooms.
         progress: called with the name of the stage and the fraction of it done.
+        extra_factors: makes GTSAM factors of your own, given the frames' times, once for the coarse frames and once for
+            all; see :data:`~vip_factors.factor_graph.extra.ExtraFactors`.
 
     Raises:
         InputError, RecordingError: for a recording that cannot be used.
         SolveError: if the problem is not determined.
     """
-    solver = Solver(settings.solve, progress or (lambda stage, fraction: None))
+    solver = _solver(settings, settings.solve, progress, extra_factors)
     coarse = settings.coarse_factor if settings.acceleration else 1
     frames = resample(recording, settings.frame_rate / coarse)
     tracked = inertial_tracker(recording, frames, settings, solver)
@@ -59,11 +67,11 @@ def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progres
     else:
         free = loosened(model, settings.calibration)
         for _ in range(settings.calibration.passes):
-            state = solver.solve(BatchObjective(with_contacts(free, state)), state, "calibration")
+            state = solver.solve_wearer(WearerObjective(with_contacts(free, state), solver.extra), state, "calibration")
         model = kept(model, resample(recording, settings.frame_rate))
         state = at_frames(state, frames.time, model.frames.time)
         model = with_contacts(model, state)
-        state = solver.solve(BatchObjective(model), state, "sparse inertial poser")
+        state = solver.solve_wearer(WearerObjective(model, solver.extra), state, "sparse inertial poser")
     covariance = _covariance(model, state) if settings.covariance else None
     return decode(
         recording.name, _method(model, settings), model, state, covariance, tuple(solver.reports), flatten(settings)
@@ -71,22 +79,26 @@ def smooth(recording: Recording, settings: Settings = DEFAULT, progress: Progres
 
 
 @one_blas_thread
-def smooth_scene(scene: Scene, settings: Settings = DEFAULT, progress: Progress | None = None) -> SceneEstimate:
+def smooth_scene(
+    scene: Scene, settings: Settings = DEFAULT, progress: Progress | None = None,
+    extra_factors: ExtraFactors | None = None,
+) -> SceneEstimate:  # fmt: skip
     """Reconstruct a scene: of its wearers' IMUs and of what its cameras saw, or of the IMUs alone.
 
     Args:
         scene: with or without cameras; one that never shows a wearer is left out, and a finding says so.
         settings: of all rooms.
         progress: called with the name of the stage and the fraction of it done.
+        extra_factors: makes GTSAM factors of your own, as for :func:`smooth`; wearers are numbered in their order.
 
     Raises:
         InputError, RecordingError: for a scene that cannot be used.
         SolveError: if the problem is not determined.
     """
     if scene.camera is None or not settings.fusion.use_camera:
-        return _inertial(scene, settings, progress, ())
+        return _inertial(scene, settings, progress, (), extra_factors)
     stiff = replace(settings.solve, relative_decrease=settings.fusion.relative_decrease)
-    solver = Solver(stiff, progress or (lambda stage, fraction: None))
+    solver = _solver(settings, stiff, progress, extra_factors)
     frames = scene_frames(scene, settings.frame_rate, settings.coarse_factor)
     wearers = tuple(
         inertial_tracker(wearer, resample_streams([wearer.imus[name] for name in wearer.placed], frames.coarse),
@@ -101,7 +113,7 @@ def smooth_scene(scene: Scene, settings: Settings = DEFAULT, progress: Progress 
     shots = of_use(filmed_by)
     if not shots:
         alone = "no wearer was found in the video: the estimate is of the IMUs alone, without a camera"
-        return _inertial(scene, settings, progress, (*who_is_who(scene, filmed_by), alone))
+        return _inertial(scene, settings, progress, (*who_is_who(scene, filmed_by), alone), extra_factors)
     filmed = start_filming(shots, wearers, settings)
     fused = fuse(filmed, None, shots, settings, solver)
     for _ in range(settings.fusion.rounds - 1):
@@ -114,20 +126,38 @@ def smooth_scene(scene: Scene, settings: Settings = DEFAULT, progress: Progress 
     return scene_estimate(scene, fused, fine, shots, tuple(solver.reports), settings)
 
 
-def _inertial(scene: Scene, settings: Settings, progress: Progress | None, findings: tuple[str, ...]) -> SceneEstimate:
-    """Each wearer by itself, in a world of its own."""
-    estimates = tuple(smooth(wearer, settings, progress) for wearer in scene.wearers)
+def _solver(
+    settings: Settings, solve: SolveSettings, progress: Progress | None, extra_factors: ExtraFactors | None
+) -> Solver:
+    extra = None if extra_factors is None else UserTerms(extra_factors)
+    return Solver(solve, progress or (lambda stage, fraction: None), name=settings.solver, extra=extra)
+
+
+def _inertial(
+    scene: Scene, settings: Settings, progress: Progress | None, findings: tuple[str, ...],
+    extra_factors: ExtraFactors | None,
+) -> SceneEstimate:  # fmt: skip
+    """Each wearer by itself, in a world of its own.
+
+    Raises:
+        InputError: for extra factors among several wearers, who have no world in common.
+    """
+    if extra_factors is not None and len(scene.wearers) > 1:
+        raise InputError(
+            "extra factors among several wearers need a camera that sees them: else each is in a world of its own"
+        )
+    estimates = tuple(smooth(wearer, settings, progress, extra_factors) for wearer in scene.wearers)
     if len(estimates) > 1:
         findings = (*findings, "without a camera the wearers are not placed relative to one another")
     return SceneEstimate(scene.name, estimates[0].method, estimates, findings=findings, settings=flatten(settings))
 
 
-def _method(model: InertialModel, settings: Settings) -> str:
+def _method(model: WearerProblem, settings: Settings) -> str:
     if settings.acceleration:
         return "SIP"
     return "SOP" if len(model.sensors) <= FEW_SENSORS else "IT"
 
 
-def _covariance(model: InertialModel, state: GraphState) -> PoseCovariance:
-    objective = BatchObjective(model)
-    return pose_covariance(objective, chain_marginals(objective.linearise(state)))
+def _covariance(model: WearerProblem, state: WearerState) -> PoseCovariance:
+    objective = WearerObjective(model)
+    return pose_covariance(objective.frame_keys, chain_marginals(objective.linearise(state)))

@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
+from enum import StrEnum
 from typing import Any
 
 from vip_factors.associate.settings import AssociationSettings
-from vip_factors.graph.model import FactorSettings
-from vip_factors.graph.scene_model import CameraFactorSettings
+from vip_factors.problem.scene import CameraFactorSettings
+from vip_factors.problem.wearer import FactorSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 
@@ -50,6 +51,13 @@ class FusionSettings:
     estimate_clock: bool = False  # the video's clock offset as a variable; vip-factors sync finds it beforehand
 
 
+class SolverName(StrEnum):
+    """Who minimises the cost."""
+
+    OWN = "own"
+    GTSAM = "gtsam"
+
+
 @dataclass(frozen=True)
 class Settings:
     """All settings of the pipeline."""
@@ -64,6 +72,8 @@ class Settings:
     camera: CameraFactorSettings = field(default_factory=CameraFactorSettings)
     association: AssociationSettings = field(default_factory=AssociationSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
+    # gtsam: GTSAM's own optimiser, on the same factors one by one: a hundred times slower, for seconds of a recording.
+    solver: SolverName = SolverName.OWN
 
 
 def flatten(settings: Settings) -> dict[str, str]:

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from vip_factors.assembly.objective import SceneObjective
 from vip_factors.benchmark.consistency import (
     ConsistencyTrials,
     consistency_json,
@@ -13,7 +14,6 @@ from vip_factors.benchmark.consistency import (
     run_consistency,
 )
 from vip_factors.benchmark.gaussian_scene import GaussianSettings, gaussian_scene
-from vip_factors.graph.scene_batch import SceneObjective
 
 SMALL = GaussianSettings(frames=8, placement="sip6", noise=0.25)
 

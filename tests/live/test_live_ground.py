@@ -13,12 +13,12 @@ from vip_factors.configurations import configured
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.factors.adaptive_biweight import AdaptiveBiweightSettings
 from vip_factors.factors.ground_contact import ContactFrom
-from vip_factors.graph.scene_model import SceneModel
 from vip_factors.live.association import OnlineAssociationSettings
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.sight import Onlooker, Scenery
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracker import FixedLagTracker
+from vip_factors.problem.scene import SceneProblem
 from vip_factors.sensors.live import LiveSample, LiveSetup, VideoFrame, live_samples
 from vip_factors.sensors.placement import preset
 from vip_factors.sensors.scene import Scene
@@ -57,7 +57,7 @@ def begun(settings: LiveSettings) -> FixedLagTracker:
     return tracker
 
 
-def stretch(settings: LiveSettings) -> tuple[LagSmoother, SceneModel]:
+def stretch(settings: LiveSettings) -> tuple[LagSmoother, SceneProblem]:
     """The problem of the frames that the tracker keeps, and where it stands."""
     tracking = begun(settings)._tracking
     assert tracking is not None
@@ -168,7 +168,7 @@ def test_kaichis_estimator_on_a_stream() -> None:
     assert placed_cm(one, "newest") < 20
     tracking = begun(settings)._tracking
     assert tracking is not None
-    assert tracking.smoother.problem.columns.static == 0
+    assert tracking.smoother.problem.layout.static_width == 0
     assert np.isnan(one.answers[-1].wearers[0].calibration["pelvis"].heading_sigma)
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from test_fixed_lag import FRAMES, LAG, SHARED, WIDTH, Z, frame_key, run, slices
 
+from vip_factors.assembly.objective import SceneObjective
 from vip_factors.benchmark.long_stream import LongStream, LongStreamTrials, stream_scene
 from vip_factors.benchmark.stream_references import RecordedWindow, feed, recorded_window, without_walk
+from vip_factors.factor_graph.keys import joint_key, root_key
 from vip_factors.geometry.rotations import angle_between
-from vip_factors.graph.keys import joint_key, root_key
-from vip_factors.graph.scene_batch import SceneObjective
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
-from vip_factors.live.state import FrameState, SharedState, stacked
+from vip_factors.live.state import FrameState, stacked, without_frames
 from vip_factors.solve.fixed_lag import FixedLagChain
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 from vip_factors.solve.reference_smoothers import Isam2Chain, LagOfGtsam, TimeOrderedIsam2
@@ -144,7 +144,7 @@ def _well_known(window: RecordedWindow) -> RecordedWindow:
 def _at_the_minimum(window: RecordedWindow) -> RecordedWindow:
     """Where the whole window has its minimum: what the first frames say alone is not far from there."""
     problem = window.problem
-    state = stacked(window.states, window.shared, problem.moving, problem.wearers[0].prior.mean)
+    state = stacked(window.states, window.shared)
     solved, _ = levenberg_marquardt(
         SceneObjective(problem.model(window.frames, beginning=True)), state, SolveSettings(max_iterations=30)
     )
@@ -155,8 +155,4 @@ def _at_the_minimum(window: RecordedWindow) -> RecordedWindow:
         )
         for t in range(len(window.frames))
     )
-    first = replace(
-        solved.camera,
-        poses=replace(poses, R_world_camera=poses.R_world_camera[:1], p_world_camera=poses.p_world_camera[:1]),
-    )
-    return replace(window, states=states, shared=SharedState((body.headings,), (body.R_bone_sensor,), first))
+    return replace(window, states=states, shared=without_frames(solved))

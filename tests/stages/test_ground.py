@@ -13,9 +13,10 @@ from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.body.skeleton import joint_index
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.ground_contact import ContactFrom, GroundContactSettings
-from vip_factors.graph.model import BodyPoint, InertialModel
-from vip_factors.graph.scene_model import KeypointView
-from vip_factors.graph.state import GraphState
+from vip_factors.problem.points import BodyPoint
+from vip_factors.problem.scene import KeypointView
+from vip_factors.problem.state import WearerState
+from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.stages.ground import ground_view, seen_feet, standing_confidence
@@ -27,7 +28,7 @@ LENS = CameraModel(1920, 1080, (1400.0, 1400.0), (960.0, 540.0))
 LOOKS_DOWN_ALONG_Y = np.array([[1.0, 0, 0], [0, -0.3, 0.954], [0, -0.954, -0.3]])
 
 
-def standing_then_jumping() -> tuple[InertialModel, GraphState]:
+def standing_then_jumping() -> tuple[WearerProblem, WearerState]:
     """Half the frames on both feet, then up and away; the right foot's sensor feels what it does."""
     R = np.tile(np.eye(3), (T, 24, 1, 1))
     R[:, 0] = UPRIGHT
@@ -41,11 +42,11 @@ def standing_then_jumping() -> tuple[InertialModel, GraphState]:
     force[15:18] += [0.0, 0.0, 40.0]
     valid = np.ones((T, 1), bool)
     frames = ImuFrames(("shoe",), np.arange(T) * STEP, np.tile(np.eye(3), (T, 1, 1, 1)), valid, force, valid)
-    model = InertialModel(
+    model = WearerProblem(
         SKELETON, load_pose_prior(), load_joint_limits(), frames,
         (BodyPoint(joint_index("right_ankle"), np.zeros(3)),), np.zeros(1), np.ones(1), np.eye(3)[None], np.ones(1),
     )  # fmt: skip
-    return model, GraphState(R, p, np.zeros(1), np.eye(3)[None], np.zeros(69))
+    return model, WearerState(R, p, np.zeros(1), np.eye(3)[None], np.zeros(69))
 
 
 def test_by_the_joint_state_feet_stand_until_the_jump() -> None:

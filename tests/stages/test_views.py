@@ -9,7 +9,7 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.factors.reprojection import ReprojectionSettings
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.scene_model import KeypointView
+from vip_factors.problem.scene import KeypointView
 from vip_factors.sensors.detections import Detections
 from vip_factors.stages.views import keypoint_view, scatter
 

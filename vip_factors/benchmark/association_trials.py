@@ -14,11 +14,11 @@ from vip_factors.benchmark.thesis import ASSOCIATION_3DPW
 from vip_factors.benchmark.vip_table import plain
 from vip_factors.errors import InputError
 from vip_factors.evaluate.association import AssociationScore, association_score
-from vip_factors.graph.decode import motion_of
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
+from vip_factors.stages.decode import motion_of
 from vip_factors.stages.inertial import inertial_tracker
 from vip_factors.stages.scene_frames import scene_frames
 from vip_factors.stages.shots import gravity_in_camera

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vip_factors.assembly.objective import SceneObjective
 from vip_factors.benchmark.gaussian_scene import GaussianScene, GaussianSettings, gaussian_scene
 from vip_factors.benchmark.sip import find_clips
 from vip_factors.benchmark.vip_suite import VipTrials, scene_of
@@ -16,15 +17,16 @@ from vip_factors.errors import SolveError
 from vip_factors.evaluate.consistency import SeedConsistency, nees, over_seeds
 from vip_factors.evaluate.scene import evaluate_scene
 from vip_factors.geometry.rotations import Array, log, transpose, wrap_angle
-from vip_factors.graph.scene_batch import SceneObjective
-from vip_factors.graph.scene_state import POSE, CameraState
-from vip_factors.graph.terms import ROOT
 from vip_factors.io.motions.files import read_motion
 from vip_factors.pipeline import smooth_scene
+from vip_factors.problem.blocks import CAMERA
+from vip_factors.problem.layout import ROOT, Owner, OwnerId
+from vip_factors.problem.state import CameraState
 from vip_factors.sensors.placement import PRESETS
 from vip_factors.simulate.scene_settings import CameraKind
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 from vip_factors.solve.marginals import chain_marginals
+from vip_factors.stages.scene_decode import static_covariance
 
 Tell = Callable[[str, float], None]
 # From the truth, to the last digit: what is asked is whether the covariance is right, not whether the start was good.
@@ -115,18 +117,22 @@ def gaussian_nees(scene: GaussianScene) -> dict[str, Array]:
     objective = SceneObjective(scene.model)
     state, _ = levenberg_marquardt(objective, scene.truth, TO_THE_END)
     marginals = chain_marginals(objective.linearise(state))
-    wearer, own, true = objective.wearers[0], state.wearers[0], scene.truth.wearers[0]
-    S = len(own.headings)
-    shared = marginals[wearer.static_key]
+    own, true, owner = state.wearers[0], scene.truth.wearers[0], OwnerId(Owner.WEARER)
+    headings = static_covariance(objective, owner, "headings", marginals)
+    mountings = static_covariance(objective, owner, "R_bone_sensor", marginals)
+    keys = objective.frame_keys(owner)
+    assert headings is not None
+    assert mountings is not None
+    assert keys is not None
     heading = wrap_angle(true.headings - own.headings)
     mounting = log(transpose(own.R_bone_sensor) @ true.R_bone_sensor).ravel()
     frames = np.unique(np.linspace(0, len(own.p_world_pelvis) - 1, JOINTS_AT).astype(int))
-    of_frames = np.stack([marginals[wearer.frame_keys[t]] for t in frames])
+    of_frames = np.stack([marginals[keys[t]] for t in frames])
     joints = log(transpose(own.R_parent_child[frames]) @ true.R_parent_child[frames]).reshape(len(frames), -1)
     root = (true.p_world_pelvis - own.p_world_pelvis)[frames]
     return {
-        "headings": nees(heading[None], shared[None, :S, :S]),
-        "mountings": nees(mounting[None], shared[None, S : 4 * S, S : 4 * S]),
+        "headings": nees(heading[None], headings[None]),
+        "mountings": nees(mounting[None], mountings[None]),
         "camera": _camera_nees(objective, state.camera, scene.truth.camera, marginals, frames),
         "joints": nees(joints, of_frames[:, :ROOT, :ROOT]),
         "root": nees(root, of_frames[:, ROOT:, ROOT:]),
@@ -141,9 +147,12 @@ def _camera_nees(
     turn = log(transpose(R) @ truth.poses.R_world_camera)
     shift = np.einsum("tji,tj->ti", R, truth.poses.p_world_camera - camera.poses.p_world_camera)
     tangent = np.concatenate([turn, shift], axis=1)
-    if not objective.camera.frame_width:
-        return nees(tangent, marginals[objective.camera.static_key][None, POSE, POSE])
-    return nees(tangent[frames], np.stack([marginals[objective.camera.frame_keys[t]] for t in frames]))
+    path = objective.frame_keys(CAMERA)
+    if path is None:
+        standing = static_covariance(objective, CAMERA, "poses", marginals)
+        assert standing is not None
+        return nees(tangent, standing[None])
+    return nees(tangent[frames], np.stack([marginals[path[t]] for t in frames]))
 
 
 def realistic_nees(motion: Motion, name: str, trials: VipTrials, seed: int) -> dict[str, Array]:

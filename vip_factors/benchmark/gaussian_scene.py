@@ -17,10 +17,10 @@ from vip_factors.factors.acceleration import GRAVITY
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.robust import RobustLoss
 from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_z, transpose
-from vip_factors.graph.model import BodyPoint, FactorSettings, InertialModel
-from vip_factors.graph.scene_model import CameraFactorSettings, CameraProblem, KeypointView, SceneModel
-from vip_factors.graph.scene_state import CameraState, SceneState
-from vip_factors.graph.state import GraphState
+from vip_factors.problem.points import BodyPoint
+from vip_factors.problem.scene import CameraFactorSettings, CameraProblem, KeypointView, SceneProblem
+from vip_factors.problem.state import CameraState, SceneState, WearerState
+from vip_factors.problem.wearer import FactorSettings, WearerProblem
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.placement import preset
@@ -57,7 +57,7 @@ class GaussianSettings:
 class GaussianScene:
     """A problem and the state that its measurements were made of."""
 
-    model: SceneModel
+    model: SceneProblem
     truth: SceneState
 
 
@@ -70,7 +70,7 @@ def gaussian_scene(settings: GaussianSettings, seed: int) -> GaussianScene:
     model = _measured(wearer[0], wearer[1], body, random)
     camera, state = _camera(settings, random)
     view = _view(settings, model, body, state, random)
-    return GaussianScene(SceneModel((model,), camera, (view,)), SceneState((wearer[1],), state))
+    return GaussianScene(SceneProblem((model,), camera, (view,)), SceneState((wearer[1],), state))
 
 
 def _factor_settings(settings: GaussianSettings) -> FactorSettings:
@@ -89,7 +89,7 @@ def _factor_settings(settings: GaussianSettings) -> FactorSettings:
 
 def _wearer(
     settings: GaussianSettings, skeleton: Skeleton, random: np.random.Generator
-) -> tuple[InertialModel, GraphState]:
+) -> tuple[WearerProblem, WearerState]:
     """The problem with priors drawn about the truth, without measurements, and the truth."""
     T, placement = settings.frames, preset(settings.placement, skeleton)
     S, prior = len(placement.sites), load_pose_prior()
@@ -100,14 +100,14 @@ def _wearer(
     R[:, 0] = rotation_z(0.8 * time + random.uniform(-np.pi, np.pi)) @ rotation_x(np.full(T, np.pi / 2))
     p = np.stack([0.4 * np.cos(time), 0.4 * np.sin(time), np.full(T, 0.95)], axis=1)
     mountings = np.stack([site.R_bone_sensor for site in placement.sites])
-    truth = GraphState(R, p, random.uniform(-np.pi, np.pi, S), mountings, prior.mean)
+    truth = WearerState(R, p, random.uniform(-np.pi, np.pi, S), mountings, prior.mean)
     sigma = np.deg2rad(settings.noise * settings.mounting_sigma_deg)
     frames = ImuFrames(
         tuple(site.sensor for site in placement.sites), time, np.zeros((T, S, 3, 3)), np.ones((T, S), bool),
         np.zeros((T, S, 3)), np.ones((T, S), bool),
     )  # fmt: skip
     unlimited = np.full(POSE_SIZE, np.inf)
-    model = InertialModel(
+    model = WearerProblem(
         skeleton, prior, JointLimits(-unlimited, unlimited), frames,
         tuple(BodyPoint(site.bone_index, site.p_bone_sensor) for site in placement.sites),
         prior_headings=truth.headings, heading_sigma=np.zeros(S),
@@ -121,7 +121,7 @@ def _wearer(
     return replace(model, prior_headings=headings, p_world_start=p[0] + gauge), truth
 
 
-def _measured(model: InertialModel, truth: GraphState, body: BodyState, random: np.random.Generator) -> InertialModel:
+def _measured(model: WearerProblem, truth: WearerState, body: BodyState, random: np.random.Generator) -> WearerProblem:
     """With what the sensors say: residuals of orientation and acceleration are the noise itself."""
     orientations, forces = [], []
     step, settings = model.frames.step, model.settings
@@ -196,7 +196,7 @@ def _camera(settings: GaussianSettings, random: np.random.Generator) -> tuple[Ca
 
 
 def _view(
-    settings: GaussianSettings, model: InertialModel, body: BodyState, camera: CameraState, random: np.random.Generator
+    settings: GaussianSettings, model: WearerProblem, body: BodyState, camera: CameraState, random: np.random.Generator
 ) -> KeypointView:
     places = keypoint_set(settings.keypoints).on_body(model.skeleton)
     points = tuple(BodyPoint(place.bone, place.p_bone_point) for place in places if place is not None)

@@ -7,10 +7,10 @@ from time import perf_counter
 
 import numpy as np
 
+from vip_factors.assembly.objective import WearerObjective
 from vip_factors.benchmark.peak_memory import POSE, PeakMemory, measure_peak_memory
 from vip_factors.benchmark.thesis import SECONDS_1000_FRAMES_20_ITERATIONS
 from vip_factors.benchmark.vip_speed import VipTime, measure_vip, vip_lines
-from vip_factors.graph.batch import BatchObjective
 from vip_factors.sensors.frames import resample
 from vip_factors.sensors.placement import preset
 from vip_factors.settings import CalibrationSettings, Settings
@@ -18,10 +18,10 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.stance import with_initial_pose
 from vip_factors.solve.chain import eliminate
-from vip_factors.solve.levenberg_marquardt import Objective
+from vip_factors.solve.levenberg_marquardt import Objective, State
 from vip_factors.stages.inertial import inertial_tracker
 from vip_factors.stages.inertial_model import with_contacts
-from vip_factors.stages.solver import Solver, State
+from vip_factors.stages.solver import Solver
 
 PLACEMENTS = ("sip6", "totalcapture13")
 PARTS = ("linearise", "eliminate", "evaluate")
@@ -96,7 +96,7 @@ def _timed(placement: str, trials: SpeedTrials) -> SolveTime:
     frames = resample(recording, settings.frame_rate)
     tracked = inertial_tracker(recording, frames, settings, Solver(settings.solve, lambda stage, fraction: None))
     model = with_contacts(tracked.model, tracked.state)
-    rounds = timed_rounds(BatchObjective(model), tracked.state, trials.iterations, settings.solve.initial_damping)
+    rounds = timed_rounds(WearerObjective(model), tracked.state, trials.iterations, settings.solve.initial_damping)
     parts = {part: float(np.mean([one[part] for one in rounds])) for part in PARTS}
     total = sum(sum(one.values()) for one in rounds)
     return SolveTime(placement, "sparse inertial poser", len(frames), len(rounds), total, parts)

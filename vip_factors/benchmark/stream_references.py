@@ -13,19 +13,20 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from vip_factors.errors import RecordingError
+from vip_factors.factor_graph.arrivals import arrivals
+from vip_factors.factor_graph.keys import root_key
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.arrivals import arrivals
-from vip_factors.graph.keys import root_key
 from vip_factors.live.problem import LagFrame, LagProblem
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
-from vip_factors.live.state import FrameState, SharedState, stacked
+from vip_factors.live.state import FrameState, stacked
 from vip_factors.live.tracker import FixedLagTracker
+from vip_factors.problem.state import SceneState
 from vip_factors.sensors.live import LiveSample, LiveSetup
 from vip_factors.solve.reference_smoothers import Isam2Chain, LagOfGtsam, TimeOrderedIsam2
 
 if TYPE_CHECKING:
-    from vip_factors.graph.arrivals import Arrival
+    from vip_factors.factor_graph.arrivals import Arrival
 
 NEVER_S = 1e9  # between steps of what frames share: GTSAM's smoothers hold it constant
 OURS = "ours"
@@ -66,7 +67,7 @@ class RecordedWindow:
     problem: LagProblem
     frames: tuple[LagFrame, ...]
     states: tuple[FrameState, ...]
-    shared: SharedState
+    shared: SceneState
 
 
 def run_references(
@@ -99,11 +100,11 @@ def _timed(window: RecordedWindow, settings: LiveSettings, lag: int, tell: Tell)
 
 
 def _smoothers(window: RecordedWindow, settings: LiveSettings, lag: int) -> dict[str, Callable[[], Timed]]:
-    columns = window.problem.columns
+    layout = window.problem.layout
     return {
         OURS: lambda: timed_lag(window, settings, lag),
         "ISAM2, our linear factors": lambda: timed_lag(
-            window, settings, lag, Isam2Chain(columns.frame, columns.static)
+            window, settings, lag, Isam2Chain(layout.frame_width, layout.static_width)
         ),
         "ISAM2 in time order": lambda: timed_reference(window, TimeOrderedIsam2(lag), lag),
         "IncrementalFixedLagSmoother": lambda: timed_reference(window, LagOfGtsam.incremental(lag), lag),
@@ -138,34 +139,36 @@ def recorded_window(
             frames.append(smoother.frame(oldest))
             states.append(smoother.state(oldest))
         if len(frames) == count:
-            return _window(smoother.problem, frames, states, smoother.shared)
+            return _window(smoother.problem, frames, states, smoother.shared, settings)
     raise RecordingError(f"the stream is too short for {count} smoothed frames: ask for more seconds")
 
 
 def _window(
-    problem: LagProblem, frames: Sequence[LagFrame], states: Sequence[FrameState], shared: SharedState
+    problem: LagProblem,
+    frames: Sequence[LagFrame],
+    states: Sequence[FrameState],
+    shared: SceneState,
+    settings: LiveSettings,
 ) -> RecordedWindow:
     frames = [replace(frame, number=number) for number, frame in enumerate(frames)]
     model = problem.model(frames, beginning=True)
     wearers = [
         replace(
-            one, prior_headings=headings, prior_R_bone_sensor=R, p_world_start=states[0].p_world_pelvis[number],
-            initial_pose=None,
+            one, prior_headings=own.headings, prior_R_bone_sensor=own.R_bone_sensor,
+            p_world_start=states[0].p_world_pelvis[number], initial_pose=None,
         )
-        for number, (one, headings, R) in enumerate(
-            zip(model.wearers, shared.headings, shared.R_bone_sensor, strict=True)
-        )
+        for number, (one, own) in enumerate(zip(model.wearers, shared.wearers, strict=True))
     ]  # fmt: skip
-    own = shared.camera
-    camera = replace(model.camera, prior_heading=own.heading, prior_R_camera_imu=own.R_camera_imu)
-    fresh = LagProblem(wearers, camera, model.views, model.further, problem.sensors, model.step)
+    imu = shared.camera
+    camera = replace(model.camera, prior_heading=imu.heading, prior_R_camera_imu=imu.R_camera_imu)
+    fresh = LagProblem(wearers, camera, model.views, model.further, problem.sensors, model.step, settings)
     return RecordedWindow(fresh, tuple(frames), tuple(states), shared)
 
 
 def feed(window: RecordedWindow, first: int) -> list["Arrival"]:
     """The window's GTSAM factors, update by update."""
     problem = window.problem
-    state = stacked(window.states, window.shared, problem.moving, problem.wearers[0].prior.mean)
+    state = stacked(window.states, window.shared)
     return list(arrivals(problem.model(window.frames, beginning=True), state, first))
 
 

@@ -74,8 +74,7 @@ class BodyState:
 
     def point_twists(self, p_world_point: Array) -> Array:
         """Derivatives ``(T, n, 3, 6)`` of points ``(T, n, 3)`` by the twists of their bones."""
-        arm = p_world_point - self.p_world_joint[:, :1]
-        return np.concatenate([hat(-arm), np.broadcast_to(np.eye(3), (*arm.shape, 3))], axis=-1)
+        return twists_at(p_world_point - self.p_world_joint[:, :1])
 
     def orientation_jacobian(self, bone: int) -> tuple[tuple[int, ...], Array]:
         """How a bone turns, in the world, when the joints of its chain are perturbed.
@@ -97,6 +96,11 @@ class BodyState:
         chain = ancestors(bone)
         arm = self.point(bone, p_bone_point)[:, None] - self.p_world_joint[:, chain]
         return chain, -hat(arm) @ self.R_world_bone[:, chain]
+
+
+def twists_at(arms: Array) -> Array:
+    """Derivatives ``(..., 3, 6)`` of points at ``arms`` ``(..., 3)`` from the root by the twists of their bones."""
+    return np.concatenate([hat(-arms), np.broadcast_to(np.eye(3), (*arms.shape, 3))], axis=-1)
 
 
 def forward_kinematics(skeleton: Skeleton, R_parent_child: Array, p_world_pelvis: Array) -> BodyState:

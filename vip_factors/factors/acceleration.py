@@ -1,15 +1,9 @@
 """Acceleration: the second difference of the sensor's position against what its accelerometer says."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import gtsam
 import numpy as np
 
-from vip_factors.body.skeleton import Skeleton, ancestors
-from vip_factors.factors.adapter import custom_factor
-from vip_factors.factors.chain import FrameKeys, chain_state, split_blocks
-from vip_factors.factors.heading_knots import HeadingAt, heading_at
 from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import Array, rotation_z
 
@@ -51,38 +45,3 @@ def acceleration_by_heading(heading: float | Array, specific_force_inertial: Arr
 
 def _turned(heading: float | Array, specific_force_inertial: Array) -> Array:
     return (rotation_z(heading) @ specific_force_inertial[..., None])[..., 0]
-
-
-def acceleration_factor(
-    skeleton: Skeleton,
-    frames: Sequence[FrameKeys],
-    heading_key: int | HeadingAt,
-    bone: int,
-    p_bone_sensor: Array,
-    specific_force_inertial: Array,
-    step: float,
-    settings: AccelerationSettings,
-) -> gtsam.CustomFactor:
-    """The GTSAM factor of one sensor over three frames (before, now, after) and its heading.
-
-    Keys in order: per frame the chain of joints and the root, then the heading.
-    """
-    weights, heading = np.array([1.0, -2.0, 1.0]) / step**2, heading_at(heading_key)
-
-    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
-        angle = heading.value(values)
-        positions, jacobians = [], []
-        for keys, weight in zip(frames, weights, strict=True):
-            body = chain_state(skeleton, values, keys, bone, with_root=True)
-            positions.append(body.point(bone, p_bone_sensor))
-            _, by_joints = body.point_jacobian(bone, p_bone_sensor)
-            jacobians += [*split_blocks(weight * by_joints), weight * np.eye(3)]
-        force = specific_force_inertial[None]
-        residual = acceleration_residual(positions[0], positions[1], positions[2], step, angle, force)
-        return residual[0], [*jacobians, *heading.blocks(acceleration_by_heading(angle, force)[0])]
-
-    noise = settings.loss.noise_model(np.full(3, settings.sigma))
-    keys = [key for frame in frames for key in (*frame.chain(bone), frame.root)]
-    dimensions = [3] * (3 * (len(ancestors(bone)) + 1))
-    widths = [*dimensions, *[1] * len(heading.keys)]
-    return custom_factor("acceleration", noise, [*keys, *heading.keys], widths, evaluate)

@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass, field
 
-import gtsam
 import numpy as np
 
-from vip_factors.factors.adapter import custom_factor
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import (
@@ -46,27 +44,3 @@ def camera_orientation_jacobians(
     by_rotation = left @ camera.R_world_camera
     by_pose = np.concatenate([by_rotation, np.zeros_like(by_rotation)], axis=2)
     return by_pose, -right[:, :, 2], by_rotation @ R_camera_imu
-
-
-def camera_orientation_factor(
-    camera_key: int,
-    heading_key: int,
-    mounting_key: int,
-    R_inertial_imu: Array,
-    weight: float,
-    settings: CameraOrientationSettings,
-) -> gtsam.CustomFactor:
-    """The GTSAM factor of one frame; ``weight`` divides the variance.
-
-    Keys in order: the camera's pose, the heading and the mounting of its IMU.
-    """
-
-    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
-        camera, heading = CameraPoses.of(values, camera_key), values.atDouble(heading_key)
-        mounting = values.atRot3(mounting_key).matrix()
-        residual = camera_orientation_residual(camera, mounting, heading, R_inertial_imu)
-        by_pose, by_heading, by_mounting = camera_orientation_jacobians(camera, mounting, residual)
-        return residual[0], [by_pose[0], by_heading[0][:, None], by_mounting[0]]
-
-    noise = settings.loss.noise_model(np.full(3, settings.sigma / np.sqrt(weight)))
-    return custom_factor("camera orientation", noise, [camera_key, heading_key, mounting_key], [6, 1, 3], evaluate)

@@ -2,17 +2,18 @@
 
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 
-from vip_factors.geometry.rotations import Array, exp, hat, right_jacobian
+from vip_factors.geometry.poses import retract_pose
+from vip_factors.geometry.rotations import Array, hat
 
 
 @dataclass(frozen=True)
 class CameraPoses:
     """Poses at ``T`` frames: ``R_world_camera`` ``(T, 3, 3)`` and ``p_world_camera`` ``(T, 3)`` in metres.
 
-    The tangent is ``(rotation, translation)``, both in the camera's axes: ``R ← R Exp(ω)``, ``p ← p + R v``.
+    The tangent is ``(ω, v)``, rotation first, both in the camera's axes: ``T ← T Exp(ω, v)``, that is ``R ← R Exp(ω)``
+    and ``p ← p + R J_l(ω) v``, which to first order is ``p + R v``.
     """
 
     R_world_camera: Array
@@ -32,12 +33,4 @@ class CameraPoses:
 
     def retract(self, steps: Array) -> "CameraPoses":
         """Moved by tangent steps ``(T, 6)``, as ``Pose3`` moves: the translation turns along."""
-        R = self.R_world_camera
-        turned = right_jacobian(-steps[:, :3]) @ steps[:, 3:, None]
-        return CameraPoses(R @ exp(steps[:, :3]), self.p_world_camera + (R @ turned)[..., 0])
-
-    @classmethod
-    def of(cls, values: gtsam.Values, key: int) -> "CameraPoses":
-        """One pose out of GTSAM values."""
-        pose = values.atPose3(key)
-        return cls(pose.rotation().matrix()[None], pose.translation()[None])
+        return CameraPoses(*retract_pose(self.R_world_camera, self.p_world_camera, steps))

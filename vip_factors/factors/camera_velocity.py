@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass, field
 
-import gtsam
 import numpy as np
 
-from vip_factors.factors.adapter import custom_factor
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import (
@@ -51,18 +49,3 @@ def camera_velocity_jacobians(
     by_now[:, 3:, 3:] = -np.eye(3)
     by_after[:, 3:, 3:] = transpose(now.R_world_camera) @ after.R_world_camera
     return by_now / step, by_after / step
-
-
-def camera_velocity_factor(
-    key_now: int, key_after: int, step: float, settings: CameraVelocitySettings
-) -> gtsam.CustomFactor:
-    """The GTSAM factor between the poses of two successive frames."""
-
-    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
-        now, after = CameraPoses.of(values, key_now), CameraPoses.of(values, key_after)
-        residual = camera_velocity_residual(now, after, step)
-        by_now, by_after = camera_velocity_jacobians(now, after, residual, step)
-        return residual[0], [by_now[0], by_after[0]]
-
-    noise = settings.loss.noise_model(settings.sigmas)
-    return custom_factor("camera velocity", noise, [key_now, key_after], [6, 6], evaluate)

@@ -5,13 +5,10 @@ else says where the root is; where no sensor says how it is turned, nothing else
 and only there, two broad priors hold: a root that keeps its velocity, and a pelvis that stays turned as it was.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 
-from vip_factors.factors.adapter import custom_factor
 from vip_factors.factors.smoothness import turn_jacobians
 from vip_factors.geometry.rotations import Array, log, transpose
 
@@ -46,25 +43,3 @@ def pelvis_turn_jacobians(residual: Array, step: float) -> tuple[Array, Array]:
     """Derivatives of :func:`pelvis_turn_residual` by the rotation now and the one after, ``(..., 3, 3)``."""
     by_now, by_after = turn_jacobians(residual * step)
     return by_now / step, by_after / step
-
-
-def root_coasting_factor(root_keys: Sequence[int], step: float, settings: CoastingSettings) -> gtsam.CustomFactor:
-    """The GTSAM factor on the root's translation in three consecutive frames."""
-
-    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
-        before, now, after = (np.asarray(values.atPoint3(key)) for key in root_keys)
-        return root_coasting_residual(before, now, after, step), [c / step**2 * np.eye(3) for c in DIFFERENCE]
-
-    noise = gtsam.noiseModel.Isotropic.Sigma(3, settings.acceleration_sigma)
-    return custom_factor("root coasting", noise, root_keys, [3] * 3, evaluate)
-
-
-def pelvis_turn_factor(now_key: int, after_key: int, step: float, settings: CoastingSettings) -> gtsam.CustomFactor:
-    """The GTSAM factor on the pelvis's rotation in two consecutive frames."""
-
-    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
-        residual = pelvis_turn_residual(values.atRot3(now_key).matrix(), values.atRot3(after_key).matrix(), step)
-        return residual, list(pelvis_turn_jacobians(residual, step))
-
-    noise = gtsam.noiseModel.Isotropic.Sigma(3, settings.turn_sigma)
-    return custom_factor("pelvis turn", noise, [now_key, after_key], [3, 3], evaluate)

@@ -8,14 +8,10 @@ at the ankle's own height and say nothing of depth, so it must be that of a foot
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-import gtsam
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState
-from vip_factors.body.skeleton import Skeleton, ancestors
-from vip_factors.factors.adapter import custom_factor
 from vip_factors.factors.camera_pose import CameraPoses
-from vip_factors.factors.chain import FrameKeys, chain_state, split_blocks
 from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import Array, hat
 from vip_factors.sensors.camera_model import CameraModel
@@ -87,15 +83,11 @@ class Foot:
         height = np.einsum("tk,tk->t", body.R_world_bone[:, self.bone, 2], arm)
         return body.point(self.bone, self.p_bone_ankle), height + self.sole_height
 
-    def ankle_jacobian(self, body: BodyState) -> tuple[tuple[int, ...], Array, Array]:
-        """The chain of joints, and by them the ankle ``(T, c, 3, 3)`` and its height ``(T, c, 3)``.
-
-        The root's translation moves the ankle alone.
-        """
-        chain, by_joints = body.point_jacobian(self.bone, self.p_bone_ankle)
+    def height_by_turn(self, body: BodyState) -> Array:
+        """Derivative ``(T, 3)`` of that height by a turn of the foot in the world: ``−hat(R arm)``, its last row."""
         arm = self.p_bone_ankle - self.p_bone_sole[self.lowest(body)]
         turned = np.einsum("tij,tj->ti", body.R_world_bone[:, self.bone], arm)
-        return chain, by_joints, -np.einsum("tk,tckj->tcj", hat(turned)[:, 2], body.R_world_bone[:, chain])
+        return -hat(turned)[:, 2]
 
 
 def pixel_rays(model: CameraModel, pixels: Array) -> Array:
@@ -168,34 +160,6 @@ def ground_contact_whitening(
     # Times its transpose the covariance, so that its inverse whitens.
     half = np.concatenate([across, settings.floor_sigma * slope[:, :, None]], axis=2)
     return root * np.linalg.inv(half)
-
-
-def ground_contact_factor(
-    skeleton: Skeleton, keys: FrameKeys, camera: int | CameraPoses, foot: Foot, ray: Array, whitening: Array,
-    loss: RobustLoss,
-) -> gtsam.CustomFactor:  # fmt: skip
-    """The GTSAM factor of one foot in one frame.
-
-    ``camera`` is the key of its pose, or the pose itself if that is known. Keys in order: the chain of joints, the
-    root, the camera's pose unless known. ``ray`` ``(3,)`` is that of the ankle's pixel in the camera's frame,
-    ``whitening`` ``(3, 3)``.
-    """
-
-    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
-        body = chain_state(skeleton, values, keys, foot.bone, with_root=True)
-        pose = CameraPoses.of(values, camera) if isinstance(camera, int) else camera
-        p, height = foot.ankle(body)
-        residual = whitening @ ground_contact_residual(p, height, pose, ray[None])[0]
-        by_height, by_camera = ground_contact_jacobians(height, pose, ray[None])
-        _, by_joints, of_height = foot.ankle_jacobian(body)
-        chain = by_joints + by_height[:, None, :, None] * of_height[:, :, None]
-        jacobians = [*split_blocks(whitening @ chain), whitening]
-        return residual, [*jacobians, whitening @ by_camera[0]] if isinstance(camera, int) else jacobians
-
-    all_keys, dimensions = [*keys.chain(foot.bone), keys.root], [3] * (len(ancestors(foot.bone)) + 1)
-    if isinstance(camera, int):
-        all_keys, dimensions = [*all_keys, camera], [*dimensions, 6]
-    return custom_factor("ground contact", loss.noise_model(np.ones(3)), all_keys, dimensions, evaluate)
 
 
 def acceleration_confidence(acceleration: Array, lowest: Array, settings: GroundContactSettings) -> Array:

@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 
-from vip_factors.factors.adapter import custom_factor
 from vip_factors.geometry.rotations import Array, wrap_angle
 
 
@@ -30,13 +28,3 @@ class HeadingPriorSettings:
 def heading_prior_residual(heading: Array, prior_heading: Array) -> Array:
     """Heading less its prior, wrapped into [−π, π), radians; any shape. Its derivative is one."""
     return wrap_angle(heading - prior_heading)
-
-
-def heading_prior_factor(key: int, prior_heading: float, sigma: float) -> gtsam.CustomFactor:
-    """The GTSAM factor on one sensor's heading; ``sigma`` in radians."""
-
-    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
-        residual = heading_prior_residual(np.array([values.atDouble(key)]), np.array([prior_heading]))
-        return residual, [np.eye(1)]
-
-    return custom_factor("heading prior", gtsam.noiseModel.Isotropic.Sigma(1, sigma), [key], [1], evaluate)

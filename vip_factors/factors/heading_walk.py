@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 
-from vip_factors.factors.adapter import custom_factor
 from vip_factors.geometry.rotations import Array
 
 
@@ -28,14 +26,3 @@ def heading_walk_residual(before: Array, after: Array) -> Array:
     Its derivatives are −1 and 1. Not wrapped: between its knots the heading is interpolated, so it is continuous.
     """
     return after - before
-
-
-def heading_walk_factor(before_key: int, after_key: int, sigma: float) -> gtsam.CustomFactor:
-    """The GTSAM factor between one sensor's headings at neighbouring knots; ``sigma`` in radians."""
-
-    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
-        before, after = np.array([values.atDouble(before_key)]), np.array([values.atDouble(after_key)])
-        return heading_walk_residual(before, after), [-np.eye(1), np.eye(1)]
-
-    noise = gtsam.noiseModel.Isotropic.Sigma(1, sigma)
-    return custom_factor("heading walk", noise, [before_key, after_key], [1, 1], evaluate)

@@ -2,13 +2,8 @@
 
 from dataclasses import dataclass, field
 
-import gtsam
 import numpy as np
 
-from vip_factors.body.skeleton import Skeleton, ancestors
-from vip_factors.factors.adapter import custom_factor
-from vip_factors.factors.chain import FrameKeys, chain_state, split_blocks
-from vip_factors.factors.heading_knots import HeadingAt, heading_at
 from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import (
     Array,
@@ -53,30 +48,3 @@ def orientation_jacobians(R_world_bone: Array, R_bone_sensor: Array, residual: A
     right = inverse_right_jacobian(residual)
     left = transpose(right)
     return left, left @ R_world_bone @ R_bone_sensor, -right[..., 2]
-
-
-def orientation_factor(
-    skeleton: Skeleton,
-    keys: FrameKeys,
-    heading_key: int | HeadingAt,
-    mounting_key: int,
-    bone: int,
-    R_inertial_sensor: Array,
-    settings: OrientationSettings,
-) -> gtsam.CustomFactor:
-    """The GTSAM factor of one sensor in one frame, on its chain of joints, its heading and its mounting."""
-    heading = heading_at(heading_key)
-
-    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
-        body = chain_state(skeleton, values, keys, bone, with_root=False)
-        mounting = values.atRot3(mounting_key).matrix()
-        R = body.R_world_bone[:, bone]
-        residual = orientation_residual(R, mounting, heading.value(values), R_inertial_sensor[None])
-        by_turn, by_mounting, by_heading = orientation_jacobians(R, mounting, residual)
-        _, by_joints = body.orientation_jacobian(bone)
-        return residual[0], [*split_blocks(by_turn @ by_joints), *heading.blocks(by_heading[0]), by_mounting[0]]
-
-    noise = settings.loss.noise_model(np.full(3, settings.sigma))
-    joints = len(ancestors(bone))
-    all_keys = [*keys.chain(bone), *heading.keys, mounting_key]
-    return custom_factor("orientation", noise, all_keys, [*[3] * joints, *[1] * len(heading.keys), 3], evaluate)

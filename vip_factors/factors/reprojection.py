@@ -2,14 +2,10 @@
 
 from dataclasses import dataclass, field
 
-import gtsam
 import numpy as np
 
-from vip_factors.body.skeleton import Skeleton, ancestors
-from vip_factors.factors.adapter import custom_factor
 from vip_factors.factors.adaptive_biweight import AdaptiveBiweightSettings
 from vip_factors.factors.camera_pose import CameraPoses
-from vip_factors.factors.chain import FrameKeys, chain_state, split_blocks
 from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import Array, hat, transpose
 from vip_factors.sensors.camera_model import CameraModel
@@ -70,49 +66,3 @@ def reprojection_linearised(
     projected, J = model.project_with_jacobian(p_camera)
     by_point = J @ transpose(camera.R_world_camera)[:, None]
     return projected - pixels, by_point, np.concatenate([J @ hat(p_camera), -J], axis=3)
-
-
-def reprojection_factor(
-    skeleton: Skeleton,
-    keys: FrameKeys,
-    camera: int | CameraPoses,
-    bone: int,
-    p_bone_point: Array,
-    model: CameraModel,
-    pixel: Array,
-    sigma: float,
-    settings: ReprojectionSettings,
-    clock: tuple[int, Array] | None = None,
-) -> gtsam.CustomFactor:
-    """The GTSAM factor of one keypoint ``pixel`` ``(2,)`` of one wearer in one frame; ``sigma`` in pixels.
-
-    ``camera`` is the key of its pose, or the pose itself if that is known. Keys in order: the chain of joints, the
-    root, the camera's pose unless known. With a ``clock``, also the key of the time in seconds by which the video's
-    clock must still be put forward; the detection moves at so many pixels a second.
-    """
-
-    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
-        body = chain_state(skeleton, values, keys, bone, with_root=True)
-        pose = CameraPoses.of(values, camera) if isinstance(camera, int) else camera
-        residual, p_camera = reprojection_residual(body.point(bone, p_bone_point)[:, None], pose, model, pixel)
-        by_point, by_camera = (J[:, 0] for J in reprojection_jacobians(p_camera, pose, model))
-        _, by_joints = body.point_jacobian(bone, p_bone_point)
-        jacobians = [*split_blocks(by_point[:, None] @ by_joints), by_point[0]]
-        if isinstance(camera, int):
-            jacobians.append(by_camera[0])
-        if clock is None:
-            return residual[0, 0], jacobians
-        offset_key, pixels_per_second = clock
-        return residual[0, 0] + pixels_per_second * values.atDouble(offset_key), [
-            *jacobians,
-            pixels_per_second[:, None],
-        ]
-
-    noise = settings.loss.noise_model(np.full(2, sigma))
-    all_keys = [*keys.chain(bone), keys.root]
-    dimensions = [3] * (len(ancestors(bone)) + 1)
-    if isinstance(camera, int):
-        all_keys, dimensions = [*all_keys, camera], [*dimensions, 6]
-    if clock is not None:
-        all_keys, dimensions = [*all_keys, clock[0]], [*dimensions, 1]
-    return custom_factor("reprojection", noise, all_keys, dimensions, evaluate)

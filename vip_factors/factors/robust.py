@@ -1,9 +1,8 @@
-"""Robust losses, as weights for the batched evaluation and as GTSAM noise models: both from one definition."""
+"""Robust losses: what they cost, and what they weigh."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 
-import gtsam
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
@@ -40,11 +39,5 @@ class RobustLoss:
             return 0.5 * self.k**2 * np.log1p((norm / self.k) ** 2)
         return 0.5 * norm**2
 
-    def noise_model(self, sigmas: Array) -> gtsam.noiseModel.Base:
-        """The GTSAM noise model that whitens by ``sigmas`` and applies this loss."""
-        base = gtsam.noiseModel.Diagonal.Sigmas(np.asarray(sigmas, dtype=float))
-        if self.loss is Loss.HUBER:
-            return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(self.k), base)
-        if self.loss is Loss.CAUCHY:
-            return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(self.k), base)
-        return base
+
+SQUARE = RobustLoss()

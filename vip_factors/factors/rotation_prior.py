@@ -2,11 +2,9 @@
 
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 
-from vip_factors.factors.adapter import custom_factor
-from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
+from vip_factors.geometry.rotations import Array, log, transpose
 
 
 @dataclass(frozen=True)
@@ -29,13 +27,3 @@ def rotation_prior_residual(R: Array, R_prior: Array) -> Array:
     each ``R_parent_child`` against the declared one.
     """
     return log(transpose(R_prior) @ R)
-
-
-def rotation_prior_factor(name: str, key: int, R_prior: Array, sigma: float) -> gtsam.CustomFactor:
-    """The GTSAM factor on one rotation; ``sigma`` in radians about each axis."""
-
-    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
-        residual = rotation_prior_residual(values.atRot3(key).matrix(), R_prior)
-        return residual, [inverse_right_jacobian(residual)]
-
-    return custom_factor(name, gtsam.noiseModel.Isotropic.Sigma(3, sigma), [key], [3], evaluate)

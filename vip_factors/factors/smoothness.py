@@ -6,13 +6,8 @@ over time, but its noise, summed twice, lets them wander; a Gaussian over their 
 
 from dataclasses import dataclass
 
-import gtsam
-import numpy as np
-
 from vip_factors.body.pose_prior import PosePrior
-from vip_factors.factors.adapter import custom_factor
-from vip_factors.factors.chain import FrameKeys
-from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
+from vip_factors.geometry.rotations import Array, inverse_right_jacobian, transpose
 
 JOINTS = range(1, 24)
 
@@ -26,16 +21,12 @@ class SmoothnessSettings:
     time: float = 0.07
 
 
-def smoothness_residual(
-    R_parent_child: Array, R_parent_child_after: Array, step: float, prior: PosePrior, settings: SmoothnessSettings
-) -> Array:
-    """``time · L Log(R(t)ᵀ R(t+1)) / step``, whitened, ``(T, 69)``.
+def smoothness_residual(turn: Array, step: float, prior: PosePrior, settings: SmoothnessSettings) -> Array:
+    """``time · L Log(R(t)ᵀ R(t+1)) / step``, whitened, ``(T, 69)``, of the turns ``(T, 23, 3)`` from frame to frame.
 
     The Gaussian is the pose prior's, ``Σ⁻¹ = Lᵀ L``, of rotation over a time instead of from the mean: joints that
-    deviate together turn together. Rotations are ``(T, 23, 3, 3)``, of joints 1 … 23; the difference is taken on the
-    group, for rotation vectors jump at half a turn.
+    deviate together turn together. The difference is taken on the group, for rotation vectors jump at half a turn.
     """
-    turn = log(transpose(R_parent_child) @ R_parent_child_after)
     return settings.time / step * turn.reshape(len(turn), -1) @ prior.whitening.T
 
 
@@ -43,18 +34,3 @@ def turn_jacobians(turn: Array) -> tuple[Array, Array]:
     """Derivatives of ``Log(R(t)ᵀ R(t+1))`` ``(..., 3)`` by the rotation now and the one after, ``(..., 3, 3)``."""
     right = inverse_right_jacobian(turn)
     return -transpose(right), right  # the left one is the transpose
-
-
-def smoothness_factor(
-    now: FrameKeys, after: FrameKeys, step: float, prior: PosePrior, settings: SmoothnessSettings
-) -> gtsam.CustomFactor:
-    """The GTSAM factor on joints 1 … 23 of two consecutive frames."""
-    keys = [[frame.joints[joint] for joint in JOINTS] for frame in (now, after)]
-    L = (settings.time / step * prior.whitening).reshape(69, 23, 3).swapaxes(0, 1)
-
-    def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
-        R, R_after = (np.stack([values.atRot3(key).matrix() for key in frame])[None] for frame in keys)
-        blocks = [block for J in turn_jacobians(log(transpose(R) @ R_after)[0]) for block in L @ J]
-        return smoothness_residual(R, R_after, step, prior, settings)[0], blocks
-
-    return custom_factor("smoothness", gtsam.noiseModel.Unit.Create(69), [*keys[0], *keys[1]], [3] * 46, evaluate)

@@ -6,13 +6,14 @@ import numpy as np
 
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.geometry.rotations import Array, wrap_angle
-from vip_factors.graph.terms import FRAME, ROOT
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.settling import Settling
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.state import FrameState
 from vip_factors.live.tracking import Tracking
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
+from vip_factors.problem.blocks import CAMERA
+from vip_factors.problem.layout import FRAME, ROOT, Owner, OwnerId
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.live import LiveSetup
 
@@ -70,14 +71,17 @@ class Answers:
     def calibrations(self, smoother: LagSmoother) -> dict[str, Calibration]:
         """Of each wearer's sensors, as they are believed now."""
         shared, covariance = smoother.shared, self._shared
-        sigma = np.full(smoother.problem.columns.static, np.nan) if covariance is None else np.sqrt(np.diag(covariance))
+        layout = smoother.problem.layout
+        sigma = np.full(layout.static_width, np.nan) if covariance is None else np.sqrt(np.diag(covariance))
         found: dict[str, Calibration] = {}
         for number, (wearer, model) in enumerate(zip(self._setup.wearers, smoother.problem.wearers, strict=True)):
-            headings, mountings = smoother.problem.shared.headings[number], smoother.problem.shared.mountings[number]
+            owner, own = OwnerId(Owner.WEARER, number), shared.wearers[number]
+            headings = layout.columns(owner, "headings")
+            mountings = layout.columns(owner, "R_bone_sensor").reshape(-1, 3)
             found[wearer.name] = {
                 sensor: SensorCalibration(
-                    float(wrap_angle(shared.headings[number][s])),
-                    shared.R_bone_sensor[number][s],
+                    float(wrap_angle(own.headings[s])),
+                    own.R_bone_sensor[s],
                     float(sigma[headings[s]]) if len(headings) else float("nan"),
                     sigma[mountings[s]] if len(mountings) else np.full(3, np.nan),
                 )
@@ -90,7 +94,7 @@ class Answers:
         self._newest = smoother.covariance(newest)
         if newest >= self._next_covariance or self._shared is None:
             self._next_covariance = newest + self._settings.covariance_every
-            self._shared = smoother.shared_covariance() if smoother.problem.columns.static else np.zeros((0, 0))
+            self._shared = smoother.shared_covariance() if smoother.problem.layout.static_width else np.zeros((0, 0))
             self._smoothed = smoother.covariance(max(smoother.numbers[0], newest - self._lag))
 
     def _settlings(self) -> tuple[Settling, Settling]:
@@ -134,9 +138,9 @@ class Answers:
             free = problem.camera.free_pose and covariance is not None
             own = covariance[-6:, -6:] if free and covariance is not None else None
             return LiveCameraPose(time, state.R_world_camera, state.p_world_camera, own)
-        poses, columns = smoother.shared.camera.poses, problem.shared.camera[:6]
+        poses, columns = smoother.shared.camera.poses, problem.layout.columns(CAMERA, "poses")
         own = None
-        if self._shared is not None and np.all(columns >= 0):
+        if self._shared is not None and len(columns):
             own = self._shared[np.ix_(columns, columns)]
         return LiveCameraPose(time, poses.R_world_camera[0], poses.p_world_camera[0], own)
 

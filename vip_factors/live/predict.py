@@ -11,7 +11,8 @@ from vip_factors.factors.acceleration import GRAVITY
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose
 from vip_factors.initialise.root_path import contact_points
 from vip_factors.live.problem import LagFrame, LagProblem
-from vip_factors.live.state import FrameState, SharedState
+from vip_factors.live.state import FrameState
+from vip_factors.problem.state import SceneState
 
 # Of the camera's velocity that is left one frame later, without an IMU on it: hands change their mind in 0.3 s.
 CAMERA_KEEPS = 0.95
@@ -19,7 +20,7 @@ PELVIS = 0  # bone
 
 
 def predicted(
-    problem: LagProblem, before: Sequence[tuple[LagFrame, FrameState]], frame: LagFrame, shared: SharedState,
+    problem: LagProblem, before: Sequence[tuple[LagFrame, FrameState]], frame: LagFrame, shared: SceneState,
     knocked: Sequence[int] = (),
 ) -> FrameState:  # fmt: skip
     """A frame from the one or two ``before`` it, oldest first, and its own measured orientations.
@@ -31,7 +32,7 @@ def predicted(
     turned = replace(state, R_parent_child=state.R_parent_child.copy())
     for number, wearer in enumerate(problem.wearers):
         bones = [sensor.bone for sensor in wearer.sensors]
-        turns = _turns(last, frame, problem.sensors[number], shared.headings[number], knocked)
+        turns = _turns(last, frame, problem.sensors[number], shared.wearers[number].headings, knocked)
         R = np.stack([older.R_parent_child[number], state.R_parent_child[number]])
         R_world_bone = forward_kinematics(wearer.skeleton, R, np.zeros((2, 3))).R_world_bone
         turns = _steadied(turns, R_world_bone[1, bones] @ transpose(R_world_bone[0, bones]))
@@ -44,7 +45,7 @@ def predicted(
     return _with_camera(problem, turned, older, state, last, frame, shared) if problem.moving else turned
 
 
-def _pushed(problem: LagProblem, number: int, last: LagFrame, shared: SharedState) -> Array:
+def _pushed(problem: LagProblem, number: int, last: LagFrame, shared: SceneState) -> Array:
     """Second difference ``(3,)`` of a wearer's path in metres, by the accelerometer on the pelvis; zero without one."""
     bones = [sensor.bone for sensor in problem.wearers[number].sensors]
     if PELVIS not in bones:
@@ -53,7 +54,7 @@ def _pushed(problem: LagProblem, number: int, last: LagFrame, shared: SharedStat
     column = problem.sensors[number][sensor]
     if not last.acceleration_valid[column]:
         return np.zeros(3)
-    heading, force = shared.headings[number][sensor], last.specific_force_inertial[column]
+    heading, force = shared.wearers[number].headings[sensor], last.specific_force_inertial[column]
     return np.asarray(problem.step**2 * (rotation_z(heading) @ force + GRAVITY))
 
 
@@ -112,7 +113,7 @@ def _with_turned_bones(
 
 def _with_camera(
     problem: LagProblem, state: FrameState, older: FrameState, newer: FrameState, last: LagFrame, frame: LagFrame,
-    shared: SharedState,
+    shared: SceneState,
 ) -> FrameState:  # fmt: skip
     """The camera goes on; turned as its IMU was, if it has one."""
     if not problem.camera.free_pose:

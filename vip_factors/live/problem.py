@@ -7,11 +7,11 @@ import numpy as np
 
 from vip_factors.factors.ground_contact import Foot
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.model import InertialModel
-from vip_factors.graph.scene_model import CameraProblem, GroundView, KeypointView, SceneModel, Viewpoint
-from vip_factors.graph.slices import SliceColumns
 from vip_factors.live.measurement import FrameMeasurement
-from vip_factors.live.state import SharedColumns
+from vip_factors.live.settings import LiveSettings
+from vip_factors.problem.blocks import scene_layout
+from vip_factors.problem.scene import CameraProblem, GroundView, KeypointView, SceneProblem, Viewpoint
+from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames
 
 
@@ -88,34 +88,33 @@ class LagProblem:
         step: seconds between frames.
         sensors: of each wearer, its columns among all carriers' sensors; of the camera's IMU, last, one or none.
         feet: by camera and wearer, those whose contact with the ground is used; None where it is not.
-        columns: of the slices.
-        shared: where shared variables have their coordinates.
+        layout: of the variables that move.
     """
 
     def __init__(
         self,
-        wearers: Sequence[InertialModel],
+        wearers: Sequence[WearerProblem],
         camera: CameraProblem,
         views: Sequence[KeypointView],
         further: Sequence[Viewpoint],
         sensors: Sequence[np.ndarray],
         step: float,
+        settings: LiveSettings,
     ) -> None:
         self.wearers, self.camera, self.further = tuple(wearers), camera, tuple(further)
         self.sensors, self.step = list(sensors), step
         cameras = [tuple(views), *(one.views for one in further)]
         self._points = [[view.points for view in own] for own in cameras]
         self.feet = [[None if view.ground is None else view.ground.feet for view in own] for own in cameras]
-        bare = SceneModel(self.wearers, camera, tuple(views), self.further)
-        self.columns = SliceColumns.of(bare)
-        self.shared = _shared_columns(self.wearers, self.columns)
+        bare = SceneProblem(self.wearers, camera, tuple(views), self.further)
+        self.layout = scene_layout(bare, settings.walk, settings.relinearisation.shared_deg)
 
     @property
     def moving(self) -> bool:
         """Whether the first camera's pose belongs to the frame."""
         return self.camera.moving
 
-    def model(self, frames: Sequence[LagFrame], beginning: bool) -> SceneModel:
+    def model(self, frames: Sequence[LagFrame], beginning: bool) -> SceneProblem:
         """The problem of consecutive frames; ``beginning``: they are the first ones."""
         time = frames[0].time + self.step * np.arange(len(frames))
         parts: tuple[Array, ...] = (
@@ -144,7 +143,7 @@ class LagProblem:
             camera = replace(camera, imu=_imu_frames(camera.imu.sensors, time, parts, self.sensors[-1]))
         views = [self._views(frames, number) for number in range(len(self._points))]
         further = tuple(replace(one, views=own) for one, own in zip(self.further, views[1:], strict=True))
-        return SceneModel(tuple(wearers), camera, views[0], further)
+        return SceneProblem(tuple(wearers), camera, views[0], further)
 
     @property
     def filmed(self) -> bool:
@@ -179,15 +178,3 @@ def _grounds(feet: tuple[Foot, ...] | None, sights: Sequence[Sight]) -> GroundVi
 def _imu_frames(names: tuple[str, ...], time: np.ndarray, parts: tuple[Array, ...], columns: np.ndarray) -> ImuFrames:
     R, seen, force, whole = (part[:, columns] for part in parts)
     return ImuFrames(names, time, R, seen, force, whole)
-
-
-def _shared_columns(wearers: tuple[InertialModel, ...], columns: SliceColumns) -> SharedColumns:
-    headings, mountings, first = [], [], 3 * columns.frame
-    for wearer, own in zip(wearers, columns.wearers, strict=True):
-        S, static = len(wearer.sensors), own[own >= first] - first
-        count = S if wearer.free_headings else 0
-        headings.append(static[:count])
-        mountings.append(static[count:].reshape(-1, 3) if wearer.free_mountings else static[:0].reshape(0, 3))
-    return SharedColumns(
-        tuple(headings), tuple(mountings), np.where(columns.camera >= first, columns.camera - first, -1)
-    )

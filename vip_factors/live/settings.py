@@ -5,22 +5,8 @@ from dataclasses import dataclass, field
 from vip_factors.live.assembly_settings import AssemblySettings
 from vip_factors.live.association import OnlineAssociationSettings
 from vip_factors.live.watch import WatchSettings
+from vip_factors.problem.blocks import RELINEARISE_DEG, WanderSettings
 from vip_factors.settings import CalibrationSettings, Settings
-
-
-@dataclass(frozen=True)
-class WalkSettings:
-    """How fast what all frames share may wander, per √second.
-
-    Beyond drift it stands for what repeats from frame to frame: taken as new each time it would make headings and
-    mountings surer than they are within seconds, and hold them where the first seconds put them.
-    """
-
-    every_s: float = 0.5  # the walk goes in steps: one elimination more at each
-    heading_deg: float = 0.3  # 2.3° in a minute: twice what a good filter drifts
-    mounting_deg: float = 0.3  # straps creep, skin moves
-    camera_deg: float = 0.05  # a camera that stands still does
-    camera_m: float = 0.002
 
 
 @dataclass(frozen=True)
@@ -29,7 +15,7 @@ class RelinearisationSettings:
 
     angle_deg: float = 1.0  # a joint that moved by less is linear to some thousandths
     length_m: float = 0.02
-    shared_deg: float = 0.3  # heading or mounting: they are seen by all frames, 1.0 costs 2 mm
+    shared_deg: float = RELINEARISE_DEG
     most: int = 6  # frames at once, the newest: what an update may cost
 
 
@@ -51,6 +37,6 @@ class LiveSettings(Settings):
     covariance_every: int = 12  # frames between covariances of the smoothed pose, which cost 4 ms
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
     online_association: OnlineAssociationSettings = field(default_factory=OnlineAssociationSettings)
-    walk: WalkSettings = field(default_factory=WalkSettings)
+    walk: WanderSettings = field(default_factory=WanderSettings)
     watch: WatchSettings = field(default_factory=WatchSettings)
     relinearisation: RelinearisationSettings = field(default_factory=RelinearisationSettings)

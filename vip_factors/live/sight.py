@@ -10,9 +10,9 @@ from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.factors.adaptive_biweight import adaptive_biweight
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.scene_model import CameraFactorSettings, GroundView, KeypointView
 from vip_factors.live.association import NOBODY, CameraPose, OnlineAssociation, OnlineAssociationSettings
 from vip_factors.live.problem import Sight
+from vip_factors.problem.scene import CameraFactorSettings, GroundView, KeypointView
 from vip_factors.sensors.live import LiveCamera, VideoFrame
 from vip_factors.sensors.placement import stature_of
 from vip_factors.stages.ground import ground_view, seen_feet

@@ -6,16 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.assembly.charts import Charts
+from vip_factors.assembly.objective import scene_slices
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.scene_model import SceneModel
-from vip_factors.graph.scene_state import SceneState
-from vip_factors.graph.slice_factors import scene_slices
-from vip_factors.graph.slices import REACH, Slices, shared_key, slice_key, step_factor
-from vip_factors.graph.terms import FRAME, ROOT
 from vip_factors.live.problem import LagFrame, LagProblem
 from vip_factors.live.settings import LiveSettings, RelinearisationSettings
-from vip_factors.live.state import FrameState, SharedState, moved_frames, stacked
+from vip_factors.live.state import FrameState, moved_frames, stacked
+from vip_factors.problem.layout import Layout, Owner, OwnerId
+from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.state import SceneState
 from vip_factors.solve.fixed_lag import FixedLagChain, LagSolution
+from vip_factors.solve.slices import REACH, Slices, shared_key, slice_key, step_factor
 
 PREDICTED_SIGMA = 10.0  # rad or m: far less than the least that a measurement says
 LEAST_STEP = 1e-5  # of shared variables that do not step: no information is infinite
@@ -38,13 +39,13 @@ class LagSmoother:
 
     Attributes:
         problem: of any stretch.
-        shared: what all frames share, as it is believed now.
+        shared: what all frames share, as it is believed now, without frames.
     """
 
-    def __init__(self, problem: LagProblem, shared: SharedState, settings: LiveSettings) -> None:
+    def __init__(self, problem: LagProblem, shared: SceneState, settings: LiveSettings) -> None:
         self.problem, self._settings = problem, settings
         self.shared = self._origin = shared
-        self._coordinates = np.zeros(problem.columns.static)
+        self._coordinates = np.zeros(problem.layout.static_width)
         self._frames: deque[_Kept] = deque()
         self._chain = FixedLagChain()
         self._solution: LagSolution | None = None
@@ -52,10 +53,11 @@ class LagSmoother:
         self._walks: dict[int, Array] = {}  # by frame behind which shared variables step, their sigmas
         self._epoch: dict[int, int] = {}  # of each frame: how many such steps lie before it
         self._every = max(1, round(settings.walk.every_s * settings.frame_rate))
-        self._loosened = np.zeros(problem.columns.static)  # variances of the step behind the newest frame
-        self._usual_walk = _walk_sigmas(problem, settings)
-        self._slices = Slices(problem.columns, settings.relinearisation.most)
-        self._limits = _limits(problem, settings.relinearisation)
+        self._loosened = np.zeros(problem.layout.static_width)  # variances of the step behind the newest frame
+        self._layout = layout = problem.layout
+        self._usual_walk = layout.per_column("wander") * np.sqrt(settings.walk.every_s)
+        self._slices = Slices(layout.frame_width, layout.static_width, settings.relinearisation.most)
+        self._limits, self._shared_limits = _limits(layout, settings.relinearisation), layout.per_column("relinearise")
 
     # What there is
 
@@ -94,7 +96,7 @@ class LagSmoother:
             )
         else:
             self._epoch[frame.number], self._beginning = 0, frame.number
-        self._frames.append(_Kept(frame, guess, np.zeros(self.problem.columns.frame), guess))
+        self._frames.append(_Kept(frame, guess, np.zeros(self._layout.frame_width), guess))
 
     def loosen(self, sigmas: Array) -> None:
         """Let shared variables step by ``sigmas`` ``(s,)`` behind the newest frame: a sensor has moved, say."""
@@ -102,18 +104,15 @@ class LagSmoother:
 
     def loosen_sensor(self, wearer: int, sensor: int, heading_deg: float, mounting_deg: float) -> None:
         """Let one sensor's heading and mounting step by so much before the newest frame: it has moved."""
-        columns, sigmas = self.problem.shared, np.zeros(self.problem.columns.static)
-        if len(columns.headings[wearer]):
-            sigmas[columns.headings[wearer][sensor]] = np.deg2rad(heading_deg)
-        if len(columns.mountings[wearer]):
-            sigmas[columns.mountings[wearer][sensor]] = np.deg2rad(mounting_deg)
+        owner, sigmas = OwnerId(Owner.WEARER, wearer), np.zeros(self._layout.static_width)
+        for block, degrees in (("headings", heading_deg), ("R_bone_sensor", mounting_deg)):
+            sigmas[self._layout.item_columns(owner, block, sensor)] = np.deg2rad(degrees)
         self.loosen(sigmas)
 
-    def scene(self, number: int) -> tuple[SceneModel, SceneState]:
+    def scene(self, number: int) -> tuple[SceneProblem, SceneState]:
         """A single frame as a scene of its own, without priors."""
         one = self._at(number)
-        mean = self.problem.wearers[0].prior.mean
-        return self.problem.model([one.frame], False), stacked([one.state], self.shared, self.problem.moving, mean)
+        return self.problem.model([one.frame], False), stacked([one.state], self.shared)
 
     def update(self, first: int | None = None) -> None:
         """One Gauss–Newton step over the frames that moved, and those from ``first`` on, if something is new there.
@@ -126,13 +125,12 @@ class LagSmoother:
         start = min(fresh - REACH, self._first_moved(), newest if first is None else first)
         start = max(start, self._frames[0].frame.number)
         kept = [self._at(number) for number in range(start, newest + 1)]
-        state = stacked(
-            [one.state for one in kept], self.shared, self.problem.moving, self.problem.wearers[0].prior.mean
-        )
+        state = stacked([one.state for one in kept], self.shared)
         model = self.problem.model([one.frame for one in kept], beginning=start == self._beginning)
-        slices = self._slices = scene_slices(model, state, self._slices)
+        charts = Charts.at(self._layout, np.stack([one.coordinates for one in kept]), self._coordinates)
+        slices = self._slices = scene_slices(self._layout, model, state, self._slices, charts)
         self._hold(slices, kept)
-        w, width = self.problem.columns.frame, self.problem.columns.width
+        w, width = slices.frame, slices.width
         for t, one in enumerate(kept):
             number, value = one.frame.number, np.zeros(width)
             for ahead, other in enumerate(kept[t : t + REACH + 1]):
@@ -174,7 +172,8 @@ class LagSmoother:
         """Frames that are estimated each by itself stay where they were predicted in what nothing tells of them."""
         for number, wearer in enumerate(self.problem.wearers):
             if not wearer.use_acceleration:
-                own = np.arange(FRAME * number, FRAME * (number + 1))
+                columns = self._layout.part_columns[number]
+                own = np.arange(columns.start, columns.stop)
                 slices.hessian[: len(kept), own, own] += 1 / PREDICTED_SIGMA**2
                 slices.gradient[: len(kept), own] += (
                     np.stack([one.coordinates[own] for one in kept]) / PREDICTED_SIGMA**2
@@ -182,7 +181,7 @@ class LagSmoother:
 
     def _newest_shared(self) -> int | None:
         """Key of what frames to come will share with the newest one; None where nothing is shared."""
-        if not self.problem.columns.static:
+        if not self._layout.static_width:
             return None
         newest = self.numbers[-1]
         return shared_key(self._epoch[newest] + (newest in self._walks))
@@ -191,44 +190,31 @@ class LagSmoother:
         shared = self._newest_shared()
         self._solution = self._chain.solution(shared)
         coordinates = [self._solution.at(slice_key(one.frame.number)) for one in self._frames]
-        states = moved_frames([one.origin for one in self._frames], np.stack(coordinates))
+        origins = [one.origin for one in self._frames]
+        states = moved_frames(self._layout, origins, self.shared, np.stack(coordinates))
         for one, own, state in zip(self._frames, coordinates, states, strict=True):
             one.coordinates, one.state = own, state
         if shared is not None:
             self._coordinates = self._solution.at(shared)
-            self.shared = self.problem.shared.moved(self._origin, self._coordinates)
+            self.shared = self._origin.retract_static(self._layout, self._coordinates)
 
     def _first_moved(self) -> int:
         """The earliest of the frames to be linearised anew because something in them has moved."""
         settings, newest = self._settings.relinearisation, self.numbers[-1]
-        limits, shared = self._limits, np.deg2rad(settings.shared_deg)
         for number in range(max(self.numbers[0], newest - settings.most + 1), newest):
             one = self._at(number)
             if one.linearised is None or one.shared is None:
                 break
-            if np.any(np.abs(one.coordinates - one.linearised) > limits):
+            if np.any(np.abs(one.coordinates - one.linearised) > self._limits):
                 return number
-            if np.any(np.abs(self._coordinates - one.shared) > shared):
+            if np.any(np.abs(self._coordinates - one.shared) > self._shared_limits):
                 return number
         return newest
 
 
-def _limits(problem: LagProblem, settings: RelinearisationSettings) -> Array:
-    limits = np.full(problem.columns.frame, np.deg2rad(settings.angle_deg))
-    for number in range(len(problem.wearers)):
-        limits[FRAME * number + ROOT : FRAME * (number + 1)] = settings.length_m
-    if problem.moving and problem.columns.frame > FRAME * len(problem.wearers):
-        limits[-3:] = settings.length_m
+def _limits(layout: Layout, settings: RelinearisationSettings) -> Array:
+    """From which change on each column of a frame is linearised anew."""
+    limits = np.full(layout.frame_width, np.deg2rad(settings.angle_deg))
+    for columns in layout.part_columns:
+        limits[columns.stop - 3 : columns.stop] = settings.length_m  # every part ends with a position
     return limits
-
-
-def _walk_sigmas(problem: LagProblem, settings: LiveSettings) -> Array:
-    """Of one step of the walk, ``(s,)``."""
-    walk, root = settings.walk, np.sqrt(settings.walk.every_s)
-    sigmas = np.full(problem.columns.static, np.deg2rad(walk.heading_deg) * root)
-    for mountings in problem.shared.mountings:
-        sigmas[mountings.ravel()] = np.deg2rad(walk.mounting_deg) * root
-    camera = problem.shared.camera
-    sigmas[camera[:3][camera[:3] >= 0]] = np.deg2rad(walk.camera_deg) * root
-    sigmas[camera[3:6][camera[3:6] >= 0]] = walk.camera_m * root
-    return sigmas

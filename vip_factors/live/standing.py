@@ -7,15 +7,15 @@ import numpy as np
 from vip_factors.body.kinematics import BodyState
 from vip_factors.factors.ground_contact import ContactFrom, Foot, GroundContactSettings
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.model import InertialModel
 from vip_factors.live.problem import LagFrame
+from vip_factors.problem.wearer import WearerProblem
 from vip_factors.stages.ground import foot_acceleration_confidence, free_accelerations, joint_state_confidence
 
 ACCELERATION_HOLDS = 3  # frames: that of the newest frame is measured by the next one, so the last known one counts
 
 
 def standing_feet(
-    wearer: InertialModel, sensors: np.ndarray, feet: tuple[Foot, ...], body: BodyState, frames: Sequence[LagFrame],
+    wearer: WearerProblem, sensors: np.ndarray, feet: tuple[Foot, ...], body: BodyState, frames: Sequence[LagFrame],
     at: int, settings: GroundContactSettings,
 ) -> Array:  # fmt: skip
     """How surely each foot stands, ``(G,)``, as :func:`~vip_factors.stages.ground.standing_confidence` has it.

@@ -5,24 +5,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vip_factors.assembly.objective import WearerObjective
 from vip_factors.errors import RecordingError
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.batch import BatchObjective
-from vip_factors.graph.decode import motion_of
-from vip_factors.graph.model import InertialModel
-from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel
-from vip_factors.graph.scene_state import CameraState, SceneState
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.live.buffered import MeasuredStretch
 from vip_factors.live.problem import LagFrame, LagProblem, Sight, lag_frame
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.state import FrameState, SharedState
+from vip_factors.live.state import FrameState, without_frames
+from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem
+from vip_factors.problem.state import CameraState, SceneState
+from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import coarser
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
+from vip_factors.stages.decode import motion_of
 from vip_factors.stages.filming import start_filming
 from vip_factors.stages.fusion import at_full_rate, fuse
 from vip_factors.stages.inertial import Tracked, at_frames, first_calibration, inertial_tracker
@@ -62,7 +62,7 @@ class Started:
     """
 
     problem: LagProblem
-    shared: SharedState
+    shared: SceneState
     frames: list[LagFrame]
     states: list[FrameState]
     shots: tuple[Shot, ...]
@@ -102,7 +102,7 @@ def start(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None 
         for one, tracked, own in zip(model.wearers, wearers, state.wearers, strict=True)
     )
     model = replace(model, wearers=freed)
-    return _started(stretch, scene, model, state, shots, spreads)
+    return _started(stretch, scene, model, state, shots, spreads, settings)
 
 
 def _tracked(
@@ -128,7 +128,7 @@ def _tracked(
     return replace(tracked, model=replace(tracked.model, mounting_sigma=mounting))
 
 
-Problem = tuple[SceneModel, SceneState, tuple[Shot, ...], tuple[tuple[float, ...], ...]]
+Problem = tuple[SceneProblem, SceneState, tuple[Shot, ...], tuple[tuple[float, ...], ...]]
 
 
 def _filmed(
@@ -158,7 +158,7 @@ def _unfilmed(
     models, states = [], []
     for recording, tracked in zip(scene.wearers, wearers, strict=True):
         free = replace(loosened(tracked.model, settings.calibration), free_pose_mean=False)
-        state = solver.solve(BatchObjective(with_contacts(free, tracked.state)), tracked.state, "start")
+        state = solver.solve_wearer(WearerObjective(with_contacts(free, tracked.state)), tracked.state, "start")
         fine = stretch.frames(recording.subject.name, tracked.model.frames.sensors)
         state = at_frames(state, tracked.model.frames.time, stretch.time)
         models.append(with_contacts(kept(tracked.model, fine), state))
@@ -171,10 +171,10 @@ def _unfilmed(
     )
     camera = CameraProblem(NO_CAMERA, moving=False, free_pose=False, settings=settings.camera)
     poses = CameraState(CameraPoses(np.eye(3)[None], np.zeros((1, 3))))
-    return SceneModel(tuple(models), camera, nothing), SceneState(tuple(states), poses), (), ()
+    return SceneProblem(tuple(models), camera, nothing), SceneState(tuple(states), poses), (), ()
 
 
-def _freed(model: InertialModel, tracked: InertialModel, settings: LiveSettings, p_start: Array) -> InertialModel:
+def _freed(model: WearerProblem, tracked: WearerProblem, settings: LiveSettings, p_start: Array) -> WearerProblem:
     """A wearer's problem with calibration free and less believed that is wrong in every frame alike."""
     pose = tracked.initial_pose
     if pose is not None:
@@ -196,8 +196,8 @@ def _shifted(state: SceneState, shift: Array) -> SceneState:
 
 
 def _started(
-    stretch: MeasuredStretch, scene: Scene, model: SceneModel, state: SceneState, shots: tuple[Shot, ...],
-    spreads: tuple[tuple[float, ...], ...],
+    stretch: MeasuredStretch, scene: Scene, model: SceneProblem, state: SceneState, shots: tuple[Shot, ...],
+    spreads: tuple[tuple[float, ...], ...], settings: LiveSettings,
 ) -> Started:  # fmt: skip
     sensors = [
         np.array([stretch.column(recording.subject.name, name) for name in one.frames.sensors], dtype=int)
@@ -207,14 +207,10 @@ def _started(
         sensors.append(np.array([stretch.column(shots[0].camera.name, model.camera.imu.sensors[0])]))
     cameras = model.viewpoints(state.camera)
     problem = LagProblem(
-        model.wearers, model.camera, cameras[0].views, model.further, sensors, model.wearers[0].frames.step
+        model.wearers, model.camera, cameras[0].views, model.further, sensors, model.wearers[0].frames.step, settings
     )
     poses = state.camera.poses
-    shared = SharedState(
-        tuple(one.headings for one in state.wearers),
-        tuple(one.R_bone_sensor for one in state.wearers),
-        replace(state.camera, poses=CameraPoses(poses.R_world_camera[:1], poses.p_world_camera[:1])),
-    )
+    shared = without_frames(state)
     frames, states = [], []
     for t, (one, after) in enumerate(zip(stretch.measurements, [*stretch.measurements[1:], None], strict=True)):
         sights: list[tuple[Sight, ...] | None] = [

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.assembly.evaluation import ViewEvaluation, WearerEvaluation
+from vip_factors.assembly.view_terms import reprojection_residuals
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.reprojection_batch import reprojections
 from vip_factors.initialise.root_path import contact_confidence
 from vip_factors.live.measurement import FrameMeasurement
 from vip_factors.live.predict import predicted
@@ -18,6 +19,7 @@ from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.standing import standing_feet
 from vip_factors.live.start import Started
 from vip_factors.live.watch import SensorWatch
+from vip_factors.problem.blocks import CAMERA
 from vip_factors.sensors.live import LiveSetup, VideoFrame
 
 CONTACT_FRAMES = 8  # frames over which a foot is watched to tell whether it stands
@@ -241,6 +243,7 @@ class Tracking:
             for onlooker, one in zip(self.onlookers, model.viewpoints(state.camera), strict=False):
                 view = one.views[number]
                 if view.seen.any():
-                    residual, _ = reprojections(view, one.problem, one.state.at_frames(slice(0, 1)), 0.0, body)
+                    at = WearerEvaluation(number, wearer, own, body)
+                    residual = reprojection_residuals(ViewEvaluation(at, CAMERA, one.problem, one.state, view))
                     onlooker.hear(number, residual[view.seen], self._settings.spread_share)
         return findings

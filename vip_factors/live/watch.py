@@ -5,11 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.assembly.evaluation import WearerEvaluation
+from vip_factors.assembly.wearer_terms import orientation
 from vip_factors.body.kinematics import BodyState
 from vip_factors.geometry.rotations import Array, log, transpose
-from vip_factors.graph.model import InertialModel
-from vip_factors.graph.state import GraphState
-from vip_factors.graph.wearer_residuals import orientation_residuals
+from vip_factors.problem.state import WearerState
+from vip_factors.problem.wearer import WearerProblem
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class SensorWatch:
         begin: number of the frame that tracking began with.
     """
 
-    def __init__(self, model: InertialModel, settings: WatchSettings, rate: float, every: int, begin: int) -> None:
+    def __init__(self, model: WearerProblem, settings: WatchSettings, rate: float, every: int, begin: int) -> None:
         self._settings, self._rate, self._every = settings, rate, every
         self._mean = np.zeros((len(model.sensors), 3))
         self._since = np.full(len(model.sensors), begin + round(settings.settle_s * rate))
@@ -45,9 +46,10 @@ class SensorWatch:
         self._moving = np.zeros(len(model.sensors), bool)  # whether that is known
         self._sigma = model.settings.orientation.sigma
 
-    def moved(self, number: int, model: InertialModel, state: GraphState, body: BodyState) -> Sequence[int]:
+    def moved(self, number: int, model: WearerProblem, state: WearerState, body: BodyState) -> Sequence[int]:
         """Sensors that have moved, judged at a frame: ``model``, ``state`` and ``body`` hold it alone."""
-        residual = orientation_residuals(model, state, body, slice(0, 1)).residual[0] * self._sigma
+        at = WearerEvaluation(0, model, state, body)
+        residual = next(orientation(at, slice(0, 1))).residual[0] * self._sigma
         share = 1 - np.exp(-self._every / (self._settings.memory_s * self._rate))
         valid = model.frames.orientation_valid[0]
         self._mean[valid] += share * (residual[valid] - self._mean[valid])

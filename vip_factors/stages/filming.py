@@ -8,8 +8,6 @@ import numpy as np
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, transpose, yaw_of
-from vip_factors.graph.scene_model import CameraProblem, Viewpoint
-from vip_factors.graph.scene_state import CameraState, SceneState
 from vip_factors.initialise.camera import (
     Sightings,
     carried_camera,
@@ -20,6 +18,8 @@ from vip_factors.initialise.camera import (
     together,
     world_turn,
 )
+from vip_factors.problem.scene import CameraProblem, Viewpoint
+from vip_factors.problem.state import CameraState, SceneState
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Camera

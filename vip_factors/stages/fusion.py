@@ -5,21 +5,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.body.kinematics import BodyState, forward_kinematics
+from vip_factors.assembly.evaluation import ViewEvaluation, WearerEvaluation
+from vip_factors.assembly.objective import SceneObjective
+from vip_factors.assembly.view_terms import reprojection_residuals
 from vip_factors.body.motion import Motion
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.decode import motion_of
-from vip_factors.graph.following import FollowingObjective
-from vip_factors.graph.model import InertialModel
-from vip_factors.graph.reprojection_batch import reprojections
-from vip_factors.graph.scene_batch import SceneObjective
-from vip_factors.graph.scene_model import CameraProblem, KeypointView, SceneModel, Viewpoint
-from vip_factors.graph.scene_state import CameraState, SceneState
+from vip_factors.problem.blocks import CAMERA
+from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem, Viewpoint
+from vip_factors.problem.state import CameraState, SceneState
+from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
+from vip_factors.stages.decode import motion_of
 from vip_factors.stages.filming import Filmed, camera_problem
 from vip_factors.stages.ground import seen_standing
 from vip_factors.stages.inertial import at_frames
@@ -38,7 +38,7 @@ class Fused:
     ``spreads`` is what was taken for the scatter of each camera's detections of each wearer, in OKS sigmas.
     """
 
-    model: SceneModel
+    model: SceneProblem
     state: SceneState
     spreads: tuple[tuple[float, ...], ...]
 
@@ -46,13 +46,13 @@ class Fused:
         """How each camera's detections of each wearer scatter about the solution, in OKS sigmas."""
         if not self.model.camera.settings.reprojection.adaptive:
             return self.spreads
-        bodies = [
-            forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
-            for wearer, own in zip(self.model.wearers, self.state.wearers, strict=True)
+        wearers = [
+            WearerEvaluation.of(number, wearer, own)
+            for number, (wearer, own) in enumerate(zip(self.model.wearers, self.state.wearers, strict=True))
         ]
         viewpoints = self.model.viewpoints(self.state.camera)
         return tuple(
-            _scatter_before(one, bodies, spreads) for one, spreads in zip(viewpoints, self.spreads, strict=True)
+            _scatter_before(one, wearers, spreads) for one, spreads in zip(viewpoints, self.spreads, strict=True)
         )
 
     def is_settled(self) -> bool:
@@ -74,10 +74,12 @@ class Fused:
         return CameraPath(time[: len(poses)], poses.R_world_camera, poses.p_world_camera)
 
 
-def _scatter_before(camera: Viewpoint, bodies: Sequence[BodyState], spreads: Sequence[float]) -> tuple[float, ...]:
-    found, poses = [], camera.state.at_frames(slice(0, len(bodies[0].p_world_joint)))
-    for view, body, spread in zip(camera.views, bodies, spreads, strict=True):
-        residual, _ = reprojections(view, camera.problem, poses, camera.state.clock, body)
+def _scatter_before(
+    camera: Viewpoint, wearers: Sequence[WearerEvaluation], spreads: Sequence[float]
+) -> tuple[float, ...]:
+    found = []
+    for view, wearer, spread in zip(camera.views, wearers, spreads, strict=True):
+        residual = reprojection_residuals(ViewEvaluation(wearer, CAMERA, camera.problem, camera.state, view))
         found.append(scatter(residual, view, spread, camera.problem.settings.reprojection))
     return tuple(found)
 
@@ -92,10 +94,11 @@ def fuse(filmed: Filmed, before: Fused | None, shots: Sequence[Shot], settings: 
         for one, state in zip(filmed.wearers, start.wearers, strict=True)
     )
     model = _scene_model(wearers, filmed.camera, filmed.further, start, shots, spreads, path_known=before is not None)
+    model = replace(model, extra=solver.extra)
     return Fused(model, solver.solve(SceneObjective(model), start, "video-inertial fusion"), spreads)
 
 
-def _with_plain_prior(model: InertialModel, settings: Settings) -> InertialModel:
+def _with_plain_prior(model: WearerProblem, settings: Settings) -> WearerProblem:
     """The loosened model with the prior's own mean: the camera shows how the wearer stands, a mean need not."""
     return replace(loosened(model, settings.calibration), free_pose_mean=False)
 
@@ -109,10 +112,13 @@ def fuse_finely(
     camera follows the wearers as they are, and then each wearer is refined in front of it, by itself.
     """
     model, state, spreads = at_full_rate(scene, filmed, coarse, shots, time, settings)
+    model = replace(model, extra=solver.extra)
     states, camera = list(state.wearers), model.camera
     if camera.moving and camera.free_pose:
-        found = solver.solve(FollowingObjective(model, state.wearers), state.camera, "full rate, camera")
-        state = replace(state, camera=found)
+        state = solver.solve(SceneObjective(model, wearers_move=False), state, "full rate, camera")
+    if model.extra is not None:  # it may tie wearers to one another
+        together = replace(model, camera=_held(model.camera))
+        return Fused(model, solver.solve(SceneObjective(together), state, "full rate"), spreads)
     for number, name in enumerate(recording.subject.name for recording in scene.wearers):
         start = SceneState((state.wearers[number],), state.camera)
         refined = solver.solve(SceneObjective(_alone(model, number)), start, f"full rate, {name}")
@@ -122,7 +128,7 @@ def fuse_finely(
 
 def at_full_rate(
     scene: Scene, filmed: Filmed, coarse: Fused, shots: Sequence[Shot], time: Array, settings: Settings
-) -> tuple[SceneModel, SceneState, tuple[tuple[float, ...], ...]]:
+) -> tuple[SceneProblem, SceneState, tuple[tuple[float, ...], ...]]:
     """The problem at the full frame rate, with headings, mountings and mean poses kept, where to start, and spreads."""
     before = coarse.model.wearers[0].frames.time
     wearers, states = [], []
@@ -137,11 +143,11 @@ def at_full_rate(
     return model, state, spreads
 
 
-def _alone(model: SceneModel, number: int) -> SceneModel:
+def _alone(model: SceneProblem, number: int) -> SceneProblem:
     """One wearer before cameras that are kept as they are."""
     further = tuple(replace(one, views=one.views[number : number + 1]) for one in model.further)
     wearers, views = model.wearers[number : number + 1], model.views[number : number + 1]
-    return SceneModel(wearers, _held(model.camera), views, further)
+    return SceneProblem(wearers, _held(model.camera), views, further)
 
 
 def _held(camera: CameraProblem) -> CameraProblem:
@@ -158,20 +164,20 @@ def _camera_at(coarse: Fused, time: Array) -> CameraState:
 
 
 def _scene_model(
-    wearers: tuple[InertialModel, ...], camera: CameraProblem, further: Sequence[Viewpoint], state: SceneState,
+    wearers: tuple[WearerProblem, ...], camera: CameraProblem, further: Sequence[Viewpoint], state: SceneState,
     shots: Sequence[Shot], spreads: Sequence[Sequence[float]], path_known: bool,
-) -> SceneModel:  # fmt: skip
+) -> SceneProblem:  # fmt: skip
     """The scene's problem: what each camera saw, put onto the frames."""
     cameras = [Viewpoint(camera, state.camera, ()), *further]
     first, *others = (
         replace(one, views=_views(wearers, one, state, shot, spread, path_known))
         for one, shot, spread in zip(cameras, shots, spreads, strict=True)
     )
-    return SceneModel(wearers, camera, first.views, tuple(others))
+    return SceneProblem(wearers, camera, first.views, tuple(others))
 
 
 def _views(
-    wearers: Sequence[InertialModel], camera: Viewpoint, state: SceneState, shot: Shot, spreads: Sequence[float],
+    wearers: Sequence[WearerProblem], camera: Viewpoint, state: SceneState, shot: Shot, spreads: Sequence[float],
     path_known: bool,
 ) -> tuple[KeypointView, ...]:  # fmt: skip
     state, lens, settings, views = (

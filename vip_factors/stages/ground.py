@@ -20,11 +20,11 @@ from vip_factors.factors.ground_contact import (
     rays_meet_floor,
 )
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.model import BodyPoint, InertialModel
-from vip_factors.graph.scene_model import GroundView, KeypointView
-from vip_factors.graph.scene_state import SceneState
-from vip_factors.graph.state import GraphState
 from vip_factors.initialise.root_path import contact_confidence, contact_points
+from vip_factors.problem.points import BodyPoint
+from vip_factors.problem.scene import GroundView, KeypointView
+from vip_factors.problem.state import SceneState, WearerState
+from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.stages.inertial_model import placed_on_floor
 
@@ -50,7 +50,7 @@ def seen_feet(
 
 
 def seen_standing(
-    model: InertialModel, scene: SceneState, number: int, keypoints: KeypointSet, view: KeypointView,
+    model: WearerProblem, scene: SceneState, number: int, keypoints: KeypointSet, view: KeypointView,
     lens: CameraModel, path_known: bool, settings: GroundContactSettings,
 ) -> GroundView:  # fmt: skip
     """The ground contacts of one wearer before the camera of a scene's state, over a whole recording."""
@@ -63,7 +63,7 @@ def seen_standing(
 
 
 def standing_confidence(
-    model: InertialModel, state: GraphState, feet: tuple[Foot, ...], path_known: bool, settings: GroundContactSettings
+    model: WearerProblem, state: WearerState, feet: tuple[Foot, ...], path_known: bool, settings: GroundContactSettings
 ) -> Array:
     """How surely each foot ``(T, G)`` stands on the ground; by its sensor up to two, by the joint state up to one.
 

@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from vip_factors.assembly.objective import WearerObjective
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, wrap_angle
-from vip_factors.graph.batch import BatchObjective
-from vip_factors.graph.model import InertialModel
-from vip_factors.graph.state import GraphState
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, known_calibration
 from vip_factors.initialise.pose import first_poses
+from vip_factors.problem.state import WearerState
+from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames, resample
 from vip_factors.sensors.recording import Recording
 from vip_factors.settings import Settings
@@ -31,8 +31,8 @@ FACING_SIGMA = np.deg2rad(45.0)  # of a strap put on by eye: decides where the m
 class Tracked:
     """A wearer's problem and where it stands."""
 
-    model: InertialModel
-    state: GraphState
+    model: WearerProblem
+    state: WearerState
 
 
 def inertial_tracker(
@@ -44,7 +44,7 @@ def inertial_tracker(
     """
     calibration = known or _facing(recording, first_calibration(recording, frames, settings), settings, solver.tell)
     model = inertial_model(recording, frames, calibration, settings)
-    state = solver.solve(BatchObjective(alone(model)), _start(model, calibration), "inertial tracker")
+    state = solver.solve_wearer(WearerObjective(alone(model)), _start(model, calibration), "inertial tracker")
     model = walking(model, settings.calibration)
     return Tracked(model, placed_on_floor(model, state).with_knots(len(model.heading_knots)))
 
@@ -77,19 +77,19 @@ def _facing(
         turned = calibration.facing(float(angle))
         model = replace(alone(inertial_model(recording, frames, turned, settings)), initial_pose=None)
         solve = replace(settings.solve, max_iterations=FACING_ITERATIONS)
-        _, report = levenberg_marquardt(BatchObjective(model), _start(model, turned), solve, "facing")
+        _, report = levenberg_marquardt(WearerObjective(model), _start(model, turned), solve, "facing")
         cost = sum(report.final_cost.values()) + 0.5 * (wrap_angle(angle) / FACING_SIGMA) ** 2
         if cost < least:
             least, best = cost, turned
     return best
 
 
-def _start(model: InertialModel, calibration: InitialCalibration) -> GraphState:
+def _start(model: WearerProblem, calibration: InitialCalibration) -> WearerState:
     R = first_poses(model.frames, [sensor.bone for sensor in model.sensors], calibration, model.prior)
-    return GraphState(R, np.zeros((len(R), 3)), calibration.headings, calibration.R_bone_sensor, model.prior.mean)
+    return WearerState(R, np.zeros((len(R), 3)), calibration.headings, calibration.R_bone_sensor, model.prior.mean)
 
 
-def at_frames(state: GraphState, time: Array, wanted: Array) -> GraphState:
+def at_frames(state: WearerState, time: Array, wanted: Array) -> WearerState:
     """The state's motion, of frames at ``time`` ``(T,)``, at other instants ``(N,)``; the ends are kept beyond it."""
     R = np.stack(
         [interpolate_rotations(time, state.R_parent_child[:, joint], wanted) for joint in range(JOINT_COUNT)], axis=1

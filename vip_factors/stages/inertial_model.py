@@ -9,10 +9,11 @@ from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.errors import InputError
-from vip_factors.graph.model import BodyPoint, InertialModel, InitialPose
-from vip_factors.graph.state import GraphState
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.root_path import contact_confidence, contact_points, standing_path
+from vip_factors.problem.points import BodyPoint
+from vip_factors.problem.state import WearerState
+from vip_factors.problem.wearer import InitialPose, WearerProblem
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.recording import Recording
 from vip_factors.settings import CalibrationSettings, Settings
@@ -23,7 +24,7 @@ FEW_SENSORS = 6  # with so few, acceleration is all that some limbs have, and th
 
 def inertial_model(
     recording: Recording, frames: ImuFrames, calibration: InitialCalibration, settings: Settings
-) -> InertialModel:
+) -> WearerProblem:
     """The whole problem, everything free that the settings free."""
     sites = [recording.placement.site(name) for name in frames.sensors]
     declared = recording.initial_pose != "none"
@@ -33,7 +34,7 @@ def inertial_model(
         sparse = replace(factors.acceleration, sigma=factors.acceleration.sparse_sigma)
         factors = replace(factors, acceleration=sparse)
     held = max(1, round(settings.factors.initial_pose.seconds / frames.step))
-    return InertialModel(
+    return WearerProblem(
         skeleton=recording.subject.body(),
         prior=load_pose_prior(),
         limits=load_joint_limits(),
@@ -58,12 +59,12 @@ def gauge_sensor(bones: list[int]) -> int:
     return bones.index(0) if 0 in bones else 0
 
 
-def alone(model: InertialModel) -> InertialModel:
+def alone(model: WearerProblem) -> WearerProblem:
     """The model of the inertial tracker: every frame by itself, the calibration kept."""
     return replace(model, use_acceleration=False, free_headings=False, free_mountings=False, free_pose_mean=False)
 
 
-def walking(model: InertialModel, calibration: CalibrationSettings) -> InertialModel:
+def walking(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:
     """The model with knots for its headings, evenly spaced over its frames; as it is, if they are to be constant.
 
     Raises:
@@ -78,7 +79,7 @@ def walking(model: InertialModel, calibration: CalibrationSettings) -> InertialM
     return replace(model, heading_knots=np.linspace(time[0], time[-1], pieces + 1)) if pieces else model
 
 
-def loosened(model: InertialModel, calibration: CalibrationSettings) -> InertialModel:
+def loosened(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:
     """The model for finding headings and mountings: less is believed that is wrong in every frame alike."""
     factors, k = model.settings, calibration.loosening
     sigma = max(calibration.acceleration_sigma, factors.acceleration.sigma)
@@ -92,20 +93,20 @@ def loosened(model: InertialModel, calibration: CalibrationSettings) -> Inertial
     return replace(model, settings=loose)
 
 
-def kept(model: InertialModel, frames: ImuFrames) -> InertialModel:
+def kept(model: WearerProblem, frames: ImuFrames) -> WearerProblem:
     """The model over other frames, with headings, mountings and mean pose kept as they are."""
     return replace(
         model, frames=frames, free_headings=False, free_mountings=False, free_pose_mean=False, initial_pose=None
     )
 
 
-def placed_on_floor(model: InertialModel, state: GraphState) -> GraphState:
+def placed_on_floor(model: WearerProblem, state: WearerState) -> WearerState:
     """The state with a root path on which whichever foot stands lowest stands still."""
     body = forward_kinematics(model.skeleton, state.R_parent_child, np.zeros_like(state.p_world_pelvis))
     return replace(state, p_world_pelvis=standing_path(body, contact_points(model.skeleton)))
 
 
-def with_contacts(model: InertialModel, state: GraphState, path_known: bool = False) -> InertialModel:
+def with_contacts(model: WearerProblem, state: WearerState, path_known: bool = False) -> WearerProblem:
     """The model with the foot contacts that a first motion shows.
 
     Without a known path, of a camera say, contact shows in the pose alone: one that has drifted would hide it.

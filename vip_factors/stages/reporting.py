@@ -5,11 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from vip_factors.assembly.objective import SceneObjective
 from vip_factors.errors import SolveError
 from vip_factors.estimate import SceneEstimate, SolveReport
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.scene_batch import SceneObjective
-from vip_factors.graph.scene_decode import (
+from vip_factors.sensors.scene import Scene
+from vip_factors.settings import Settings, flatten
+from vip_factors.solve.marginals import chain_marginals, last_marginals
+from vip_factors.stages.findings import find_oddities, of_camera
+from vip_factors.stages.fusion import Fused
+from vip_factors.stages.scene_decode import (
     SceneCovariance,
     camera_with_sigmas,
     decode_camera,
@@ -17,11 +22,6 @@ from vip_factors.graph.scene_decode import (
     scene_covariance,
     with_sigmas,
 )
-from vip_factors.sensors.scene import Scene
-from vip_factors.settings import Settings, flatten
-from vip_factors.solve.marginals import chain_marginals, last_marginals
-from vip_factors.stages.findings import find_oddities, of_camera
-from vip_factors.stages.fusion import Fused
 from vip_factors.stages.shots import Shot
 
 

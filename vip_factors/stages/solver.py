@@ -2,12 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TypeVar
 
+from vip_factors.assembly.objective import SceneObjective, WearerObjective
 from vip_factors.estimate import SolveReport
-from vip_factors.solve.levenberg_marquardt import Objective, SolveSettings, levenberg_marquardt
+from vip_factors.factor_graph.optimise import optimise_with_gtsam
+from vip_factors.problem.extra import ExtraTerms
+from vip_factors.problem.state import SceneState, WearerState
+from vip_factors.settings import SolverName
+from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 
-State = TypeVar("State")
 Progress = Callable[[str, float], None]
 
 
@@ -19,17 +22,26 @@ class Solver:
         settings: of the optimiser.
         tell: called with the name of the stage and the fraction of it done.
         reports: one per solve, in order.
+        name: which optimiser.
+        extra: terms of a user's own.
     """
 
     settings: SolveSettings
     tell: Progress
     reports: list[SolveReport] = field(default_factory=list)
+    name: SolverName = SolverName.OWN
+    extra: ExtraTerms | None = None
 
-    def solve(self, objective: Objective[State], start: State, stage: str) -> State:
+    def solve(self, objective: SceneObjective, start: SceneState, stage: str) -> SceneState:
         """The minimum near ``start``."""
-        state, report = levenberg_marquardt(objective, start, self.settings, stage, lambda done: self.tell(stage, done))
+        optimise = optimise_with_gtsam if self.name is SolverName.GTSAM else levenberg_marquardt
+        state, report = optimise(objective, start, self.settings, stage, lambda done: self.tell(stage, done))
         self.reports.append(report)
         return state
+
+    def solve_wearer(self, objective: WearerObjective, start: WearerState, stage: str) -> WearerState:
+        """The same of one wearer whom no camera sees."""
+        return self.solve(objective.scene, SceneState.unfilmed([start]), stage).wearers[0]
 
     def telling(self, stage: str) -> Callable[[float], None]:
         """Progress of a stage that is no solve."""

@@ -9,9 +9,9 @@ from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.factors.adaptive_biweight import PAPERS_WIDTH, adaptive_biweight
 from vip_factors.factors.reprojection import ReprojectionSettings
 from vip_factors.geometry.rotations import Array
-from vip_factors.graph.model import BodyPoint
-from vip_factors.graph.scene_model import KeypointView
-from vip_factors.graph.scene_state import SceneState
+from vip_factors.problem.points import BodyPoint
+from vip_factors.problem.scene import KeypointView
+from vip_factors.problem.state import SceneState
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.placement import stature_of

@@ -1,0 +1,93 @@
+"""One way to move: by a solution of the linear system, by a stream's coordinates, and as GTSAM moves its values."""
+
+import gtsam
+import numpy as np
+import pytest
+from small_problems import small_scene, walking_scene
+
+from vip_factors.assembly.objective import SceneObjective
+from vip_factors.factor_graph.graph import factor_graph_of
+from vip_factors.factor_graph.variables import Kind
+from vip_factors.live.state import FrameState, moved_frames, without_frames
+from vip_factors.problem.blocks import scene_layout
+from vip_factors.problem.state import SceneState
+from vip_factors.solve.chain_system import frame_keys, knot_key, static_key
+
+NEAR, FAR = 0.01, np.deg2rad(40.0)  # rad and m of one sigma
+
+
+def assert_same(one: SceneState, other: SceneState) -> None:
+    for ours, theirs in zip(one.wearers, other.wearers, strict=True):
+        for name in ("R_parent_child", "p_world_pelvis", "headings", "R_bone_sensor", "pose_mean", "heading_knots"):
+            np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-12, err_msg=name)
+    np.testing.assert_allclose(one.camera.poses.R_world_camera, other.camera.poses.R_world_camera, atol=1e-12)
+    np.testing.assert_allclose(one.camera.poses.p_world_camera, other.camera.poses.p_world_camera, atol=1e-12)
+    np.testing.assert_allclose(one.camera.R_camera_imu, other.camera.R_camera_imu, atol=1e-12)
+    assert one.camera.heading == pytest.approx(other.camera.heading)
+    assert one.camera.clock == pytest.approx(other.camera.clock)
+
+
+@pytest.mark.parametrize("far", [NEAR, FAR])
+@pytest.mark.parametrize("kind", ["moving", "standing", "walking"])
+def test_a_solution_moves_the_state_as_gtsam_moves_its_values(kind: str, far: float) -> None:
+    problem, state = walking_scene("moving") if kind == "walking" else small_scene(kind)
+    whole, random = factor_graph_of(problem, state), np.random.default_rng(1)
+    by_variable = {one: far * random.standard_normal(one.width) for one in whole.variables}
+    by_key, delta, objective = gtsam.VectorValues(), gtsam.VectorValues(), SceneObjective(problem)
+    for one, step in by_variable.items():
+        by_key.insert(one.key, step)
+
+    def of(kinds: tuple[Kind, ...], **where: int) -> np.ndarray:
+        found = [
+            step
+            for one, step in by_variable.items()
+            if one.kind in kinds and all(getattr(one, name) == value for name, value in where.items())
+        ]
+        return np.concatenate([np.zeros(0), *found])
+
+    for number, part in enumerate(objective.layout.parts):
+        kinds = (Kind.JOINT, Kind.ROOT) if part.owner.kind == "wearer" else (Kind.CAMERA,)
+        for t, key in enumerate(frame_keys(number, problem.frames)):
+            delta.insert(key, of(kinds, frame=t, wearer=part.owner.number))
+    for group, (owner, _) in enumerate(objective.layout.owners):
+        if owner.kind == "wearer":
+            first = of((Kind.HEADING,), wearer=owner.number, knot=0)
+            rest = of((Kind.MOUNTING, Kind.POSE_MEAN), wearer=owner.number)
+            for knot in range(1, len(problem.wearers[owner.number].heading_knots)):
+                delta.insert(knot_key(group, knot), of((Kind.HEADING,), wearer=owner.number, knot=knot))
+            delta.insert(static_key(group), np.concatenate([first, rest]))
+        else:
+            standing = () if problem.camera.moving else (Kind.CAMERA,)
+            delta.insert(static_key(group), of((*standing, Kind.CAMERA_HEADING, Kind.CAMERA_MOUNTING, Kind.CLOCK)))
+    moved = whole.state_at(whole.values.retract(by_key))
+    assert_same(objective.retract(state, delta), moved)
+
+
+@pytest.mark.parametrize("far", [NEAR, FAR])
+@pytest.mark.parametrize("kind", ["moving", "standing"])
+def test_a_stream_moves_by_coordinates_as_batch_moves_by_steps(kind: str, far: float) -> None:
+    problem, state = small_scene(kind)
+    layout, random = scene_layout(problem), np.random.default_rng(2)
+    steps = far * random.standard_normal((problem.frames, layout.frame_width))
+    static = far * random.standard_normal(layout.static_width)
+    poses = state.camera.at_frames(slice(0, problem.frames))
+    origins = [
+        FrameState(
+            np.stack([one.R_parent_child[t] for one in state.wearers]),
+            np.stack([one.p_world_pelvis[t] for one in state.wearers]),
+            poses.R_world_camera[t],
+            poses.p_world_camera[t],
+        )
+        for t in range(problem.frames)
+    ]
+    live = moved_frames(layout, origins, without_frames(state), steps)
+    batch = state.retract_frames(layout, steps).retract_static(layout, static)
+    for t, one in enumerate(live):
+        for number, wearer in enumerate(batch.wearers):
+            np.testing.assert_allclose(one.R_parent_child[number], wearer.R_parent_child[t], atol=1e-12)
+            np.testing.assert_allclose(one.p_world_pelvis[number], wearer.p_world_pelvis[t], atol=1e-12)
+        if kind == "moving":
+            np.testing.assert_allclose(one.R_world_camera, batch.camera.poses.R_world_camera[t], atol=1e-12)
+            np.testing.assert_allclose(one.p_world_camera, batch.camera.poses.p_world_camera[t], atol=1e-12)
+    shared, expected = without_frames(state).retract_static(layout, static), without_frames(batch)
+    assert_same(shared, expected)

@@ -1,0 +1,116 @@
+"""The summed objective of one wearer and the graph of its GTSAM factors are the same problem."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from linear import assert_same, dense, dense_of_graph
+from small_problems import SILENCES, S, T, small_model
+
+from vip_factors.assembly import objective as assembly
+from vip_factors.assembly.objective import WearerObjective
+from vip_factors.errors import SolveError
+from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
+from vip_factors.geometry.rotations import rotation_z
+from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.state import SceneState, WearerState
+from vip_factors.problem.wearer import WearerProblem
+from vip_factors.solve.marginals import chain_marginals
+
+
+def graph_of(problem: WearerProblem, state: WearerState) -> FactorGraph:
+    return factor_graph_of(SceneProblem.unfilmed([problem]), SceneState.unfilmed([state]))
+
+
+def with_limits(problem: WearerProblem, per_axis: bool) -> WearerProblem:
+    limit = replace(problem.settings.joint_limit, per_axis=per_axis)
+    return replace(problem, settings=replace(problem.settings, joint_limit=limit))
+
+
+@pytest.mark.parametrize("per_axis", [False, True])
+@pytest.mark.parametrize("free", [False, True])
+def test_cost_and_equations_are_those_of_the_graph(per_axis: bool, free: bool) -> None:
+    problem, state = small_model(free)
+    assert_the_graph(with_limits(problem, per_axis), state)
+
+
+@pytest.mark.parametrize("silent", SILENCES)
+def test_where_nothing_was_measured_too(silent: Sequence[int]) -> None:
+    problem, state = small_model(silent=silent)
+    kinds = WearerObjective(problem).cost(state)
+    assert kinds["root coasting"] > 0
+    assert kinds["pelvis turn"] > 0
+    assert_the_graph(problem, state)
+
+
+def assert_the_graph(problem: WearerProblem, state: WearerState) -> None:
+    whole, objective = graph_of(problem, state), WearerObjective(problem)
+    assert sum(objective.cost(state).values()) == pytest.approx(whole.graph.error(whole.values), rel=1e-9)
+    assert_same(dense(objective.linearise(state)), dense_of_graph(whole))
+
+
+@pytest.mark.parametrize("silent", SILENCES)
+def test_frames_in_which_nothing_was_measured_are_determined(silent: Sequence[int]) -> None:
+    problem, state = small_model(free=False, silent=silent)
+    held = np.arange(T)[:, None] == 0  # at the start alone: nothing else says how fast the wearer moves
+    problem = replace(problem, contact_confidence=held.astype(float))
+    covariance = chain_marginals(WearerObjective(problem).linearise(state))
+    sigmas = np.sqrt([np.diag(block) for block in covariance.values()])
+    assert sigmas[:, :3].max() < 1.0  # rad
+    assert sigmas[:, 72:].max() < 5.0  # m: a contact off by so much says little of the velocity
+    coasting = replace(problem.settings.coasting, use=False)
+    without = replace(problem, settings=replace(problem.settings, coasting=coasting))
+    with pytest.raises(SolveError):
+        chain_marginals(WearerObjective(without).linearise(state))
+
+
+def test_coasting_costs_nothing_where_something_was_measured() -> None:
+    problem, state = small_model()
+    assert not {"root coasting", "pelvis turn"} & set(WearerObjective(problem).cost(state))
+
+
+def test_fixed_calibration_leaves_its_columns_out() -> None:
+    problem, state = small_model(free=False)
+    H, _ = dense(WearerObjective(problem).linearise(state))
+    assert H.shape == (75 * T, 75 * T)
+
+
+def test_turning_the_world_leaves_the_cost_alone() -> None:
+    problem, state = small_model(free=False)
+    turn = rotation_z(1.1)
+    R = state.R_parent_child.copy()
+    R[:, 0] = turn @ R[:, 0]
+    problem = replace(problem, p_world_start=np.zeros(3))
+    turned = WearerState(R, state.p_world_pelvis @ turn.T, state.headings + 1.1, state.R_bone_sensor, state.pose_mean)
+    costs, turned_costs = WearerObjective(problem).cost(state), WearerObjective(problem).cost(turned)
+    assert turned_costs == pytest.approx(costs, rel=1e-9)
+
+
+def test_marginals_of_all_frames() -> None:
+    """Against the inverse of the whole information matrix."""
+    problem, state = small_model()
+    objective = WearerObjective(problem)
+    system = objective.linearise(state)
+    H, _ = dense(system)
+    covariance = np.linalg.inv(H)
+    marginals = chain_marginals(system)
+    for t, key in enumerate(objective.frame_keys):
+        block = covariance[75 * t : 75 * t + 75, 75 * t : 75 * t + 75]
+        np.testing.assert_allclose(marginals[key], block, atol=1e-6 * np.abs(block).max())
+
+
+@pytest.mark.parametrize("silent", [(), *SILENCES])
+def test_it_does_not_matter_how_many_frames_are_evaluated_together(
+    monkeypatch: pytest.MonkeyPatch, silent: Sequence[int]
+) -> None:
+    problem, state = small_model(silent=silent)
+    whole = dense(WearerObjective(problem).linearise(state))
+    for chunk in (1, 2):  # the last frame is then alone
+        monkeypatch.setattr(assembly, "CHUNK", chunk)
+        assert_same(dense(WearerObjective(problem).linearise(state)), whole)
+
+
+def test_sensors_are_those_of_the_frames() -> None:
+    problem, _ = small_model()
+    assert len(problem.sensor_points.bones) == S

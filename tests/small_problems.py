@@ -1,0 +1,163 @@
+"""Noisy little problems at random states, in which every kind of factor acts."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vip_factors.body.calibration_pose import calibration_pose
+from vip_factors.body.joint_limits import load_joint_limits
+from vip_factors.body.keypoints import keypoint_set
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.body.skeleton import joint_index
+from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.factors.ground_contact import Foot, pixel_rays
+from vip_factors.geometry.rotations import exp
+from vip_factors.problem.points import BodyPoint
+from vip_factors.problem.scene import CameraProblem, GroundView, KeypointView, SceneProblem, Viewpoint
+from vip_factors.problem.state import CameraState, SceneState, WearerState
+from vip_factors.problem.wearer import InitialPose, WearerProblem
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.frames import ImuFrames, resample
+from vip_factors.sensors.placement import preset
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.recording import simulate_recording
+from vip_factors.simulate.settings import SimulateSettings
+
+T, S = 5, 6
+
+
+SILENCES = [(2,), (0,), (3, 4)]  # frames in which no sensor measured anything: within, at the start, at the end
+
+
+def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerProblem, WearerState]:
+    """A noisy little problem in which every kind of factor acts, at a random state; some frames may be silent."""
+    motion = gestures(seconds=0.5)
+    placement = preset("sip6", motion.skeleton)
+    recording = simulate_recording(motion, placement, SimulateSettings(gap_s=0.0, packet_loss=0.0), seed=3)
+    frames = resample(recording, 20.0).window(slice(0, T))
+    random = np.random.default_rng(1)
+    valid = frames.orientation_valid.copy()
+    valid[2, 1] = False
+    valid[list(silent)] = False
+    whole = frames.acceleration_valid.copy()
+    for t in silent:
+        whole[max(t - 1, 0) : t + 2] = False
+    frames = replace(frames, orientation_valid=valid, acceleration_valid=whole)
+    sites = [placement.site(name) for name in frames.sensors]
+    ankle = joint_index("left_ankle")
+    model = WearerProblem(
+        motion.skeleton, load_pose_prior(), load_joint_limits(), frames,
+        tuple(BodyPoint(site.bone_index, site.p_bone_sensor) for site in sites),
+        np.zeros(S), np.full(S, 0.3), np.stack([site.R_bone_sensor for site in sites]), np.full(S, 0.5),
+        initial_pose=InitialPose(calibration_pose("n-pose"), 2),
+        contacts=(BodyPoint(ankle, np.array([0, -0.05, 0.1])),),
+        contact_confidence=random.uniform(0, 1, (T, 1)),
+        free_headings=free, free_mountings=free, free_pose_mean=free,
+    )  # fmt: skip
+    state = WearerState(
+        exp(0.7 * random.standard_normal((T, 24, 3))),
+        0.1 * random.standard_normal((T, 3)),
+        random.standard_normal(S),
+        model.prior_R_bone_sensor @ exp(0.2 * random.standard_normal((S, 3))),
+        0.1 * random.standard_normal(69),
+    )
+    return model, state
+
+
+R_WORLD_CAMERA = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # looks along the world's y, four metres away
+KINDS = ["moving", "standing", "known path", "no IMU", "further cameras"]
+
+
+def small_scene(kind: str, silent: Sequence[int] = ()) -> tuple[SceneProblem, SceneState]:
+    """Two wearers, a camera, and detections with noise, at a random state."""
+    random = np.random.default_rng(7)
+    first, state = small_model(silent=silent)
+    second = replace(first, is_gauge=False)
+    other = replace(state, p_world_pelvis=state.p_world_pelvis + np.array([0.8, 0.3, 0.0]))
+    lens = CameraModel(1920, 1080, (1400.0, 1390.0), (950.0, 550.0), (-0.1, 0.02, 0.001, -0.002))
+    count = 1 if kind == "standing" else T
+    poses = CameraPoses(
+        R_WORLD_CAMERA @ exp(0.05 * random.standard_normal((count, 3))),
+        np.array([0.0, -4.0, 0.3]) + 0.05 * random.standard_normal((count, 3)),
+    )
+    measured = random.standard_normal((T, 1, 3))
+    valid = np.ones((T, 1), bool)
+    valid[3] = False
+    imu = ImuFrames(("camera",), first.frames.time, exp(measured), valid, 5 * measured, valid)
+    camera = CameraProblem(
+        lens, kind != "standing", kind != "known path", None if kind == "no IMU" else imu,
+        np.array([0.02, 0.03, -0.01]), 0.3, exp([0.1, 0.2, -0.1]), free_clock=True,
+    )  # fmt: skip
+    views = []
+    for number, wearer in enumerate((state, other)):
+        points = tuple(
+            BodyPoint(place.bone, place.p_bone_point)
+            for place in keypoint_set("coco17").on_body(first.skeleton)
+            if place is not None
+        )
+        body = forward_kinematics(first.skeleton, wearer.R_parent_child, wearer.p_world_pelvis)
+        p = np.stack([point.of(body) for point in points], axis=1)
+        R, centre = poses.R_world_camera, poses.p_world_camera
+        pixels = lens.project((p - centre[:, None]) @ R) + 10 * random.standard_normal((T, len(points), 2))
+        seen = random.uniform(size=pixels.shape[:2]) < 0.8
+        if number:
+            seen[1] = False
+        rate = 100 * random.standard_normal(pixels.shape)
+        ground = standing_feet(lens, points, pixels, seen, random)
+        sigma = random.uniform(3, 10, seen.shape)
+        views.append(KeypointView(points, pixels, sigma, seen, rate, ground=ground))
+    further = tuple(known_camera(lens, views, random) for _ in range(2 if kind == "further cameras" else 0))
+    model = SceneProblem((first, second), camera, tuple(views), further)
+    return model, SceneState((state, other), CameraState(poses, 0.4, exp([0.2, 0.1, 0.0]), 0.01))
+
+
+def standing_feet(
+    lens: CameraModel, points: tuple[BodyPoint, ...], pixels: np.ndarray, seen: np.ndarray, random: np.random.Generator
+) -> GroundView:
+    """Both feet, on the ground in some of the frames."""
+    ankles = [joint_index("left_ankle"), joint_index("right_ankle")]
+    columns = [next(k for k, point in enumerate(points) if point.bone == ankle) for ankle in ankles]
+    sole = np.array([[0.0, -0.08, -0.05], [0.0, -0.07, 0.13]])
+    feet = tuple(Foot(ankle, np.zeros(3), sole) for ankle in ankles)
+    whitening = 2 * np.eye(3) + random.standard_normal((T, 2, 3, 3))
+    return GroundView(feet, pixel_rays(lens, pixels[:, columns]), whitening, seen[:, columns])
+
+
+def known_camera(lens: CameraModel, views: list[KeypointView], random: np.random.Generator) -> Viewpoint:
+    """Beside the first one, with what was seen there moved a little."""
+    position = np.array([[0.0, -4.0, 0.3]]) + 0.1 * random.standard_normal((1, 3))
+    moved = tuple(
+        replace(view, pixels=view.pixels + 5, seen=random.uniform(size=view.seen.shape) < 0.7) for view in views
+    )
+    problem = CameraProblem(lens, moving=False, free_pose=False)
+    return Viewpoint(problem, CameraState(CameraPoses(R_WORLD_CAMERA[None], position)), moved)
+
+
+# Of the five frames: knots on frames, between them, one that only a neighbour's interpolation sees, and beyond the end.
+KNOTS = {
+    "on frames": [0, 2, 4],
+    "between frames": [0, 1.3, 2.6, 4],
+    "closer than frames": [0, 0.2, 0.5, 0.8, 4],
+    "as close as frames": [0, 1, 2, 4],
+    "starting before": [-2, 1.5, 6],
+}
+
+
+def walking_model(knots: str) -> tuple[WearerProblem, WearerState]:
+    model, state = small_model()
+    at = model.frames.time[0] + np.array(KNOTS[knots]) * model.frames.step
+    settings = replace(model.settings, heading_walk=replace(model.settings.heading_walk, drift_deg=200.0))
+    later = state.headings + 0.3 * np.random.default_rng(8).standard_normal((len(at) - 1, S))
+    return replace(model, heading_knots=at, settings=settings), replace(state, later_headings=later)
+
+
+def walking_scene(kind: str) -> tuple[SceneProblem, SceneState]:
+    model, state = small_scene(kind)
+    (first, own), (_, other) = walking_model("as close as frames"), walking_model("between frames")
+    wearers = first, replace(model.wearers[1], heading_knots=first.heading_knots, settings=first.settings)
+    model = replace(model, wearers=wearers)
+    later = own.later_headings, other.later_headings
+    states = tuple(replace(one, later_headings=two) for one, two in zip(state.wearers, later, strict=True))
+    return model, replace(state, wearers=states)

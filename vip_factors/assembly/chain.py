@@ -1,0 +1,126 @@
+"""Equations summed into a chain: blocks of each frame, with the next two, and with what all frames share."""
+
+import numpy as np
+
+from vip_factors.assembly.accumulator import Accumulator, PlacedPart, Slot, at_an_instant
+from vip_factors.assembly.equations import KnotEquations, Residuals
+from vip_factors.geometry.rotations import Array
+from vip_factors.problem.layout import STATIC, Layout, Place
+from vip_factors.solve.chain_system import ChainSystem
+
+
+class ChainAccumulator(Accumulator):
+    """Sums a stretch of frames into their places in a whole chain; stretches may be summed side by side.
+
+    Args:
+        layout: where columns are.
+        system: of the whole chain; of this stretch's frames the blocks are added to.
+        begin, count: the stretch.
+
+    Attributes:
+        static, static_gradient: ``(s, s)`` and ``(s,)`` of this stretch, to be added to the system's.
+    """
+
+    def __init__(self, layout: Layout, system: ChainSystem, begin: int, count: int) -> None:
+        super().__init__(layout, begin, count)
+        self._system, s = system, layout.static_width
+        self.static, self.static_gradient = np.zeros((s, s)), np.zeros(s)
+        self._groups = {columns.start: number for number, (_, columns) in enumerate(layout.owners)}
+        self._group_columns = [columns for _, columns in layout.owners]
+
+    @property
+    def _frames(self) -> slice:
+        return slice(self.begin, self.begin + self.count)
+
+    def slot(self, i: int, j: int) -> tuple[Slot, int]:
+        """Counted from the earlier of the two frames."""
+        return (0, j - i), i
+
+    def frame_frame(self, part: int, i: int, other: int, j: int) -> Array:
+        """See the base."""
+        if part != other:
+            return self._system.between[part, other][self._frames]
+        if i == j:
+            return self._system.parts[part].own[self._frames]
+        following = self._system.parts[part].following
+        assert following is not None
+        return following[self._frames, j - 1]
+
+    def _group(self, columns: slice) -> int:
+        return next(g for g, own in enumerate(self._group_columns) if own.start <= columns.start < own.stop)
+
+    def frame_static(self, part: int, i: int, columns: slice) -> Array:
+        """See the base."""
+        group = self._group(columns)
+        start = self._group_columns[group].start
+        blocks = self._system.coupling[part, group]
+        return blocks[self._frames, :, columns.start - start : columns.stop - start]
+
+    def frame_gradient(self, part: int, i: int) -> Array:
+        """See the base."""
+        return self._system.parts[part].gradient[self._frames]
+
+    def add_static(self, rows: np.ndarray, columns: np.ndarray, block: Array, at: Residuals, mirror: bool) -> None:
+        """See the base."""
+        source, _ = self.static_rows(at)
+        total = block[source].sum(axis=0)
+        self.static[rows[:, :, None], columns[:, None, :]] += total
+        if mirror:
+            self.static[columns[:, :, None], rows[:, None, :]] += total.swapaxes(1, 2)
+
+    def add_static_gradient(self, columns: np.ndarray, vector: Array, at: Residuals) -> None:
+        """See the base."""
+        source, _ = self.static_rows(at)
+        self.static_gradient[columns] += vector[source].sum(axis=0)
+
+    # What walks
+
+    def walks(self, place: Place) -> bool:
+        """See the base."""
+        if place.part != STATIC:
+            return False
+        group = self._group(place.columns)
+        return self._system.groups[group].knots is not None and place.columns.start == self._group_columns[group].start
+
+    def add_knots(self, equations: KnotEquations) -> None:
+        """See the base."""
+        place = self.layout.place(equations.owner, equations.block)
+        if place is None or self.begin:
+            return
+        knots = self._system.groups[self._group(place.columns)].knots
+        assert knots is not None
+        knots.add_between(equations.root, equations.residual[..., 0])
+
+    def add_each(self, part: int, i: int, place: Place, later: int, block: Array) -> None:
+        """See the base."""
+        if later == 0:
+            super().add_each(part, i, place, later, block)
+            return
+        knots = self._system.groups[self._group(place.columns)].knots
+        assert knots is not None
+        knots.beside[self.begin : self.begin + len(block), 0 if later > 0 else 1] += block
+
+    def add_static_parts(self, one: PlacedPart, other: PlacedPart, block: Array, at: Residuals, mirror: bool) -> None:
+        """See the base."""
+        if not (self.walks(one.place) and at_an_instant(one.part)):
+            super().add_static_parts(one, other, block, at, mirror)
+            return
+        group = self._group(one.place.columns)
+        knots, start = self._system.groups[group].knots, self._group_columns[group].start
+        assert knots is not None
+        source, target = self.rows(one.ahead, at)
+        rows, columns = one.columns - start, other.columns - start
+        into = knots.own[self._frames][target]
+        into[:, rows[:, :, None], columns[:, None, :]] += block[source]
+
+    def add_static_gradient_part(self, one: PlacedPart, vector: Array, at: Residuals) -> None:
+        """See the base."""
+        if not (self.walks(one.place) and at_an_instant(one.part)):
+            super().add_static_gradient_part(one, vector, at)
+            return
+        group = self._group(one.place.columns)
+        knots = self._system.groups[group].knots
+        assert knots is not None
+        source, target = self.rows(one.ahead, at)
+        into = knots.gradient[self._frames][target]
+        into[:, one.columns - self._group_columns[group].start] += vector[source]

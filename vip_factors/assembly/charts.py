@@ -1,0 +1,80 @@
+"""Coordinates instead of steps: a stream keeps each variable as coordinates around a point that stays where it is.
+
+Terms differentiate by steps from where a variable stands, ``x ⊞ δ``. Where it is ``X ⊞ c``, a change ``dc`` of its
+coordinates is the step ``J_r(c) dc``: the chain rule puts ``J_r`` behind every derivative, near the point and far away.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.assembly.equations import Part
+from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.geometry.poses import pose_right_jacobian
+from vip_factors.geometry.rotations import Array, right_jacobian
+from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
+
+
+@dataclass(frozen=True)
+class Charts:
+    """Derivatives of steps by coordinates, at given coordinates.
+
+    Attributes:
+        turns: by body part: ``(T, 24, 3, 3)`` of its joints.
+        poses: ``(T, 6, 6)`` of a moving camera, or None.
+        static: by owner and block ``(items, c, c)``.
+    """
+
+    turns: Mapping[int, Array]
+    poses: Array | None
+    static: Mapping[tuple[OwnerId, str], Array]
+
+    @classmethod
+    def at(cls, layout: Layout, frames: Array, static: Array) -> "Charts":
+        """At coordinates ``(T, w)`` of frames and ``(s,)`` of what they share."""
+        turns, poses = {}, None
+        bodies = [number for number, part in enumerate(layout.parts) if part.owner.kind is Owner.WEARER]
+        vectors = [
+            frames[:, layout.part_columns[number]][:, :ROOT].reshape(len(frames), JOINT_COUNT, 3) for number in bodies
+        ]
+        if bodies:
+            stacked = right_jacobian(np.stack(vectors))
+            turns = dict(zip(bodies, stacked, strict=True))
+        for number, part in enumerate(layout.parts):
+            if part.owner.kind is Owner.CAMERA:
+                poses = pose_right_jacobian(frames[:, layout.part_columns[number]])
+        blocks = {
+            (owner, block.name): block.chart(static[columns])
+            for owner, block, columns in layout.placed()
+            if block.free and block.item_width > 1
+        }
+        return cls(turns, poses, blocks)
+
+    def joints(self, part: int, first: int, count: int) -> Array:
+        """Of joints 1 … 23 of a body in a stretch of frames ``(count, 23, 3, 3)``."""
+        return self.turns[part][first : first + count, 1:]
+
+    def screws(self, part: int, screws: Array) -> Array:
+        """Screws ``(T, 25, 6, 3)`` by the coordinates."""
+        by_joints = screws[:, :-1] @ self.turns[part][: len(screws)]
+        return np.concatenate([by_joints, screws[:, -1:]], axis=1)
+
+    def of_item(self, owner: OwnerId, block: str, item: int, frame: int) -> Array | None:
+        """Of one item of a static block, or of a camera's pose in a frame; None where steps are coordinates."""
+        static = self.static.get((owner, block))
+        if static is not None:
+            return static[item]
+        return self.poses[frame] if block == "poses" and self.poses is not None else None
+
+    def part(self, part: Part, first: int) -> Array:
+        """A part's derivative ``(t, n, m, c)`` by the coordinates."""
+        frames = slice(first + part.ahead, first + part.ahead + len(part.jacobian))
+        static = self.static.get((part.owner, part.block))
+        if static is not None:
+            return part.jacobian @ static
+        if part.block == "poses" and self.poses is not None:
+            return part.jacobian @ self.poses[frames, None]
+        if part.block == "pelvis":
+            return part.jacobian @ self.turns[part.owner.number][frames, None, 0]
+        return part.jacobian

@@ -1,0 +1,110 @@
+"""A problem at a state, as terms see it: what several of them need is computed once."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from vip_factors.body.kinematics import BodyState, forward_kinematics
+from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log
+from vip_factors.problem.layout import Owner, OwnerId
+from vip_factors.problem.scene import CameraProblem, KeypointView
+from vip_factors.problem.state import CameraState, WearerState
+from vip_factors.problem.wearer import WearerProblem
+
+
+@dataclass(frozen=True)
+class WearerEvaluation:
+    """One wearer.
+
+    Attributes:
+        number: of the wearer.
+        problem, state: theirs.
+        body: at the state, in all frames.
+    """
+
+    number: int
+    problem: WearerProblem
+    state: WearerState
+    body: BodyState
+    _vectors: dict[tuple[int, int], tuple[Array, Array]] = field(default_factory=dict, compare=False, repr=False)
+
+    @classmethod
+    def of(cls, number: int, problem: WearerProblem, state: WearerState) -> "WearerEvaluation":
+        """At a state."""
+        body = forward_kinematics(problem.skeleton, state.R_parent_child, state.p_world_pelvis)
+        return cls(number, problem, state, body)
+
+    @cached_property
+    def owner(self) -> OwnerId:
+        """Of the wearer's variables."""
+        return OwnerId(Owner.WEARER, self.number)
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.body.p_world_joint)
+
+    def apart(self) -> "WearerEvaluation":
+        """The same for another thread."""
+        return WearerEvaluation(self.number, self.problem, self.state, self.body)
+
+    def joint_vectors(self, frames: slice) -> Array:
+        """Rotation vectors ``(t, 23, 3)`` of joints 1 … 23 in a stretch of frames."""
+        key = frames.start, frames.stop
+        if key not in self._vectors:
+            vectors = log(self.state.R_parent_child[frames, 1:])
+            self._vectors[key] = vectors, np.zeros(0)
+        return self._vectors[key][0]
+
+    def joint_jacobians(self, frames: slice) -> Array:
+        """Derivatives ``(t, 23, 3, 3)`` of :meth:`joint_vectors` by each joint's own perturbation."""
+        key, vectors = (frames.start, frames.stop), self.joint_vectors(frames)
+        if not self._vectors[key][1].size:
+            self._vectors[key] = vectors, inverse_right_jacobian(vectors)
+        return self._vectors[key][1]
+
+    def headings(self, frames: slice) -> Array:
+        """Of all sensors ``(S,)``, or ``(t, S)`` at the instants of frames where headings walk."""
+        weights = self.problem.knot_weights(frames)
+        return self.state.headings if weights is None else weights @ self.state.heading_knots
+
+
+@dataclass(frozen=True)
+class CameraEvaluation:
+    """The camera alone: its problem, its state, and the frames it is asked about."""
+
+    problem: CameraProblem
+    state: CameraState
+    frames: int
+    step: float
+
+    owner = OwnerId(Owner.CAMERA)
+
+    def poses(self, frames: slice) -> CameraPoses:
+        """At a stretch of frames."""
+        return self.state.at_frames(frames)
+
+
+@dataclass(frozen=True)
+class ViewEvaluation:
+    """One wearer before one camera.
+
+    Attributes:
+        wearer: at the state.
+        owner: of the camera's variables.
+        camera, state: of the camera.
+        view: what it saw.
+    """
+
+    wearer: WearerEvaluation
+    owner: OwnerId
+    camera: CameraProblem
+    state: CameraState
+    view: KeypointView
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return self.wearer.frames

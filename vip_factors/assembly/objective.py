@@ -1,0 +1,223 @@
+"""A whole problem as one objective: every term of the registry, summed over all frames."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from vip_factors.assembly.accumulator import Accumulator
+from vip_factors.assembly.camera_terms import CAMERA_TERMS
+from vip_factors.assembly.chain import ChainAccumulator
+from vip_factors.assembly.charts import Charts
+from vip_factors.assembly.equations import Equations
+from vip_factors.assembly.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
+from vip_factors.assembly.parallel import side_by_side
+from vip_factors.assembly.slices import SliceAccumulator
+from vip_factors.assembly.view_terms import VIEW_TERMS
+from vip_factors.assembly.wearer_terms import WEARER_TERMS
+from vip_factors.geometry.rotations import Array
+from vip_factors.problem.blocks import STEP_ANGLE, scene_layout
+from vip_factors.problem.extra import ExtraTerms
+from vip_factors.problem.layout import Layout, Owner, OwnerId
+from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.state import SceneState, WearerState
+from vip_factors.problem.wearer import WearerProblem
+from vip_factors.solve.chain_system import ChainPart, ChainSystem, StaticGroup, frame_keys, knot_key, static_key
+from vip_factors.solve.knots import KnotSystem
+from vip_factors.solve.slices import Slices
+
+CHUNK = 32  # frames evaluated together: enough to amortise NumPy's calls, few enough to stay in a processor's cache
+
+
+class Step(Protocol):
+    """A solution of the linear system: vectors by key."""
+
+    def at(self, key: int) -> Array:
+        """One of them."""
+        ...
+
+
+class SceneEvaluation:
+    """A scene at a state: all that its terms look at.
+
+    Args:
+        problem, state: the scene's.
+        wearers_move: whether terms on the wearers alone are of interest.
+    """
+
+    def __init__(self, problem: SceneProblem, state: SceneState, wearers_move: bool = True) -> None:
+        self.wearers = [
+            WearerEvaluation.of(number, wearer, own)
+            for number, (wearer, own) in enumerate(zip(problem.wearers, state.wearers, strict=True))
+        ]
+        self.camera = CameraEvaluation(problem.camera, state.camera, problem.frames, problem.step)
+        self._viewpoints = problem.viewpoints(state.camera)
+        self._wearers_move = wearers_move
+
+    def equations(self, frames: slice) -> Iterator[Equations]:
+        """Of all factors that see any frame of a stretch."""
+        for number, wearer in enumerate(self.wearers):
+            at = wearer.apart()
+            if self._wearers_move:
+                for term in WEARER_TERMS:
+                    yield from term.within(at, frames)
+            for camera, one in enumerate(self._viewpoints):
+                view = ViewEvaluation(at, OwnerId(Owner.CAMERA, camera), one.problem, one.state, one.views[number])
+                for seen in VIEW_TERMS:
+                    yield from seen.within(view, frames)
+        for alone in CAMERA_TERMS:
+            yield from alone.within(self.camera, frames)
+
+    def add_to(self, sums: Accumulator) -> None:
+        """Sum the equations of the accumulator's stretch."""
+        for equations in self.equations(slice(sums.begin, sums.begin + sums.count)):
+            sums.add(equations)
+        sums.finish([wearer.body for wearer in self.wearers])
+
+
+class SceneObjective:
+    """Cost, linearisation and retraction of a scene's problem.
+
+    Args:
+        problem: of the scene.
+        wearers_move: False keeps the wearers as they are: the camera alone follows them.
+    """
+
+    def __init__(self, problem: SceneProblem, wearers_move: bool = True) -> None:
+        self.problem, self._wearers_move = problem, wearers_move
+        self.layout = scene_layout(problem, wearers_move=wearers_move)
+        self.static_keys = [static_key(group) for group in range(len(self.layout.owners))]
+
+    def frame_keys(self, owner: OwnerId) -> list[int] | None:
+        """GTSAM's names of an owner's frames in the linear system; None where it has none."""
+        part = self.layout.part_of(owner)
+        return None if part is None else frame_keys(part, self.problem.frames)
+
+    def static_columns(self, owner: OwnerId) -> tuple[int, slice] | None:
+        """GTSAM's name of an owner's static variables, and their columns in the static vector; None without any."""
+        for key, (one, columns) in zip(self.static_keys, self.layout.owners, strict=True):
+            if one == owner:
+                return key, columns
+        return None
+
+    def cost(self, state: SceneState) -> Mapping[str, float]:
+        """Half the sum of squared whitened residuals, losses applied, by kind of factor."""
+        costs: dict[str, float] = {}
+        everything = slice(0, self.problem.frames)
+        for equations in SceneEvaluation(self.problem, state, self._wearers_move).equations(everything):
+            costs[equations.kind] = costs.get(equations.kind, 0.0) + equations.cost
+        if self.problem.extra is not None:
+            costs["extra"] = self.problem.extra.cost(self.problem, state)
+        return costs
+
+    def linearise(self, state: SceneState) -> ChainSystem:
+        """The normal equations at a state."""
+        evaluation, T = SceneEvaluation(self.problem, state, self._wearers_move), self.problem.frames
+        system = self._empty_system()
+        sums = [ChainAccumulator(self.layout, system, t, min(CHUNK, T - t)) for t in range(0, T, CHUNK)]
+        side_by_side(evaluation.add_to, sums)
+        for one in sums:
+            system.static += one.static
+            system.static_gradient += one.static_gradient
+        if self.problem.extra is not None:
+            system.extra = list(self.problem.extra.linearised(self.problem, self.layout, state))
+        return system
+
+    def _empty_system(self) -> ChainSystem:
+        layout, T = self.layout, self.problem.frames
+        parts = [
+            ChainPart.empty(number, T, part.step**-2.0, self._is_tied(part.owner))
+            for number, part in enumerate(layout.parts)
+        ]
+        groups = [
+            StaticGroup(key, columns, self._knots(group, owner, columns))
+            for group, (key, (owner, columns)) in enumerate(zip(self.static_keys, layout.owners, strict=True))
+        ]
+        s = layout.static_width
+        system = ChainSystem(parts, groups, np.zeros((s, s)), np.zeros(s), layout.per_column("step") ** -2.0)
+        for p, part in enumerate(layout.parts):
+            for q, other in enumerate(layout.parts[p + 1 :], start=p + 1):
+                if other.owner.kind is not Owner.WEARER:
+                    system.between[p, q] = np.zeros((T, part.width, other.width))
+            for g, (owner, columns) in enumerate(layout.owners):
+                if owner == part.owner or owner.kind is not Owner.WEARER or part.owner.kind is not Owner.WEARER:
+                    system.coupling[p, g] = np.zeros((T, part.width, columns.stop - columns.start))
+        return system
+
+    def _is_tied(self, owner: OwnerId) -> bool:
+        """Whether frames are tied to their neighbours; those of the inertial tracker are not."""
+        return owner.kind is Owner.CAMERA or self.problem.wearers[owner.number].use_acceleration
+
+    def _walking(self, owner: OwnerId) -> bool:
+        if owner.kind is not Owner.WEARER:
+            return False
+        wearer = self.problem.wearers[owner.number]
+        return wearer.free_headings and wearer.headings_walk
+
+    def _knot_keys(self, group: int, owner: OwnerId) -> list[int]:
+        knots = len(self.problem.wearers[owner.number].heading_knots)
+        return [knot_key(group, knot) for knot in range(1, knots)]
+
+    def _knots(self, group: int, owner: OwnerId, columns: slice) -> KnotSystem | None:
+        part = self.layout.part_of(owner)
+        if part is None or not self._walking(owner):
+            return None
+        wearer = self.problem.wearers[owner.number]
+        weights = wearer.knot_weights()
+        assert weights is not None
+        return KnotSystem.empty(
+            part, self._knot_keys(group, owner), weights, self.layout.parts[part].width, len(wearer.sensors),
+            columns.stop - columns.start, STEP_ANGLE**-2.0,
+        )  # fmt: skip
+
+    def retract(self, state: SceneState, delta: Step) -> SceneState:
+        """The state moved by a solution of the linear system."""
+        layout = self.layout
+        if layout.parts:
+            keys = [frame_keys(number, self.problem.frames) for number in range(len(layout.parts))]
+            steps = np.concatenate([np.array([delta.at(key) for key in own]) for own in keys], axis=1)
+            state = state.retract_frames(layout, steps)
+        static = np.concatenate([np.zeros(0), *(delta.at(key) for key in self.static_keys)])
+        state = state.retract_static(layout, static)
+        for group, (owner, _) in enumerate(layout.owners):
+            if self._walking(owner):
+                walk = np.array([delta.at(key) for key in self._knot_keys(group, owner)])
+                state = state.replaced({owner: state.wearers[owner.number].with_walk(walk)})
+        return state
+
+
+class WearerObjective:
+    """The same of one wearer whom no camera sees."""
+
+    def __init__(self, problem: WearerProblem, extra: ExtraTerms | None = None) -> None:
+        self.problem = problem
+        self.scene = SceneObjective(replace(SceneProblem.unfilmed([problem]), extra=extra))
+
+    @property
+    def frame_keys(self) -> list[int]:
+        """GTSAM's names of the frames in the linear system."""
+        keys = self.scene.frame_keys(OwnerId(Owner.WEARER))
+        assert keys is not None
+        return keys
+
+    def cost(self, state: WearerState) -> Mapping[str, float]:
+        """See :class:`SceneObjective`."""
+        return self.scene.cost(SceneState.unfilmed([state]))
+
+    def linearise(self, state: WearerState) -> ChainSystem:
+        """See :class:`SceneObjective`."""
+        return self.scene.linearise(SceneState.unfilmed([state]))
+
+    def retract(self, state: WearerState, delta: Step) -> WearerState:
+        """See :class:`SceneObjective`."""
+        return self.scene.retract(SceneState.unfilmed([state]), delta).wearers[0]
+
+
+def scene_slices(
+    layout: Layout, problem: SceneProblem, state: SceneState, slices: Slices, charts: Charts | None = None
+) -> Slices:
+    """The slices of a scene's problem at a state, in the memory of earlier ``slices`` if that is enough."""
+    slices = slices.emptied(problem.frames)
+    SceneEvaluation(problem, state).add_to(SliceAccumulator(layout, slices, problem.frames, charts))
+    return slices

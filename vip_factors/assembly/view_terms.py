@@ -1,0 +1,107 @@
+"""The terms on what a camera saw of a wearer."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.assembly.equations import BoneEquations, Part
+from vip_factors.assembly.evaluation import ViewEvaluation
+from vip_factors.assembly.registry import Term
+from vip_factors.body.kinematics import BodyState
+from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.factors.ground_contact import Foot, ground_contact_jacobians, ground_contact_residual
+from vip_factors.factors.reprojection import reprojection_jacobians, reprojection_residual
+from vip_factors.geometry.rotations import Array
+
+
+def reprojection(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
+    """One factor for each keypoint that was seen."""
+    view, lens, settings = at.view, at.camera.model, at.camera.settings.reprojection
+    if not view.points:
+        return
+    body, poses, points = at.wearer.body.at(first), at.state.at_frames(first), view.body_points
+    p, sigma, speed = points.on(body), view.sigma[first, :, None], view.pixels_per_second[first]
+    residual, p_camera = reprojection_residual(p, poses, lens, view.pixels[first])
+    seen = view.seen[first]
+    whitened = np.where(seen[..., None], (residual + at.state.clock * speed) / sigma, 0.0)
+
+    def derivatives() -> tuple[Array, tuple[Part, ...]]:
+        by_point, by_camera = reprojection_jacobians(p_camera, poses, lens)
+        by_twist = (by_point @ body.point_twists(p)) / sigma[..., None]
+        return by_twist, (
+            Part(at.owner, "poses", by_camera / sigma[..., None]),
+            Part(at.owner, "clock", (speed / sigma)[..., None]),
+        )
+
+    yield BoneEquations(
+        "reprojection", first.start, whitened, seen, settings.loss, at.wearer.owner, points.bones, derivatives
+    )
+
+
+def reprojection_residuals(at: ViewEvaluation) -> Array:
+    """Whitened residuals ``(T, K, 2)`` in all frames, zero where nothing was seen."""
+    everything = slice(0, at.frames)
+    return next((one.residual for one in reprojection(at, everything)), np.zeros((at.frames, 0, 2)))
+
+
+def ground_contact(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
+    """One factor for each foot that was seen to stand."""
+    ground, loss = at.view.ground, at.camera.settings.ground_contact.loss
+    if ground is None or not ground.stands[first].any():
+        return
+    stands, bones = ground.stands[first], tuple(foot.bone for foot in ground.feet)
+    feet = [_StandingFoot.of(at, g, np.flatnonzero(stands[:, g]), first) for g in range(len(bones))]
+    residual = np.zeros((*stands.shape, 3))
+    for g, foot in enumerate(feet):
+        residual[foot.frames, g] = foot.residual
+
+    def derivatives() -> tuple[Array, tuple[Part, ...]]:
+        by_twist, by_camera = np.zeros((2, *stands.shape, 3, 6))
+        for g, foot in enumerate(feet):
+            by_twist[foot.frames, g], by_camera[foot.frames, g] = foot.derivatives()
+        return by_twist, (Part(at.owner, "poses", by_camera),)
+
+    yield BoneEquations("ground contact", first.start, residual, stands, loss, at.wearer.owner, bones, derivatives)
+
+
+@dataclass(frozen=True)
+class _StandingFoot:
+    """One foot in the ``n`` frames in which it stands, by their number in the stretch."""
+
+    frames: np.ndarray
+    foot: Foot
+    ray: Array
+    whitening: Array
+    body: BodyState
+    camera: CameraPoses
+    p_world_ankle: Array
+    height: Array
+
+    @classmethod
+    def of(cls, at: ViewEvaluation, number: int, frames: np.ndarray, first: slice) -> "_StandingFoot":
+        assert at.view.ground is not None
+        foot, all_frames, poses = at.view.ground.feet[number], first.start + frames, at.state.at_frames(first)
+        body = BodyState(at.wearer.body.R_world_bone[all_frames], at.wearer.body.p_world_joint[all_frames])
+        camera = CameraPoses(poses.R_world_camera[frames], poses.p_world_camera[frames])
+        ray, whitening = at.view.ground.rays[all_frames, number], at.view.ground.whitening[all_frames, number]
+        return cls(frames, foot, ray, whitening, body, camera, *foot.ankle(body))
+
+    @property
+    def residual(self) -> Array:
+        """``(n, 3)``, whitened."""
+        residual = ground_contact_residual(self.p_world_ankle, self.height, self.camera, self.ray)
+        return np.asarray((self.whitening @ residual[..., None])[..., 0])
+
+    def derivatives(self) -> tuple[Array, Array]:
+        """By the twist of the foot and by the camera's pose, both ``(n, 3, 6)``, whitened."""
+        by_height, by_camera = ground_contact_jacobians(self.height, self.camera, self.ray)
+        by_twist = self.body.point_twists(self.p_world_ankle[:, None])[:, 0]
+        by_twist[:, :, :3] += by_height[:, :, None] * self.foot.height_by_turn(self.body)[:, None]
+        return self.whitening @ by_twist, self.whitening @ by_camera
+
+
+VIEW_TERMS: tuple[Term[ViewEvaluation], ...] = (
+    Term("reprojection", 0, reprojection),
+    Term("ground contact", 0, ground_contact),
+)

@@ -1,0 +1,96 @@
+"""The terms on what a wearer's frames share, and the gauge: they count once, at the beginning."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from vip_factors.assembly.equations import AT_THE_FIRST_KNOT, DenseEquations, KnotEquations, Part
+from vip_factors.assembly.evaluation import WearerEvaluation
+from vip_factors.assembly.registry import Term
+from vip_factors.factors.agreeing_headings import agreeing_headings_jacobian, agreeing_headings_residual
+from vip_factors.factors.gauge_prior import gauge_prior_residual
+from vip_factors.factors.heading_prior import heading_prior_residual
+from vip_factors.factors.heading_walk import heading_walk_residual
+from vip_factors.factors.pose_prior import pose_mean_residual
+from vip_factors.factors.robust import SQUARE
+from vip_factors.factors.rotation_prior import rotation_prior_residual
+from vip_factors.geometry.rotations import inverse_right_jacobian
+
+
+def _begins(at: WearerEvaluation, first: slice) -> bool:
+    """Whether a stretch holds the very first frame, with which these terms come."""
+    return at.problem.is_beginning and first.start == 0
+
+
+def heading_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor for each sensor: on its heading at the first knot, where it walks."""
+    problem, sigmas = at.problem, at.problem.heading_sigmas
+    if not (problem.free_headings and _begins(at, first)):
+        return
+    residual = heading_prior_residual(at.state.headings, problem.prior_headings) / sigmas
+    part = Part(at.owner, "headings", (1 / sigmas)[None, :, None, None], each=True, ahead=AT_THE_FIRST_KNOT)
+    yield DenseEquations("heading prior", 0, residual[None, :, None], 1.0, SQUARE, lambda: (part,))
+
+
+def agreeing_headings(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor for each sensor, on the headings of all."""
+    problem, settings, headings = at.problem, at.problem.settings.agreeing_headings, at.state.headings
+    if settings.sigma is None or not (problem.free_headings and _begins(at, first)):
+        return
+    residual = agreeing_headings_residual(headings) / settings.sigma
+    by_all = (agreeing_headings_jacobian(headings) / settings.sigma)[None, :, None]
+    part = Part(at.owner, "headings", by_all, ahead=AT_THE_FIRST_KNOT)
+    yield DenseEquations("agreeing headings", 0, residual[None, :, None], 1.0, settings.loss, lambda: (part,))
+
+
+def heading_walk(at: WearerEvaluation, first: slice) -> Iterator[KnotEquations]:
+    """One factor for each sensor, from each knot to the next."""
+    problem, knots = at.problem, at.state.heading_knots
+    if not (problem.free_headings and problem.headings_walk and _begins(at, first)):
+        return
+    root = np.tile(1 / problem.walk_sigmas[:, None], (1, knots.shape[1]))
+    residual = root * heading_walk_residual(knots[:-1], knots[1:])
+    yield KnotEquations("heading walk", 0, residual[..., None], 1.0, SQUARE, at.owner, "headings", root)
+
+
+def mounting_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor for each sensor."""
+    problem, sigma = at.problem, at.problem.mounting_sigma[:, None]
+    if not (problem.free_mountings and _begins(at, first)):
+        return
+    error = rotation_prior_residual(at.state.R_bone_sensor, problem.prior_R_bone_sensor)
+    yield DenseEquations(
+        "mounting prior", 0, (error / sigma)[None], 1.0, SQUARE,
+        lambda: (Part(at.owner, "R_bone_sensor", (inverse_right_jacobian(error) / sigma[..., None])[None], each=True),),
+    )  # fmt: skip
+
+
+def pose_mean(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor on the recording's mean pose."""
+    problem, settings = at.problem, at.problem.settings.pose_prior
+    if not (problem.free_pose_mean and _begins(at, first)):
+        return
+    residual = pose_mean_residual(at.state.pose_mean, problem.prior, settings)
+    by_mean = (settings.mean_scale * problem.prior.whitening)[None, None]
+    part = Part(at.owner, "pose_mean", by_mean)
+    yield DenseEquations("pose mean", 0, residual[None, None], 1.0, SQUARE, lambda: (part,))
+
+
+def gauge_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor on the root of the first frame."""
+    problem, sigma = at.problem, at.problem.settings.gauge_prior.position_sigma
+    if not (problem.use_acceleration and problem.is_gauge and _begins(at, first)):
+        return
+    residual = gauge_prior_residual(at.state.p_world_pelvis[0], problem.p_world_start) / sigma
+    part = Part(at.owner, "root", np.eye(3)[None, None] / sigma)
+    yield DenseEquations("gauge prior", 0, residual[None, None], 1.0, SQUARE, lambda: (part,))
+
+
+PRIORS: tuple[Term[WearerEvaluation], ...] = (
+    Term("heading prior", 0, heading_prior),
+    Term("agreeing headings", 0, agreeing_headings),
+    Term("heading walk", 0, heading_walk),
+    Term("mounting prior", 0, mounting_prior),
+    Term("pose mean", 0, pose_mean),
+    Term("gauge prior", 0, gauge_prior),
+)

@@ -1,0 +1,69 @@
+"""A problem as a ``gtsam.NonlinearFactorGraph``, with values to start from and back."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from vip_factors.factor_graph.term_factors import TermFactor, term_factors
+from vip_factors.factor_graph.variables import Variable, state_of, values_of, variables_of
+from vip_factors.geometry.rotations import Array
+from vip_factors.problem.blocks import scene_layout
+from vip_factors.problem.layout import Layout
+from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.state import SceneState
+
+
+@dataclass(frozen=True)
+class FactorGraph:
+    """A factor graph in the open. Keys are those of :mod:`vip_factors.factor_graph.keys`.
+
+    Attributes:
+        graph: of GTSAM; factors may be added to it.
+        values: to start from.
+        time: ``(T,)`` seconds of the frames that keys count.
+        factors: of the graph, in its order, with what they stand for.
+        variables: of the values.
+        problem, state: what the graph was made of; the state holds what does not move.
+    """
+
+    graph: gtsam.NonlinearFactorGraph
+    values: gtsam.Values
+    time: Array
+    factors: tuple[TermFactor, ...]
+    variables: tuple[Variable, ...]
+    problem: SceneProblem
+    state: SceneState
+
+    def state_at(self, values: gtsam.Values) -> SceneState:
+        """The state that values stand for."""
+        return state_of(values, self.state, self.variables)
+
+    @property
+    def factor_counts(self) -> Counter[str]:
+        """How many factors there are of each kind."""
+        return Counter(one.kind for one in self.factors)
+
+    @property
+    def variable_counts(self) -> Counter[str]:
+        """How many variables there are of each kind."""
+        return Counter(str(one.kind) for one in self.variables)
+
+
+def factor_graph_of(problem: SceneProblem, state: SceneState, layout: Layout | None = None) -> FactorGraph:
+    """The factor graph of a problem, to be started at a state.
+
+    Args:
+        problem: of a scene.
+        state: of all variables.
+        layout: which of them move; all that the problem frees, if absent.
+    """
+    layout = layout or scene_layout(problem)
+    knots = {number: max(len(one.heading_knots), 1) for number, one in enumerate(problem.wearers)}
+    variables = tuple(variables_of(layout, problem.frames, knots))
+    factors, graph = tuple(term_factors(problem, state, layout)), gtsam.NonlinearFactorGraph()
+    for one in factors:
+        graph.push_back(one.factor)
+    time = np.asarray(problem.wearers[0].frames.time)
+    return FactorGraph(graph, values_of(state, variables), time, factors, variables, problem, state)

@@ -1,0 +1,67 @@
+"""GTSAM's names of the variables, by the letters of the design.
+
+| letter | type | index | variable |
+|---|---|---|---|
+| ``r`` | ``Rot3`` | frame, joint | R_parent_child; of joint 0 R_world_pelvis |
+| ``t`` | ``Point3`` | frame | p_world_pelvis |
+| ``h`` | ``double`` | knot, sensor | heading γ, R_world_inertial = Rz(γ); a constant one has the first knot alone |
+| ``b`` | ``Rot3`` | sensor | mounting R_bone_sensor |
+| ``m`` | ``Vector`` of 69 | | the recording's mean joint vector |
+| ``c`` | ``Pose3`` | frame | T_world_camera; a camera that stands still has that of frame 0 |
+| ``g``, ``q`` | ``double``, ``Rot3`` | | heading of the camera's sensor, and R_camera_imu |
+| ``o`` | ``double`` | | seconds by which the video's clock must still be put forward |
+
+Those of the second and further wearers carry the wearer's number above bit 44.
+"""
+
+import gtsam
+
+# A symbol's index packs frame and joint; 32 joints to a frame leave room for 2³⁹ frames of a wearer.
+JOINT_SLOTS = 32
+WEARER = 1 << 44
+KNOT = 1 << 8  # sensors to a wearer; leaves room for a knot a frame
+
+
+def joint_key(frame: int, joint: int, wearer: int = 0) -> int:
+    """Key of the ``Rot3`` R_parent_child; joint 0 is R_world_pelvis."""
+    return int(gtsam.symbol("r", wearer * WEARER + frame * JOINT_SLOTS + joint))
+
+
+def root_key(frame: int, wearer: int = 0) -> int:
+    """Key of the ``Point3`` p_world_pelvis."""
+    return int(gtsam.symbol("t", wearer * WEARER + frame))
+
+
+def heading_key(sensor: int, wearer: int = 0, knot: int = 0) -> int:
+    """Key of the double γ, with R_world_inertial = Rz(γ), at a knot of its walk; a constant heading has the first."""
+    return int(gtsam.symbol("h", wearer * WEARER + knot * KNOT + sensor))
+
+
+def mounting_key(sensor: int, wearer: int = 0) -> int:
+    """Key of the ``Rot3`` R_bone_sensor."""
+    return int(gtsam.symbol("b", wearer * WEARER + sensor))
+
+
+def pose_mean_key(wearer: int = 0) -> int:
+    """Key of the ``Vector`` of 69: the recording's mean joint vector."""
+    return int(gtsam.symbol("m", wearer * WEARER))
+
+
+def camera_key(frame: int) -> int:
+    """Key of the ``Pose3`` T_world_camera; a camera that stands still has the one of frame 0."""
+    return int(gtsam.symbol("c", frame))
+
+
+def camera_heading_key() -> int:
+    """Key of the double γ of the IMU on the camera."""
+    return int(gtsam.symbol("g", 0))
+
+
+def camera_mounting_key() -> int:
+    """Key of the ``Rot3`` R_camera_imu."""
+    return int(gtsam.symbol("q", 0))
+
+
+def clock_key() -> int:
+    """Key of the double: seconds by which the video's clock must still be put forward."""
+    return int(gtsam.symbol("o", 0))

@@ -1,0 +1,249 @@
+"""GTSAM factors out of the registry: each is one residual of a term's equations, evaluated at GTSAM's values."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import gtsam
+import numpy as np
+
+from vip_factors.assembly.camera_terms import CAMERA_TERMS
+from vip_factors.assembly.equations import (
+    AT_THE_FIRST_KNOT,
+    BoneEquations,
+    DenseEquations,
+    DifferenceEquations,
+    Equations,
+    JointEquations,
+    KnotEquations,
+    Part,
+)
+from vip_factors.assembly.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
+from vip_factors.assembly.registry import Term
+from vip_factors.assembly.view_terms import VIEW_TERMS
+from vip_factors.assembly.wearer_terms import WEARER_TERMS
+from vip_factors.body.kinematics import twists_at
+from vip_factors.body.skeleton import JOINT_COUNT, ancestors
+from vip_factors.factor_graph.adapter import custom_factor
+from vip_factors.factor_graph.variables import KINDS, Kind, Variable, state_of
+from vip_factors.factors.robust import Loss, RobustLoss
+from vip_factors.geometry.rotations import Array
+from vip_factors.problem.layout import Layout, Owner, OwnerId
+from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.state import SceneState
+
+Evaluation = WearerEvaluation | ViewEvaluation | CameraEvaluation
+Blocks = list[tuple[Variable, Array]]
+
+
+@dataclass(frozen=True)
+class TermFactor:
+    """A GTSAM factor and what it stands for."""
+
+    kind: str
+    factor: gtsam.NonlinearFactor
+    variables: tuple[Variable, ...]
+
+    @property
+    def frames(self) -> range:
+        """The frames whose variables it sees; of none, the first."""
+        seen = [one.frame for one in self.variables if one.is_of_a_frame or one.is_of_the_camera_path]
+        return range(min(seen), max(seen) + 1) if seen else range(1)
+
+
+def term_factors(problem: SceneProblem, state: SceneState, layout: Layout) -> Iterator[TermFactor]:
+    """All factors of a problem, by their first frame; ``state`` says which exist, and holds what does not move."""
+    for t in range(problem.frames):
+        yield from factors_from(problem, state, layout, t)
+
+
+def factors_from(problem: SceneProblem, state: SceneState, layout: Layout, t: int) -> Iterator[TermFactor]:
+    """The factors whose first frame is ``t``."""
+    for wearer in range(len(problem.wearers)):
+        if layout.part_of(OwnerId(Owner.WEARER, wearer)) is not None:
+            for term in WEARER_TERMS:
+                yield from _of_term(term, partial(_wearer, number=wearer), problem, state, layout, t)
+        for camera in range(1 + len(problem.further)):
+            for seen in VIEW_TERMS:
+                see = partial(_view, number=wearer, camera=camera)
+                yield from _of_term(seen, see, problem, state, layout, t)
+    for alone in CAMERA_TERMS:
+        yield from _of_term(alone, _camera, problem, state, layout, t)
+
+
+def _wearer(problem: SceneProblem, state: SceneState, number: int) -> WearerEvaluation:
+    return WearerEvaluation.of(number, problem.wearers[number], state.wearers[number])
+
+
+def _view(problem: SceneProblem, state: SceneState, number: int, camera: int) -> ViewEvaluation:
+    one = problem.viewpoints(state.camera)[camera]
+    wearer = _wearer(problem, state, number)
+    return ViewEvaluation(wearer, OwnerId(Owner.CAMERA, camera), one.problem, one.state, one.views[number])
+
+
+def _camera(problem: SceneProblem, state: SceneState) -> CameraEvaluation:
+    return CameraEvaluation(problem.camera, state.camera, problem.frames, problem.step)
+
+
+def _of_term(
+    term: Term, at: Callable[[SceneProblem, SceneState], Evaluation], problem: SceneProblem, state: SceneState,
+    layout: Layout, t: int,
+) -> Iterator[TermFactor]:  # fmt: skip
+    """The factors of one term whose first frame is ``t``, each by itself in the few frames that it sees."""
+    if t + term.reach >= problem.frames:
+        return
+    # Two frames at least: a single one does not say how far frames are apart.
+    begin = max(0, min(t, problem.frames - 2))
+    frames = slice(begin, min(max(t + term.reach + 1, begin + 2), problem.frames))
+    window = _Window(
+        term, at, problem.window(frames), state.window(frames), layout, begin, slice(t - begin, t - begin + 1)
+    )
+    here = window.at(window.problem, window.state)
+    equations = window.equations(here)
+    if equations is None:
+        return
+    rows = 1 if not isinstance(equations, KnotEquations) else len(equations.residual)
+    confidence = np.broadcast_to(equations.confidence, equations.residual.shape[:2])
+    for row in range(rows):
+        for n in np.flatnonzero(confidence[row] > 0).tolist():
+            found = window.factor(here, equations, row, n)
+            if found is not None:
+                yield found
+
+
+@dataclass(frozen=True)
+class _Window:
+    """A term in the few frames that factors of one first frame see."""
+
+    term: Term
+    at: Callable[[SceneProblem, SceneState], Evaluation]
+    problem: SceneProblem
+    state: SceneState
+    layout: Layout
+    begin: int
+    first: slice
+
+    def equations(self, here: Evaluation) -> Equations | None:
+        return next(iter(self.term.equations(here, self.first)), None)
+
+    def factor(self, here: Evaluation, equations: Equations, row: int, n: int) -> TermFactor | None:
+        """One of the factors; None if nothing that it sees moves."""
+        variables = tuple(variable for variable, _ in self._blocks(equations, here, row, n))
+        if not variables:
+            return None
+        confidence = np.broadcast_to(equations.confidence, equations.residual.shape[:2])[row, n]
+        root = float(np.sqrt(confidence))
+
+        def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
+            at = self.at(self.problem, state_of(values, self.state, variables, self.begin))
+            found = self.equations(at)
+            assert found is not None
+            blocks = [root * block for _, block in self._blocks(found, at, row, n)]
+            return root * found.residual[row, n], blocks
+
+        noise = noise_model(equations.loss, equations.residual.shape[2])
+        keys, widths = [one.key for one in variables], [one.width for one in variables]
+        return TermFactor(self.term.kind, custom_factor(self.term.kind, noise, keys, widths, evaluate), variables)
+
+    # Derivatives by single variables
+
+    def _blocks(self, eq: Equations, at: Evaluation, row: int, n: int) -> Blocks:
+        match eq:
+            case BoneEquations():
+                by_twist, parts = eq.derivatives()
+                return [*self._by_bone(eq, at, by_twist[row, n], eq.bones[n], 0), *self._by_parts(parts, row, n)]
+            case DifferenceEquations():
+                blocks: Blocks = []
+                for ahead, c in enumerate(eq.coefficients):
+                    arm = eq.arms[row + ahead, n]
+                    blocks += self._by_bone(eq, at, c * twists_at(arm), eq.bones[n] if arm.any() else None, ahead)
+                return [*blocks, *self._by_parts(eq.parts, row, n)]
+            case JointEquations():
+                return self._by_joints(eq, row, n)
+            case DenseEquations():
+                return self._by_parts(eq.parts(), row, n)
+            case KnotEquations():
+                wearer, root = eq.owner.number, eq.root[row, n].reshape(1, 1)
+                signs = ((row, -root), (row + 1, root))
+                return [(Variable(Kind.HEADING, wearer, 0, n, knot), block) for knot, block in signs]
+
+    def _by_bone(
+        self, eq: BoneEquations | DifferenceEquations, at: Evaluation, by_twist: Array, bone: int | None, ahead: int
+    ) -> Blocks:
+        """By the joints above a bone, and by the root if more than a turn is seen; None: the root alone."""
+        if self.layout.part_of(eq.owner) is None:
+            return []
+        number, t = eq.owner.number, self.first.start + ahead
+        frame, k = self.begin + t, by_twist.shape[1]
+        joints: tuple[int, ...] = ancestors(bone) if bone is not None else ()
+        assert not isinstance(at, CameraEvaluation)
+        body = at.body if isinstance(at, WearerEvaluation) else at.wearer.body
+        screws = body.screws[t, :, :k]
+        blocks = [(Variable(Kind.JOINT, number, frame, joint), by_twist @ screws[joint]) for joint in joints]
+        if k == 6:
+            blocks.append((Variable(Kind.ROOT, number, frame), by_twist @ screws[JOINT_COUNT]))
+        return blocks
+
+    def _by_joints(self, eq: JointEquations, row: int, n: int) -> Blocks:
+        number, frame = eq.owner.number, self.begin + eq.first + row
+        jacobians = eq.by_joints()
+        if eq.whitening is None:
+            m = eq.residual.shape[2]
+            joint, axis = divmod(n * m, 3)
+            block = jacobians[0][row, joint, axis : axis + m]
+            return [(Variable(Kind.JOINT, number, frame, joint + 1), block)]
+        columns = eq.whitening.reshape(len(eq.whitening), JOINT_COUNT - 1, 3).swapaxes(0, 1)
+        blocks = [
+            (Variable(Kind.JOINT, number, frame + ahead, joint + 1), columns[joint] @ D[row, joint])
+            for ahead, D in enumerate(jacobians)
+            for joint in range(JOINT_COUNT - 1)
+        ]
+        if eq.mean is not None and self.layout.place(eq.owner, eq.mean) is not None:
+            blocks.append((Variable(KINDS[eq.mean], number), -eq.whitening))
+        return blocks
+
+    def _by_parts(self, parts: Sequence[Part], row: int, n: int) -> Blocks:
+        blocks: Blocks = []
+        for part in parts:
+            if self.layout.place(part.owner, part.block) is not None:
+                blocks += self._by_part(part, part.jacobian[row, n], n)
+        return blocks
+
+    def _by_part(self, part: Part, jacobian: Array, n: int) -> Blocks:
+        number = part.owner.number if part.owner.kind is Owner.WEARER else 0
+        frame = self.begin + self.first.start + max(part.ahead, 0)
+        if part.block == "pelvis":
+            return [(Variable(Kind.JOINT, number, frame, 0), jacobian)]
+        if part.block == "root":
+            return [(Variable(Kind.ROOT, number, frame), jacobian)]
+        kind = KINDS[part.block]
+        if kind is Kind.CAMERA:
+            return [(Variable(kind, frame=frame if self.problem.camera.moving else 0), jacobian)]
+        items = [n] if part.each else range(jacobian.shape[1] // Variable(kind).width)
+        blocks: Blocks = []
+        for place, item in enumerate(items):
+            width = Variable(kind).width
+            own = jacobian[:, place * width : (place + 1) * width]
+            for knot, weight in self._knots(part):
+                blocks.append((Variable(kind, number, 0, item, knot), weight * own))
+        return blocks
+
+    def _knots(self, part: Part) -> list[tuple[int, float]]:
+        """The knots that a block is seen through, and what each counts."""
+        if part.block != "headings" or part.ahead == AT_THE_FIRST_KNOT:
+            return [(0, 1.0)]
+        t = self.first.start + part.ahead
+        weights = self.problem.wearers[part.owner.number].knot_weights(slice(t, t + 1))
+        if weights is None:
+            return [(0, 1.0)]
+        return [(int(knot), float(weights[0, knot])) for knot in np.flatnonzero(weights[0])]
+
+
+def noise_model(loss: RobustLoss, rows: int) -> gtsam.noiseModel.Base:
+    """Of whitened residuals under a loss."""
+    unit = gtsam.noiseModel.Unit.Create(rows)
+    if loss.loss is Loss.HUBER:
+        return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(loss.k), unit)
+    if loss.loss is Loss.CAUCHY:
+        return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(loss.k), unit)
+    return unit

@@ -1,0 +1,42 @@
+"""Agreeing headings: sensors of one suit that were started together have inertial frames that nearly coincide.
+
+Nobody knows where their common north is, only that it is common. So each heading is held to the mean of all, and the
+mean to nothing.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vip_factors.factors.robust import Loss, RobustLoss
+from vip_factors.geometry.rotations import Array, wrap_angle
+
+
+@dataclass(frozen=True)
+class AgreeingHeadingsSettings:
+    """How well the inertial frames of a wearer's sensors agree about the vertical."""
+
+    # Degrees, standard deviation about their mean; none: nothing is known. Thirteen sensors of one make lay within −10°
+    # to +4° of each other, one of them at −33°; sensors that each found a north of their own may lie anyhow.
+    sigma_deg: float | None = None
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # one that was started elsewhere
+
+    @property
+    def sigma(self) -> float | None:
+        """Standard deviation in radians."""
+        return None if self.sigma_deg is None else float(np.deg2rad(self.sigma_deg))
+
+
+def agreeing_headings_residual(headings: Array) -> Array:
+    """Headings ``(S,)`` less their circular mean ``c = atan2(Σ sin γ, Σ cos γ)``, in [−π, π), radians."""
+    return wrap_angle(headings - _mean(headings))
+
+
+def agreeing_headings_jacobian(headings: Array) -> Array:
+    """Derivative ``(S, S)``: ``∂(γ_i − c)/∂γ_j = δ_ij − cos(γ_j − c) / Σ_k cos(γ_k − c)``, that of the arctangent."""
+    share = np.cos(headings - _mean(headings))
+    return np.eye(len(headings)) - share / share.sum()
+
+
+def _mean(headings: Array) -> float:
+    return float(np.arctan2(np.sin(headings).sum(), np.cos(headings).sum()))

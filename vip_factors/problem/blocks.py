@@ -1,0 +1,97 @@
+"""What all frames share, block by block: the one place where a static variable is declared."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.body.pose_prior import POSE_SIZE
+from vip_factors.problem.layout import (
+    FRAME,
+    POSE,
+    ROOT,
+    FramePart,
+    Layout,
+    Manifold,
+    Owner,
+    OwnerId,
+    StaticBlock,
+)
+from vip_factors.problem.scene import CameraProblem, SceneProblem
+from vip_factors.problem.wearer import WearerProblem
+
+# One unit of damping, in physical units, is a prior of this size on every step.
+STEP_ANGLE = 0.1  # rad
+STEP_LENGTH = 0.5  # m
+STEP_CLOCK = 0.05  # s
+CAMERA = OwnerId(Owner.CAMERA)
+
+
+@dataclass(frozen=True)
+class WanderSettings:
+    """How fast what all frames share may wander in a stream, per √second.
+
+    Beyond drift it stands for what repeats from frame to frame: taken as new each time it would make headings and
+    mountings surer than they are within seconds, and hold them where the first seconds put them.
+    """
+
+    every_s: float = 0.5  # the walk goes in steps: one elimination more at each
+    heading_deg: float = 0.3  # 2.3° in a minute: twice what a good filter drifts
+    mounting_deg: float = 0.3  # straps creep, skin moves
+    camera_deg: float = 0.05  # a camera that stands still does
+    camera_m: float = 0.002
+
+
+RELINEARISE_DEG = 0.3  # heading or mounting: they are seen by all frames, 1.0 costs 2 mm
+
+
+def wearer_blocks(wearer: WearerProblem, wander: WanderSettings, relinearise: float) -> tuple[StaticBlock, ...]:
+    """A wearer's."""
+    S, limit = len(wearer.sensors), relinearise
+    heading, mounting = float(np.deg2rad(wander.heading_deg)), float(np.deg2rad(wander.mounting_deg))
+    return (
+        StaticBlock("headings", Manifold.VECTOR, S, wearer.free_headings, STEP_ANGLE, heading, limit),
+        StaticBlock("R_bone_sensor", Manifold.ROTATION, S, wearer.free_mountings, STEP_ANGLE, mounting, limit),
+        StaticBlock("pose_mean", Manifold.VECTOR, POSE_SIZE, wearer.free_pose_mean, STEP_ANGLE, 0.0, limit),
+    )
+
+
+def camera_blocks(camera: CameraProblem, wander: WanderSettings, relinearise: float) -> tuple[StaticBlock, ...]:
+    """The camera's; its pose only where it stands still."""
+    limit, has_imu, turn = relinearise, camera.imu is not None, float(np.deg2rad(wander.camera_deg))
+    heading, standing = float(np.deg2rad(wander.heading_deg)), camera.free_pose and not camera.moving
+    return (
+        StaticBlock(
+            "poses", Manifold.POSE, 1, standing, (STEP_ANGLE,) * 3 + (STEP_LENGTH,) * 3,
+            (turn,) * 3 + (wander.camera_m,) * 3, limit,
+        ),
+        StaticBlock("heading", Manifold.VECTOR, 1, has_imu, STEP_ANGLE, heading, limit),
+        StaticBlock("R_camera_imu", Manifold.ROTATION, 1, has_imu, STEP_ANGLE, heading, limit),
+        StaticBlock("clock", Manifold.VECTOR, 1, camera.free_clock, STEP_CLOCK, heading, limit),
+    )  # fmt: skip
+
+
+def scene_layout(
+    scene: SceneProblem,
+    wander: WanderSettings | None = None,
+    relinearise_deg: float = RELINEARISE_DEG,
+    wearers_move: bool = True,
+) -> Layout:
+    """All variables of a scene that move; without the wearers' if these are kept as they are."""
+    wander, limit = wander or WanderSettings(), float(np.deg2rad(relinearise_deg))
+    parts, blocks = list[FramePart](), list[tuple[OwnerId, tuple[StaticBlock, ...]]]()
+    if wearers_move:
+        for number, wearer in enumerate(scene.wearers):
+            owner = OwnerId(Owner.WEARER, number)
+            parts.append(_wearer_part(owner))
+            blocks.append((owner, wearer_blocks(wearer, wander, limit)))
+    if scene.camera.free_pose and scene.camera.moving:
+        step = np.repeat([STEP_ANGLE, STEP_LENGTH], 3)
+        parts.append(FramePart(CAMERA, POSE, step, {"poses": slice(0, POSE)}))
+    blocks.append((CAMERA, camera_blocks(scene.camera, wander, limit)))
+    return Layout(tuple(parts), tuple(blocks))
+
+
+def _wearer_part(owner: OwnerId) -> FramePart:
+    step = np.repeat([STEP_ANGLE, STEP_LENGTH], [ROOT, 3])
+    names = {"pelvis": slice(0, 3), "joints": slice(3, ROOT), "root": slice(ROOT, FRAME)}
+    return FramePart(owner, FRAME, step, names)

@@ -1,0 +1,230 @@
+"""The variables of a problem as columns: what each frame has of its own, and named blocks of what all frames share."""
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum, StrEnum
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.geometry.poses import pose_right_jacobian
+from vip_factors.geometry.rotations import Array, exp, right_jacobian
+
+ROOT = 3 * JOINT_COUNT  # first column of the root translation in a wearer's frame
+FRAME = ROOT + 3  # width of a wearer's frame
+POSE = 6  # width of a camera's pose: rotation, then translation
+STATIC = -1  # in the place of a frame's part: what all frames share
+
+
+class Manifold(Enum):
+    """How a variable moves by a step, and how wide the step is."""
+
+    VECTOR = 1
+    ROTATION = 3  # R ← R Exp(δ)
+    POSE = 6  # T ← T Exp(δ), as GTSAM's Pose3, rotation first
+
+    @property
+    def width(self) -> int:
+        """Columns of one variable."""
+        return self.value
+
+
+class Owner(StrEnum):
+    """Whose variables they are."""
+
+    WEARER = "wearer"
+    CAMERA = "camera"
+    DETECTOR = "detector"  # shared by all whom it looks at
+
+
+class OwnerId(NamedTuple):
+    """One of the owners of a kind."""
+
+    kind: Owner
+    number: int = 0
+
+
+@dataclass(frozen=True)
+class StaticBlock:
+    """Variables of one kind that all frames share.
+
+    Attributes:
+        name: of the attribute of the owner's state that holds them.
+        manifold: of each.
+        items: how many: one for each sensor, say.
+        free: whether they move; else they are kept as they are.
+        step: one unit of damping is a prior of this size on each column of a step (rad, m, s); a number, or one for
+            each column of an item.
+        wander: how far each column may wander, per √second, in a stream.
+        relinearise: a column that moved by more is linearised anew, in a stream.
+    """
+
+    name: str
+    manifold: Manifold
+    items: int
+    free: bool
+    step: float | tuple[float, ...]
+    wander: float | tuple[float, ...] = 0.0
+    relinearise: float | tuple[float, ...] = np.inf
+
+    @property
+    def item_width(self) -> int:
+        """Columns of one item."""
+        return self.manifold.width
+
+    @property
+    def width(self) -> int:
+        """Columns in the tangent: none where it is kept."""
+        return self.items * self.item_width if self.free else 0
+
+    def per_column(self, value: float | tuple[float, ...]) -> Array:
+        """A number, or one for each column of an item, as one for each of all columns."""
+        return np.tile(np.broadcast_to(np.asarray(value, dtype=float), self.item_width), self.items)
+
+    def retract(self, value: Any, step: Array) -> Any:
+        """The variables moved by steps ``(width,)``; every solver moves them by this.
+
+        Vectors are ``(items,)`` or, a single one, a number; rotations ``(items, 3, 3)`` or ``(3, 3)``; poses
+        :class:`~vip_factors.factors.camera_pose.CameraPoses`.
+        """
+        each = step.reshape(self.items, self.item_width)
+        if self.manifold is Manifold.VECTOR:
+            return float(value + step[0]) if np.ndim(value) == 0 else value + step.reshape(np.shape(value))
+        if self.manifold is Manifold.ROTATION:
+            return value @ exp(each.reshape(*np.shape(value)[:-2], 3))
+        return value.retract(each)
+
+    def chart(self, coordinates: Array) -> Array:
+        """Derivative ``(items, c, c)`` of a step from a moved value by its coordinates ``(width,)`` around a fixed one.
+
+        ``X ⊞ (x + dx) = (X ⊞ x) ⊞ (chart dx)``: far from the fixed value a step and a difference of coordinates differ.
+        """
+        each = coordinates.reshape(self.items, self.item_width)
+        if self.manifold is Manifold.VECTOR:
+            return np.ones((self.items, 1, 1))
+        return right_jacobian(each) if self.manifold is Manifold.ROTATION else pose_right_jacobian(each)
+
+
+@dataclass(frozen=True)
+class FramePart:
+    """What one owner has of its own in every frame: ``width`` columns, of which some have names."""
+
+    owner: OwnerId
+    width: int
+    step: Array
+    names: dict[str, slice]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Columns of a block: of frame part ``part``, or of the static vector where that is ``STATIC``."""
+
+    part: int
+    start: int
+    stop: int
+
+    @property
+    def columns(self) -> slice:
+        """The same."""
+        return slice(self.start, self.stop)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """All variables of a problem that move.
+
+    A frame's vector is its parts side by side; the static vector is the free blocks side by side, those of one owner
+    together.
+
+    Attributes:
+        parts: of a frame.
+        blocks: of all owners, by owner.
+    """
+
+    parts: tuple[FramePart, ...]
+    blocks: tuple[tuple[OwnerId, tuple[StaticBlock, ...]], ...]
+
+    @cached_property
+    def frame_width(self) -> int:
+        """Of a whole frame."""
+        return sum(part.width for part in self.parts)
+
+    @cached_property
+    def part_columns(self) -> tuple[slice, ...]:
+        """Of each part in a frame's vector."""
+        return _side_by_side([part.width for part in self.parts])
+
+    @cached_property
+    def static_width(self) -> int:
+        """Of the static vector."""
+        return sum(block.width for _, block, _ in self.placed())
+
+    def placed(self) -> Iterator[tuple[OwnerId, StaticBlock, slice]]:
+        """Every block with its columns in the static vector; none of a kept one."""
+        start = 0
+        for owner, blocks in self.blocks:
+            for block in blocks:
+                yield owner, block, slice(start, start + block.width)
+                start += block.width
+
+    @cached_property
+    def owners(self) -> tuple[tuple[OwnerId, slice], ...]:
+        """Those that have free blocks, each with its columns in the static vector."""
+        widths = [sum(block.width for block in blocks) for _, blocks in self.blocks]
+        columns = _side_by_side(widths)
+        return tuple((owner, own) for (owner, _), own, width in zip(self.blocks, columns, widths, strict=True) if width)
+
+    @cached_property
+    def _places(self) -> dict[tuple[OwnerId, str], tuple[Place, StaticBlock | None]]:
+        places: dict[tuple[OwnerId, str], tuple[Place, StaticBlock | None]] = {}
+        for owner, block, columns in self.placed():
+            if block.free:
+                places[owner, block.name] = Place(STATIC, columns.start, columns.stop), block
+        for number, part in enumerate(self.parts):
+            for name, columns in part.names.items():
+                places[part.owner, name] = Place(number, columns.start, columns.stop), None
+        return places
+
+    def place(self, owner: OwnerId, name: str) -> Place | None:
+        """Where a block's columns are; None where it does not move."""
+        found = self._places.get((owner, name))
+        return None if found is None else found[0]
+
+    def block(self, owner: OwnerId, name: str) -> StaticBlock | None:
+        """A free static block."""
+        found = self._places.get((owner, name))
+        return None if found is None else found[1]
+
+    def part_of(self, owner: OwnerId) -> int | None:
+        """Number of an owner's frame part; None where it has none."""
+        return next((number for number, part in enumerate(self.parts) if part.owner == owner), None)
+
+    def columns(self, owner: OwnerId, name: str) -> np.ndarray:
+        """Columns of a static block in the static vector; empty where it does not move."""
+        place = self.place(owner, name)
+        if place is None or place.part != STATIC:
+            return np.zeros(0, dtype=int)
+        return np.arange(place.columns.start, place.columns.stop)
+
+    def item_columns(self, owner: OwnerId, name: str, item: int) -> np.ndarray:
+        """Columns of one item of a static block; empty where the block does not move."""
+        block, columns = self.block(owner, name), self.columns(owner, name)
+        return columns if block is None else columns[item * block.item_width : (item + 1) * block.item_width]
+
+    def per_column(self, attribute: str) -> Array:
+        """An attribute of the blocks (``step``, ``wander``, ``relinearise``) for each column of the static vector."""
+        values = [block.per_column(getattr(block, attribute)) for _, block, _ in self.placed() if block.free]
+        return np.concatenate([np.zeros(0), *values])
+
+    @cached_property
+    def frame_step(self) -> Array:
+        """What one unit of damping is a prior of, for each column of a frame."""
+        return np.concatenate([np.zeros(0), *(part.step for part in self.parts)])
+
+
+def _side_by_side(widths: Sequence[int]) -> tuple[slice, ...]:
+    ends = np.cumsum([0, *widths]).tolist()
+    return tuple(slice(start, stop) for start, stop in itertools.pairwise(ends))

@@ -1,0 +1,212 @@
+"""Everything that defines the cost of a filmed scene: the wearers' own problems, the camera's, and what it saw."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from vip_factors.factors.camera_acceleration import CameraAccelerationSettings
+from vip_factors.factors.camera_orientation import CameraOrientationSettings
+from vip_factors.factors.camera_velocity import CameraVelocitySettings
+from vip_factors.factors.ground_contact import Foot, GroundContactSettings
+from vip_factors.factors.reprojection import ReprojectionSettings
+from vip_factors.geometry.rotations import Array
+from vip_factors.problem.extra import ExtraTerms
+from vip_factors.problem.points import BodyPoint, BodyPoints
+from vip_factors.problem.state import CameraState
+from vip_factors.problem.wearer import WearerProblem
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.frames import ImuFrames
+
+
+@dataclass(frozen=True)
+class CameraFactorSettings:
+    """The settings of every factor kind that touches the camera."""
+
+    reprojection: ReprojectionSettings = field(default_factory=ReprojectionSettings)
+    orientation: CameraOrientationSettings = field(default_factory=CameraOrientationSettings)
+    acceleration: CameraAccelerationSettings = field(default_factory=CameraAccelerationSettings)
+    velocity: CameraVelocitySettings = field(default_factory=CameraVelocitySettings)
+    ground_contact: GroundContactSettings = field(default_factory=GroundContactSettings)
+    heading_sigma_deg: float = 45.0  # of the camera IMU's heading, which nothing but the picture tells
+    # s, of the clock offset where it is a variable: a clap found by eye is good to a video frame or two.
+    clock_sigma: float = 0.05
+
+
+@dataclass(frozen=True)
+class CameraProblem:
+    """The camera's share of a scene.
+
+    Attributes:
+        model: its intrinsics.
+        moving: one pose for each frame, or one for all.
+        free_pose: False keeps the poses of the state.
+        imu: measurements of the sensor on it (one column), or None.
+        p_camera_imu: ``(3,)`` metres.
+        prior_heading: radians, of that sensor.
+        prior_R_camera_imu, mounting_sigma: its rough mounting, and radians about each axis.
+        free_clock: whether the video's clock offset moves.
+        is_beginning: False for a stretch of something longer, whose beginning holds the priors.
+        settings: of the factors.
+    """
+
+    model: CameraModel
+    moving: bool
+    free_pose: bool = True
+    imu: ImuFrames | None = None
+    p_camera_imu: Array = field(default_factory=lambda: np.zeros(3))
+    prior_heading: float = 0.0
+    prior_R_camera_imu: Array = field(default_factory=lambda: np.eye(3))
+    mounting_sigma: float = 0.2
+    free_clock: bool = False
+    is_beginning: bool = True
+    settings: CameraFactorSettings = field(default_factory=CameraFactorSettings)
+
+    def window(self, frames: slice) -> "CameraProblem":
+        """The problem of some consecutive frames; its priors are those of the first frame."""
+        imu = None if self.imu is None else self.imu.window(frames)
+        return replace(self, imu=imu, is_beginning=self.is_beginning and frames.start == 0)
+
+    def orientation_weight(self, step: float) -> float:
+        """What divides the variance of one frame's orientation.
+
+        A camera that stands still is told the same, errors included, in every frame: a second of it weighs as one.
+        """
+        return 1.0 if self.moving else min(1.0, step)
+
+
+# Where there is no camera: it sees nobody, and nothing of it moves.
+NO_CAMERA = CameraProblem(CameraModel(640, 480, (500.0, 500.0), (320.0, 240.0)), moving=False, free_pose=False)
+
+
+@dataclass(frozen=True)
+class GroundView:
+    """Where one camera saw one wearer's ``G`` feet stand.
+
+    Attributes:
+        feet: of the body.
+        rays: ``(T, G, 3)`` of the ankles' pixels, in the camera's frame.
+        whitening: ``(T, G, 3, 3)`` per metre.
+        stands: ``(T, G)`` where the factor exists; elsewhere the others mean nothing.
+    """
+
+    feet: tuple[Foot, ...]
+    rays: Array
+    whitening: Array
+    stands: np.ndarray
+
+    def at_frames(self, frames: slice) -> "GroundView":
+        """A stretch of frames."""
+        return GroundView(self.feet, self.rays[frames], self.whitening[frames], self.stands[frames])
+
+
+@dataclass(frozen=True)
+class KeypointView:
+    """Where one wearer's ``K`` keypoints were seen in the ``T`` frames.
+
+    Attributes:
+        points: on the body.
+        pixels: ``(T, K, 2)``; zero where not seen.
+        sigma: ``(T, K)`` pixels; one where not seen.
+        seen: ``(T, K)``.
+        pixels_per_second: ``(T, K, 2)`` how fast the detections move, for the clock offset.
+        confidence: ``(T, K)`` of the detector, times the biweight; zero where not seen. Sigma has it already.
+        ground: of the feet among them, if their contact with the ground is used.
+    """
+
+    points: tuple[BodyPoint, ...]
+    pixels: Array
+    sigma: Array
+    seen: np.ndarray
+    pixels_per_second: Array
+    confidence: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    ground: GroundView | None = None
+
+    @classmethod
+    def empty(cls, frames: int) -> "KeypointView":
+        """Of somebody whom nobody looks at."""
+        none, pixels = np.zeros((frames, 0)), np.zeros((frames, 0, 2))
+        return cls((), pixels, none, none.astype(bool), pixels, none)
+
+    @cached_property
+    def body_points(self) -> BodyPoints:
+        """The points, as arrays."""
+        return BodyPoints.of(self.points)
+
+    def at_frames(self, frames: slice) -> "KeypointView":
+        """A stretch of frames."""
+        return replace(
+            self,
+            pixels=self.pixels[frames],
+            sigma=self.sigma[frames],
+            seen=self.seen[frames],
+            pixels_per_second=self.pixels_per_second[frames],
+            confidence=self.confidence[frames],
+            ground=None if self.ground is None else self.ground.at_frames(frames),
+        )
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where one camera is, and what it saw.
+
+    Attributes:
+        problem: the camera's.
+        state: its poses.
+        views: of each wearer.
+    """
+
+    problem: CameraProblem
+    state: CameraState
+    views: tuple[KeypointView, ...]
+
+
+@dataclass(frozen=True)
+class SceneProblem:
+    """The least-squares problem of a scene; all wearers have the same frames.
+
+    Attributes:
+        wearers: their own problems.
+        camera: the camera's.
+        views: of each wearer, before that camera.
+        further: cameras beside it, which stand still at known poses: they bring no variable, only reprojections.
+        extra: terms of a user's own.
+    """
+
+    wearers: tuple[WearerProblem, ...]
+    camera: CameraProblem
+    views: tuple[KeypointView, ...]
+    further: tuple[Viewpoint, ...] = ()
+    extra: ExtraTerms | None = None
+
+    def viewpoints(self, camera: CameraState) -> tuple[Viewpoint, ...]:
+        """All cameras, with the first one in a state."""
+        return (Viewpoint(self.camera, camera, self.views), *self.further)
+
+    @classmethod
+    def unfilmed(cls, wearers: Sequence[WearerProblem]) -> "SceneProblem":
+        """Of wearers whom no camera sees."""
+        return cls(tuple(wearers), NO_CAMERA, tuple(KeypointView.empty(len(one.frames)) for one in wearers))
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.wearers[0].frames)
+
+    @property
+    def step(self) -> float:
+        """Seconds between frames."""
+        return self.wearers[0].frames.step
+
+    def window(self, frames: slice) -> "SceneProblem":
+        """The problem of some consecutive frames, without a user's own terms."""
+        return SceneProblem(
+            tuple(one.window(frames) for one in self.wearers),
+            self.camera.window(frames),
+            tuple(view.at_frames(frames) for view in self.views),
+            tuple(
+                replace(one, state=one.state.window(frames), views=tuple(view.at_frames(frames) for view in one.views))
+                for one in self.further
+            ),
+        )

@@ -1,0 +1,154 @@
+"""The values of all variables, as arrays."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.geometry.rotations import Array, exp, rotation_z
+from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
+
+
+@dataclass(frozen=True)
+class WearerState:
+    """Values of all variables of one wearer.
+
+    Attributes:
+        R_parent_child: ``(T, 24, 3, 3)`` joint rotations.
+        p_world_pelvis: ``(T, 3)`` metres.
+        headings: ``(S,)`` radians; at the first knot, where they walk.
+        R_bone_sensor: ``(S, 3, 3)`` mountings.
+        pose_mean: ``(69,)`` the recording's mean joint vector, radians.
+        later_headings: ``(K − 1, S)`` radians, at the further knots; none where headings are constant.
+    """
+
+    R_parent_child: Array
+    p_world_pelvis: Array
+    headings: Array
+    R_bone_sensor: Array
+    pose_mean: Array
+    later_headings: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def heading_knots(self) -> Array:
+        """Headings at all knots ``(K, S)``."""
+        return np.vstack([self.headings, self.later_headings.reshape(-1, len(self.headings))])
+
+    def heading(self, sensor: int, weights: Array | None) -> float | Array:
+        """A sensor's heading: at the frames whose knots' ``weights`` ``(t, K)`` are given, or the constant one."""
+        return float(self.headings[sensor]) if weights is None else weights @ self.heading_knots[:, sensor]
+
+    def with_knots(self, count: int) -> "WearerState":
+        """The same headings, now at ``count`` knots: all as the first."""
+        return replace(self, later_headings=np.tile(self.headings, (max(count - 1, 0), 1)))
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.p_world_pelvis)
+
+    def window(self, frames: slice) -> "WearerState":
+        """Some consecutive frames."""
+        return replace(self, R_parent_child=self.R_parent_child[frames], p_world_pelvis=self.p_world_pelvis[frames])
+
+    def retract_frames(self, steps: Array) -> "WearerState":
+        """Poses moved by steps ``(T, 75)`` of joints and root; rotations on the right, as GTSAM moves them."""
+        joints = steps[:, :ROOT].reshape(len(steps), JOINT_COUNT, 3)
+        return replace(
+            self,
+            R_parent_child=self.R_parent_child @ exp(joints),
+            p_world_pelvis=self.p_world_pelvis + steps[:, ROOT:],
+        )
+
+    def with_walk(self, steps: Array) -> "WearerState":
+        """Later headings moved by steps ``(K − 1, S)``."""
+        return replace(self, later_headings=self.later_headings + steps)
+
+    def turned(self, angle: float, shift: Array | None = None) -> "WearerState":
+        """The same motion in a world turned about the vertical by an angle in radians, then shifted ``(3,)``."""
+        turn, R = rotation_z(angle), self.R_parent_child.copy()
+        R[:, 0] = turn @ R[:, 0]
+        p = self.p_world_pelvis @ turn.T + (0.0 if shift is None else shift)
+        later = self.later_headings + angle
+        return replace(self, R_parent_child=R, p_world_pelvis=p, headings=self.headings + angle, later_headings=later)
+
+
+@dataclass(frozen=True)
+class CameraState:
+    """Values of the camera's variables.
+
+    Attributes:
+        poses: one for each frame, or a single one.
+        heading: radians, of the IMU on it.
+        R_camera_imu: ``(3, 3)``.
+        clock: seconds by which the video's clock must still be put forward.
+    """
+
+    poses: CameraPoses
+    heading: float = 0.0
+    R_camera_imu: Array = field(default_factory=lambda: np.eye(3))
+    clock: float = 0.0
+
+    def at_frames(self, frames: slice) -> CameraPoses:
+        """The poses at a stretch of frames."""
+        if len(self.poses) > 1:
+            return CameraPoses(self.poses.R_world_camera[frames], self.poses.p_world_camera[frames])
+        count = frames.stop - frames.start
+        return CameraPoses(
+            np.broadcast_to(self.poses.R_world_camera, (count, 3, 3)),
+            np.broadcast_to(self.poses.p_world_camera, (count, 3)),
+        )
+
+    def window(self, frames: slice) -> "CameraState":
+        """Some consecutive frames; the one pose of a camera that stands still."""
+        return replace(self, poses=self.at_frames(frames)) if len(self.poses) > 1 else self
+
+    def retract_frames(self, steps: Array) -> "CameraState":
+        """A moving camera's poses moved by steps ``(T, 6)``."""
+        return replace(self, poses=self.poses.retract(steps))
+
+
+@dataclass(frozen=True)
+class SceneState:
+    """Values of all variables of a scene."""
+
+    wearers: tuple[WearerState, ...]
+    camera: CameraState
+
+    @classmethod
+    def unfilmed(cls, wearers: Sequence[WearerState]) -> "SceneState":
+        """Of wearers whom no camera sees."""
+        return cls(tuple(wearers), CameraState(CameraPoses(np.eye(3)[None], np.zeros((1, 3)))))
+
+    def of(self, owner: OwnerId) -> Any:
+        """One owner's values."""
+        return self.camera if owner.kind is Owner.CAMERA else self.wearers[owner.number]
+
+    def window(self, frames: slice) -> "SceneState":
+        """Some consecutive frames."""
+        return SceneState(tuple(one.window(frames) for one in self.wearers), self.camera.window(frames))
+
+    def replaced(self, owners: Mapping[OwnerId, Any]) -> "SceneState":
+        """With other values of some owners."""
+        wearers = tuple(owners.get(OwnerId(Owner.WEARER, n), one) for n, one in enumerate(self.wearers))
+        return SceneState(wearers, owners.get(OwnerId(Owner.CAMERA), self.camera))
+
+    def retract_static(self, layout: Layout, step: Array) -> "SceneState":
+        """What all frames share moved by a step ``(s,)`` of the layout's static vector."""
+        changed: dict[OwnerId, Any] = {}
+        for owner, block, columns in layout.placed():
+            if block.free:
+                own = changed.get(owner, self.of(owner))
+                value = block.retract(getattr(own, block.name), step[columns])
+                changed[owner] = replace(own, **{block.name: value})
+        return self.replaced(changed) if changed else self
+
+    def retract_frames(self, layout: Layout, steps: Array) -> "SceneState":
+        """Every frame moved by steps ``(T, w)`` of the layout's frames."""
+        changed: dict[OwnerId, Any] = {}
+        for part, columns in zip(layout.parts, layout.part_columns, strict=True):
+            changed[part.owner] = self.of(part.owner).retract_frames(steps[:, columns])
+        return self.replaced(changed)

@@ -1,0 +1,195 @@
+"""Everything that defines one wearer's cost: measurements, body, priors and settings."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from vip_factors.body.joint_limits import JointLimits
+from vip_factors.body.pose_prior import PosePrior
+from vip_factors.body.skeleton import Skeleton
+from vip_factors.factors.acceleration import AccelerationSettings
+from vip_factors.factors.agreeing_headings import AgreeingHeadingsSettings
+from vip_factors.factors.coasting import CoastingSettings
+from vip_factors.factors.floor_contact import FloorContactSettings
+from vip_factors.factors.foot_contact import FootContactSettings
+from vip_factors.factors.gauge_prior import GaugePriorSettings
+from vip_factors.factors.heading_knots import knot_weights
+from vip_factors.factors.heading_prior import HeadingPriorSettings
+from vip_factors.factors.heading_walk import HeadingWalkSettings
+from vip_factors.factors.joint_limit import JointLimitSettings
+from vip_factors.factors.orientation import OrientationSettings
+from vip_factors.factors.pose_prior import PosePriorSettings
+from vip_factors.factors.rotation_prior import InitialPoseSettings
+from vip_factors.factors.smoothness import SmoothnessSettings
+from vip_factors.geometry.rotations import Array
+from vip_factors.problem.points import BodyPoint, BodyPoints
+from vip_factors.sensors.frames import ImuFrames
+
+
+@dataclass(frozen=True)
+class FactorSettings:
+    """The settings of every factor kind."""
+
+    orientation: OrientationSettings = field(default_factory=OrientationSettings)
+    acceleration: AccelerationSettings = field(default_factory=AccelerationSettings)
+    pose_prior: PosePriorSettings = field(default_factory=PosePriorSettings)
+    joint_limit: JointLimitSettings = field(default_factory=JointLimitSettings)
+    heading_prior: HeadingPriorSettings = field(default_factory=HeadingPriorSettings)
+    agreeing_headings: AgreeingHeadingsSettings = field(default_factory=AgreeingHeadingsSettings)
+    heading_walk: HeadingWalkSettings = field(default_factory=HeadingWalkSettings)
+    initial_pose: InitialPoseSettings = field(default_factory=InitialPoseSettings)
+    smoothness: SmoothnessSettings = field(default_factory=SmoothnessSettings)
+    foot_contact: FootContactSettings = field(default_factory=FootContactSettings)
+    floor_contact: FloorContactSettings = field(default_factory=FloorContactSettings)
+    gauge_prior: GaugePriorSettings = field(default_factory=GaugePriorSettings)
+    coasting: CoastingSettings = field(default_factory=CoastingSettings)
+
+
+@dataclass(frozen=True)
+class InitialPose:
+    """A declared pose over the first ``frames``: ``R_parent_child`` ``(24, 3, 3)``; the root's heading is free.
+
+    Of a stretch of something longer, ``passed`` frames are before it.
+    """
+
+    R_parent_child: Array
+    frames: int
+    passed: int = 0
+
+    @property
+    def left(self) -> int:
+        """How many frames of this stretch it is held in."""
+        return max(self.frames - self.passed, 0)
+
+
+@dataclass(frozen=True)
+class WearerProblem:
+    """One wearer's least-squares problem.
+
+    Attributes:
+        skeleton, prior, limits: the body.
+        frames: the measurements.
+        sensors: ``S`` points where the sensors sit, in the order of ``frames.sensors``.
+        prior_headings, heading_sigma: ``(S,)`` radians; of the first knot, where headings walk.
+        prior_R_bone_sensor: ``(S, 3, 3)``.
+        mounting_sigma: ``(S,)`` radians.
+        p_world_start: root position of the first frame, metres.
+        settings: of the factors.
+        initial_pose: declared by the wearer, or None.
+        contacts: points of the feet that may bear the body.
+        contact_confidence: ``(T, C)`` in [0, 1], whether each contact holds from its frame to the next.
+        use_acceleration: False leaves acceleration, contact and gauge factors out: frames decouple (IT, SOP).
+        free_headings, free_mountings, free_pose_mean: whether those variables move.
+        gauge_sensor: whose heading defines the world's.
+        is_gauge: whether this wearer's first root position and gauge heading define the world. Where headings walk, the
+            gauge sensor's is pinned at the first knot only: what it drifts shows against a camera that stands, and
+            without one it stays as the walk's prior has it.
+        is_beginning: False for a stretch of something longer, whose beginning holds the priors on what all frames
+            share and on the first root position.
+        heading_knots: ``(K,)`` seconds at which headings are variables, linear in between; one or none: constant.
+    """
+
+    skeleton: Skeleton
+    prior: PosePrior
+    limits: JointLimits
+    frames: ImuFrames
+    sensors: tuple[BodyPoint, ...]
+    prior_headings: Array
+    heading_sigma: Array
+    prior_R_bone_sensor: Array
+    mounting_sigma: Array
+    p_world_start: Array = field(default_factory=lambda: np.zeros(3))
+    settings: FactorSettings = field(default_factory=FactorSettings)
+    initial_pose: InitialPose | None = None
+    contacts: tuple[BodyPoint, ...] = ()
+    contact_confidence: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    use_acceleration: bool = True
+    free_headings: bool = False
+    free_mountings: bool = False
+    free_pose_mean: bool = False
+    gauge_sensor: int = 0
+    is_gauge: bool = True
+    is_beginning: bool = True
+    heading_knots: Array = field(default_factory=lambda: np.zeros(0))
+
+    @cached_property
+    def sensor_points(self) -> BodyPoints:
+        """Where the sensors sit, as arrays."""
+        return BodyPoints.of(self.sensors)
+
+    @cached_property
+    def contact_points(self) -> BodyPoints:
+        """The contacts, as arrays."""
+        return BodyPoints.of(self.contacts)
+
+    def window(self, frames: slice) -> "WearerProblem":
+        """The problem of some consecutive frames; its priors are those of the first frame."""
+        pose = self.initial_pose
+        return replace(
+            self,
+            frames=self.frames.window(frames),
+            contact_confidence=self.contact_confidence[frames],
+            initial_pose=None if pose is None else replace(pose, passed=pose.passed + frames.start),
+            is_beginning=self.is_beginning and frames.start == 0,
+        )
+
+    @property
+    def has_floor(self) -> bool:
+        """Whether contacts stand on the floor at z = 0; where frames are independent, roots are free."""
+        return self.use_acceleration and self.settings.floor_contact.use
+
+    @cached_property
+    def coasting(self) -> np.ndarray:
+        """``(T,)`` whether the root coasts over a frame and its neighbours: no accelerometer says how it moves there.
+
+        The first frame and the last have one neighbour and never do.
+        """
+        coasting = np.zeros(len(self.frames), bool)
+        if self.use_acceleration and self.settings.coasting.use:
+            coasting[1:-1] = ~np.any(self.frames.acceleration_valid[1:-1], axis=1)
+        return coasting
+
+    @cached_property
+    def turning(self) -> np.ndarray:
+        """``(T − 1,)`` whether the pelvis turns unseen from a frame to the next: one has no orientation of a sensor."""
+        if not (self.use_acceleration and self.settings.coasting.use):
+            return np.zeros(max(len(self.frames) - 1, 0), bool)
+        seen = np.any(self.frames.orientation_valid, axis=1)
+        return ~(seen[:-1] & seen[1:])
+
+    @property
+    def heading_sigmas(self) -> Array:
+        """``(S,)`` radians, as used: tight for the gauge sensor, not too tight for the others.
+
+        What the motion of a whole recording says of a heading that walks is its mean, against that of the gauge
+        sensor: a walk's mean is off its start by a third of the variance that it gathers, and here two walk.
+        """
+        prior = self.settings.heading_prior
+        sigmas = np.maximum(self.heading_sigma, prior.least_sigma)
+        if self.headings_walk:
+            whole = self.settings.heading_walk.sigma(self.heading_knots[-1] - self.heading_knots[0])
+            sigmas = np.hypot(sigmas, np.sqrt(2 / 3) * whole)
+        if self.is_gauge:
+            sigmas[self.gauge_sensor] = prior.gauge_sigma
+        return sigmas
+
+    @property
+    def headings_walk(self) -> bool:
+        """Whether headings change with time."""
+        return len(self.heading_knots) > 1
+
+    def knot_weights(self, frames: slice = slice(None)) -> Array | None:
+        """What each knot counts in a stretch of frames ``(t, K)``; None where headings are constant."""
+        return knot_weights(self.heading_knots, self.frames.time[frames]) if self.headings_walk else None
+
+    @property
+    def walk_sigmas(self) -> Array:
+        """``(K − 1,)`` radians from knot to knot."""
+        return self.settings.heading_walk.sigma(np.diff(self.heading_knots))
+
+    @property
+    def initial_pose_sigma(self) -> float:
+        """Standard deviation in radians for each of the initial frames, which together weigh as one."""
+        frames = self.initial_pose.frames if self.initial_pose else 1
+        return self.settings.initial_pose.sigma * float(np.sqrt(frames))

@@ -1,0 +1,128 @@
+"""Variables that walk, in the normal equations: what a frame says of their value then, spread over the knots around it.
+
+A chain's own blocks stay in terms of each frame's value, whether it walks or not. The first knot stands in the static
+group, where a constant value stands; each further knot is a GTSAM variable of its own, and is eliminated as soon as no
+later frame sees it: a longer recording costs no more by the frame.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from vip_factors.geometry.rotations import Array
+from vip_factors.solve.hessian import coupling_factor
+
+
+@dataclass
+class KnotSystem:
+    """The ``S`` first columns of a static group of ``s``, which walk.
+
+    Attributes:
+        part: whose frames see them.
+        keys: GTSAM's names of the ``K − 1`` later knots.
+        weights: ``(T, K)`` of the knots in each frame.
+        own, gradient: ``(T, S, s)`` and ``(T, S)`` of the values at each frame's instant with the group's columns.
+        beside: ``(T, 2, w, S)`` blocks of a frame with the values of the next frame and of the one before.
+        diagonal, following, knot_gradient: ``(K, S)``, ``(K − 1, S)`` and ``(K, S)`` of what ties knots to one another.
+        damping: what one unit of damping adds to the diagonal.
+    """
+
+    part: int
+    keys: Sequence[int]
+    weights: Array
+    own: Array
+    gradient: Array
+    beside: Array
+    diagonal: Array
+    following: Array
+    knot_gradient: Array
+    damping: float
+
+    @classmethod
+    def empty(
+        cls, part: int, keys: Sequence[int], weights: Array, frame_width: int, walking: int, static_width: int,
+        damping: float,
+    ) -> "KnotSystem":  # fmt: skip
+        """Zeros."""
+        (T, K), S = weights.shape, walking
+        return cls(
+            part, keys, weights, np.zeros((T, S, static_width)), np.zeros((T, S)), np.zeros((T, 2, frame_width, S)),
+            np.zeros((K, S)), np.zeros((K - 1, S)), np.zeros((K, S)), damping,
+        )  # fmt: skip
+
+    def add_between(self, root: Array, residual: Array) -> None:
+        """Add factors from each knot to the next: ``root`` and ``residual`` ``(K − 1, S)``, whitened."""
+        for part, sign in ((slice(0, -1), -1.0), (slice(1, None), 1.0)):
+            self.diagonal[part] += root**2
+            self.knot_gradient[part] += sign * root * residual
+        self.following -= root**2
+
+    @property
+    def walking(self) -> int:
+        """Number of columns that walk."""
+        return self.own.shape[1]
+
+    def append_couplings(
+        self, graph: gtsam.GaussianFactorGraph, t: int, frame_key: int, static_key: int, block: Array
+    ) -> None:
+        """Append what ties frame ``t`` to knots and static variables; ``block`` ``(w, s)`` is by its own values."""
+        S, T = self.walking, len(self.weights)
+        here, after, before = self.weights[t], self.weights[min(t + 1, T - 1)], self.weights[max(t - 1, 0)]
+        static = block.copy()
+        static[:, :S] = 0.0
+        for k in np.flatnonzero(here + after + before).tolist():
+            by_knot = here[k] * block[:, :S] + after[k] * self.beside[t, 0] + before[k] * self.beside[t, 1]
+            if k == 0:
+                static[:, :S] = by_knot
+            else:
+                graph.push_back(coupling_factor(frame_key, self.keys[k - 1], by_knot))
+        graph.push_back(coupling_factor(frame_key, static_key, static))
+
+    def add_static(self, H: Array, g: Array) -> None:
+        """Add the first knot's share to the group's own ``(s, s)`` and ``(s,)``, which hold at most its prior."""
+        S, first = self.walking, self.weights[:, 0]
+        H[:S, :S] += _weighed(first**2, self.own[:, :, :S]) + np.diag(self.diagonal[0])
+        H[:S, S:] += _weighed(first, self.own[:, :, S:])
+        H[S:, :S] = H[:S, S:].T
+        g[:S] += _weighed(first, self.gradient) + self.knot_gradient[0]
+
+    def append_passed(
+        self, graph: gtsam.GaussianFactorGraph, start: int, stop: int, static_key: int, damping: float
+    ) -> Iterator[int]:
+        """Append all that is left to say of the knots that no frame from ``stop`` on sees; yields their keys."""
+        S = self.walking
+        for k, key in enumerate(self.keys, start=1):
+            if not self._passed(k, stop) or self._passed(k, start):
+                continue
+            weight = self.weights[:, k]
+            H = _weighed(weight**2, self.own[:, :, :S]) + np.diag(self.diagonal[k] + damping * self.damping)
+            g = _weighed(weight, self.gradient) + self.knot_gradient[k]
+            graph.push_back(gtsam.HessianFactor(key, H, -g, 0.0))
+            static = np.zeros(self.own.shape[1:])
+            static[:, S:] = _weighed(weight, self.own[:, :, S:])
+            if k == 1:
+                static[:, :S] = self._neighbours(0)
+            graph.push_back(coupling_factor(key, static_key, static))
+            if k < len(self.keys):
+                graph.push_back(coupling_factor(key, self.keys[k], self._neighbours(k)))
+            yield key
+
+    def _neighbours(self, k: int) -> Array:
+        """Block of a knot with the next one."""
+        S = self.walking
+        both = self.weights[:, k] * self.weights[:, k + 1]
+        return _weighed(both, self.own[:, :, :S]) + np.diag(self.following[k])
+
+    def _passed(self, k: int, frame: int) -> bool:
+        """Whether no frame from this one on sees a knot; each sees those around its neighbours too."""
+        seen = np.flatnonzero(self.weights[:, k])
+        last = int(seen[-1]) + 1 if len(seen) else 0
+        return frame == len(self.weights) or last < frame
+
+
+def _weighed(weight: Array, blocks: Array) -> Array:
+    """Weighted sum over frames."""
+    inside = np.flatnonzero(weight)
+    return np.tensordot(weight[inside], blocks[inside], axes=1)

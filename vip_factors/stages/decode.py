@@ -1,0 +1,80 @@
+"""From the solved state to an estimate."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.motion import Motion
+from vip_factors.estimate import Estimate, PoseCovariance, SolveReport
+from vip_factors.factors.acceleration import acceleration_residual
+from vip_factors.factors.orientation import orientation_residual
+from vip_factors.geometry.rotations import Array, wrap_angle
+from vip_factors.problem.layout import FRAME, ROOT
+from vip_factors.problem.state import WearerState
+from vip_factors.problem.wearer import WearerProblem
+from vip_factors.sensors.calibration import SensorCalibration
+
+
+def decode(
+    name: str,
+    method: str,
+    model: WearerProblem,
+    state: WearerState,
+    covariance: PoseCovariance | None,
+    reports: tuple[SolveReport, ...],
+    settings: Mapping[str, str] | None = None,
+) -> Estimate:
+    """The estimate that a state stands for."""
+    frames = model.frames
+    motion = motion_of(model, state, name)
+    calibration = {sensor: _calibration(model, state, s) for s, sensor in enumerate(frames.sensors)}
+    return Estimate(
+        name, method, motion, calibration, covariance, residuals(model, state), frames.sensors, reports, settings or {}
+    )
+
+
+def _calibration(model: WearerProblem, state: WearerState, sensor: int) -> SensorCalibration:
+    heading, R_bone_sensor = float(wrap_angle(state.headings[sensor])), state.R_bone_sensor[sensor]
+    if not model.headings_walk:
+        return SensorCalibration(heading, R_bone_sensor)
+    path = state.heading_knots[:, sensor]
+    return SensorCalibration(
+        heading, R_bone_sensor, heading_time=model.heading_knots, heading_path=heading + path - path[0]
+    )
+
+
+def motion_of(model: WearerProblem, state: WearerState, name: str = "wearer") -> Motion:
+    """The motion that a state stands for."""
+    frames = model.frames
+    return Motion(
+        model.skeleton, state.R_parent_child, state.p_world_pelvis, 1 / frames.step, float(frames.time[0]), name
+    )
+
+
+def residuals(model: WearerProblem, state: WearerState) -> dict[str, Array]:
+    """Norms ``(T, S)`` of the misfit of every sensor in every frame, by kind; NaN where it measured nothing."""
+    frames, T, S = model.frames, len(model.frames), len(model.sensors)
+    body = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis)
+    orientation, acceleration = np.full((T, S), np.nan), np.full((T, S), np.nan)
+    weights, inner = model.knot_weights(), model.knot_weights(slice(1, -1))
+    for s, sensor in enumerate(model.sensors):
+        R, R_bone = frames.R_inertial_sensor[:, s], body.R_world_bone[:, sensor.bone]
+        error = orientation_residual(R_bone, state.R_bone_sensor[s], state.heading(s, weights), R)
+        seen = frames.orientation_valid[:, s]
+        orientation[seen, s] = np.rad2deg(np.linalg.norm(error[seen], axis=1))
+        p, force = sensor.of(body), frames.specific_force_inertial[1:-1, s]
+        misfit = acceleration_residual(p[:-2], p[1:-1], p[2:], frames.step, state.heading(s, inner), force)
+        whole = frames.acceleration_valid[1:-1, s]
+        acceleration[1:-1, s][whole] = np.linalg.norm(misfit[whole], axis=1)
+    kinds = {"orientation_deg": orientation}
+    if model.use_acceleration:
+        kinds["acceleration_m_s2"] = acceleration
+    return kinds
+
+
+def pose_covariance(keys: Sequence[int], marginals: Mapping[int, Array]) -> PoseCovariance:
+    """The covariance of joints and root, out of the marginals of a wearer's frames."""
+    covariance = np.stack([marginals[key] for key in keys])
+    joints = np.stack([covariance[:, c : c + 3, c : c + 3] for c in range(0, ROOT, 3)], axis=1)
+    return PoseCovariance(joints, covariance[:, ROOT:FRAME, ROOT:FRAME])

@@ -13,7 +13,7 @@ from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
 from vip_factors.factor_graph.extra import ExtraFactors, UserTerms
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.sensors.frames import resample, resample_streams
+from vip_factors.sensors.frames import resample
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
@@ -22,12 +22,15 @@ from vip_factors.solve.marginals import chain_marginals
 from vip_factors.stages.decode import decode, motion_of, pose_covariance
 from vip_factors.stages.filming import start_filming
 from vip_factors.stages.fusion import fuse, fuse_finely
-from vip_factors.stages.inertial import at_frames, inertial_tracker
+from vip_factors.stages.inertial import at_frames, inertial_tracker, inertial_trackers
 from vip_factors.stages.inertial_model import FEW_SENSORS, alone, kept, loosened, with_contacts
+from vip_factors.stages.open_graph import factor_graph
 from vip_factors.stages.reporting import scene_estimate, who_is_who
 from vip_factors.stages.scene_frames import scene_frames
 from vip_factors.stages.shots import of_use, watch, watch_again
 from vip_factors.stages.solver import Progress, Solver
+
+__all__ = ["factor_graph", "smooth", "smooth_scene"]
 
 DEFAULT = Settings()
 # NumPy multiplies thousands of small matrices here: a second thread in each product costs more than it brings, and
@@ -100,11 +103,7 @@ def smooth_scene(
     stiff = replace(settings.solve, relative_decrease=settings.fusion.relative_decrease)
     solver = _solver(settings, stiff, progress, extra_factors)
     frames = scene_frames(scene, settings.frame_rate, settings.coarse_factor)
-    wearers = tuple(
-        inertial_tracker(wearer, resample_streams([wearer.imus[name] for name in wearer.placed], frames.coarse),
-                         settings, solver)
-        for wearer in scene.wearers
-    )  # fmt: skip
+    wearers = inertial_trackers(scene, frames.coarse, settings, solver)
 
     tell = solver.telling("association")
     names = [wearer.subject.name for wearer in scene.wearers]

@@ -12,6 +12,7 @@ from vip_factors.body.motion import Motion
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.blocks import CAMERA
+from vip_factors.problem.extra import ExtraTerms
 from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem, Viewpoint
 from vip_factors.problem.state import CameraState, SceneState
 from vip_factors.problem.wearer import WearerProblem
@@ -86,6 +87,15 @@ def _scatter_before(
 
 def fuse(filmed: Filmed, before: Fused | None, shots: Sequence[Shot], settings: Settings, solver: Solver) -> Fused:
     """Everything free, on the coarse frames; ``before`` is the round before this one."""
+    start = unfused(filmed, before, shots, settings, solver.extra)
+    solved = solver.solve(SceneObjective(start.model), start.state, "video-inertial fusion")
+    return replace(start, state=solved)
+
+
+def unfused(
+    filmed: Filmed, before: Fused | None, shots: Sequence[Shot], settings: Settings, extra: ExtraTerms | None = None
+) -> Fused:
+    """The problem of :func:`fuse`, and where it starts."""
     start = before.state if before else filmed.state
     usual = (settings.camera.reprojection.spread,) * len(start.wearers)
     spreads = before.measured_spreads() if before else (usual,) * len(shots)
@@ -94,8 +104,7 @@ def fuse(filmed: Filmed, before: Fused | None, shots: Sequence[Shot], settings: 
         for one, state in zip(filmed.wearers, start.wearers, strict=True)
     )
     model = _scene_model(wearers, filmed.camera, filmed.further, start, shots, spreads, path_known=before is not None)
-    model = replace(model, extra=solver.extra)
-    return Fused(model, solver.solve(SceneObjective(model), start, "video-inertial fusion"), spreads)
+    return Fused(replace(model, extra=extra), start, spreads)
 
 
 def _with_plain_prior(model: WearerProblem, settings: Settings) -> WearerProblem:

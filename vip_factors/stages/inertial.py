@@ -14,8 +14,9 @@ from vip_factors.initialise.calibration import InitialCalibration, initial_calib
 from vip_factors.initialise.pose import first_poses
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.sensors.frames import ImuFrames, resample
+from vip_factors.sensors.frames import ImuFrames, resample, resample_streams
 from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
 from vip_factors.stages.inertial_model import alone, gauge_sensor, inertial_model, placed_on_floor, walking
@@ -47,6 +48,16 @@ def inertial_tracker(
     state = solver.solve_wearer(WearerObjective(alone(model)), _start(model, calibration), "inertial tracker")
     model = walking(model, settings.calibration)
     return Tracked(model, placed_on_floor(model, state).with_knots(len(model.heading_knots)))
+
+
+def inertial_trackers(scene: Scene, time: Array, settings: Settings, solver: Solver) -> tuple[Tracked, ...]:
+    """Each wearer of a scene at the instants ``time`` ``(T,)``, alone."""
+    return tuple(
+        inertial_tracker(
+            wearer, resample_streams([wearer.imus[name] for name in wearer.placed], time), settings, solver
+        )
+        for wearer in scene.wearers
+    )
 
 
 def first_calibration(recording: Recording, frames: ImuFrames, settings: Settings) -> InitialCalibration:

@@ -1,0 +1,53 @@
+"""The factor graph of a recording or a scene, before it is solved: to look at, to extend, to solve otherwise."""
+
+from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
+from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.state import SceneState
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Scene
+from vip_factors.settings import Settings
+from vip_factors.stages.decode import motion_of
+from vip_factors.stages.filming import start_filming
+from vip_factors.stages.fusion import unfused
+from vip_factors.stages.inertial import inertial_trackers
+from vip_factors.stages.inertial_model import loosened, with_contacts
+from vip_factors.stages.scene_frames import scene_frames
+from vip_factors.stages.shots import of_use, watch
+from vip_factors.stages.solver import Progress, Solver
+
+
+def factor_graph(
+    source: Recording | Scene, settings: Settings | None = None, progress: Progress | None = None
+) -> FactorGraph:
+    """The factor graph of a recording or a scene, with everything free, and where it starts.
+
+    It is the problem in which headings, mountings and the camera are found, on every ``coarse_factor``-th frame: of a
+    scene the first round of fusion, of a recording the first calibration. What comes before it is done here: the
+    inertial tracker and who is who.
+
+    Args:
+        source: of one wearer, or filmed.
+        settings: of all rooms; ``coarse_factor=1`` for the graph of all frames.
+        progress: called with the name of the stage and the fraction of it done.
+
+    Returns:
+        The graph, values to start from, and what they stand for.
+
+    Raises:
+        InputError, RecordingError: for a recording that cannot be used.
+        SolveError: if a problem on the way is not determined.
+    """
+    settings = settings or Settings()
+    scene = source if isinstance(source, Scene) else Scene(source.name, (source,))
+    solver = Solver(settings.solve, progress or (lambda stage, fraction: None), name=settings.solver)
+    frames = scene_frames(scene, settings.frame_rate, settings.coarse_factor)
+    wearers = inertial_trackers(scene, frames.coarse, settings, solver)
+    if scene.camera is not None and settings.fusion.use_camera:
+        names = [wearer.subject.name for wearer in scene.wearers]
+        motions = [motion_of(one.model, one.state, name) for one, name in zip(wearers, names, strict=True)]
+        shots = of_use(watch(scene, wearers, motions, settings, solver.telling("association")))
+        if shots:
+            start = unfused(start_filming(shots, wearers, settings), None, shots, settings)
+            return factor_graph_of(start.model, start.state)
+    problems = [with_contacts(loosened(one.model, settings.calibration), one.state) for one in wearers]
+    return factor_graph_of(SceneProblem.unfilmed(problems), SceneState.unfilmed([one.state for one in wearers]))

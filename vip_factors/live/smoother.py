@@ -8,6 +8,7 @@ import numpy as np
 
 from vip_factors.assembly.charts import Charts
 from vip_factors.assembly.objective import scene_slices
+from vip_factors.factor_graph.extra import ExtraFactors, StreamedTerms
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.problem import LagFrame, LagProblem
 from vip_factors.live.settings import LiveSettings, RelinearisationSettings
@@ -42,8 +43,11 @@ class LagSmoother:
         shared: what all frames share, as it is believed now, without frames.
     """
 
-    def __init__(self, problem: LagProblem, shared: SceneState, settings: LiveSettings) -> None:
+    def __init__(
+        self, problem: LagProblem, shared: SceneState, settings: LiveSettings, extra: ExtraFactors | None = None
+    ) -> None:
         self.problem, self._settings = problem, settings
+        self._extra = None if extra is None else StreamedTerms(extra, problem.layout)
         self.shared = self._origin = shared
         self._coordinates = np.zeros(problem.layout.static_width)
         self._frames: deque[_Kept] = deque()
@@ -97,6 +101,8 @@ class LagSmoother:
         else:
             self._epoch[frame.number], self._beginning = 0, frame.number
         self._frames.append(_Kept(frame, guess, np.zeros(self._layout.frame_width), guess))
+        if self._extra is not None:
+            self._extra.append(frame.number, frame.time)
 
     def loosen(self, sigmas: Array) -> None:
         """Let shared variables step by ``sigmas`` ``(s,)`` behind the newest frame: a sensor has moved, say."""
@@ -129,6 +135,8 @@ class LagSmoother:
         model = self.problem.model([one.frame for one in kept], beginning=start == self._beginning)
         charts = Charts.at(self._layout, np.stack([one.coordinates for one in kept]), self._coordinates)
         slices = self._slices = scene_slices(self._layout, model, state, self._slices, charts)
+        if self._extra is not None:
+            self._extra.add_to(slices, state, start, charts)
         self._hold(slices, kept)
         w, width = slices.frame, slices.width
         for t, one in enumerate(kept):
@@ -153,6 +161,8 @@ class LagSmoother:
             gone = self._frames.popleft().frame.number
             self._walks.pop(gone, None)
             self._epoch.pop(gone, None)
+        if self._extra is not None:
+            self._extra.forget(before)
         self._chain.forget(before)
 
     def covariance(self, number: int) -> Array:

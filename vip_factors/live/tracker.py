@@ -8,6 +8,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from vip_factors.errors import RecordingError, SolveError
+from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.answers import Answers
 from vip_factors.live.assembly import FrameAssembler
@@ -32,10 +33,14 @@ class FixedLagTracker:
     Args:
         setup: who wears what, and which cameras film them.
         settings: of all rooms.
+        extra_factors: makes GTSAM factors of your own, asked with each new frame's time and number; they may see it,
+            the two before it, and what all frames share. See :data:`~vip_factors.factor_graph.extra.ExtraFactors`.
     """
 
-    def __init__(self, setup: LiveSetup, settings: LiveSettings = DEFAULT) -> None:
-        self.setup, self.settings = setup, settings
+    def __init__(
+        self, setup: LiveSetup, settings: LiveSettings = DEFAULT, extra_factors: ExtraFactors | None = None
+    ) -> None:
+        self.setup, self.settings, self._extra = setup, settings, extra_factors
         self._columns = _columns(setup)
         self._worn = sum(len(wearer.placement.sites) for wearer in setup.wearers)  # columns; the rest is on cameras
         rate = settings.frame_rate
@@ -136,7 +141,7 @@ class FixedLagTracker:
         return MeasuredStretch(self.setup, list(self._recent), list(self._video), self._columns)
 
     def _track(self, started: Started) -> Tracking:
-        return Tracking(self.setup, self.settings, started, list(self._video))
+        return Tracking(self.setup, self.settings, started, list(self._video), self._extra)
 
     def _is_worth_another_start(self, tracking: Tracking, newest: int) -> bool:
         """Whether a sensor has come, or a camera shows people and no wearer has been found by it yet."""

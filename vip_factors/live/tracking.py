@@ -8,6 +8,7 @@ import numpy as np
 from vip_factors.assembly.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.assembly.view_terms import reprojection_residuals
 from vip_factors.body.kinematics import BodyState, forward_kinematics
+from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.root_path import contact_confidence
 from vip_factors.live.measurement import FrameMeasurement
@@ -45,8 +46,9 @@ class Tracking:
     """
 
     def __init__(
-        self, setup: LiveSetup, settings: LiveSettings, started: Started, video: Sequence[tuple[int, VideoFrame]]
-    ) -> None:
+        self, setup: LiveSetup, settings: LiveSettings, started: Started, video: Sequence[tuple[int, VideoFrame]],
+        extra: ExtraFactors | None = None,
+    ) -> None:  # fmt: skip
         """Begin.
 
         Args:
@@ -54,12 +56,13 @@ class Tracking:
             settings: of all rooms.
             started: where tracking begins.
             video: frames of all cameras in that time, each with the number of its frame.
+            extra: makes GTSAM factors of a user's own.
 
         Raises:
             SolveError: if the frames do not determine all variables.
         """
         self._setup, self._settings = setup, settings
-        self.smoother = LagSmoother(started.problem, started.shared, settings)
+        self.smoother = LagSmoother(started.problem, started.shared, settings, extra)
         for frame, state in zip(started.frames, started.states, strict=True):
             self.smoother.append(frame, state)
         for _ in range(settings.start_iterations):

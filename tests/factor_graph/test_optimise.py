@@ -1,0 +1,43 @@
+"""GTSAM's own optimiser, on the graph in the open, finds what the fast solver finds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filmed_gestures import QUICK, filmed_gestures
+
+from vip_factors.assembly.objective import SceneObjective
+from vip_factors.factor_graph.optimise import optimise_with_gtsam
+from vip_factors.geometry.rotations import angle_between
+from vip_factors.pipeline import factor_graph, smooth
+from vip_factors.settings import SolverName
+from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+
+TO_THE_END = SolveSettings(max_iterations=40, relative_decrease=1e-9)
+
+
+def test_both_find_the_same_minimum_of_a_filmed_scene() -> None:
+    whole = factor_graph(filmed_gestures("fixed", 0.6), QUICK)
+    assert {"orientation", "acceleration", "reprojection"} <= set(whole.factor_counts)
+    objective = SceneObjective(whole.problem)
+    ours, report = levenberg_marquardt(objective, whole.state, TO_THE_END)
+    theirs, their_report = optimise_with_gtsam(objective, whole.state, TO_THE_END)
+    costs = [sum(one.final_cost.values()) for one in (report, their_report)]
+    np.testing.assert_allclose(costs[0], costs[1], rtol=1e-7)
+    (one,), (other,) = ours.wearers, theirs.wearers
+    assert np.abs(one.p_world_pelvis - other.p_world_pelvis).max() < 1e-4  # m
+    assert np.rad2deg(angle_between(one.R_parent_child, other.R_parent_child)).max() < 0.05
+    assert np.rad2deg(np.abs(one.headings - other.headings)).max() < 0.01
+    assert np.abs(ours.camera.poses.p_world_camera - theirs.camera.poses.p_world_camera).max() < 1e-4
+    assert np.abs(one.p_world_pelvis - whole.state.wearers[0].p_world_pelvis).max() > 1e-3  # it was some way
+
+
+@pytest.mark.slow
+def test_smoothing_with_gtsam_is_smoothing() -> None:
+    (recording,) = filmed_gestures("fixed", 0.6).wearers
+    quick = replace(QUICK, frame_rate=12.0, solve=replace(QUICK.solve, max_iterations=15))
+    ours, theirs = smooth(recording, quick), smooth(recording, replace(quick, solver=SolverName.GTSAM))
+    apart = ours.motion.state.p_world_joint - theirs.motion.state.p_world_joint
+    assert np.linalg.norm(apart, axis=2).mean() < 2e-3  # m: they stop where a step gains a thousandth of the cost
+    assert theirs.settings["solver"] == "gtsam"
+    assert [one.stage for one in theirs.reports] == [one.stage for one in ours.reports]

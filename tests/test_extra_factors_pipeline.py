@@ -29,7 +29,7 @@ def ranges(time: Array, first: int) -> gtsam.NonlinearFactorGraph:
 
 
 def range_error(this: gtsam.CustomFactor, values: gtsam.Values, H: list[Array] | None) -> Array:
-    p, q = (values.atPoint3(key) for key in this.keys())
+    p, q = (values.atPoint3(key) for key in list(this.keys()))
     length = float(np.linalg.norm(p - q))
     if H is not None:
         H[0] = np.asfortranarray(((p - q) / length)[None])

@@ -37,7 +37,7 @@ def apart(frame: int, distance: float, sigma: float) -> gtsam.CustomFactor:
     """Both pelvises so many metres from one another."""
 
     def evaluate(this: gtsam.CustomFactor, values: gtsam.Values, H: list[Array] | None) -> Array:
-        p, q = (np.asarray(values.atPoint3(key)) for key in this.keys())
+        p, q = (np.asarray(values.atPoint3(key)) for key in list(this.keys()))
         arm = p - q
         length = float(np.linalg.norm(arm))
         if H is not None:

@@ -66,6 +66,11 @@ class Accumulator(ABC):
         self.layout, self.begin, self.count, self.charts = layout, begin, count, charts
         self._bones: dict[int, BoneBlocks] = {}
 
+    @property
+    def stretch(self) -> slice:
+        """The frames."""
+        return slice(self.begin, self.begin + self.count)
+
     # Where blocks go
 
     @abstractmethod

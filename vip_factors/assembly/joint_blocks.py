@@ -54,10 +54,8 @@ def _add_together(sums: "Accumulator", eq: JointEquations, part: int, by_joints:
         sums.frame_frame(part, a, part, a)[target, JOINTS, JOINTS] += _blocks_times(Dt, transpose(half))
         sums.frame_gradient(part, a)[target, JOINTS] += _blocks_apply(Dt, force[source])
         for j in range(i + 1, len(by_joints)):
-            slot, later_shift = sums.slot(i, j)
-            source, target = sums.rows(later_shift, eq)
-            half = _blocks_times(transpose(by_joints[j][source]), P)
-            block = _blocks_times(transpose(D[source]), transpose(half))
+            slot, _ = sums.slot(i, j)  # in the row of the earlier frame, as its own block
+            block = transpose(_blocks_times(transpose(by_joints[j][source]), transpose(half)))
             sums.frame_frame(part, slot[0], part, slot[1])[target, JOINTS, JOINTS] += block
         if eq.mean is not None:
             _add_mean(sums, eq, part, i, D, force)

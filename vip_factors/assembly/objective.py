@@ -57,6 +57,11 @@ class SceneEvaluation:
 
     def equations(self, frames: slice) -> Iterator[Equations]:
         """Of all factors that see any frame of a stretch."""
+        yield from self.of_bodies(frames)
+        yield from self.of_camera(frames)
+
+    def of_bodies(self, frames: slice) -> Iterator[Equations]:
+        """Of those that see a wearer."""
         for number, wearer in enumerate(self.wearers):
             at = wearer.apart()
             if self._wearers_move:
@@ -66,14 +71,22 @@ class SceneEvaluation:
                 view = ViewEvaluation(at, OwnerId(Owner.CAMERA, camera), one.problem, one.state, one.views[number])
                 for seen in VIEW_TERMS:
                     yield from seen.within(view, frames)
-        for alone in CAMERA_TERMS:
-            yield from alone.within(self.camera, frames)
 
-    def add_to(self, sums: Accumulator) -> None:
-        """Sum the equations of the accumulator's stretch."""
-        for equations in self.equations(slice(sums.begin, sums.begin + sums.count)):
+    def of_camera(self, frames: slice) -> Iterator[Equations]:
+        """Of those that see the camera alone."""
+        for term in CAMERA_TERMS:
+            yield from term.within(self.camera, frames)
+
+    def add_bodies_to(self, sums: Accumulator) -> None:
+        """Sum the equations of an accumulator's stretch that see a wearer."""
+        for equations in self.of_bodies(sums.stretch):
             sums.add(equations)
         sums.finish([wearer.body for wearer in self.wearers])
+
+    def add_camera_to(self, sums: Accumulator) -> None:
+        """Sum those that see the camera alone; they are small, and one stretch of all frames is the fastest."""
+        for equations in self.of_camera(sums.stretch):
+            sums.add(equations)
 
 
 class SceneObjective:
@@ -116,8 +129,10 @@ class SceneObjective:
         evaluation, T = SceneEvaluation(self.problem, state, self._wearers_move), self.problem.frames
         system = self._empty_system()
         sums = [ChainAccumulator(self.layout, system, t, min(CHUNK, T - t)) for t in range(0, T, CHUNK)]
-        side_by_side(evaluation.add_to, sums)
-        for one in sums:
+        side_by_side(evaluation.add_bodies_to, sums)
+        camera = ChainAccumulator(self.layout, system, 0, T)
+        evaluation.add_camera_to(camera)
+        for one in (*sums, camera):
             system.static += one.static
             system.static_gradient += one.static_gradient
         if self.problem.extra is not None:
@@ -219,5 +234,7 @@ def scene_slices(
 ) -> Slices:
     """The slices of a scene's problem at a state, in the memory of earlier ``slices`` if that is enough."""
     slices = slices.emptied(problem.frames)
-    SceneEvaluation(problem, state).add_to(SliceAccumulator(layout, slices, problem.frames, charts))
+    sums, evaluation = SliceAccumulator(layout, slices, problem.frames, charts), SceneEvaluation(problem, state)
+    evaluation.add_camera_to(sums)
+    evaluation.add_bodies_to(sums)
     return slices

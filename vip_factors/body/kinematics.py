@@ -99,7 +99,10 @@ class BodyState:
 
 
 def twists_at(arms: Array) -> Array:
-    """Derivatives ``(..., 3, 6)`` of points at ``arms`` ``(..., 3)`` from the root by the twists of their bones."""
+    """Derivatives ``(..., 3, 6)`` of points at ``arms`` ``(..., 3)`` from the root by the twists of their bones.
+
+    A twist ``(ω, v)`` moves a point by ``ω × arm + v``.
+    """
     return np.concatenate([hat(-arms), np.broadcast_to(np.eye(3), (*arms.shape, 3))], axis=-1)
 
 

@@ -1,4 +1,9 @@
-"""Acceleration: the second difference of the sensor's position against what its accelerometer says."""
+"""Acceleration: the second difference of the sensor's position against what its accelerometer says.
+
+The residual is linear in the three positions, with coefficients ``(1, −2, 1)/step²``, each times the identity; how a
+position moves with the joints is the body's (:func:`~vip_factors.body.kinematics.twists_at`). The heading turns the
+force alone: ``∂(−Rz(γ) f)/∂γ = −e_z × Rz(γ) f``.
+"""
 
 from dataclasses import dataclass, field
 

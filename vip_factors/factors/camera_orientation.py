@@ -1,4 +1,9 @@
-"""Camera orientation: the attitude estimate of the IMU on the camera against the camera's pose."""
+"""Camera orientation: the attitude estimate of the IMU on the camera against the camera's pose.
+
+With ``E = Exp(r)`` the error: a step ``ω`` of the camera is ``R Exp(ω) R_ci S = Exp(R ω) E``, on the error's left, so
+``∂r/∂ω = J_l⁻¹(r) R``; the mounting likewise with ``R R_ci``; the heading turns on the right, ``E Rz(−dγ)``:
+``−J_r⁻¹(r) e_z``.
+"""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,7 @@
-"""Floor contact: a foot that bears the body stands on the floor. Without it a whole scene may tilt unnoticed."""
+"""Floor contact: a foot that bears the body stands on the floor. Without it a whole scene may tilt unnoticed.
+
+Its derivative by the point is the row ``e_zᵀ``.
+"""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,7 @@
-"""Foot contact: a foot that bears the body does not move. It is what keeps an inertial root path from running away."""
+"""Foot contact: a foot that bears the body does not move. It is what keeps an inertial root path from running away.
+
+Linear in the two positions: derivatives ``−1/step`` and ``1/step``, each times the identity.
+"""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,8 @@
-"""Joint limits: a hinge that acts only beyond a joint's range of motion."""
+"""Joint limits: a hinge that acts only beyond a joint's range of motion.
+
+Outside, the residual moves as the coordinate: with ``x = Log(R)`` and a step on the right, ``∂x/∂δ = J_r⁻¹(x)``, of
+which the rows count that are beyond the range.
+"""
 
 from dataclasses import dataclass, field
 

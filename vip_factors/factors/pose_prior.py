@@ -3,6 +3,9 @@
 The learnt Gaussian says how people differ *and* how they move. Its mean, believed in every frame anew, would bend the
 knees of somebody who only stands. So the mean of a recording is a variable, and only that variable is held, once, to
 the learnt mean: a hierarchical model. Where the mean is not free it stays the learnt one (thesis eq. 3.14).
+
+With ``x = Log(R)`` of each joint, ``∂x/∂δ = J_r⁻¹(x)`` block by block, so that the derivative is ``scale · L`` times
+these.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,9 @@
-"""Reprojection: where a point of the body appears in the image, against where the detector saw it."""
+"""Reprojection: where a point of the body appears in the image, against where the detector saw it.
+
+With ``q = Rᵀ (p − c)`` in the camera's frame and ``J = ∂π/∂q`` of the lens: ``∂r/∂p = J Rᵀ``; a step ``(ω, v)`` of the
+camera takes ``q`` to ``Exp(−ω) (q − v)``, so ``∂r/∂(ω, v) = J (hat(q), −1)``. The clock adds how fast the detection
+moves.
+"""
 
 from dataclasses import dataclass, field
 
@@ -56,13 +61,3 @@ def reprojection_jacobians(p_camera: Array, camera: CameraPoses, model: CameraMo
     _, J = model.project_with_jacobian(p_camera)
     by_point = J @ transpose(camera.R_world_camera)[:, None]
     return by_point, np.concatenate([J @ hat(p_camera), -J], axis=3)
-
-
-def reprojection_linearised(
-    p_world_point: Array, camera: CameraPoses, model: CameraModel, pixels: Array
-) -> tuple[Array, Array, Array]:
-    """:func:`reprojection_residual` and :func:`reprojection_jacobians`, with one projection for both."""
-    p_camera = (p_world_point - camera.p_world_camera[:, None]) @ camera.R_world_camera
-    projected, J = model.project_with_jacobian(p_camera)
-    by_point = J @ transpose(camera.R_world_camera)[:, None]
-    return projected - pixels, by_point, np.concatenate([J @ hat(p_camera), -J], axis=3)

@@ -1,4 +1,7 @@
-"""Rotation prior: one rotation near a given one. The mounting prior and the initial-pose prior are both this."""
+"""Rotation prior: one rotation near a given one. The mounting prior and the initial-pose prior are both this.
+
+A step on the right stands at the right end of ``R_priorᵀ R``: the derivative is ``J_r⁻¹(r)``.
+"""
 
 from dataclasses import dataclass
 

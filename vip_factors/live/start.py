@@ -54,10 +54,9 @@ class Started:
 
     Attributes:
         problem: of any stretch from here on.
-        shared: what all frames share.
+        shared: what all frames share, without frames.
         frames, states: of the stretch.
-        chosen: by camera, who is who in each of its video frames in the stretch.
-        filmed: whether any camera is of use.
+        shots: of the cameras that are of use: who is who in each of their video frames.
         spreads: by camera and wearer, scatter of the detections in OKS sigmas.
     """
 

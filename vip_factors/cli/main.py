@@ -19,6 +19,7 @@ COMMANDS = {
     "simulate": "make a recording, or a filmed scene, with known truth from motions",
     "sync": "find the offset between the clocks of video and sensors",
     "smooth": "reconstruct: motion, headings, mountings, camera, who is who",
+    "graph": "draw the factor graph of a recording: variables and factors, by kind, with counts",
     "stream": "track sensors and detections as they arrive: a file that grows, the network, standard input",
     "evaluate": "compare an estimate with the truth",
     "view": "look at recordings and estimates in Rerun",

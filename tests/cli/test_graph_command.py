@@ -1,0 +1,63 @@
+"""The factor graph of a small recording, drawn from the command line."""
+
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from vip_factors.cli.main import main
+
+SMALL = ("--frame-rate", "20", "--solve.max-iterations", "3")
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A wearer of six sensors before a camera that stands."""
+    path = tmp_path_factory.mktemp("graph") / "scene.mcap"
+    simulate = ("simulate", "gestures", str(path), "--seconds", "1", "--placement", "sip6", "--camera", "fixed")
+    assert main([*simulate, "--seed", "1"]) == 0
+    return path
+
+
+def test_picture_and_table_of_a_scene(run: Callable, filmed: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "graph.svg"
+    told = run("graph", filmed, "--picture", picture, *SMALL)
+    assert told.code == 0, told.err
+    lines = told.out.splitlines()
+    assert lines[-1] == str(picture)
+    counts = dict(line.strip().rsplit(maxsplit=1) for line in lines if line.startswith("  "))
+    frames = int(lines[0].split()[0])
+    assert int(counts["joint rotation"]) == 24 * frames
+    assert (counts["heading"], counts["camera pose"]) == ("6", "1")
+    assert int(counts["smoothness"]) == frames - 1
+    assert int(counts["reprojection"]) > frames
+    texts = {element.text for element in ElementTree.parse(picture).getroot() if element.tag.endswith("text")}
+    assert {*counts, "initial pose"} <= texts
+    assert [path.name for path in tmp_path.iterdir()] == ["graph.svg"]
+
+
+def test_a_recording_without_a_camera_beside_it(run: Callable, files, tmp_path: Path) -> None:
+    recording = tmp_path / "walk.mcap"
+    recording.write_bytes(files.recording.read_bytes())
+    told = run("graph", recording, "--frame", "0", *SMALL)
+    assert told.code == 0, told.err
+    assert told.out.splitlines()[-1] == str(tmp_path / "walk.graph.svg")
+    assert "camera pose" not in told.out
+    assert "One frame in full: t = 0" in (tmp_path / "walk.graph.svg").read_text(encoding="utf-8")
+
+
+def test_what_cannot_be_drawn_is_refused(run: Callable, filmed: Path, tmp_path: Path) -> None:
+    existing = tmp_path / "a.svg"
+    existing.write_text("mine", encoding="utf-8")
+    told = run("graph", filmed, "--picture", existing)
+    assert told.code == 2
+    assert "exists" in told.err
+    assert existing.read_text(encoding="utf-8") == "mine"
+    told = run("graph", filmed, "--picture", tmp_path / "a.png")
+    assert told.code == 2
+    assert ".svg" in told.err
+    told = run("graph", filmed, "--picture", existing, "--overwrite", "--frame", "10000", *SMALL)
+    assert told.code == 2
+    assert "frame 10000" in told.err
+    assert existing.read_text(encoding="utf-8") == "mine"

@@ -1,0 +1,82 @@
+"""``vip-factors graph``: a recording or a scene in, a picture of its factor graph out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from vip_factors.cli.named import named_tree
+from vip_factors.cli.options import Flag, beside, parse
+from vip_factors.configurations import Configuration
+from vip_factors.errors import InputError
+from vip_factors.settings import Settings
+from vip_factors.viz.graph_description import GraphDescription
+
+
+@dataclass(frozen=True)
+class GraphOptions:
+    """Draw the factor graph of a recording or scene: one frame in full, the chain of frames, and what there is.
+
+    It is the graph in which headings, mountings and the camera are found, on every coarse-factor-th frame.
+
+    Every setting of the pipeline is an option; --settings reads them from a file, and options win over it.
+    """
+
+    recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
+    """Recording (.mcap); vip-factors convert makes one from foreign files."""
+    picture: Path | None = None
+    """Picture (.svg) to write; RECORDING.graph.svg if absent."""
+    frame: int | None = None
+    """Frame of the graph to draw in full, from 0; the middle one if absent."""
+    configuration: Configuration = Configuration.OWN
+    """Settings to start from: this package's own, or those that stand for the estimators of Kaichi et al. 2020."""
+    settings: Path | None = None
+    """TOML file with settings; a table for each group, such as [solve]."""
+    overwrite: Flag = False
+    """Replace the picture if it exists."""
+    tree: Annotated[Settings, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=Settings)
+
+
+def main(prog: str, arguments: Sequence[str]) -> None:
+    """Run the command."""
+    from vip_factors.cli.terminal import progress_bar
+    from vip_factors.io.atomic import atomic_open, check_target
+    from vip_factors.io.mcap_scene_recording import read_scene
+
+    options = parse(GraphOptions, prog, arguments, _defaults(arguments), none_is_a_value=True)
+    picture = options.picture or beside(options.recording, ".graph.svg")
+    if picture.suffix.lower() != ".svg":
+        raise InputError(f"{picture}: expected the name of a picture that ends in .svg; give --picture another one")
+    check_target(picture, options.overwrite)
+    scene = read_scene(options.recording)
+    from vip_factors.factor_graph.outline import graph_description
+    from vip_factors.pipeline import factor_graph
+    from vip_factors.viz.graph_picture import graph_picture
+
+    with progress_bar() as tell:
+        graph = factor_graph(scene, options.tree, tell)
+    names = [wearer.subject.name for wearer in scene.wearers]
+    description = graph_description(graph, scene.name, names, options.frame)
+    with atomic_open(picture, overwrite=options.overwrite) as file:
+        file.write(graph_picture(description))
+    print(_table(description))
+    print(picture)
+
+
+def _table(graph: GraphDescription) -> str:
+    lines = [f"{graph.frames} frames in {graph.seconds:.2f} s, of {', '.join(graph.wearers)}"]
+    variables = {one.kind: one.count for one in graph.variable_kinds}
+    factors = {one.kind: one.count for one in graph.factor_kinds}
+    width = max(map(len, (*variables, *factors)))
+    for title, counts in (("variables", variables), ("factors", factors)):
+        lines += ["", f"{title:<{width + 2}}  {sum(counts.values()):>8}"]
+        lines += [f"  {kind:<{width}}  {count:>8}" for kind, count in counts.items()]
+    return "\n".join([*lines, ""])
+
+
+def _defaults(arguments: Sequence[str]) -> GraphOptions | None:
+    """The options' defaults, with those of a configuration or settings file if named."""
+    tree = named_tree(arguments, Settings())
+    return None if tree is None else GraphOptions(recording=tyro.MISSING, tree=tree)

@@ -70,14 +70,10 @@ class SliceAccumulator(Accumulator):
         into[:, self._static + columns] += vector[source]
 
     def finish(self, bodies: Sequence[BodyState]) -> None:
-        """Also fill what lies below the diagonal from what lies above it."""
+        """Also fill what lies below the diagonal within a frame: what a body has in common with a camera."""
         super().finish(bodies)
         H, parts = self._hessian, range(len(self.layout.parts))
         for i in range(REACH + 1):
             for p, q in combinations(parts, 2):
-                H[:, self._columns(q, i), self._columns(p, i)] = transpose(
-                    H[:, self._columns(p, i), self._columns(q, i)]
-                )
-        frames = [slice(i * self._width, (i + 1) * self._width) for i in range(REACH + 1)]
-        for here, there in combinations([*frames, slice(self._static, None)], 2):
-            H[:, there, here] = transpose(H[:, here, there])
+                here, there = self._columns(p, i), self._columns(q, i)
+                H[:, there, here] = transpose(H[:, here, there])

@@ -8,7 +8,7 @@ import numpy as np
 
 from vip_factors.assembly.charts import Charts
 from vip_factors.errors import InputError
-from vip_factors.factor_graph.variables import BLOCKS, Kind, Variable, owner_of, values_of, variable_of
+from vip_factors.factor_graph.variables import BLOCKS, Kind, Variable, frames_of, owner_of, values_of, variable_of
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import STATIC, Layout
 from vip_factors.problem.scene import SceneProblem
@@ -37,8 +37,7 @@ class LinearFactor:
     @property
     def frames(self) -> range:
         """Frames that it sees; of none, the first."""
-        seen = [one.frame for one in self.variables if one.is_of_a_frame or one.is_of_the_camera_path]
-        return range(min(seen), max(seen) + 1) if seen else range(1)
+        return frames_of(self.variables)
 
     @classmethod
     def at(cls, factor: gtsam.NonlinearFactor, state: SceneState, first: int = 0) -> "LinearFactor | None":
@@ -249,5 +248,7 @@ class StreamedTerms:
         if not rows:
             return
         J, into = turns[:, np.concatenate(rows)], np.concatenate(columns)
-        slices.hessian[t][np.ix_(into, into)] += J.T @ linear.information @ J
+        place = np.minimum(into // slices.frame, REACH + 1)  # slices keep what is on and above the diagonal of blocks
+        kept = place[:, None] <= place
+        slices.hessian[t][np.ix_(into, into)] += kept * (J.T @ linear.information @ J)
         slices.gradient[t][into] -= J.T @ linear.pull

@@ -25,7 +25,7 @@ from vip_factors.assembly.wearer_terms import WEARER_TERMS
 from vip_factors.body.kinematics import twists_at
 from vip_factors.body.skeleton import JOINT_COUNT, ancestors
 from vip_factors.factor_graph.adapter import custom_factor
-from vip_factors.factor_graph.variables import KINDS, Kind, Variable, state_of
+from vip_factors.factor_graph.variables import KINDS, Kind, Variable, frames_of, state_of
 from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout, Owner, OwnerId
@@ -47,8 +47,7 @@ class TermFactor:
     @property
     def frames(self) -> range:
         """The frames whose variables it sees; of none, the first."""
-        seen = [one.frame for one in self.variables if one.is_of_a_frame or one.is_of_the_camera_path]
-        return range(min(seen), max(seen) + 1) if seen else range(1)
+        return frames_of(self.variables)
 
 
 def term_factors(problem: SceneProblem, state: SceneState, layout: Layout) -> Iterator[TermFactor]:

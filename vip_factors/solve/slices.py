@@ -39,7 +39,7 @@ class Slices:
 
     Attributes:
         hessian, gradient: ``(T, n, n)`` and ``(T, n)``; columns of the frame, the next, the one after, and of what all
-            frames share.
+            frames share. Of the Hessian the blocks below the diagonal are left zero.
     """
 
     def __init__(self, frame: int, static: int, frames: int) -> None:
@@ -59,6 +59,13 @@ class Slices:
         self.hessian[:frames], self.gradient[:frames] = 0.0, 0.0
         return self
 
+    def _times(self, H: Array, value: Array) -> Array:
+        """The whole symmetric matrix times a vector, from the blocks on and above its diagonal."""
+        product = H @ value + value @ H
+        for part in self._parts():
+            product[part] -= H[part, part] @ value[part]
+        return product
+
     def _parts(self) -> list[slice]:
         w = self.frame
         return [*(slice(ahead * w, (ahead + 1) * w) for ahead in range(REACH + 1)), slice((REACH + 1) * w, None)]
@@ -69,8 +76,8 @@ class Slices:
         The slice is a quadratic in steps from the coordinates ``value`` ``(n,)``; the factors are in the coordinates.
         """
         H = self.hessian[t]
-        g = self.gradient[t] - H @ value
         now, after, last, shared = parts = self._parts()
+        g = self.gradient[t] - self._times(H, value)
         graph = gtsam.GaussianFactorGraph()
         reach = [bool(H[part].any()) for part in (after, last)]
         if not any(reach):

@@ -19,6 +19,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.solve.marginals import chain_marginals
+from vip_factors.stages.associated_cameras import of_use, watch, watch_again
 from vip_factors.stages.decode import decode, motion_of, pose_covariance
 from vip_factors.stages.filming import start_filming
 from vip_factors.stages.fusion import fuse, fuse_finely
@@ -27,7 +28,6 @@ from vip_factors.stages.inertial_model import FEW_SENSORS, alone, kept, loosened
 from vip_factors.stages.open_graph import factor_graph
 from vip_factors.stages.reporting import scene_estimate, who_is_who
 from vip_factors.stages.scene_frames import scene_frames
-from vip_factors.stages.shots import of_use, watch, watch_again
 from vip_factors.stages.solver import Progress, Solver
 
 __all__ = ["factor_graph", "smooth", "smooth_scene"]
@@ -109,20 +109,20 @@ def smooth_scene(
     names = [wearer.subject.name for wearer in scene.wearers]
     motions = [motion_of(one.model, one.state, name) for one, name in zip(wearers, names, strict=True)]
     filmed_by = watch(scene, wearers, motions, settings, tell)
-    shots = of_use(filmed_by)
-    if not shots:
+    associated = of_use(filmed_by)
+    if not associated:
         alone = "no wearer was found in the video: the estimate is of the IMUs alone, without a camera"
         return _inertial(scene, settings, progress, (*who_is_who(scene, filmed_by), alone), extra_factors)
-    filmed = start_filming(shots, wearers, settings)
-    fused = fuse(filmed, None, shots, settings, solver)
+    filmed = start_filming(associated, wearers, settings)
+    fused = fuse(filmed, None, associated, settings, solver)
     for _ in range(settings.fusion.rounds - 1):
-        shots = watch_again(shots, fused.camera_path, fused.motions(names), settings, tell)
-        fused = fuse(filmed, fused, shots, settings, solver)
+        associated = watch_again(associated, fused.camera_path, fused.motions(names), settings, tell)
+        fused = fuse(filmed, fused, associated, settings, solver)
     for _ in range(settings.fusion.refits):
         if not fused.is_settled():
-            fused = fuse(filmed, fused, shots, settings, solver)
-    fine = fuse_finely(scene, filmed, fused, shots, frames.fine, settings, solver)
-    return scene_estimate(scene, fused, fine, shots, tuple(solver.reports), settings)
+            fused = fuse(filmed, fused, associated, settings, solver)
+    fine = fuse_finely(scene, filmed, fused, associated, frames.fine, settings, solver)
+    return scene_estimate(scene, fused, fine, associated, tuple(solver.reports), settings)
 
 
 def _solver(

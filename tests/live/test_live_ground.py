@@ -14,8 +14,8 @@ from vip_factors.evaluate.frames import common_frames
 from vip_factors.factors.adaptive_biweight import AdaptiveBiweightSettings
 from vip_factors.factors.ground_contact import ContactFrom
 from vip_factors.live.association import OnlineAssociationSettings
+from vip_factors.live.camera_observer import CameraObserver, FrameBelief
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.sight import Onlooker, Scenery
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.problem.scene import SceneProblem
@@ -131,15 +131,15 @@ def test_keypoints_far_from_where_they_are_expected_count_less(far_px: float) ->
     pixels = scene.camera.model.project((np.stack(points) - p) @ R)
     pixels[places.index(next(one for one in places if one is not None))] += far_px
     video = VideoFrame("camera", 0.0, pixels[None], np.full((1, len(pixels)), 0.9))
-    sights = []
+    views = []
     for one in (SETTINGS, settings):
-        onlooker = Onlooker(setup.camera, [skeleton], [1.0], OnlineAssociationSettings(), one.camera)
-        sights.append(onlooker._sight(video, 0, 0, Scenery([body], (R, p), [np.eye(3)], [None])))
-    plain, careful = sights
-    assert careful.seen[0] == (far_px < 100)
-    assert careful.confidence[0] < plain.confidence[0]
-    np.testing.assert_allclose(careful.sigma[1:], plain.sigma[1:], rtol=1e-6)
-    np.testing.assert_allclose(careful.confidence[1:], 0.9, rtol=1e-6)
+        observer = CameraObserver(setup.camera, [skeleton], [1.0], OnlineAssociationSettings(), one.camera)
+        views.append(observer._view(video, 0, 0, FrameBelief([body], (R, p), [np.eye(3)], [None])))
+    plain, careful = views
+    assert careful.seen[0, 0] == (far_px < 100)
+    assert careful.confidence[0, 0] < plain.confidence[0, 0]
+    np.testing.assert_allclose(careful.sigma[0, 1:], plain.sigma[0, 1:], rtol=1e-6)
+    np.testing.assert_allclose(careful.confidence[0, 1:], 0.9, rtol=1e-6)
     assert careful.ground is None
 
 

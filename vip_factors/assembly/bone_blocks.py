@@ -88,13 +88,13 @@ class BoneBlocks:
         self, sums: "Accumulator", eq: DifferenceEquations, J: Array, weight: Array, part: "PlacedPart"
     ) -> None:
         """What ties the points in each of the frames to a part; a walking one apart by how far it is from the frame."""
-        walks, sight = sums.walks(part.place), weight[..., None, None] * part.jacobian
+        walks, seen = sums.walks(part.place), weight[..., None, None] * part.jacobian
         pulls: dict[tuple[int, int], Array] = {}
         for i, c in enumerate(eq.coefficients):
             (a, _), shift = sums.slot(i, i)
             source, target = sums.rows(shift, eq)
             later = part.ahead - i if walks else 0
-            self._of(pulls, (a, later), sight.shape[1:])[target] += c * sight[source]
+            self._of(pulls, (a, later), seen.shape[1:])[target] += c * seen[source]
         for (i, later), pull in pulls.items():
             rows = self._rows(sums, eq, i)
             block = self._frames(sums, eq, J, i, rows).swapaxes(2, 3) @ pull[rows]

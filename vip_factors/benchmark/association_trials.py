@@ -18,10 +18,10 @@ from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
+from vip_factors.stages.associated_cameras import gravity_in_camera
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.inertial import inertial_tracker
 from vip_factors.stages.scene_frames import scene_frames
-from vip_factors.stages.shots import gravity_in_camera
 from vip_factors.stages.solver import Solver
 
 Tell = Callable[[str, float], None]

@@ -6,8 +6,8 @@ import numpy as np
 
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.geometry.rotations import Array, wrap_angle
+from vip_factors.live.answer_filter import AnswerFilter
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.settling import Settling
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.state import FrameState
 from vip_factors.live.tracking import Tracking
@@ -30,7 +30,7 @@ class Answers:
         self._smoothed: Array | None = None
         self._shared: Array | None = None
         self._next_covariance = 0  # frame
-        self._newest_told, self._smoothed_told = self._settlings()
+        self._newest_told, self._smoothed_told = self._filters()
 
     def find(self, *sentences: str) -> None:
         """Something to tell with the next answer."""
@@ -53,7 +53,7 @@ class Answers:
         numbers = smoother.numbers
         self.begin_anew()
         self._measure(smoother, numbers[-1])
-        self._newest_told, self._smoothed_told = self._settlings()
+        self._newest_told, self._smoothed_told = self._filters()
         answers = []
         for number in numbers:
             seconds = clock.perf_counter() - begin if number == numbers[-1] else 0.0
@@ -97,22 +97,22 @@ class Answers:
             self._shared = smoother.shared_covariance() if smoother.problem.layout.static_width else np.zeros((0, 0))
             self._smoothed = smoother.covariance(max(smoother.numbers[0], newest - self._lag))
 
-    def _settlings(self) -> tuple[Settling, Settling]:
-        share = min(1.0, 1 / (self._settings.settling_s * self._settings.frame_rate + 1e-9))
-        return Settling(share), Settling(share)
+    def _filters(self) -> tuple[AnswerFilter, AnswerFilter]:
+        share = min(1.0, 1 / (self._settings.answer_filter_s * self._settings.frame_rate + 1e-9))
+        return AnswerFilter(share), AnswerFilter(share)
 
     def _estimate(self, tracking: Tracking, number: int, back: int, seconds: float) -> LiveEstimate:
         smoother = tracking.smoother
         numbers, time = smoother.numbers, smoother.frame(number).time
 
-        def told(settling: Settling, at: int) -> FrameState:
-            return settling.tell(smoother.state(at - 1) if at - 1 in numbers else None, smoother.state(at))
+        def told(one: AnswerFilter, at: int) -> FrameState:
+            return one.filtered(smoother.state(at - 1) if at - 1 in numbers else None, smoother.state(at))
 
         newest = told(self._newest_told, number)
         smoothed = told(self._smoothed_told, back) if back in numbers else None
         late = smoother.frame(back).time if smoothed is not None else 0.0
         calibrations = self.calibrations(smoother)
-        chosen = tracking.onlookers[0].chosen if tracking.onlookers and number == numbers[-1] else None
+        chosen = tracking.observers[0].chosen if tracking.observers and number == numbers[-1] else None
         wearers = tuple(
             LiveWearerEstimate(
                 wearer.name,

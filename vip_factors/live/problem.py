@@ -5,44 +5,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vip_factors.factors.ground_contact import Foot
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.measurement import FrameMeasurement
 from vip_factors.live.settings import LiveSettings
 from vip_factors.problem.blocks import scene_layout
-from vip_factors.problem.scene import CameraProblem, GroundView, KeypointView, SceneProblem, Viewpoint
+from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem, Viewpoint
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames
-
-
-@dataclass(frozen=True)
-class Sight:
-    """What one camera saw of one wearer at one frame.
-
-    Attributes:
-        pixels: ``(K, 2)`` of keypoints; zero where not seen.
-        sigma: ``(K,)`` pixels; one where not seen.
-        seen: ``(K,)``.
-        confidence: ``(K,)`` of the detector, times the biweight; zero where not seen. Sigma has it already.
-        ground: of the problem's feet, in this single frame; None where none is known to stand.
-    """
-
-    pixels: Array
-    sigma: Array
-    seen: np.ndarray
-    confidence: Array
-    ground: GroundView | None = None
-
-    @classmethod
-    def nothing(cls, keypoints: int) -> "Sight":
-        """Of a wearer who is not in the picture."""
-        return cls(np.zeros((keypoints, 2)), np.ones(keypoints), np.zeros(keypoints, bool), np.zeros(keypoints))
-
-    @classmethod
-    def of(cls, view: KeypointView, t: int) -> "Sight":
-        """One frame of a view."""
-        ground = None if view.ground is None else view.ground.at_frames(slice(t, t + 1))
-        return cls(view.pixels[t], view.sigma[t], view.seen[t], view.confidence[t], ground)
 
 
 @dataclass
@@ -53,7 +22,7 @@ class LagFrame:
         number, time: of the frame, seconds.
         R_inertial_sensor, orientation_valid: ``(S, 3, 3)`` and ``(S,)`` of all carriers' sensors.
         specific_force_inertial, acceleration_valid: ``(S, 3)`` and ``(S,)``; known once the next frame is.
-        sights: by camera, then wearer; None where the camera gave no frame.
+        views: by camera, then wearer, of this frame alone; None where the camera gave no frame.
         contacts: of each wearer ``(C,)``, confidences that the contact points hold until the next frame.
     """
 
@@ -63,7 +32,7 @@ class LagFrame:
     orientation_valid: np.ndarray
     specific_force_inertial: Array
     acceleration_valid: np.ndarray
-    sights: list[tuple[Sight, ...] | None] = field(default_factory=list)
+    views: list[tuple[KeypointView, ...] | None] = field(default_factory=list)
     contacts: list[Array] = field(default_factory=list)
 
     def take_accelerations(self, after: FrameMeasurement) -> None:
@@ -71,12 +40,12 @@ class LagFrame:
         self.specific_force_inertial, self.acceleration_valid = after.specific_force_inertial, after.acceleration_valid
 
 
-def lag_frame(measured: FrameMeasurement, sights: list[tuple[Sight, ...] | None]) -> LagFrame:
+def lag_frame(measured: FrameMeasurement, views: list[tuple[KeypointView, ...] | None]) -> LagFrame:
     """The newest frame: its accelerations are measured by the next one."""
     nothing = np.zeros(len(measured.orientation_valid), bool)
     force = np.zeros((len(nothing), 3))
     return LagFrame(
-        measured.frame, measured.time, measured.R_inertial_sensor, measured.orientation_valid, force, nothing, sights
+        measured.frame, measured.time, measured.R_inertial_sensor, measured.orientation_valid, force, nothing, views
     )
 
 
@@ -151,28 +120,11 @@ class LagProblem:
         return any(len(points) for camera in self._points for points in camera)
 
     def _views(self, frames: Sequence[LagFrame], camera: int) -> tuple[KeypointView, ...]:
-        views = []
-        for wearer, points in enumerate(self._points[camera]):
-            nothing = Sight.nothing(len(points))
-            sights = [frame.sights[camera] for frame in frames]
-            own = [sight[wearer] if sight is not None else nothing for sight in sights]
-            pixels, seen = np.stack([one.pixels for one in own]), np.stack([one.seen for one in own])
-            sigma, confidence = np.stack([one.sigma for one in own]), np.stack([one.confidence for one in own])
-            ground = _grounds(self.feet[camera][wearer], own)
-            views.append(KeypointView(points, pixels, sigma, seen, np.zeros_like(pixels), confidence, ground))
-        return tuple(views)
-
-
-def _grounds(feet: tuple[Foot, ...] | None, sights: Sequence[Sight]) -> GroundView | None:
-    """The ground contacts of a stretch of sights."""
-    if feet is None:
-        return None
-    T, G = len(sights), len(feet)
-    rays, whitening, stands = np.ones((T, G, 3)), np.zeros((T, G, 3, 3)), np.zeros((T, G), bool)
-    for t, own in enumerate(one.ground for one in sights):
-        if own is not None:
-            rays[t], whitening[t], stands[t] = own.rays[0], own.whitening[0], own.stands[0]
-    return GroundView(feet, rays, whitening, stands)
+        views = [frame.views[camera] for frame in frames]
+        return tuple(
+            KeypointView.joined(points, [None if one is None else one[wearer] for one in views], feet)
+            for wearer, (points, feet) in enumerate(zip(self._points[camera], self.feet[camera], strict=True))
+        )
 
 
 def _imu_frames(names: tuple[str, ...], time: np.ndarray, parts: tuple[Array, ...], columns: np.ndarray) -> ImuFrames:

@@ -31,7 +31,7 @@ class LiveSettings(Settings):
     spread_share: float = 0.02  # of what one video frame says of how detections scatter: two seconds of them count
     start_iterations: int = 2  # over the first frames, from where the batch stages put them
     # Over which answers make up for what is believed anew of the past; else they tremble by some millimetres.
-    settling_s: float = 0.1
+    answer_filter_s: float = 0.1
     # Frames to each update; those between are predicted, by how their sensors turned. Video comes 30 times a second.
     solve_every: int = 2
     covariance_every: int = 12  # frames between covariances of the smoothed pose, which cost 4 ms

@@ -11,7 +11,7 @@ from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.live.buffered import MeasuredStretch
-from vip_factors.live.problem import LagFrame, LagProblem, Sight, lag_frame
+from vip_factors.live.problem import LagFrame, LagProblem, lag_frame
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.state import FrameState, without_frames
 from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem
@@ -22,12 +22,12 @@ from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import coarser
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
+from vip_factors.stages.associated_cameras import AssociatedCamera, of_use, watch, watch_again
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.filming import start_filming
 from vip_factors.stages.fusion import at_full_rate, fuse
 from vip_factors.stages.inertial import Tracked, at_frames, first_calibration, inertial_tracker
 from vip_factors.stages.inertial_model import kept, loosened, with_contacts
-from vip_factors.stages.shots import Shot, of_use, watch, watch_again
 from vip_factors.stages.solver import Solver
 
 UNKNOWN_HEADING = np.pi  # radians: of a sensor that comes late, before it has been seen to move
@@ -56,7 +56,7 @@ class Started:
         problem: of any stretch from here on.
         shared: what all frames share, without frames.
         frames, states: of the stretch.
-        shots: of the cameras that are of use: who is who in each of their video frames.
+        associated: of the cameras that are of use: who is who in each of their video frames.
         spreads: by camera and wearer, scatter of the detections in OKS sigmas.
     """
 
@@ -64,13 +64,13 @@ class Started:
     shared: SceneState
     frames: list[LagFrame]
     states: list[FrameState]
-    shots: tuple[Shot, ...]
+    associated: tuple[AssociatedCamera, ...]
     spreads: tuple[tuple[float, ...], ...]
 
     @property
     def filmed(self) -> bool:
         """Whether a camera sees a wearer."""
-        return bool(self.shots)
+        return bool(self.associated)
 
 
 def start(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None = None) -> Started:
@@ -93,15 +93,15 @@ def start(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None 
     filmed = (
         _filmed(stretch, scene, wearers, settings, solver) if scene.cameras and settings.fusion.use_camera else None
     )
-    model, state, shots, spreads = filmed or _unfilmed(stretch, scene, wearers, settings, solver)
-    if known is not None and ((shots and shots[0].camera.known_path is None) or not shots):
+    model, state, associated, spreads = filmed or _unfilmed(stretch, scene, wearers, settings, solver)
+    if known is not None and ((associated and associated[0].camera.known_path is None) or not associated):
         state = _shifted(state, known.p_world_pelvis[0] - state.wearers[0].p_world_pelvis[0])
     freed = tuple(
         _freed(one, tracked.model, settings, own.p_world_pelvis[0])
         for one, tracked, own in zip(model.wearers, wearers, state.wearers, strict=True)
     )
     model = replace(model, wearers=freed)
-    return _started(stretch, scene, model, state, shots, spreads, settings)
+    return _started(stretch, scene, model, state, associated, spreads, settings)
 
 
 def _tracked(
@@ -127,7 +127,7 @@ def _tracked(
     return replace(tracked, model=replace(tracked.model, mounting_sigma=mounting))
 
 
-Problem = tuple[SceneProblem, SceneState, tuple[Shot, ...], tuple[tuple[float, ...], ...]]
+Problem = tuple[SceneProblem, SceneState, tuple[AssociatedCamera, ...], tuple[tuple[float, ...], ...]]
 
 
 def _filmed(
@@ -138,16 +138,16 @@ def _filmed(
         return None
     names = [one.subject.name for one in scene.wearers]
     motions = [motion_of(one.model, one.state, name) for one, name in zip(wearers, names, strict=True)]
-    shots = of_use(watch(scene, wearers, motions, settings, lambda fraction: None))
-    if not shots:
+    associated = of_use(watch(scene, wearers, motions, settings, lambda fraction: None))
+    if not associated:
         return None
-    filmed = start_filming(shots, wearers, settings)
-    fused = fuse(filmed, None, shots, settings, solver)
+    filmed = start_filming(associated, wearers, settings)
+    fused = fuse(filmed, None, associated, settings, solver)
     for _ in range(settings.fusion.rounds - 1):
-        shots = watch_again(shots, fused.camera_path, fused.motions(names), settings, lambda fraction: None)
-        fused = fuse(filmed, fused, shots, settings, solver)
-    model, state, spreads = at_full_rate(scene, filmed, fused, shots, stretch.time, settings)
-    return model, state, shots, spreads
+        associated = watch_again(associated, fused.camera_path, fused.motions(names), settings, lambda fraction: None)
+        fused = fuse(filmed, fused, associated, settings, solver)
+    model, state, spreads = at_full_rate(scene, filmed, fused, associated, stretch.time, settings)
+    return model, state, associated, spreads
 
 
 def _unfilmed(
@@ -195,15 +195,15 @@ def _shifted(state: SceneState, shift: Array) -> SceneState:
 
 
 def _started(
-    stretch: MeasuredStretch, scene: Scene, model: SceneProblem, state: SceneState, shots: tuple[Shot, ...],
-    spreads: tuple[tuple[float, ...], ...], settings: LiveSettings,
+    stretch: MeasuredStretch, scene: Scene, model: SceneProblem, state: SceneState,
+    associated: tuple[AssociatedCamera, ...], spreads: tuple[tuple[float, ...], ...], settings: LiveSettings,
 ) -> Started:  # fmt: skip
     sensors = [
         np.array([stretch.column(recording.subject.name, name) for name in one.frames.sensors], dtype=int)
         for recording, one in zip(scene.wearers, model.wearers, strict=True)
     ]
     if model.camera.imu is not None:
-        sensors.append(np.array([stretch.column(shots[0].camera.name, model.camera.imu.sensors[0])]))
+        sensors.append(np.array([stretch.column(associated[0].camera.name, model.camera.imu.sensors[0])]))
     cameras = model.viewpoints(state.camera)
     problem = LagProblem(
         model.wearers, model.camera, cameras[0].views, model.further, sensors, model.wearers[0].frames.step, settings
@@ -212,10 +212,10 @@ def _started(
     shared = without_frames(state)
     frames, states = [], []
     for t, (one, after) in enumerate(zip(stretch.measurements, [*stretch.measurements[1:], None], strict=True)):
-        sights: list[tuple[Sight, ...] | None] = [
-            tuple(Sight.of(view, t) for view in camera.views) for camera in cameras
+        seen: list[tuple[KeypointView, ...] | None] = [
+            tuple(view.at_frames(slice(t, t + 1)) for view in camera.views) for camera in cameras
         ]
-        frame = lag_frame(one, sights)
+        frame = lag_frame(one, seen)
         if after is not None:
             frame.take_accelerations(after)
         frame.contacts = [own.contact_confidence[t] for own in model.wearers]
@@ -229,4 +229,4 @@ def _started(
                 poses.p_world_camera[at],
             )
         )
-    return Started(problem, shared, frames, states, shots, spreads)
+    return Started(problem, shared, frames, states, associated, spreads)

@@ -11,11 +11,11 @@ from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.root_path import contact_confidence
+from vip_factors.live.camera_observer import CameraObserver, FrameBelief
 from vip_factors.live.measurement import FrameMeasurement
 from vip_factors.live.predict import predicted
 from vip_factors.live.problem import LagFrame, lag_frame
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.sight import Onlooker, Scenery
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.standing import standing_feet
 from vip_factors.live.start import Started
@@ -41,7 +41,7 @@ class Tracking:
 
     Attributes:
         smoother: where all variables stand.
-        onlookers: one for each camera that is of use.
+        observers: one for each camera that is of use.
         solved: whether the newest frame is more than predicted.
     """
 
@@ -67,7 +67,7 @@ class Tracking:
             self.smoother.append(frame, state)
         for _ in range(settings.start_iterations):
             self.smoother.update(self.smoother.numbers[0])
-        self.onlookers = self._gathered(started, video)
+        self.observers = self._gathered(started, video)
         rate, begin = settings.frame_rate, self.smoother.numbers[0]
         self._watches = [
             SensorWatch(one, settings.watch, rate, settings.solve_every, begin) for one in started.problem.wearers
@@ -77,20 +77,20 @@ class Tracking:
         self._changed: list[int] = []  # frames with something new since the last update
         self._was_seen = True  # whether the last update had something new of a camera
 
-    def _gathered(self, started: Started, video: Sequence[tuple[int, VideoFrame]]) -> list[Onlooker]:
-        """The onlookers, told who is who in the frames of the start."""
-        skeletons, onlookers = [wearer.skeleton for wearer in started.problem.wearers], []
-        for shot, spreads in zip(started.shots, started.spreads, strict=True):
-            camera = next(one for one in self._setup.cameras if one.name == shot.camera.name)
+    def _gathered(self, started: Started, video: Sequence[tuple[int, VideoFrame]]) -> list[CameraObserver]:
+        """The observers, told who is who in the frames of the start."""
+        skeletons, observers = [wearer.skeleton for wearer in started.problem.wearers], []
+        for each, spreads in zip(started.associated, started.spreads, strict=True):
+            camera = next(one for one in self._setup.cameras if one.name == each.camera.name)
             settings = self._settings
-            onlooker = Onlooker(camera, skeletons, spreads, settings.online_association, settings.camera)
+            observer = CameraObserver(camera, skeletons, spreads, settings.online_association, settings.camera)
             own = sorted(((n, one) for n, one in video if one.camera == camera.name), key=lambda pair: pair[1].time)
             for index, (number, one) in enumerate(own):
-                who = shot.association.wearer[shot.detections.of_frame(index)]
+                who = each.association.wearer[each.detections.of_frame(index)]
                 chosen = [int(np.flatnonzero(who == w)[0]) if np.any(who == w) else -1 for w in range(len(skeletons))]
-                onlooker.remember(number, one, np.array(chosen))
-            onlookers.append(onlooker)
-        return onlookers
+                observer.remember(number, one, np.array(chosen))
+            observers.append(observer)
+        return observers
 
     def step(self, measured: FrameMeasurement, lag: int, root_covariance: Sequence[Array]) -> list[str]:
         """One frame more.
@@ -119,8 +119,8 @@ class Tracking:
         self._find_contacts(window)
         changed = [
             frame
-            for number, onlooker in enumerate(self.onlookers)
-            for frame in self._see(number, onlooker, measured, window, root_covariance)
+            for number, observer in enumerate(self.observers)
+            for frame in self._see(number, observer, measured, window, root_covariance)
         ]
         self._changed += changed
         self._unsolved += 1
@@ -183,27 +183,27 @@ class Tracking:
             smoother.frame(newest).contacts[number] = confidence[-1]
 
     def _see(
-        self, camera: int, onlooker: Onlooker, measured: FrameMeasurement, window: _Window,
+        self, camera: int, observer: CameraObserver, measured: FrameMeasurement, window: _Window,
         root_covariance: Sequence[Array],
     ) -> list[int]:  # fmt: skip
         """Put in what one camera saw; the frames that change by it."""
         smoother, changed = self.smoother, []
 
-        def scenery(number: int) -> Scenery:
+        def belief(number: int) -> FrameBelief:
             at = number - window.first
             bodies = [body.at(slice(at, at + 1)) for body in window.bodies]
             pose = self._fixed_pose(camera)
             if pose is None:
                 pose = window.R_world_camera[at], window.p_world_camera[at]
-            return Scenery(bodies, pose, root_covariance, self._standing(camera, window, number))
+            return FrameBelief(bodies, pose, root_covariance, self._standing(camera, window, number))
 
-        news = [one for one in measured.video if one.video.camera == onlooker.camera.name]
+        news = [one for one in measured.video if one.video.camera == observer.camera.name]
         news = [one for one in news if one.frame in smoother.numbers]
         for one in news:
-            smoother.frame(one.frame).sights[camera] = onlooker.look(one.frame, one.video, scenery(one.frame))
+            smoother.frame(one.frame).views[camera] = observer.observe(one.frame, one.video, belief(one.frame))
             changed.append(one.frame)
-        for number, sights in (onlooker.look_again(window.first, scenery) if news else {}).items():
-            smoother.frame(number).sights[camera] = sights
+        for number, views in (observer.revise(window.first, belief) if news else {}).items():
+            smoother.frame(number).views[camera] = views
             changed.append(number)
         return changed
 
@@ -243,10 +243,10 @@ class Tracking:
             body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
             for sensor in self._watches[number].moved(oldest, wearer, own, body):
                 findings.append(self._loosen(number, sensor, wearer.frames.sensors[sensor]))
-            for onlooker, one in zip(self.onlookers, model.viewpoints(state.camera), strict=False):
+            for observer, one in zip(self.observers, model.viewpoints(state.camera), strict=False):
                 view = one.views[number]
                 if view.seen.any():
                     at = WearerEvaluation(number, wearer, own, body)
                     residual = reprojection_residuals(ViewEvaluation(at, CAMERA, one.problem, one.state, view))
-                    onlooker.hear(number, residual[view.seen], self._settings.spread_share)
+                    observer.learn_spread(number, residual[view.seen], self._settings.spread_share)
         return findings

@@ -96,6 +96,16 @@ class GroundView:
     whitening: Array
     stands: np.ndarray
 
+    @classmethod
+    def joined(cls, feet: tuple[Foot, ...], views: Sequence["GroundView | None"]) -> "GroundView":
+        """Views of single frames, one after the other; None where no foot is known to stand."""
+        T, G = len(views), len(feet)
+        rays, whitening, stands = np.ones((T, G, 3)), np.zeros((T, G, 3, 3)), np.zeros((T, G), bool)
+        for t, one in enumerate(views):
+            if one is not None:
+                rays[t], whitening[t], stands[t] = one.rays[0], one.whitening[0], one.stands[0]
+        return cls(feet, rays, whitening, stands)
+
     def at_frames(self, frames: slice) -> "GroundView":
         """A stretch of frames."""
         return GroundView(self.feet, self.rays[frames], self.whitening[frames], self.stands[frames])
@@ -124,10 +134,28 @@ class KeypointView:
     ground: GroundView | None = None
 
     @classmethod
-    def empty(cls, frames: int) -> "KeypointView":
-        """Of somebody whom nobody looks at."""
-        none, pixels = np.zeros((frames, 0)), np.zeros((frames, 0, 2))
-        return cls((), pixels, none, none.astype(bool), pixels, none)
+    def unseen(cls, points: tuple[BodyPoint, ...], frames: int = 1) -> "KeypointView":
+        """Of somebody who is not in the picture."""
+        none, pixels = np.zeros((frames, len(points))), np.zeros((frames, len(points), 2))
+        return cls(points, pixels, none + 1.0, none.astype(bool), pixels, none)
+
+    @classmethod
+    def joined(
+        cls, points: tuple[BodyPoint, ...], views: Sequence["KeypointView | None"], feet: tuple[Foot, ...] | None
+    ) -> "KeypointView":
+        """Views of single frames, one after the other; None of a frame that the camera did not take."""
+        nothing = cls.unseen(points)
+        each = [nothing if one is None else one for one in views]
+        ground = None if feet is None else GroundView.joined(feet, [one.ground for one in each])
+        return cls(
+            points,
+            np.concatenate([one.pixels for one in each]),
+            np.concatenate([one.sigma for one in each]),
+            np.concatenate([one.seen for one in each]),
+            np.concatenate([one.pixels_per_second for one in each]),
+            np.concatenate([one.confidence for one in each]),
+            ground,
+        )
 
     @cached_property
     def body_points(self) -> BodyPoints:
@@ -187,7 +215,7 @@ class SceneProblem:
     @classmethod
     def unfilmed(cls, wearers: Sequence[WearerProblem]) -> "SceneProblem":
         """Of wearers whom no camera sees."""
-        return cls(tuple(wearers), NO_CAMERA, tuple(KeypointView.empty(len(one.frames)) for one in wearers))
+        return cls(tuple(wearers), NO_CAMERA, tuple(KeypointView.unseen((), len(one.frames)) for one in wearers))
 
     @property
     def frames(self) -> int:

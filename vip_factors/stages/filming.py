@@ -24,8 +24,8 @@ from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Camera
 from vip_factors.settings import Settings
+from vip_factors.stages.associated_cameras import AssociatedCamera, path_at
 from vip_factors.stages.inertial import Tracked
-from vip_factors.stages.shots import Shot, path_at
 
 
 @dataclass(frozen=True)
@@ -63,21 +63,21 @@ def camera_problem(camera: Camera, time: Array, settings: Settings) -> CameraPro
     )
 
 
-def start_filming(shots: Sequence[Shot], wearers: Sequence[Tracked], settings: Settings) -> Filmed:
+def start_filming(associated: Sequence[AssociatedCamera], wearers: Sequence[Tracked], settings: Settings) -> Filmed:
     """The first camera by the wearer it saw most, and the other wearers by that camera.
 
     Cameras of known pose place the wearers whom they saw before that: their world is the scene's.
 
     Args:
-        shots: that are of use (:func:`~vip_factors.stages.shots.of_use`).
+        associated: that are of use (:func:`~vip_factors.stages.associated_cameras.of_use`).
         wearers: each in a world of their own.
         settings: of all rooms.
     """
-    camera, seen, time = shots[0].camera, list(shots[0].seen), wearers[0].model.frames.time
+    camera, seen, time = associated[0].camera, list(associated[0].seen), wearers[0].model.frames.time
     problem = camera_problem(camera, time, settings)
-    placed = [_anchored(one, [shot.camera for shot in shots], settings) for one in wearers]
-    known = [shot for shot in shots if shot.camera.known_path is not None]
-    settled = [number for number in range(len(placed)) if any(len(shot.seen[number]) for shot in known)]
+    placed = [_anchored(one, [each.camera for each in associated], settings) for one in wearers]
+    known = [each for each in associated if each.camera.known_path is not None]
+    settled = [number for number in range(len(placed)) if any(len(each.seen[number]) for each in known)]
     for number in settled:
         look = _look(known, number)
         placed[number] = _placed(placed[number], look, time)
@@ -92,16 +92,16 @@ def start_filming(shots: Sequence[Shot], wearers: Sequence[Tracked], settings: S
     poses = path if len(path) == 1 and not camera.moving else path.at(time)
     state = CameraState(CameraPoses(poses.R_world_camera, poses.p_world_camera), heading, problem.prior_R_camera_imu)
     scene = SceneState(tuple(one.state for one in placed), state)
-    further = tuple(_known_viewpoint(shot.camera, settings) for shot in shots[1:])
+    further = tuple(_known_viewpoint(each.camera, settings) for each in associated[1:])
     return Filmed(tuple(placed), replace(problem, prior_heading=heading), scene, further)
 
 
-def _look(known: Sequence[Shot], wearer: int) -> tuple[CameraPath, Sightings]:
+def _look(known: Sequence[AssociatedCamera], wearer: int) -> tuple[CameraPath, Sightings]:
     """What the cameras of known pose saw of a wearer."""
     looks = [
-        (shot.camera.known_path, shot.seen[wearer])
-        for shot in known
-        if shot.camera.known_path is not None and len(shot.seen[wearer])
+        (each.camera.known_path, each.seen[wearer])
+        for each in known
+        if each.camera.known_path is not None and len(each.seen[wearer])
     ]
     return looks[0] if len(looks) == 1 else together(looks)
 

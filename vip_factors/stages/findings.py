@@ -8,8 +8,8 @@ from vip_factors.estimate import Estimate
 from vip_factors.initialise.camera import leaps
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.stages.associated_cameras import AssociatedCamera
 from vip_factors.stages.fusion import Fused
-from vip_factors.stages.shots import Shot
 
 UNSURE_HEADING = np.deg2rad(15.0)  # a heading no better known than this came from the straps
 # Scatter of the detections about the skeleton in OKS sigmas: 0.3–0.45 with everything right, OpenPose's own is 0.5; 0.7
@@ -23,16 +23,18 @@ CORNER, OUTSIDE, FEW = 0.55, 0.1, 0.02  # of the image's sides; of its sides; of
 LARGER_CORNER, OFF_MIDDLE = 0.68, 0.42
 
 
-def find_oddities(scene: Scene, shots: Sequence[Shot], fine: Fused, wearers: Sequence[Estimate]) -> Iterator[str]:
+def find_oddities(
+    scene: Scene, associated: Sequence[AssociatedCamera], fine: Fused, wearers: Sequence[Estimate]
+) -> Iterator[str]:
     """Sentences about wearers, then about the cameras."""
-    used = [shot.camera.name for shot in shots]
+    used = [each.camera.name for each in associated]
     for left_out in (camera for camera in scene.cameras if camera.name not in used):
         yield f"camera '{left_out.name}' is left out: what it shows does not tell where it was"
     for number, (recording, estimate) in enumerate(zip(scene.wearers, wearers, strict=True)):
-        yield from _wearer_findings(recording, number, shots, fine, estimate)
-    for shot in shots:
-        for sentence in _image_findings(shot.camera):
-            yield of_camera(shot.camera, scene) + sentence
+        yield from _wearer_findings(recording, number, associated, fine, estimate)
+    for each in associated:
+        for sentence in _image_findings(each.camera):
+            yield of_camera(each.camera, scene) + sentence
 
 
 def of_camera(camera: Camera, scene: Scene) -> str:
@@ -41,7 +43,7 @@ def of_camera(camera: Camera, scene: Scene) -> str:
 
 
 def _wearer_findings(
-    recording: Recording, number: int, shots: Sequence[Shot], fine: Fused, estimate: Estimate
+    recording: Recording, number: int, associated: Sequence[AssociatedCamera], fine: Fused, estimate: Estimate
 ) -> Iterator[str]:
     who, frame_rate = f"wearer '{recording.subject.name}'", 1 / fine.model.wearers[0].frames.step
     views = [one.views[number] for one in fine.model.viewpoints(fine.state.camera)]
@@ -49,7 +51,7 @@ def _wearer_findings(
     if not seen.any():
         yield f"{who} is never seen: the pose is of the IMUs alone, and the place relative to the others unknown"
         return
-    seconds = float(seen.sum()) / max(min(max(shot.detections.rate for shot in shots), frame_rate), 1e-9)
+    seconds = float(seen.sum()) / max(min(max(each.detections.rate for each in associated), frame_rate), 1e-9)
     if seconds < SHORTLY_SEEN:
         yield (
             f"{who} is seen for {seconds:.1f} s only: whoever stood there likewise would do as well, so check "
@@ -62,16 +64,16 @@ def _wearer_findings(
             f"{np.rad2deg(UNSURE_HEADING):.0f}°): keypoints beyond them (toes, hands) or longer motion would help"
         )
     spreads = fine.measured_spreads()
-    for index, shot in enumerate(shots):
+    for index, each in enumerate(associated):
         if views[index].seen.any():
-            before = f"{who} before camera '{shot.camera.name}'" if len(shots) > 1 else who
-            yield from _view_findings(before, shot, number, spreads[index][number])
+            before = f"{who} before camera '{each.camera.name}'" if len(associated) > 1 else who
+            yield from _view_findings(before, each, number, spreads[index][number])
 
 
-def _view_findings(who: str, shot: Shot, number: int, spread: float) -> Iterator[str]:
-    camera = shot.camera
+def _view_findings(who: str, each: AssociatedCamera, number: int, spread: float) -> Iterator[str]:
+    camera = each.camera
     known = camera.known_path is not None and not camera.moving  # a cut or another zoom shows as scatter then
-    times = leaps(shot.seen[number]) if not known else ()
+    times = leaps(each.seen[number]) if not known else ()
     if len(times):
         yield (
             f"{who} leaps in the picture at {', '.join(f'{time:.2f}' for time in times[:5])} s, faster than people "

@@ -20,12 +20,12 @@ from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
+from vip_factors.stages.associated_cameras import AssociatedCamera
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.filming import Filmed, camera_problem
 from vip_factors.stages.ground import seen_standing
 from vip_factors.stages.inertial import at_frames
 from vip_factors.stages.inertial_model import kept, loosened, with_contacts
-from vip_factors.stages.shots import Shot
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.views import image_scale, keypoint_view, predicted_pixels, scatter
 
@@ -85,25 +85,32 @@ def _scatter_before(
     return tuple(found)
 
 
-def fuse(filmed: Filmed, before: Fused | None, shots: Sequence[Shot], settings: Settings, solver: Solver) -> Fused:
+def fuse(
+    filmed: Filmed, before: Fused | None, associated: Sequence[AssociatedCamera], settings: Settings, solver: Solver
+) -> Fused:
     """Everything free, on the coarse frames; ``before`` is the round before this one."""
-    start = unfused(filmed, before, shots, settings, solver.extra)
+    start = unfused(filmed, before, associated, settings, solver.extra)
     solved = solver.solve(SceneObjective(start.model), start.state, "video-inertial fusion")
     return replace(start, state=solved)
 
 
 def unfused(
-    filmed: Filmed, before: Fused | None, shots: Sequence[Shot], settings: Settings, extra: ExtraTerms | None = None
+    filmed: Filmed,
+    before: Fused | None,
+    associated: Sequence[AssociatedCamera],
+    settings: Settings,
+    extra: ExtraTerms | None = None,
 ) -> Fused:
     """The problem of :func:`fuse`, and where it starts."""
     start = before.state if before else filmed.state
     usual = (settings.camera.reprojection.spread,) * len(start.wearers)
-    spreads = before.measured_spreads() if before else (usual,) * len(shots)
+    spreads = before.measured_spreads() if before else (usual,) * len(associated)
     wearers = tuple(
         with_contacts(_with_plain_prior(one.model, settings), state, path_known=before is not None)
         for one, state in zip(filmed.wearers, start.wearers, strict=True)
     )
-    model = _scene_model(wearers, filmed.camera, filmed.further, start, shots, spreads, path_known=before is not None)
+    known = before is not None
+    model = _scene_model(wearers, filmed.camera, filmed.further, start, associated, spreads, path_known=known)
     return Fused(replace(model, extra=extra), start, spreads)
 
 
@@ -113,14 +120,20 @@ def _with_plain_prior(model: WearerProblem, settings: Settings) -> WearerProblem
 
 
 def fuse_finely(
-    scene: Scene, filmed: Filmed, coarse: Fused, shots: Sequence[Shot], time: Array, settings: Settings, solver: Solver
+    scene: Scene,
+    filmed: Filmed,
+    coarse: Fused,
+    associated: Sequence[AssociatedCamera],
+    time: Array,
+    settings: Settings,
+    solver: Solver,
 ) -> Fused:
     """At the full frame rate, with headings, mountings and mean poses kept.
 
     The coarse solution has settled how camera and wearers lie to each other: what is left is fast and small. A moving
     camera follows the wearers as they are, and then each wearer is refined in front of it, by itself.
     """
-    model, state, spreads = at_full_rate(scene, filmed, coarse, shots, time, settings)
+    model, state, spreads = at_full_rate(scene, filmed, coarse, associated, time, settings)
     model = replace(model, extra=solver.extra)
     states, camera = list(state.wearers), model.camera
     if camera.moving and camera.free_pose:
@@ -136,7 +149,7 @@ def fuse_finely(
 
 
 def at_full_rate(
-    scene: Scene, filmed: Filmed, coarse: Fused, shots: Sequence[Shot], time: Array, settings: Settings
+    scene: Scene, filmed: Filmed, coarse: Fused, associated: Sequence[AssociatedCamera], time: Array, settings: Settings
 ) -> tuple[SceneProblem, SceneState, tuple[tuple[float, ...], ...]]:
     """The problem at the full frame rate, with headings, mountings and mean poses kept, where to start, and spreads."""
     before = coarse.model.wearers[0].frames.time
@@ -145,10 +158,10 @@ def at_full_rate(
         streams = [recording.imus[name] for name in tracked.model.frames.sensors]
         states.append(at_frames(own, before, time))
         wearers.append(with_contacts(kept(tracked.model, resample_streams(streams, time)), states[-1], True))
-    camera = replace(camera_problem(shots[0].camera, time, settings), free_clock=False)
+    camera = replace(camera_problem(associated[0].camera, time, settings), free_clock=False)
     camera = replace(camera, prior_heading=coarse.state.camera.heading)
     state, spreads = SceneState(tuple(states), _camera_at(coarse, time)), coarse.measured_spreads()
-    model = _scene_model(tuple(wearers), camera, filmed.further, state, shots, spreads, path_known=True)
+    model = _scene_model(tuple(wearers), camera, filmed.further, state, associated, spreads, path_known=True)
     return model, state, spreads
 
 
@@ -174,20 +187,20 @@ def _camera_at(coarse: Fused, time: Array) -> CameraState:
 
 def _scene_model(
     wearers: tuple[WearerProblem, ...], camera: CameraProblem, further: Sequence[Viewpoint], state: SceneState,
-    shots: Sequence[Shot], spreads: Sequence[Sequence[float]], path_known: bool,
+    associated: Sequence[AssociatedCamera], spreads: Sequence[Sequence[float]], path_known: bool,
 ) -> SceneProblem:  # fmt: skip
     """The scene's problem: what each camera saw, put onto the frames."""
     cameras = [Viewpoint(camera, state.camera, ()), *further]
     first, *others = (
-        replace(one, views=_views(wearers, one, state, shot, spread, path_known))
-        for one, shot, spread in zip(cameras, shots, spreads, strict=True)
+        replace(one, views=_views(wearers, one, state, each, spread, path_known))
+        for one, each, spread in zip(cameras, associated, spreads, strict=True)
     )
     return SceneProblem(wearers, camera, first.views, tuple(others))
 
 
 def _views(
-    wearers: Sequence[WearerProblem], camera: Viewpoint, state: SceneState, shot: Shot, spreads: Sequence[float],
-    path_known: bool,
+    wearers: Sequence[WearerProblem], camera: Viewpoint, state: SceneState, each: AssociatedCamera,
+    spreads: Sequence[float], path_known: bool,
 ) -> tuple[KeypointView, ...]:  # fmt: skip
     state, lens, settings, views = (
         replace(state, camera=camera.state),
@@ -195,11 +208,11 @@ def _views(
         camera.problem.settings,
         [],
     )
-    keypoints = shot.detections.keypoints
+    keypoints = each.detections.keypoints
     for number, wearer in enumerate(wearers):
         body = wearer.skeleton
         view = keypoint_view(
-            shot.detections, shot.association.wearer == number, body, wearer.frames.time,
+            each.detections, each.association.wearer == number, body, wearer.frames.time,
             image_scale(body, state, number, lens), spreads[number], settings.reprojection,
             predicted_pixels(keypoints, body, state, number, lens) if path_known else None, lens.width,
         )  # fmt: skip

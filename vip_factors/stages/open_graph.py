@@ -6,13 +6,13 @@ from vip_factors.problem.state import SceneState
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
+from vip_factors.stages.associated_cameras import of_use, watch
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.filming import start_filming
 from vip_factors.stages.fusion import unfused
 from vip_factors.stages.inertial import inertial_trackers
 from vip_factors.stages.inertial_model import loosened, with_contacts
 from vip_factors.stages.scene_frames import scene_frames
-from vip_factors.stages.shots import of_use, watch
 from vip_factors.stages.solver import Progress, Solver
 
 
@@ -45,9 +45,9 @@ def factor_graph(
     if scene.camera is not None and settings.fusion.use_camera:
         names = [wearer.subject.name for wearer in scene.wearers]
         motions = [motion_of(one.model, one.state, name) for one, name in zip(wearers, names, strict=True)]
-        shots = of_use(watch(scene, wearers, motions, settings, solver.telling("association")))
-        if shots:
-            start = unfused(start_filming(shots, wearers, settings), None, shots, settings)
+        associated = of_use(watch(scene, wearers, motions, settings, solver.telling("association")))
+        if associated:
+            start = unfused(start_filming(associated, wearers, settings), None, associated, settings)
             return factor_graph_of(start.model, start.state)
     problems = [with_contacts(loosened(one.model, settings.calibration), one.state) for one in wearers]
     return factor_graph_of(SceneProblem.unfilmed(problems), SceneState.unfilmed([one.state for one in wearers]))

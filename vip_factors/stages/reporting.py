@@ -12,6 +12,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 from vip_factors.solve.marginals import chain_marginals, last_marginals
+from vip_factors.stages.associated_cameras import AssociatedCamera
 from vip_factors.stages.findings import find_oddities, of_camera
 from vip_factors.stages.fusion import Fused
 from vip_factors.stages.scene_decode import (
@@ -22,11 +23,10 @@ from vip_factors.stages.scene_decode import (
     scene_covariance,
     with_sigmas,
 )
-from vip_factors.stages.shots import Shot
 
 
 def scene_estimate(
-    scene: Scene, coarse: Fused, fine: Fused, shots: Sequence[Shot], reports: tuple[SolveReport, ...],
+    scene: Scene, coarse: Fused, fine: Fused, associated: Sequence[AssociatedCamera], reports: tuple[SolveReport, ...],
     settings: Settings,
 ) -> SceneEstimate:  # fmt: skip
     """The estimate: motions and camera of the full rate, how sure headings and mountings are of the coarse problem."""
@@ -38,22 +38,26 @@ def scene_estimate(
         with_sigmas(estimate, coarse.model, number, shared)
         for number, estimate in enumerate(decode_wearers(names, "VIP", fine.model, fine.state, covariance))
     )
-    first, given = scene.camera, shots[0].association.wearer
+    first, given = scene.camera, associated[0].association.wearer
     camera = decode_camera(first.name, fine.model, fine.state, covariance, first.time_offset)
     camera = camera_with_sigmas(camera, coarse.model, shared)
     undetermined = ["the data do not determine all headings, mountings and the camera: in part they are guesses"]
-    found = [*who_is_who(scene, shots), *undetermined[: shared is None], *find_oddities(scene, shots, fine, wearers)]
+    found = [
+        *who_is_who(scene, associated),
+        *undetermined[: shared is None],
+        *find_oddities(scene, associated, fine, wearers),
+    ]
     findings = tuple(dict.fromkeys(found))
-    if shots[0].camera is not first:  # nobody was found there, and it is nowhere
+    if associated[0].camera is not first:  # nobody was found there, and it is nowhere
         return SceneEstimate(
             scene.name, "VIP", wearers, None, np.full(len(first.detections), -1), reports, findings, flatten(settings)
         )
     return SceneEstimate(scene.name, "VIP", wearers, camera, given, reports, findings, flatten(settings))
 
 
-def who_is_who(scene: Scene, shots: Sequence[Shot]) -> tuple[str, ...]:
+def who_is_who(scene: Scene, associated: Sequence[AssociatedCamera]) -> tuple[str, ...]:
     """What was odd about who is seen, before each camera."""
-    return tuple(of_camera(shot.camera, scene) + one for shot in shots for one in shot.association.findings)
+    return tuple(of_camera(each.camera, scene) + one for each in associated for one in each.association.findings)
 
 
 def _covariance(coarse: Fused, fine: Fused) -> SceneCovariance:

@@ -17,7 +17,7 @@ from vip_factors.stages.inertial import Tracked
 
 
 @dataclass(frozen=True)
-class Shot:
+class AssociatedCamera:
     """One camera's part of a scene.
 
     Attributes:
@@ -41,9 +41,9 @@ class Shot:
 def watch(
     scene: Scene, wearers: Sequence[Tracked], motions: Sequence[Motion], settings: Settings,
     tell: Callable[[float], None],
-) -> tuple[Shot, ...]:  # fmt: skip
+) -> tuple[AssociatedCamera, ...]:  # fmt: skip
     """The first association, of each camera by itself: nobody's place in the world is known yet."""
-    shots = []
+    associated = []
     for number, camera in enumerate(scene.cameras):
         detections = camera.detections.shifted(camera.time_offset)
         association = associate(
@@ -51,35 +51,35 @@ def watch(
             gravity_camera=gravity_in_camera(camera, detections.time), progress=_part(tell, number, len(scene.cameras)),
         )  # fmt: skip
         seen = tuple(_sightings(association, number, detections, one) for number, one in enumerate(wearers))
-        shots.append(Shot(camera, detections, association, seen))
-    return tuple(shots)
+        associated.append(AssociatedCamera(camera, detections, association, seen))
+    return tuple(associated)
 
 
 def watch_again(
-    shots: Sequence[Shot], path: CameraPath, motions: Sequence[Motion], settings: Settings,
+    associated: Sequence[AssociatedCamera], path: CameraPath, motions: Sequence[Motion], settings: Settings,
     tell: Callable[[float], None],
-) -> tuple[Shot, ...]:  # fmt: skip
+) -> tuple[AssociatedCamera, ...]:  # fmt: skip
     """The association of motions in one world, in which the first camera took a path; the others' poses are known."""
     again = []
-    for number, shot in enumerate(shots):
+    for number, each in enumerate(associated):
         association = associate(
-            shot.detections, shot.camera.model, motions, settings.association,
-            shot.camera.known_path if number else path, gravity_in_camera(shot.camera, shot.detections.time),
-            _part(tell, number, len(shots)),
+            each.detections, each.camera.model, motions, settings.association,
+            each.camera.known_path if number else path, gravity_in_camera(each.camera, each.detections.time),
+            _part(tell, number, len(associated)),
         )  # fmt: skip
-        again.append(replace(shot, association=association))
+        again.append(replace(each, association=association))
     return tuple(again)
 
 
-def of_use(shots: Sequence[Shot]) -> tuple[Shot, ...]:
-    """The shots to estimate with; none if no wearer was found in any.
+def of_use(associated: Sequence[AssociatedCamera]) -> tuple[AssociatedCamera, ...]:
+    """The associated to estimate with; none if no wearer was found in any.
 
     Without a wearer before a camera of known pose nothing ties the first camera to the world of the known ones, and a
     first camera without a wearer, whose pose is not known, is nowhere.
     """
-    if not any(shot.shows_somebody and shot.camera.known_path is not None for shot in shots):
-        return tuple(shots[:1]) if shots[0].shows_somebody else ()
-    return tuple(shot for shot in shots if shot.camera.known_path is not None or shot.shows_somebody)
+    if not any(each.shows_somebody and each.camera.known_path is not None for each in associated):
+        return tuple(associated[:1]) if associated[0].shows_somebody else ()
+    return tuple(each for each in associated if each.camera.known_path is not None or each.shows_somebody)
 
 
 def gravity_in_camera(camera: Camera, time: Array) -> Array | None:

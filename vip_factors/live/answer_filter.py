@@ -9,7 +9,7 @@ from vip_factors.live.state import FrameState
 
 
 @dataclass
-class Settling:
+class AnswerFilter:
     """Told frames: each is the one told before, moved as the estimate moves between the two, and drawn towards it.
 
     A smoother believes something slightly else of the frame before once a frame is added. Told as it is, that reads as
@@ -22,7 +22,7 @@ class Settling:
     share: float
     _told: FrameState | None = None
 
-    def tell(self, before: FrameState | None, now: FrameState) -> FrameState:
+    def filtered(self, before: FrameState | None, now: FrameState) -> FrameState:
         """The next frame to tell.
 
         Args:

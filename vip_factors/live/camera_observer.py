@@ -11,8 +11,7 @@ from vip_factors.factors.adaptive_biweight import adaptive_biweight
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.association import NOBODY, CameraPose, OnlineAssociation, OnlineAssociationSettings
-from vip_factors.live.problem import Sight
-from vip_factors.problem.scene import CameraFactorSettings, GroundView, KeypointView
+from vip_factors.problem.scene import CameraFactorSettings, KeypointView
 from vip_factors.sensors.live import LiveCamera, VideoFrame
 from vip_factors.sensors.placement import stature_of
 from vip_factors.stages.ground import ground_view, seen_feet
@@ -22,7 +21,7 @@ NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer
 
 
 @dataclass(frozen=True)
-class Scenery:
+class FrameBelief:
     """What is believed of one frame: each wearer's body, the camera's pose, covariances of the roots.
 
     ``standing`` ``(G,)`` of each wearer is how surely each of the feet stands whose contact with the ground is used;
@@ -36,13 +35,13 @@ class Scenery:
 
 
 @dataclass
-class _Shown:
+class _Decided:
     number: int
     video: VideoFrame
     chosen: np.ndarray
 
 
-class Onlooker:
+class CameraObserver:
     """Follows the wearers through the video of one camera.
 
     Args:
@@ -62,42 +61,42 @@ class Onlooker:
         self._association = OnlineAssociation(camera.keypoints, camera.model, skeletons, association)
         self._used = [points_on_body(camera.keypoints, skeleton) for skeleton in skeletons]
         self._feet = [seen_feet(camera.keypoints, skeleton, self._ground.sole_height) for skeleton in skeletons]
-        self._shown: list[_Shown] = []
+        self._decided: list[_Decided] = []
         self.chosen = np.full(len(self._skeletons), NOBODY)  # in the newest video frame
 
     def remember(self, number: int, video: VideoFrame, chosen: np.ndarray) -> None:
         """A video frame that was decided at the start."""
         self._association.remember(video, chosen)
-        self._shown.append(_Shown(number, video, chosen))
+        self._decided.append(_Decided(number, video, chosen))
         self.chosen = chosen
 
-    def look(self, number: int, video: VideoFrame, scenery: Scenery) -> tuple[Sight, ...]:
+    def observe(self, number: int, video: VideoFrame, belief: FrameBelief) -> tuple[KeypointView, ...]:
         """Who is who in a video frame of the frame ``number``."""
-        chosen = self._association.choose(video, scenery.bodies, scenery.camera, scenery.root_covariance)
-        self._shown.append(_Shown(number, video, chosen))
-        self._shown.sort(key=lambda one: one.video.time)
-        self.chosen = self._shown[-1].chosen
-        return self._sights(video, chosen, scenery)
+        chosen = self._association.choose(video, belief.bodies, belief.camera, belief.root_covariance)
+        self._decided.append(_Decided(number, video, chosen))
+        self._decided.sort(key=lambda one: one.video.time)
+        self.chosen = self._decided[-1].chosen
+        return self._views(video, chosen, belief)
 
-    def look_again(self, first: int, scenery: Callable[[int], Scenery]) -> dict[int, tuple[Sight, ...]]:
+    def revise(self, first: int, belief: Callable[[int], FrameBelief]) -> dict[int, tuple[KeypointView, ...]]:
         """Frames from ``first`` on in which somebody else is the wearer than was thought, and what is seen in them."""
-        self._shown = [one for one in self._shown if one.number >= first]
-        if len(self._shown) < 2:
+        self._decided = [one for one in self._decided if one.number >= first]
+        if len(self._decided) < 2:
             return {}
-        sceneries = [scenery(one.number) for one in self._shown]
+        beliefs = [belief(one.number) for one in self._decided]
         window = [
             (one.video, there.bodies, there.camera, there.root_covariance)
-            for one, there in zip(self._shown, sceneries, strict=True)
+            for one, there in zip(self._decided, beliefs, strict=True)
         ]
         changed = {}
-        for one, there, chosen in zip(self._shown, sceneries, self._association.revise(window), strict=True):
+        for one, there, chosen in zip(self._decided, beliefs, self._association.revise(window), strict=True):
             if np.any(chosen != one.chosen):
                 one.chosen = chosen
-                changed[one.number] = self._sights(one.video, chosen, there)
-        self.chosen = self._shown[-1].chosen
+                changed[one.number] = self._views(one.video, chosen, there)
+        self.chosen = self._decided[-1].chosen
         return changed
 
-    def hear(self, wearer: int, residual: Array, share: float) -> None:
+    def learn_spread(self, wearer: int, residual: Array, share: float) -> None:
         """Learn how detections scatter from whitened residuals ``(n, 2)`` of smoothed frames; ``share`` in (0, 1]."""
         if not self._settings.adaptive or len(residual) == 0:
             return
@@ -107,18 +106,18 @@ class Onlooker:
             np.exp((1 - share) * np.log(self.spreads[wearer]) + share * np.log(max(measured, 1e-3)))
         )
 
-    def _sights(self, video: VideoFrame, chosen: np.ndarray, scenery: Scenery) -> tuple[Sight, ...]:
+    def _views(self, video: VideoFrame, chosen: np.ndarray, belief: FrameBelief) -> tuple[KeypointView, ...]:
         return tuple(
-            Sight.nothing(len(points)) if person == NOBODY else self._sight(video, int(person), number, scenery)
+            KeypointView.unseen(points) if person == NOBODY else self._view(video, int(person), number, belief)
             for number, (person, (_, points)) in enumerate(zip(chosen, self._used, strict=True))
         )
 
-    def _sight(self, video: VideoFrame, person: int, wearer: int, scenery: Scenery) -> Sight:
+    def _view(self, video: VideoFrame, person: int, wearer: int, belief: FrameBelief) -> KeypointView:
         used, points = self._used[wearer]
-        lens, settings, body = self.camera.model, self._settings, scenery.bodies[wearer]
+        lens, settings, body = self.camera.model, self._settings, belief.bodies[wearer]
         pixels, confidence = video.pixels[person, used], video.confidence[person, used]
         seen = (confidence >= settings.least_confidence) & np.all(np.isfinite(pixels), axis=1)
-        R, p = scenery.camera
+        R, p = belief.camera
         depth = R[:, 2] @ (body.p_world_joint[0, joint_index("spine2")] - p)
         height = lens.focal[1] * stature_of(self._skeletons[wearer]) / max(depth, NEAREST_M)
         oks, scale = self.camera.keypoints.sigmas[used], np.asarray(AREA_OF_HEIGHT * height)
@@ -128,16 +127,14 @@ class Onlooker:
             seen, confidence = seen & (weight > 0), confidence * weight
         sigma = pixel_sigma(oks * scale, confidence, seen, self.spreads[wearer], settings)
         confidence = np.where(seen, np.minimum(confidence, 1.0), 0.0)
-        sight = Sight(np.where(seen[:, None], pixels, 0.0), sigma, seen, confidence)
-        standing = scenery.standing[wearer]
-        return sight if standing is None else replace(sight, ground=self._ground_view(sight, wearer, standing, scenery))
-
-    def _ground_view(self, sight: Sight, wearer: int, standing: Array, scenery: Scenery) -> GroundView:
+        pixels = np.where(seen[:, None], pixels, 0.0)
         view = KeypointView(
-            self._used[wearer][1], sight.pixels[None], sight.sigma[None], sight.seen[None],
-            np.zeros_like(sight.pixels)[None], sight.confidence[None],
-        )  # fmt: skip
-        (feet, columns), (R, p) = self._feet[wearer], scenery.camera
+            points, pixels[None], sigma[None], seen[None], np.zeros_like(pixels)[None], confidence[None]
+        )
+        standing = belief.standing[wearer]
+        if standing is None:
+            return view
+        feet, columns = self._feet[wearer]
         pose = CameraPoses(R[None], p[None])
-        body = scenery.bodies[wearer]
-        return ground_view(view, feet, columns, standing[None], body, pose, self.camera.model, self._ground)
+        ground = ground_view(view, feet, columns, standing[None], body, pose, lens, self._ground)
+        return replace(view, ground=ground)

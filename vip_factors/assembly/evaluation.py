@@ -21,20 +21,20 @@ class WearerEvaluation:
     Attributes:
         number: of the wearer.
         problem, state: theirs.
-        body: at the state, in all frames.
     """
 
     number: int
     problem: WearerProblem
     state: WearerState
-    body: BodyState
+    _body: BodyState | None = None
     _vectors: dict[tuple[int, int], tuple[Array, Array]] = field(default_factory=dict, compare=False, repr=False)
 
-    @classmethod
-    def of(cls, number: int, problem: WearerProblem, state: WearerState) -> "WearerEvaluation":
-        """At a state."""
-        body = forward_kinematics(problem.skeleton, state.R_parent_child, state.p_world_pelvis)
-        return cls(number, problem, state, body)
+    @cached_property
+    def body(self) -> BodyState:
+        """At the state, in all frames."""
+        if self._body is not None:
+            return self._body
+        return forward_kinematics(self.problem.skeleton, self.state.R_parent_child, self.state.p_world_pelvis)
 
     @cached_property
     def owner(self) -> OwnerId:
@@ -44,7 +44,7 @@ class WearerEvaluation:
     @property
     def frames(self) -> int:
         """Number of frames."""
-        return len(self.body.p_world_joint)
+        return self.state.frames
 
     def apart(self) -> "WearerEvaluation":
         """The same for another thread."""

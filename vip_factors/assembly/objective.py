@@ -48,9 +48,10 @@ class SceneEvaluation:
 
     def __init__(self, problem: SceneProblem, state: SceneState, wearers_move: bool = True) -> None:
         self.wearers = [
-            WearerEvaluation.of(number, wearer, own)
+            WearerEvaluation(number, wearer, own)
             for number, (wearer, own) in enumerate(zip(problem.wearers, state.wearers, strict=True))
         ]
+        self.bodies = [wearer.body for wearer in self.wearers]  # once, and before threads ask for them
         self.camera = CameraEvaluation(problem.camera, state.camera, problem.frames, problem.step)
         self._viewpoints = problem.viewpoints(state.camera)
         self._wearers_move = wearers_move
@@ -81,7 +82,7 @@ class SceneEvaluation:
         """Sum the equations of an accumulator's stretch that see a wearer."""
         for equations in self.of_bodies(sums.stretch):
             sums.add(equations)
-        sums.finish([wearer.body for wearer in self.wearers])
+        sums.finish(self.bodies)
 
     def add_camera_to(self, sums: Accumulator) -> None:
         """Sum those that see the camera alone; they are small, and one stretch of all frames is the fastest."""

@@ -71,7 +71,7 @@ def factors_from(problem: SceneProblem, state: SceneState, layout: Layout, t: in
 
 
 def _wearer(problem: SceneProblem, state: SceneState, number: int) -> WearerEvaluation:
-    return WearerEvaluation.of(number, problem.wearers[number], state.wearers[number])
+    return WearerEvaluation(number, problem.wearers[number], state.wearers[number])
 
 
 def _view(problem: SceneProblem, state: SceneState, number: int, camera: int) -> ViewEvaluation:

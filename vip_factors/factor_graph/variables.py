@@ -12,8 +12,9 @@ from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.factor_graph import keys
 from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout, Owner, OwnerId
-from vip_factors.problem.state import SceneState
+from vip_factors.problem.state import SceneState, WearerState
 
 
 class Kind(StrEnum):
@@ -206,8 +207,7 @@ def state_of(values: gtsam.Values, state: SceneState, variables: Iterable[Variab
         variables: to be read.
         first: number of the stretch's first frame.
     """
-    wearers = [_Arrays.of(one.R_parent_child, one.p_world_pelvis, one.heading_knots, one.R_bone_sensor, one.pose_mean)
-               for one in state.wearers]  # fmt: skip
+    wearers = [_Written(one) for one in state.wearers]
     camera = state.camera
     R_camera, p_camera = camera.poses.R_world_camera.copy(), camera.poses.p_world_camera.copy()
     shared: dict[str, Any] = {"heading": camera.heading, "R_camera_imu": camera.R_camera_imu, "clock": camera.clock}
@@ -223,44 +223,39 @@ def state_of(values: gtsam.Values, state: SceneState, variables: Iterable[Variab
             case _:
                 wearers[one.wearer].read(values, one, first)
     poses = CameraPoses(R_camera, p_camera)
-    return SceneState(
-        tuple(
-            replace(
-                own, R_parent_child=new.R, p_world_pelvis=new.p, headings=new.headings[0],
-                later_headings=new.headings[1:], R_bone_sensor=new.mountings, pose_mean=new.pose_mean,
-            )
-            for own, new in zip(state.wearers, wearers, strict=True)
-        ),
-        replace(camera, poses=poses, **shared),
-    )  # fmt: skip
+    return SceneState(tuple(one.state for one in wearers), replace(camera, poses=poses, **shared))
 
 
-@dataclass
-class _Arrays:
-    """A wearer's values, to be written to."""
+class _Written:
+    """A wearer's values, of which some are written to: these are copied first."""
 
-    R: np.ndarray
-    p: np.ndarray
-    headings: np.ndarray
-    mountings: np.ndarray
-    pose_mean: np.ndarray
+    def __init__(self, state: WearerState) -> None:
+        self._state, self._arrays = state, dict[str, Array]()
 
-    @classmethod
-    def of(cls, *arrays: np.ndarray) -> "_Arrays":
-        return cls(*(np.array(one) for one in arrays))
+    @property
+    def state(self) -> WearerState:
+        knots = self._arrays.pop("heading_knots", None)
+        if knots is not None:
+            self._arrays |= {"headings": knots[0], "later_headings": knots[1:]}
+        return replace(self._state, **self._arrays) if self._arrays else self._state
 
     def read(self, values: gtsam.Values, one: Variable, first: int) -> None:
         match one.kind:
             case Kind.JOINT:
-                self.R[one.frame - first, one.item] = values.atRot3(one.key).matrix()
+                self._own("R_parent_child")[one.frame - first, one.item] = values.atRot3(one.key).matrix()
             case Kind.ROOT:
-                self.p[one.frame - first] = values.atPoint3(one.key)
+                self._own("p_world_pelvis")[one.frame - first] = values.atPoint3(one.key)
             case Kind.HEADING:
-                self.headings[one.knot, one.item] = values.atDouble(one.key)
+                self._own("heading_knots")[one.knot, one.item] = values.atDouble(one.key)
             case Kind.MOUNTING:
-                self.mountings[one.item] = values.atRot3(one.key).matrix()
+                self._own("R_bone_sensor")[one.item] = values.atRot3(one.key).matrix()
             case Kind.POSE_MEAN:
-                self.pose_mean = values.atVector(one.key)
+                self._arrays["pose_mean"] = values.atVector(one.key)
+
+    def _own(self, name: str) -> Array:
+        if name not in self._arrays:
+            self._arrays[name] = np.array(getattr(self._state, name))
+        return self._arrays[name]
 
 
 def owner_of(one: Variable) -> OwnerId:

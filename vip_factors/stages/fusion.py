@@ -48,7 +48,7 @@ class Fused:
         if not self.model.camera.settings.reprojection.adaptive:
             return self.spreads
         wearers = [
-            WearerEvaluation.of(number, wearer, own)
+            WearerEvaluation(number, wearer, own)
             for number, (wearer, own) in enumerate(zip(self.model.wearers, self.state.wearers, strict=True))
         ]
         viewpoints = self.model.viewpoints(self.state.camera)

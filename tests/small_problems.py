@@ -11,6 +11,7 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.body.skeleton import joint_index
+from vip_factors.body.variation import LENGTHS, BodyVariation
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.ground_contact import Foot, pixel_rays
 from vip_factors.geometry.rotations import exp
@@ -55,6 +56,7 @@ def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerPr
         contacts=(BodyPoint(ankle, np.array([0, -0.05, 0.1])),),
         contact_confidence=random.uniform(0, 1, (T, 1)),
         free_headings=free, free_mountings=free, free_pose_mean=free,
+        variation=BodyVariation.of(motion.skeleton), free_body=free,
     )  # fmt: skip
     state = WearerState(
         exp(0.7 * random.standard_normal((T, 24, 3))),
@@ -62,6 +64,7 @@ def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerPr
         random.standard_normal(S),
         model.prior_R_bone_sensor @ exp(0.2 * random.standard_normal((S, 3))),
         0.1 * random.standard_normal(69),
+        body=0.02 * np.random.default_rng(4).standard_normal(len(LENGTHS)) if free else np.zeros(len(LENGTHS)),
     )
     return model, state
 

@@ -17,6 +17,9 @@ class CalibrationSettings:
 
     estimate_headings: bool = True  # sensors drift apart by tens of degrees; off where they are known
     estimate_mountings: bool = True  # a calibration pose is held 10–15° off; off where they are known
+    # Lengths of the body as variables where a camera sees it: people of one stature differ by 3–6 % in each. Off where
+    # the table is to be kept.
+    estimate_body: bool = True
     # m/s², least sigma of acceleration while the calibration is free: bone lengths and strap positions are a few
     # centimetres off in the same way in every frame, and mountings would bend to make up for it.
     acceleration_sigma: float = 2.0

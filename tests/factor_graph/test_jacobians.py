@@ -118,7 +118,15 @@ def numerical_jacobian(factor: gtsam.NonlinearFactor, values: gtsam.Values, key:
 
 def _value(values: gtsam.Values, key: int) -> Any:
     letter = chr(gtsam.symbolChr(key))
-    reader = {"r": "atRot3", "b": "atRot3", "q": "atRot3", "t": "atPoint3", "m": "atVector", "c": "atPose3"}
+    reader = {
+        "r": "atRot3",
+        "b": "atRot3",
+        "q": "atRot3",
+        "t": "atPoint3",
+        "m": "atVector",
+        "s": "atVector",
+        "c": "atPose3",
+    }
     return getattr(values, reader.get(letter, "atDouble"))(key)
 
 

@@ -5,10 +5,12 @@ from functools import cached_property
 
 import numpy as np
 
+from vip_factors.assembly.equations import Part
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log
 from vip_factors.problem.layout import Owner, OwnerId
+from vip_factors.problem.points import BodyPoints
 from vip_factors.problem.scene import CameraProblem, KeypointView
 from vip_factors.problem.state import CameraState, WearerState
 from vip_factors.problem.wearer import WearerProblem
@@ -34,7 +36,8 @@ class WearerEvaluation:
         """At the state, in all frames."""
         if self._body is not None:
             return self._body
-        return forward_kinematics(self.problem.skeleton, self.state.R_parent_child, self.state.p_world_pelvis)
+        skeleton = self.problem.skeleton_at(self.state.body)
+        return forward_kinematics(skeleton, self.state.R_parent_child, self.state.p_world_pelvis)
 
     @cached_property
     def owner(self) -> OwnerId:
@@ -64,6 +67,30 @@ class WearerEvaluation:
         if not self._vectors[key][1].size:
             self._vectors[key] = vectors, inverse_right_jacobian(vectors)
         return self._vectors[key][1]
+
+    def points(self, points: BodyPoints) -> BodyPoints:
+        """Points on the problem's skeleton where they are on the state's."""
+        variation = self.problem.variation
+        if variation is None or not np.any(self.state.body):
+            return points
+        shift = variation.of_points(self.problem.skeleton, points.bones, points.p_bone_point) @ self.state.body
+        return BodyPoints(points.bones, points.p_bone_point + shift)
+
+    def body_parts(self, body: BodyState, points: BodyPoints, by_point: Array | None = None) -> tuple[Part, ...]:
+        """What factors on points ``(n,)`` see of the body's lengths, if these are variables.
+
+        Args:
+            body: in a stretch of frames.
+            points: on it, as they are before lengths change.
+            by_point: ``(t, n, m, 3)`` derivatives of the factors by the points, whitened; None: the points themselves.
+        """
+        variation = self.problem.variation
+        if variation is None or not self.problem.body_moves:
+            return ()
+        shift = variation.of_points(self.problem.skeleton, points.bones, points.p_bone_point)
+        bones, R = list(points.bones), body.R_world_bone
+        by_lengths = body.joints_by_offsets(variation.directions)[:, bones] + R[:, bones] @ shift
+        return (Part(self.owner, "body", by_lengths if by_point is None else by_point @ by_lengths),)
 
     def headings(self, frames: slice) -> Array:
         """Of all sensors ``(S,)``, or ``(t, S)`` at the instants of frames where headings walk."""

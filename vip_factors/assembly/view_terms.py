@@ -13,6 +13,8 @@ from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.ground_contact import Foot, ground_contact_jacobians, ground_contact_residual
 from vip_factors.factors.reprojection import reprojection_jacobians, reprojection_residual
 from vip_factors.geometry.rotations import Array
+from vip_factors.problem.points import BodyPoints
+from vip_factors.problem.scene import GroundView
 
 
 def reprojection(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
@@ -21,7 +23,7 @@ def reprojection(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
     if not view.points:
         return
     body, poses, points = at.wearer.body.at(first), at.state.at_frames(first), view.body_points
-    p, sigma, speed = points.on(body), view.sigma[first, :, None], view.pixels_per_second[first]
+    p, sigma, speed = at.wearer.points(points).on(body), view.sigma[first, :, None], view.pixels_per_second[first]
     residual, p_camera = reprojection_residual(p, poses, lens, view.pixels[first])
     seen = view.seen[first]
     whitened = np.where(seen[..., None], (residual + at.state.clock * speed) / sigma, 0.0)
@@ -32,6 +34,7 @@ def reprojection(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
         return by_twist, (
             Part(at.owner, "poses", by_camera / sigma[..., None]),
             Part(at.owner, "clock", (speed / sigma)[..., None]),
+            *at.wearer.body_parts(body, points, by_point / sigma[..., None]),
         )
 
     yield BoneEquations(
@@ -60,9 +63,16 @@ def ground_contact(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
         by_twist, by_camera = np.zeros((2, *stands.shape, 3, 6))
         for g, foot in enumerate(feet):
             by_twist[foot.frames, g], by_camera[foot.frames, g] = foot.derivatives()
-        return by_twist, (Part(at.owner, "poses", by_camera),)
+        ankles = BodyPoints(bones, np.stack([foot.p_bone_ankle for foot in ground.feet]))
+        of_body = at.wearer.body_parts(at.wearer.body.at(first), ankles, _whitening(ground, first))
+        return by_twist, (Part(at.owner, "poses", by_camera), *of_body)
 
     yield BoneEquations("ground contact", first.start, residual, stands, loss, at.wearer.owner, bones, derivatives)
+
+
+def _whitening(ground: GroundView, first: slice) -> Array:
+    """Derivative ``(t, G, 3, 3)`` by the ankles where they stand; the height of a standing one is its foot's alone."""
+    return np.where(ground.stands[first, :, None, None], ground.whitening[first], 0.0)
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,16 @@ def pose_mean(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
     yield DenseEquations("pose mean", 0, residual[None, None], 1.0, SQUARE, lambda: (part,))
 
 
+def body_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor on the body's lengths: whitened changes under a Gaussian; linear."""
+    variation = at.problem.variation
+    if variation is None or not (at.problem.body_moves and _begins(at, first)):
+        return
+    residual = variation.whitening @ (at.state.body - variation.mean)
+    part = Part(at.owner, "body", variation.whitening[None, None])
+    yield DenseEquations("body prior", 0, residual[None, None], 1.0, SQUARE, lambda: (part,))
+
+
 def gauge_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
     """One factor on the root of the first frame."""
     problem, sigma = at.problem, at.problem.settings.gauge_prior.position_sigma
@@ -92,5 +102,6 @@ PRIORS: tuple[Term[WearerEvaluation], ...] = (
     Term("heading walk", 0, heading_walk),
     Term("mounting prior", 0, mounting_prior),
     Term("pose mean", 0, pose_mean),
+    Term("body prior", 0, body_prior),
     Term("gauge prior", 0, gauge_prior),
 )

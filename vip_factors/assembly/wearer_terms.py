@@ -30,6 +30,7 @@ from vip_factors.factors.robust import SQUARE
 from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.factors.smoothness import smoothness_residual, turn_jacobians
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
+from vip_factors.problem.points import BodyPoints
 
 
 def orientation(at: WearerEvaluation, first: slice) -> Iterator[BoneEquations]:
@@ -57,17 +58,18 @@ def acceleration(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquat
     if not problem.use_acceleration:
         return
     p, centre, step = (
-        points.on(at.body.at(slice(first.start, first.stop + 2))),
+        at.points(points).on(at.body.at(slice(first.start, first.stop + 2))),
         slice(first.start + 1, first.stop + 1),
         problem.frames.step,
     )
     headings, force = at.headings(centre), problem.frames.specific_force_inertial[centre]
     residual = acceleration_residual(p[:-2], p[1:-1], p[2:], step, headings, force) / settings.sigma
     by_heading = acceleration_by_heading(headings, force) / settings.sigma
+    c = np.array([1.0, -2.0, 1.0]) / (step**2 * settings.sigma)
     yield DifferenceEquations(
         "acceleration", first.start, residual, problem.frames.acceleration_valid[centre], settings.loss, at.owner,
-        points.bones, _arms(at, p, first), np.array([1.0, -2.0, 1.0]) / (step**2 * settings.sigma),
-        (Part(at.owner, "headings", by_heading[..., None], each=True, ahead=1),),
+        points.bones, _arms(at, p, first), c,
+        (Part(at.owner, "headings", by_heading[..., None], each=True, ahead=1), *_of_body(at, points, first, c)),
     )  # fmt: skip
 
 
@@ -77,11 +79,14 @@ def foot_contact(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquat
     if not (problem.use_acceleration and problem.contacts):
         return
     step = problem.frames.step
-    p = points.on(at.body.at(slice(first.start, first.stop + 1)))
+    p, c = (
+        at.points(points).on(at.body.at(slice(first.start, first.stop + 1))),
+        np.array([-1.0, 1.0]) / (step * settings.sigma),
+    )
     yield DifferenceEquations(
         "foot contact", first.start, foot_contact_residual(p[:-1], p[1:], step) / settings.sigma,
         problem.contact_confidence[first], settings.loss, at.owner, points.bones, _arms(at, p, first),
-        np.array([-1.0, 1.0]) / (step * settings.sigma),
+        c, _of_body(at, points, first, c),
     )  # fmt: skip
 
 
@@ -91,10 +96,15 @@ def floor_contact(at: WearerEvaluation, first: slice) -> Iterator[BoneEquations]
     if not (problem.has_floor and problem.contacts):
         return
     body = at.body.at(first)
-    p = points.on(body)
+    p = at.points(points).on(body)
+
+    def derivatives() -> tuple[Array, tuple[Part, ...]]:
+        up = np.broadcast_to(np.array([[0.0, 0.0, 1.0]]) / settings.sigma, (*p.shape[:2], 1, 3))
+        return up @ body.point_twists(p), at.body_parts(body, points, up)
+
     yield BoneEquations(
         "floor contact", first.start, floor_contact_residual(p) / settings.sigma, problem.contact_confidence[first],
-        settings.loss, at.owner, points.bones, lambda: (body.point_twists(p)[:, :, 2:] / settings.sigma, ()),
+        settings.loss, at.owner, points.bones, derivatives,
     )  # fmt: skip
 
 
@@ -184,6 +194,16 @@ def initial_pose(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]
         "initial pose", held.start, error / sigma, 1.0, SQUARE, at.owner,
         lambda: (inverse_right_jacobian(error) / sigma,),
     )  # fmt: skip
+
+
+def _of_body(at: WearerEvaluation, points: BodyPoints, first: slice, coefficients: Array) -> tuple[Part, ...]:
+    """What the motion of points over successive frames says of the body's lengths."""
+    count, reach = first.stop - first.start, len(coefficients) - 1
+    parts = at.body_parts(at.body.at(slice(first.start, first.stop + reach)), points)
+    return tuple(
+        Part(one.owner, one.block, sum(c * one.jacobian[i : i + count] for i, c in enumerate(coefficients)))
+        for one in parts
+    )
 
 
 def _arms(at: WearerEvaluation, p_world: Array, first: slice) -> Array:

@@ -58,6 +58,11 @@ class BodyState:
         """World positions ``(T, n, 3)`` of points fixed to bones ``(n,)``, ``(n, 3)`` metres in their bones' axes."""
         return self.p_world_joint[:, bones] + (self.R_world_bone[:, bones] @ p_bone_point[..., None])[..., 0]
 
+    def joints_by_offsets(self, directions: Array) -> Array:
+        """How joints move, ``(T, 24, 3, B)``, as their offsets change along ``directions`` ``(24, 3, B)``."""
+        moved = self.R_world_bone[:, PARENTS] @ directions  # the root's own direction is zero
+        return (MOVES[:-1].T @ moved.reshape(len(moved), JOINT_COUNT, -1)).reshape(moved.shape)
+
     @cached_property
     def screws(self) -> Array:
         """How each joint moves the bones beyond it, as twists ``(T, 25, 6, 3)`` by its perturbation.

@@ -3,6 +3,7 @@
 import numpy as np
 
 from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.estimate import Estimate, SolveReport
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.imu_stream import ImuStream
@@ -13,7 +14,7 @@ def motion_text(motion: Motion) -> str:
     """Length, rate and body of a motion."""
     return (
         f"  {len(motion)} frames at {motion.rate:g} Hz, {motion.time[0]:.2f} to {motion.time[-1]:.2f} s\n"
-        f"  body: {motion.skeleton.source}"
+        f"  body: {motion.skeleton.source}\n  {lengths_text(motion.skeleton)}"
     )
 
 
@@ -80,6 +81,18 @@ def estimate_text(estimate: Estimate) -> str:
     for name, one in estimate.calibration.items():
         lines.append(f"  heading of {name}: {heading_text(one)}")
     return "\n".join(lines)
+
+
+def lengths_text(skeleton: Skeleton) -> str:
+    """The lengths of the left limbs and the widths between joint centres, in millimetres."""
+    ends = {"thigh": "left_knee", "shank": "left_ankle", "upper arm": "left_elbow", "forearm": "left_wrist"}
+    limbs = ", ".join(f"{name} {1e3 * skeleton.bone_length(end):.0f}" for name, end in ends.items())
+    rest = skeleton.p_pelvis_joint
+    hips, shoulders = (
+        1e3 * (rest[joint_index(f"left_{name}"), 0] - rest[joint_index(f"right_{name}"), 0])
+        for name in ("hip", "shoulder")
+    )
+    return f"{limbs} mm; hips {hips:.0f}, shoulders {shoulders:.0f} mm apart"
 
 
 def report_text(report: SolveReport) -> str:

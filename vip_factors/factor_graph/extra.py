@@ -8,7 +8,16 @@ import numpy as np
 
 from vip_factors.assembly.charts import Charts
 from vip_factors.errors import InputError
-from vip_factors.factor_graph.variables import BLOCKS, Kind, Variable, frames_of, owner_of, values_of, variable_of
+from vip_factors.factor_graph.variables import (
+    BLOCKS,
+    WHOLE,
+    Kind,
+    Variable,
+    frames_of,
+    owner_of,
+    values_of,
+    variable_of,
+)
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import STATIC, Layout
 from vip_factors.problem.scene import SceneProblem
@@ -176,9 +185,7 @@ def variable_columns(layout: Layout, one: Variable) -> tuple[int, int] | None:
             return None
         return part, layout.parts[part].names["root"].start if one.kind is Kind.ROOT else 3 * one.item
     place = layout.place(owner, BLOCKS[one.kind])
-    return (
-        None if place is None else (place.part, place.start + one.width * one.item * (one.kind is not Kind.POSE_MEAN))
-    )
+    return None if place is None else (place.part, place.start + one.width * one.item * (one.kind not in WHOLE))
 
 
 class StreamedTerms:

@@ -7,6 +7,7 @@
 | ``h`` | ``double`` | knot, sensor | heading γ, R_world_inertial = Rz(γ); a constant one has the first knot alone |
 | ``b`` | ``Rot3`` | sensor | mounting R_bone_sensor |
 | ``m`` | ``Vector`` of 69 | | the recording's mean joint vector |
+| ``s`` | ``Vector`` of 12 | | changes of the body's lengths, metres |
 | ``c`` | ``Pose3`` | frame | T_world_camera; a camera that stands still has that of frame 0 |
 | ``g``, ``q`` | ``double``, ``Rot3`` | | heading of the camera's sensor, and R_camera_imu |
 | ``o`` | ``double`` | | seconds by which the video's clock must still be put forward |
@@ -45,6 +46,11 @@ def mounting_key(sensor: int, wearer: int = 0) -> int:
 def pose_mean_key(wearer: int = 0) -> int:
     """Key of the ``Vector`` of 69: the recording's mean joint vector."""
     return int(gtsam.symbol("m", wearer * WEARER))
+
+
+def body_key(wearer: int = 0) -> int:
+    """Key of the ``Vector`` of the changes of the body's lengths."""
+    return int(gtsam.symbol("s", wearer * WEARER))
 
 
 def camera_key(frame: int) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 
 from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.body.variation import LENGTHS
 from vip_factors.factor_graph import keys
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
@@ -25,22 +26,39 @@ class Kind(StrEnum):
     HEADING = "heading"
     MOUNTING = "mounting"
     POSE_MEAN = "mean pose"
+    BODY = "body"
     CAMERA = "camera pose"
     CAMERA_HEADING = "camera heading"
     CAMERA_MOUNTING = "camera mounting"
     CLOCK = "clock offset"
 
 
-WIDTHS = {Kind.HEADING: 1, Kind.CAMERA_HEADING: 1, Kind.CLOCK: 1, Kind.CAMERA: 6, Kind.POSE_MEAN: POSE_SIZE}
+WIDTHS = {
+    Kind.HEADING: 1,
+    Kind.CAMERA_HEADING: 1,
+    Kind.CLOCK: 1,
+    Kind.CAMERA: 6,
+    Kind.POSE_MEAN: POSE_SIZE,
+    Kind.BODY: len(LENGTHS),
+}
 # The layout's blocks, by the name of each, that a kind is an item of.
 BLOCKS = {
     Kind.HEADING: "headings",
     Kind.MOUNTING: "R_bone_sensor",
     Kind.POSE_MEAN: "pose_mean",
+    Kind.BODY: "body",
     Kind.CAMERA: "poses",
     Kind.CAMERA_HEADING: "heading",
     Kind.CAMERA_MOUNTING: "R_camera_imu",
     Kind.CLOCK: "clock",
+}
+WHOLE = (Kind.POSE_MEAN, Kind.BODY)  # one variable each, of all columns of the block
+ALONE = {
+    "m": Kind.POSE_MEAN,
+    "s": Kind.BODY,
+    "g": Kind.CAMERA_HEADING,
+    "q": Kind.CAMERA_MOUNTING,
+    "o": Kind.CLOCK,
 }
 KINDS = {block: kind for kind, block in BLOCKS.items()}
 
@@ -77,6 +95,8 @@ class Variable:
                 return keys.mounting_key(self.item, self.wearer)
             case Kind.POSE_MEAN:
                 return keys.pose_mean_key(self.wearer)
+            case Kind.BODY:
+                return keys.body_key(self.wearer)
             case Kind.CAMERA:
                 return keys.camera_key(self.frame)
             case Kind.CAMERA_HEADING:
@@ -129,7 +149,7 @@ def variables_of(layout: Layout, frames: int, knots: dict[int, int] | None = Non
         if not block.free:
             continue
         kind, wearer = KINDS[block.name], owner.number if owner.kind is Owner.WEARER else 0
-        items = 1 if kind is Kind.POSE_MEAN else block.items
+        items = 1 if kind in WHOLE else block.items
         for item in range(items):
             yield Variable(kind, wearer, 0, item)
         if kind is Kind.HEADING:
@@ -156,7 +176,13 @@ def variable_of(key: int) -> Variable | None:
         case "c":
             found = Variable(Kind.CAMERA, frame=index)
         case _:
-            alone = {"m": Kind.POSE_MEAN, "g": Kind.CAMERA_HEADING, "q": Kind.CAMERA_MOUNTING, "o": Kind.CLOCK}
+            alone = {
+                "m": Kind.POSE_MEAN,
+                "s": Kind.BODY,
+                "g": Kind.CAMERA_HEADING,
+                "q": Kind.CAMERA_MOUNTING,
+                "o": Kind.CLOCK,
+            }
             found = Variable(alone[letter], wearer) if letter in alone else None
     return found
 
@@ -194,8 +220,8 @@ def _insert(values: gtsam.Values, one: Variable, state: SceneState, first: int) 
             values.insert(one.key, float(wearer.heading_knots[one.knot, one.item]))
         case Kind.MOUNTING:
             values.insert(one.key, gtsam.Rot3(wearer.R_bone_sensor[one.item]))
-        case Kind.POSE_MEAN:
-            values.insert(one.key, np.asarray(wearer.pose_mean))
+        case Kind.POSE_MEAN | Kind.BODY:
+            values.insert(one.key, np.asarray(getattr(wearer, BLOCKS[one.kind])))
 
 
 def state_of(values: gtsam.Values, state: SceneState, variables: Iterable[Variable], first: int = 0) -> SceneState:
@@ -249,8 +275,8 @@ class _Written:
                 self._own("heading_knots")[one.knot, one.item] = values.atDouble(one.key)
             case Kind.MOUNTING:
                 self._own("R_bone_sensor")[one.item] = values.atRot3(one.key).matrix()
-            case Kind.POSE_MEAN:
-                self._arrays["pose_mean"] = values.atVector(one.key)
+            case Kind.POSE_MEAN | Kind.BODY:
+                self._arrays[BLOCKS[one.kind]] = values.atVector(one.key)
 
     def _own(self, name: str) -> Array:
         if name not in self._arrays:
@@ -260,5 +286,5 @@ class _Written:
 
 def owner_of(one: Variable) -> OwnerId:
     """Whose variable it is."""
-    own = (Kind.JOINT, Kind.ROOT, Kind.HEADING, Kind.MOUNTING, Kind.POSE_MEAN)
+    own = (Kind.JOINT, Kind.ROOT, Kind.HEADING, Kind.MOUNTING, *WHOLE)
     return OwnerId(Owner.WEARER, one.wearer) if one.kind in own else OwnerId(Owner.CAMERA)

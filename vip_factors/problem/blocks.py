@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.body.pose_prior import POSE_SIZE
+from vip_factors.body.variation import LENGTHS
 from vip_factors.problem.layout import (
     FRAME,
     POSE,
@@ -23,6 +24,8 @@ from vip_factors.problem.wearer import WearerProblem
 STEP_ANGLE = 0.1  # rad
 STEP_LENGTH = 0.5  # m
 STEP_CLOCK = 0.05  # s
+STEP_BODY = 0.05  # m
+BODY_MOVED = 0.003  # m: from where on a length is linearised anew in a stream
 CAMERA = OwnerId(Owner.CAMERA)
 
 
@@ -51,6 +54,7 @@ def wearer_blocks(wearer: WearerProblem, wander: WanderSettings, relinearise: fl
     return (
         StaticBlock("headings", Manifold.VECTOR, S, wearer.free_headings, STEP_ANGLE, heading, limit),
         StaticBlock("R_bone_sensor", Manifold.ROTATION, S, wearer.free_mountings, STEP_ANGLE, mounting, limit),
+        StaticBlock("body", Manifold.VECTOR, len(LENGTHS), wearer.body_moves, STEP_BODY, 0.0, BODY_MOVED),
         StaticBlock("pose_mean", Manifold.VECTOR, POSE_SIZE, wearer.free_pose_mean, STEP_ANGLE, 0.0, limit),
     )
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.body.variation import LENGTHS
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array, exp, rotation_z
 from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
@@ -23,6 +24,7 @@ class WearerState:
         R_bone_sensor: ``(S, 3, 3)`` mountings.
         pose_mean: ``(69,)`` the recording's mean joint vector, radians.
         later_headings: ``(K − 1, S)`` radians, at the further knots; none where headings are constant.
+        body: ``(B,)`` metres, changes of the skeleton's lengths.
     """
 
     R_parent_child: Array
@@ -31,6 +33,7 @@ class WearerState:
     R_bone_sensor: Array
     pose_mean: Array
     later_headings: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    body: Array = field(default_factory=lambda: np.zeros(len(LENGTHS)))
 
     @property
     def heading_knots(self) -> Array:

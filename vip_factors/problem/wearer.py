@@ -8,6 +8,7 @@ import numpy as np
 from vip_factors.body.joint_limits import JointLimits
 from vip_factors.body.pose_prior import PosePrior
 from vip_factors.body.skeleton import Skeleton
+from vip_factors.body.variation import BodyVariation
 from vip_factors.factors.acceleration import AccelerationSettings
 from vip_factors.factors.agreeing_headings import AgreeingHeadingsSettings
 from vip_factors.factors.coasting import CoastingSettings
@@ -87,6 +88,8 @@ class WearerProblem:
             without one it stays as the walk's prior has it.
         is_beginning: False for a stretch of something longer, whose beginning holds the priors on what all frames
             share and on the first root position.
+        variation: how the skeleton may change, and how likely; None of a body that is known.
+        free_body: whether it does.
         heading_knots: ``(K,)`` seconds at which headings are variables, linear in between; one or none: constant.
     """
 
@@ -112,6 +115,8 @@ class WearerProblem:
     is_gauge: bool = True
     is_beginning: bool = True
     heading_knots: Array = field(default_factory=lambda: np.zeros(0))
+    variation: BodyVariation | None = None
+    free_body: bool = False
 
     @cached_property
     def sensor_points(self) -> BodyPoints:
@@ -122,6 +127,28 @@ class WearerProblem:
     def contact_points(self) -> BodyPoints:
         """The contacts, as arrays."""
         return BodyPoints.of(self.contacts)
+
+    @property
+    def body_moves(self) -> bool:
+        """Whether lengths are variables."""
+        return self.free_body and self.variation is not None
+
+    def skeleton_at(self, lengths: Array) -> Skeleton:
+        """The skeleton, changed by ``(B,)`` metres."""
+        if self.variation is None or not np.any(lengths):
+            return self.skeleton
+        return self.variation.varied(self.skeleton, lengths)
+
+    def with_body(self, lengths: Array) -> "WearerProblem":
+        """The problem of the body changed by ``(B,)`` metres: what is left to change starts from there."""
+        if self.variation is None or not np.any(lengths):
+            return self
+        points = self.sensor_points
+        shift = self.variation.of_points(self.skeleton, points.bones, points.p_bone_point) @ lengths
+        sensors = tuple(BodyPoint(bone, p) for bone, p in zip(points.bones, points.p_bone_point + shift, strict=True))
+        return replace(
+            self, skeleton=self.skeleton_at(lengths), variation=self.variation.about(lengths), sensors=sensors
+        )
 
     def window(self, frames: slice) -> "WearerProblem":
         """The problem of some consecutive frames; its priors are those of the first frame."""

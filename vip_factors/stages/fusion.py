@@ -91,7 +91,20 @@ def fuse(
     """Everything free, on the coarse frames; ``before`` is the round before this one."""
     start = unfused(filmed, before, associated, settings, solver.extra)
     solved = solver.solve(SceneObjective(start.model), start.state, "video-inertial fusion")
-    return replace(start, state=solved)
+    return with_found_bodies(replace(start, state=solved))
+
+
+def with_found_bodies(fused: Fused) -> Fused:
+    """The same with the bodies that were found in the place of those that were supposed."""
+    found = [one.body for one in fused.state.wearers]
+    wearers = tuple(one.with_body(lengths) for one, lengths in zip(fused.model.wearers, found, strict=True))
+    states = tuple(replace(one, body=np.zeros_like(one.body)) for one in fused.state.wearers)
+    return replace(fused, model=replace(fused.model, wearers=wearers), state=replace(fused.state, wearers=states))
+
+
+def _with_body_of(model: WearerProblem, other: WearerProblem) -> WearerProblem:
+    """A wearer's problem with the body of an earlier one."""
+    return replace(model, skeleton=other.skeleton, variation=other.variation, sensors=other.sensors)
 
 
 def unfused(
@@ -105,9 +118,12 @@ def unfused(
     start = before.state if before else filmed.state
     usual = (settings.camera.reprojection.spread,) * len(start.wearers)
     spreads = before.measured_spreads() if before else (usual,) * len(associated)
+    problems = [_with_plain_prior(one.model, settings) for one in filmed.wearers]
+    if before is not None:
+        problems = [_with_body_of(one, other) for one, other in zip(problems, before.model.wearers, strict=True)]
     wearers = tuple(
-        with_contacts(_with_plain_prior(one.model, settings), state, path_known=before is not None)
-        for one, state in zip(filmed.wearers, start.wearers, strict=True)
+        with_contacts(one, state, path_known=before is not None)
+        for one, state in zip(problems, start.wearers, strict=True)
     )
     known = before is not None
     model = _scene_model(wearers, filmed.camera, filmed.further, start, associated, spreads, path_known=known)
@@ -116,7 +132,8 @@ def unfused(
 
 def _with_plain_prior(model: WearerProblem, settings: Settings) -> WearerProblem:
     """The loosened model with the prior's own mean: the camera shows how the wearer stands, a mean need not."""
-    return replace(loosened(model, settings.calibration), free_pose_mean=False)
+    body = settings.calibration.estimate_body
+    return replace(loosened(model, settings.calibration), free_pose_mean=False, free_body=body)
 
 
 def fuse_finely(
@@ -154,10 +171,12 @@ def at_full_rate(
     """The problem at the full frame rate, with headings, mountings and mean poses kept, where to start, and spreads."""
     before = coarse.model.wearers[0].frames.time
     wearers, states = [], []
-    for recording, tracked, own in zip(scene.wearers, filmed.wearers, coarse.state.wearers, strict=True):
+    found = zip(coarse.model.wearers, coarse.state.wearers, strict=True)
+    for recording, tracked, (fused, own) in zip(scene.wearers, filmed.wearers, found, strict=True):
         streams = [recording.imus[name] for name in tracked.model.frames.sensors]
         states.append(at_frames(own, before, time))
-        wearers.append(with_contacts(kept(tracked.model, resample_streams(streams, time)), states[-1], True))
+        bodied = _with_body_of(tracked.model, fused)
+        wearers.append(with_contacts(kept(bodied, resample_streams(streams, time)), states[-1], True))
     camera = replace(camera_problem(associated[0].camera, time, settings), free_clock=False)
     camera = replace(camera, prior_heading=coarse.state.camera.heading)
     state, spreads = SceneState(tuple(states), _camera_at(coarse, time)), coarse.measured_spreads()

@@ -8,6 +8,7 @@ from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.body.variation import BodyVariation
 from vip_factors.errors import InputError
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.root_path import contact_confidence, contact_points, standing_path
@@ -15,7 +16,7 @@ from vip_factors.problem.points import BodyPoint
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import InitialPose, WearerProblem
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.settings import CalibrationSettings, Settings
 
 LEAST_KNOT = 1.0  # s: faster than that a heading does not drift, and the wearer moves
@@ -50,8 +51,15 @@ def inertial_model(
         free_mountings=settings.calibration.estimate_mountings,
         free_pose_mean=True,
         use_acceleration=settings.acceleration,
+        variation=_variation(recording.subject),
         gauge_sensor=gauge_sensor([site.bone_index for site in sites]),
     )
+
+
+def _variation(subject: Subject) -> BodyVariation | None:
+    """What the stature leaves open; nothing of a skeleton that was given or measured."""
+    known = subject.skeleton is not None or subject.segment_lengths_m
+    return None if known else BodyVariation.of(subject.body())
 
 
 def gauge_sensor(bones: list[int]) -> int:

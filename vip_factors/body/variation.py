@@ -11,9 +11,10 @@ import numpy as np
 from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton, joint_index
 from vip_factors.geometry.rotations import Array
 
-# Standard deviations in metres of what stature and sex leave open: of lengths the residuals of ANSUR II's 6,068 people
-# (thigh 20 mm, shank 15, upper arm 11, forearm 11, hand 7, biacromial breadth 16, trunk 26, neck and head 15, foot 9),
-# of centres that no tape reaches 10–20 mm, as far as optical skeletons lie from where tables put them.
+# Standard deviations in metres of what stature and sex leave open. Residuals of ANSUR II's 6,068 people for trunk,
+# neck and head, forearm, thigh and shank; they are 11 mm for the upper arm, 7 for the hand and 9 for the
+# foot, wider here because no tape reaches the centres these start from. Hips and shoulders are no landmarks of a tape:
+# 15–25 mm, as far as optical skeletons lie from where tables put them.
 SIGMAS: dict[str, float] = {
     "hip width": 0.020,
     "hip height": 0.015,

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vip_factors.body.calibration_pose import calibration_pose
+from vip_factors.body.hinges import HINGE_VARIABLES
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import forward_kinematics
@@ -56,7 +57,7 @@ def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerPr
         contacts=(BodyPoint(ankle, np.array([0, -0.05, 0.1])),),
         contact_confidence=random.uniform(0, 1, (T, 1)),
         free_headings=free, free_mountings=free, free_pose_mean=free,
-        variation=BodyVariation.of(motion.skeleton), free_body=free,
+        variation=BodyVariation.of(motion.skeleton), free_body=free, free_hinges=free,
     )  # fmt: skip
     state = WearerState(
         exp(0.7 * random.standard_normal((T, 24, 3))),
@@ -64,6 +65,7 @@ def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerPr
         random.standard_normal(S),
         model.prior_R_bone_sensor @ exp(0.2 * random.standard_normal((S, 3))),
         0.1 * random.standard_normal(69),
+        hinges=(0.1 * np.random.default_rng(5).standard_normal(HINGE_VARIABLES)) * free,
         body=0.02 * np.random.default_rng(4).standard_normal(len(LENGTHS)) if free else np.zeros(len(LENGTHS)),
     )
     return model, state

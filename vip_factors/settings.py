@@ -20,6 +20,8 @@ class CalibrationSettings:
     # Lengths of the body as variables where a camera sees it: people of one stature differ by 3–6 % in each. Off where
     # the table is to be kept.
     estimate_body: bool = True
+    # The axes of elbows and knees as variables: carrying angles are personal. Off: the usual axes.
+    estimate_hinges: bool = True
     # m/s², least sigma of acceleration while the calibration is free: bone lengths and strap positions are a few
     # centimetres off in the same way in every frame, and mountings would bend to make up for it.
     acceleration_sigma: float = 2.0

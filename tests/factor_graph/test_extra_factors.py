@@ -20,8 +20,8 @@ from vip_factors.factor_graph.keys import (
     heading_key,
     joint_key,
     mounting_key,
-    pose_mean_key,
     root_key,
+    wearer_key,
 )
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.blocks import scene_layout
@@ -63,7 +63,7 @@ def many_kinds(time: Array, first: int, begin: int = 0, moving: bool = False) ->
         graph.add(gtsam.PriorFactorDouble(heading_key(3, 1), 0.4, ONE))
         graph.add(gtsam.BetweenFactorRot3(mounting_key(1, 1), mounting_key(4), turned, THREE))
         graph.add(gtsam.PriorFactorDouble(clock_key(), 0.1, ONE))
-        graph.add(gtsam.PriorFactorVector(pose_mean_key(), np.zeros(69), gtsam.noiseModel.Isotropic.Sigma(69, 0.1)))
+        graph.add(gtsam.PriorFactorVector(wearer_key("m"), np.zeros(69), gtsam.noiseModel.Isotropic.Sigma(69, 0.1)))
         robust = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(1.3), SIX)
         graph.add(
             gtsam.PriorFactorPose3(

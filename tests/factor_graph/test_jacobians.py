@@ -125,6 +125,7 @@ def _value(values: gtsam.Values, key: int) -> Any:
         "t": "atPoint3",
         "m": "atVector",
         "s": "atVector",
+        "e": "atVector",
         "c": "atPose3",
     }
     return getattr(values, reader.get(letter, "atDouble"))(key)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.assembly.equations import Part
-from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, joint_index
 from vip_factors.geometry.poses import pose_right_jacobian
 from vip_factors.geometry.rotations import Array, right_jacobian
 from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
@@ -75,6 +75,6 @@ class Charts:
             return part.jacobian @ static
         if part.block == "poses" and self.poses is not None:
             return part.jacobian @ self.poses[frames, None]
-        if part.block == "pelvis":
-            return part.jacobian @ self.turns[part.owner.number][frames, None, 0]
+        if part.block in JOINT_NAMES:
+            return part.jacobian @ self.turns[part.owner.number][frames, None, joint_index(part.block)]
         return part.jacobian

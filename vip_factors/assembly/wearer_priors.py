@@ -7,6 +7,7 @@ import numpy as np
 from vip_factors.assembly.equations import AT_THE_FIRST_KNOT, DenseEquations, KnotEquations, Part
 from vip_factors.assembly.evaluation import WearerEvaluation
 from vip_factors.assembly.registry import Term
+from vip_factors.body.hinges import HINGE_SIGMAS
 from vip_factors.factors.agreeing_headings import agreeing_headings_jacobian, agreeing_headings_residual
 from vip_factors.factors.gauge_prior import gauge_prior_residual
 from vip_factors.factors.heading_prior import heading_prior_residual
@@ -86,6 +87,15 @@ def body_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
     yield DenseEquations("body prior", 0, residual[None, None], 1.0, SQUARE, lambda: (part,))
 
 
+def hinge_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor on the axes of elbows and knees: usual ones are the likeliest."""
+    if not (at.problem.free_hinges and _begins(at, first)):
+        return
+    part = Part(at.owner, "hinges", np.diag(1 / HINGE_SIGMAS)[None, None])
+    residual = (at.state.hinges / HINGE_SIGMAS)[None, None]
+    yield DenseEquations("hinge prior", 0, residual, 1.0, SQUARE, lambda: (part,))
+
+
 def gauge_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
     """One factor on the root of the first frame."""
     problem, sigma = at.problem, at.problem.settings.gauge_prior.position_sigma
@@ -103,5 +113,6 @@ PRIORS: tuple[Term[WearerEvaluation], ...] = (
     Term("mounting prior", 0, mounting_prior),
     Term("pose mean", 0, pose_mean),
     Term("body prior", 0, body_prior),
+    Term("hinge prior", 0, hinge_prior),
     Term("gauge prior", 0, gauge_prior),
 )

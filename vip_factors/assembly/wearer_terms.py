@@ -14,6 +14,7 @@ from vip_factors.assembly.equations import (
 from vip_factors.assembly.evaluation import WearerEvaluation
 from vip_factors.assembly.registry import Term
 from vip_factors.assembly.wearer_priors import PRIORS
+from vip_factors.body.hinges import HINGES
 from vip_factors.factors.acceleration import acceleration_by_heading, acceleration_residual
 from vip_factors.factors.coasting import (
     DIFFERENCE,
@@ -23,6 +24,7 @@ from vip_factors.factors.coasting import (
 )
 from vip_factors.factors.floor_contact import floor_contact_residual
 from vip_factors.factors.foot_contact import foot_contact_residual
+from vip_factors.factors.hinge import hinge_jacobians, hinge_residual
 from vip_factors.factors.joint_limit import joint_limit_residual
 from vip_factors.factors.orientation import orientation_jacobians, orientation_residual
 from vip_factors.factors.pose_prior import pose_prior_residual
@@ -183,6 +185,23 @@ def joint_limit(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:
     )  # fmt: skip
 
 
+def hinge(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor a frame on all elbows and knees."""
+    settings = at.problem.settings.hinge
+    if not settings.use:
+        return
+    R, whitening = at.state.R_parent_child[first], 1 / settings.sigmas
+
+    def parts() -> tuple[Part, ...]:
+        by_joints, by_variables = hinge_jacobians(R, at.state.hinges)
+        scaled = [(whitening[:, None] * J)[:, None] for J in (*by_joints, by_variables)]
+        names = [*(one.joint for one in HINGES), "hinges"]
+        return tuple(Part(at.owner, name, J) for name, J in zip(names, scaled, strict=True))
+
+    residual = (whitening * hinge_residual(R, at.state.hinges))[:, None]
+    yield DenseEquations("hinge", first.start, residual, 1.0, settings.loss, parts)
+
+
 def initial_pose(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:
     """One factor for each joint but the root, in the frames of the declared pose."""
     declared, sigma = at.problem.initial_pose, at.problem.initial_pose_sigma
@@ -215,6 +234,7 @@ WEARER_TERMS: tuple[Term[WearerEvaluation], ...] = (
     Term("orientation", 0, orientation),
     Term("pose prior", 0, pose_prior),
     Term("joint limit", 0, joint_limit),
+    Term("hinge", 0, hinge),
     Term("floor contact", 0, floor_contact),
     Term("initial pose", 0, initial_pose),
     Term("smoothness", 1, smoothness),

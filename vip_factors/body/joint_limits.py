@@ -40,10 +40,10 @@ RANGES_DEG: dict[str, tuple[Range, Range, Range]] = {
     # y: protraction negative; z: elevation positive 30, depression 10
     "left_collar": ((-25, 25), (-30, 25), (-15, 40)),
     # z: arm down negative 90, overhead positive 90 with the shoulder blade; y: forward across the chest negative 130
-    "left_shoulder": ((-100, 110), (-140, 60), (-120, 100)),
-    # y: flexion negative 150, hyperextension 10; x: part of the forearm's turning. The hinge leans towards z by
-    # as much as the source turns the upper arm about itself.
-    "left_elbow": ((-70, 70), (-155, 15), (-30, 100)),
+    "left_shoulder": ((-130, 90), (-140, 75), (-120, 100)),
+    # y: flexion negative 150, hyperextension 10; x: the forearm's turning by 80 either way, which with a bent elbow
+    # shows in z as well; that the elbow is a hinge is a factor of its own
+    "left_elbow": ((-85, 85), (-155, 15), (-85, 85)),
     # z: flexion negative 80, extension 70; y: towards the thumb negative 20, away 30; x: the forearm's turning
     "left_wrist": ((-90, 90), (-30, 40), (-85, 75)),
     # knuckles: flexion negative

@@ -23,6 +23,9 @@ class PriorTraining:
     minimum_sigma_deg: float = 5.0  # added in quadrature: rest poses differ by as much between sources
     minimum_toe_sigma_deg: float = 10.0  # few sources move the toes, which bend at every step
     minimum_collar_sigma_deg: float = 8.0  # nor the clavicles, which rise with a lifted arm by up to 30 degrees
+    # Forearms turn by ±80°, in the wrist of most sources; with a bent elbow that shows in the elbow's x and z. Which
+    # way the elbow bends is the hinge factor's to say.
+    minimum_pronation_sigma_deg: float = 30.0
     shrinkage: float = 0.1  # correlations shrink by this, so that no combination is forbidden for not having been seen
     largest_violation_deg: float = 15.0  # of a joint limit: a frame beyond is a conversion gone wrong, and is dropped
 
@@ -81,4 +84,6 @@ def _regularised(covariance: Array, settings: PriorTraining) -> Array:
     floor = np.full((len(JOINT_NAMES) - 1, 3), settings.minimum_sigma_deg)
     for ending, sigma in (("_foot", settings.minimum_toe_sigma_deg), ("_collar", settings.minimum_collar_sigma_deg)):
         floor[[joint - 1 for joint, name in enumerate(JOINT_NAMES) if name.endswith(ending)]] = sigma
+    for joint in (JOINT_NAMES.index("left_elbow") - 1, JOINT_NAMES.index("right_elbow") - 1):
+        floor[joint, [0, 2]] = settings.minimum_pronation_sigma_deg
     return shrunk + np.diag(np.radians(floor.ravel()) ** 2)

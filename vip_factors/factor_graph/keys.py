@@ -8,6 +8,7 @@
 | ``b`` | ``Rot3`` | sensor | mounting R_bone_sensor |
 | ``m`` | ``Vector`` of 69 | | the recording's mean joint vector |
 | ``s`` | ``Vector`` of 12 | | changes of the body's lengths, metres |
+| ``e`` | ``Vector`` of 14 | | axes of elbows and knees: tilts and offsets, radians |
 | ``c`` | ``Pose3`` | frame | T_world_camera; a camera that stands still has that of frame 0 |
 | ``g``, ``q`` | ``double``, ``Rot3`` | | heading of the camera's sensor, and R_camera_imu |
 | ``o`` | ``double`` | | seconds by which the video's clock must still be put forward |
@@ -43,14 +44,9 @@ def mounting_key(sensor: int, wearer: int = 0) -> int:
     return int(gtsam.symbol("b", wearer * WEARER + sensor))
 
 
-def pose_mean_key(wearer: int = 0) -> int:
-    """Key of the ``Vector`` of 69: the recording's mean joint vector."""
-    return int(gtsam.symbol("m", wearer * WEARER))
-
-
-def body_key(wearer: int = 0) -> int:
-    """Key of the ``Vector`` of the changes of the body's lengths."""
-    return int(gtsam.symbol("s", wearer * WEARER))
+def wearer_key(letter: str, wearer: int = 0) -> int:
+    """Key of a ``Vector`` that a wearer has one of: mean joint vector, lengths, axes of hinges."""
+    return int(gtsam.symbol(letter, wearer * WEARER))
 
 
 def camera_key(frame: int) -> int:

@@ -23,7 +23,7 @@ from vip_factors.assembly.registry import Term
 from vip_factors.assembly.view_terms import VIEW_TERMS
 from vip_factors.assembly.wearer_terms import WEARER_TERMS
 from vip_factors.body.kinematics import twists_at
-from vip_factors.body.skeleton import JOINT_COUNT, ancestors
+from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, ancestors, joint_index
 from vip_factors.factor_graph.adapter import custom_factor
 from vip_factors.factor_graph.variables import KINDS, Kind, Variable, frames_of, state_of
 from vip_factors.factors.robust import Loss, RobustLoss
@@ -211,8 +211,8 @@ class _Window:
     def _by_part(self, part: Part, jacobian: Array, n: int) -> Blocks:
         number = part.owner.number if part.owner.kind is Owner.WEARER else 0
         frame = self.begin + self.first.start + max(part.ahead, 0)
-        if part.block == "pelvis":
-            return [(Variable(Kind.JOINT, number, frame, 0), jacobian)]
+        if part.block in JOINT_NAMES:
+            return [(Variable(Kind.JOINT, number, frame, joint_index(part.block)), jacobian)]
         if part.block == "root":
             return [(Variable(Kind.ROOT, number, frame), jacobian)]
         kind = KINDS[part.block]

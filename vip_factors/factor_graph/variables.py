@@ -8,6 +8,7 @@ from typing import Any
 import gtsam
 import numpy as np
 
+from vip_factors.body.hinges import HINGE_VARIABLES
 from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.body.variation import LENGTHS
@@ -27,6 +28,7 @@ class Kind(StrEnum):
     MOUNTING = "mounting"
     POSE_MEAN = "mean pose"
     BODY = "body"
+    HINGES = "axes of elbows and knees"
     CAMERA = "camera pose"
     CAMERA_HEADING = "camera heading"
     CAMERA_MOUNTING = "camera mounting"
@@ -40,6 +42,7 @@ WIDTHS = {
     Kind.CAMERA: 6,
     Kind.POSE_MEAN: POSE_SIZE,
     Kind.BODY: len(LENGTHS),
+    Kind.HINGES: HINGE_VARIABLES,
 }
 # The layout's blocks, by the name of each, that a kind is an item of.
 BLOCKS = {
@@ -47,15 +50,15 @@ BLOCKS = {
     Kind.MOUNTING: "R_bone_sensor",
     Kind.POSE_MEAN: "pose_mean",
     Kind.BODY: "body",
+    Kind.HINGES: "hinges",
     Kind.CAMERA: "poses",
     Kind.CAMERA_HEADING: "heading",
     Kind.CAMERA_MOUNTING: "R_camera_imu",
     Kind.CLOCK: "clock",
 }
-WHOLE = (Kind.POSE_MEAN, Kind.BODY)  # one variable each, of all columns of the block
-ALONE = {
-    "m": Kind.POSE_MEAN,
-    "s": Kind.BODY,
+# One variable each, of all columns of the block, and its letter.
+WHOLE = {Kind.POSE_MEAN: "m", Kind.BODY: "s", Kind.HINGES: "e"}
+ALONE = {letter: kind for kind, letter in WHOLE.items()} | {
     "g": Kind.CAMERA_HEADING,
     "q": Kind.CAMERA_MOUNTING,
     "o": Kind.CLOCK,
@@ -93,10 +96,8 @@ class Variable:
                 return keys.heading_key(self.item, self.wearer, self.knot)
             case Kind.MOUNTING:
                 return keys.mounting_key(self.item, self.wearer)
-            case Kind.POSE_MEAN:
-                return keys.pose_mean_key(self.wearer)
-            case Kind.BODY:
-                return keys.body_key(self.wearer)
+            case Kind.POSE_MEAN | Kind.BODY | Kind.HINGES:
+                return keys.wearer_key(WHOLE[self.kind], self.wearer)
             case Kind.CAMERA:
                 return keys.camera_key(self.frame)
             case Kind.CAMERA_HEADING:
@@ -176,14 +177,7 @@ def variable_of(key: int) -> Variable | None:
         case "c":
             found = Variable(Kind.CAMERA, frame=index)
         case _:
-            alone = {
-                "m": Kind.POSE_MEAN,
-                "s": Kind.BODY,
-                "g": Kind.CAMERA_HEADING,
-                "q": Kind.CAMERA_MOUNTING,
-                "o": Kind.CLOCK,
-            }
-            found = Variable(alone[letter], wearer) if letter in alone else None
+            found = Variable(ALONE[letter], wearer) if letter in ALONE else None
     return found
 
 
@@ -220,7 +214,7 @@ def _insert(values: gtsam.Values, one: Variable, state: SceneState, first: int) 
             values.insert(one.key, float(wearer.heading_knots[one.knot, one.item]))
         case Kind.MOUNTING:
             values.insert(one.key, gtsam.Rot3(wearer.R_bone_sensor[one.item]))
-        case Kind.POSE_MEAN | Kind.BODY:
+        case Kind.POSE_MEAN | Kind.BODY | Kind.HINGES:
             values.insert(one.key, np.asarray(getattr(wearer, BLOCKS[one.kind])))
 
 
@@ -275,7 +269,7 @@ class _Written:
                 self._own("heading_knots")[one.knot, one.item] = values.atDouble(one.key)
             case Kind.MOUNTING:
                 self._own("R_bone_sensor")[one.item] = values.atRot3(one.key).matrix()
-            case Kind.POSE_MEAN | Kind.BODY:
+            case Kind.POSE_MEAN | Kind.BODY | Kind.HINGES:
                 self._arrays[BLOCKS[one.kind]] = values.atVector(one.key)
 
     def _own(self, name: str) -> Array:

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.body.hinges import HINGE_VARIABLES
 from vip_factors.body.pose_prior import POSE_SIZE
+from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.body.variation import LENGTHS
 from vip_factors.problem.layout import (
     FRAME,
@@ -55,6 +57,7 @@ def wearer_blocks(wearer: WearerProblem, wander: WanderSettings, relinearise: fl
         StaticBlock("headings", Manifold.VECTOR, S, wearer.free_headings, STEP_ANGLE, heading, limit),
         StaticBlock("R_bone_sensor", Manifold.ROTATION, S, wearer.free_mountings, STEP_ANGLE, mounting, limit),
         StaticBlock("body", Manifold.VECTOR, len(LENGTHS), wearer.body_moves, STEP_BODY, 0.0, BODY_MOVED),
+        StaticBlock("hinges", Manifold.VECTOR, HINGE_VARIABLES, wearer.free_hinges, STEP_ANGLE, 0.0, limit),
         StaticBlock("pose_mean", Manifold.VECTOR, POSE_SIZE, wearer.free_pose_mean, STEP_ANGLE, 0.0, limit),
     )
 
@@ -97,5 +100,6 @@ def scene_layout(
 
 def _wearer_part(owner: OwnerId) -> FramePart:
     step = np.repeat([STEP_ANGLE, STEP_LENGTH], [ROOT, 3])
-    names = {"pelvis": slice(0, 3), "joints": slice(3, ROOT), "root": slice(ROOT, FRAME)}
+    names = {name: slice(3 * joint, 3 * joint + 3) for joint, name in enumerate(JOINT_NAMES)}
+    names["root"] = slice(ROOT, FRAME)
     return FramePart(owner, FRAME, step, names)

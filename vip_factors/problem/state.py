@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from vip_factors.body.hinges import HINGE_VARIABLES
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.body.variation import LENGTHS
 from vip_factors.factors.camera_pose import CameraPoses
@@ -25,6 +26,7 @@ class WearerState:
         pose_mean: ``(69,)`` the recording's mean joint vector, radians.
         later_headings: ``(K − 1, S)`` radians, at the further knots; none where headings are constant.
         body: ``(B,)`` metres, changes of the skeleton's lengths.
+        hinges: ``(H,)`` radians, tilts of the axes of elbows and knees, and offsets.
     """
 
     R_parent_child: Array
@@ -34,6 +36,7 @@ class WearerState:
     pose_mean: Array
     later_headings: Array = field(default_factory=lambda: np.zeros((0, 0)))
     body: Array = field(default_factory=lambda: np.zeros(len(LENGTHS)))
+    hinges: Array = field(default_factory=lambda: np.zeros(HINGE_VARIABLES))
 
     @property
     def heading_knots(self) -> Array:

@@ -18,6 +18,7 @@ from vip_factors.factors.gauge_prior import GaugePriorSettings
 from vip_factors.factors.heading_knots import knot_weights
 from vip_factors.factors.heading_prior import HeadingPriorSettings
 from vip_factors.factors.heading_walk import HeadingWalkSettings
+from vip_factors.factors.hinge import HingeSettings
 from vip_factors.factors.joint_limit import JointLimitSettings
 from vip_factors.factors.orientation import OrientationSettings
 from vip_factors.factors.pose_prior import PosePriorSettings
@@ -40,6 +41,7 @@ class FactorSettings:
     agreeing_headings: AgreeingHeadingsSettings = field(default_factory=AgreeingHeadingsSettings)
     heading_walk: HeadingWalkSettings = field(default_factory=HeadingWalkSettings)
     initial_pose: InitialPoseSettings = field(default_factory=InitialPoseSettings)
+    hinge: HingeSettings = field(default_factory=HingeSettings)
     smoothness: SmoothnessSettings = field(default_factory=SmoothnessSettings)
     foot_contact: FootContactSettings = field(default_factory=FootContactSettings)
     floor_contact: FloorContactSettings = field(default_factory=FloorContactSettings)
@@ -90,6 +92,7 @@ class WearerProblem:
             share and on the first root position.
         variation: how the skeleton may change, and how likely; None of a body that is known.
         free_body: whether it does.
+        free_hinges: whether the axes of elbows and knees are variables.
         heading_knots: ``(K,)`` seconds at which headings are variables, linear in between; one or none: constant.
     """
 
@@ -117,6 +120,7 @@ class WearerProblem:
     heading_knots: Array = field(default_factory=lambda: np.zeros(0))
     variation: BodyVariation | None = None
     free_body: bool = False
+    free_hinges: bool = False
 
     @cached_property
     def sensor_points(self) -> BodyPoints:

@@ -50,6 +50,7 @@ def inertial_model(
         free_headings=settings.calibration.estimate_headings,
         free_mountings=settings.calibration.estimate_mountings,
         free_pose_mean=True,
+        free_hinges=settings.calibration.estimate_hinges,
         use_acceleration=settings.acceleration,
         variation=_variation(recording.subject),
         gauge_sensor=gauge_sensor([site.bone_index for site in sites]),
@@ -69,7 +70,12 @@ def gauge_sensor(bones: list[int]) -> int:
 
 def alone(model: WearerProblem) -> WearerProblem:
     """The model of the inertial tracker: every frame by itself, the calibration kept."""
-    return replace(model, use_acceleration=False, free_headings=False, free_mountings=False, free_pose_mean=False)
+    return replace(_calibrated(model), use_acceleration=False)
+
+
+def _calibrated(model: WearerProblem) -> WearerProblem:
+    """The model with what all frames share kept as it is."""
+    return replace(model, free_headings=False, free_mountings=False, free_pose_mean=False, free_hinges=False)
 
 
 def walking(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:
@@ -103,9 +109,7 @@ def loosened(model: WearerProblem, calibration: CalibrationSettings) -> WearerPr
 
 def kept(model: WearerProblem, frames: ImuFrames) -> WearerProblem:
     """The model over other frames, with headings, mountings and mean pose kept as they are."""
-    return replace(
-        model, frames=frames, free_headings=False, free_mountings=False, free_pose_mean=False, initial_pose=None
-    )
+    return replace(_calibrated(model), frames=frames, initial_pose=None)
 
 
 def placed_on_floor(model: WearerProblem, state: WearerState) -> WearerState:

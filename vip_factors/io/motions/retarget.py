@@ -5,7 +5,7 @@ direction of a bone onto the source's rest direction, ``R_world_bone = R_world_n
 source's own offsets, so the joints stay where they were. Where a source's rest pose stands for straight limbs
 without having them (``SkeletonMap.straight``) the joint angles are kept instead: one ``C`` for all bones of a limb,
 the limbs of our skeleton are straight, and elbows, knees and what follows come to lie some centimetres from the
-figure's.
+figure's. Where a direction leaves open how a bone is turned about itself, its hinge decides: ours bend elbows about y.
 """
 
 import numpy as np
@@ -167,6 +167,10 @@ def _rest_corrections(clip: SourceClip, table: SkeletonMap, A: Array) -> Array:
             C[joint] = spread @ _between(np.array([0.0, 0.0, 1.0]), np.array([foot[0], 0.0, foot[2]]))
         elif name.endswith(("_wrist", "_hand", "_foot")):
             C[joint] = C[PARENTS[joint]]
+    arms = [
+        joint for joint, name in enumerate(JOINT_NAMES) if name.endswith(("_shoulder", "_elbow", "_wrist", "_hand"))
+    ]
+    C[arms] = C[arms] @ rotation_x(np.radians(table.arms_turned_deg))
     return C
 
 

@@ -1,0 +1,75 @@
+"""Elbows and knees as hinges: about which axis they turn, and how much that axis differs between people."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.body.skeleton import joint_index
+from vip_factors.geometry.rotations import Array
+
+LEFT, DOWN, UP, FORWARD = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+
+# Degrees. The carrying angle of elbows is 8° more or less, half of it a tilt of the axis; knees differ as much between
+# bow-legged and knock-kneed people. Where a skeleton's zero of turning about the limb is, is as uncertain.
+AXIS_SIGMA_DEG = 5.0
+OFFSET_SIGMA_DEG = 5.0
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """One joint that turns about an axis fixed in the bone above it.
+
+    Attributes:
+        joint: its name.
+        axis: ``(3,)`` of it, usually, in the bone above.
+        normals: ``(3, 2)`` the directions that it may be tilted to.
+        square: ``(3, n)`` directions in the bone below that stay square to the axis: along the limb, and, where the
+            bone below cannot turn about itself, one across.
+        rows: of these among those of all hinges.
+    """
+
+    joint: str
+    axis: Array
+    normals: Array
+    square: Array
+    rows: slice
+
+    @property
+    def index(self) -> int:
+        """Of the joint."""
+        return joint_index(self.joint)
+
+    def direction(self, tilt: Array) -> Array:
+        """The axis ``(3,)``, a unit vector, tilted by ``(2,)`` radians."""
+        return _unit(self.axis + self.normals @ tilt)
+
+    def direction_by_tilt(self, tilt: Array) -> Array:
+        """Derivative ``(3, 2)`` of :meth:`direction`."""
+        long = self.axis + self.normals @ tilt
+        length = np.linalg.norm(long)
+        unit = long / length
+        return (np.eye(3) - np.outer(unit, unit)) @ self.normals / length
+
+
+def _unit(vector: Array) -> Array:
+    return vector / np.linalg.norm(vector)
+
+
+def _hinges() -> tuple[Hinge, ...]:
+    elbow = (UP, (LEFT, FORWARD), (LEFT,))  # the forearm turns about itself: pronation
+    knee = (LEFT, (UP, FORWARD), (DOWN, FORWARD))
+    found, row = list[Hinge](), 0
+    for name, (axis, normals, square) in (("elbow", elbow), ("knee", knee)):
+        for side in ("left", "right"):
+            rows = slice(row, row + len(square))
+            found.append(Hinge(f"{side}_{name}", np.array(axis), np.array(normals).T, np.array(square).T, rows))
+            row = rows.stop
+    return tuple(found)
+
+
+HINGES = _hinges()
+ROWS = HINGES[-1].rows.stop
+# Of the variables: two tilts of each hinge's axis, then an offset of each row.
+TILTS = 2 * len(HINGES)
+HINGE_VARIABLES = TILTS + ROWS
+HINGE_SIGMAS = np.radians(np.repeat([AXIS_SIGMA_DEG, OFFSET_SIGMA_DEG], [TILTS, ROWS]))

@@ -5,20 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.body.calibration_pose import calibration_pose
+from vip_factors.body.anthropometry import likely_body
+from vip_factors.body.calibration_pose import held_pose
 from vip_factors.body.hinges import HINGE_VARIABLES
 from vip_factors.body.joint_limits import load_joint_limits
-from vip_factors.body.keypoints import keypoint_set
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, keypoint_set
 from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.body.skeleton import joint_index
-from vip_factors.body.variation import LENGTHS, BodyVariation
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.ground_contact import Foot, pixel_rays
 from vip_factors.geometry.rotations import exp
 from vip_factors.problem.points import BodyPoint
 from vip_factors.problem.scene import CameraProblem, GroundView, KeypointView, SceneProblem, Viewpoint
-from vip_factors.problem.state import CameraState, SceneState, WearerState
+from vip_factors.problem.state import CameraState, DetectorState, SceneState, WearerState
 from vip_factors.problem.wearer import InitialPose, WearerProblem
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames, resample
@@ -53,11 +54,11 @@ def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerPr
         motion.skeleton, load_pose_prior(), load_joint_limits(), frames,
         tuple(BodyPoint(site.bone_index, site.p_bone_sensor) for site in sites),
         np.zeros(S), np.full(S, 0.3), np.stack([site.R_bone_sensor for site in sites]), np.full(S, 0.5),
-        initial_pose=InitialPose(calibration_pose("n-pose"), 2),
+        initial_pose=InitialPose(held_pose("n-pose"), 2),
         contacts=(BodyPoint(ankle, np.array([0, -0.05, 0.1])),),
         contact_confidence=random.uniform(0, 1, (T, 1)),
         free_headings=free, free_mountings=free, free_pose_mean=free,
-        variation=BodyVariation.of(motion.skeleton), free_body=free, free_hinges=free,
+        variation=likely_body(1.75).variation, free_body=free, free_hinges=free, free_places=free,
     )  # fmt: skip
     state = WearerState(
         exp(0.7 * random.standard_normal((T, 24, 3))),
@@ -65,6 +66,7 @@ def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerPr
         random.standard_normal(S),
         model.prior_R_bone_sensor @ exp(0.2 * random.standard_normal((S, 3))),
         0.1 * random.standard_normal(69),
+        sensor_places=0.02 * np.random.default_rng(6).standard_normal((S, 3)) * free,
         hinges=(0.1 * np.random.default_rng(5).standard_normal(HINGE_VARIABLES)) * free,
         body=0.02 * np.random.default_rng(4).standard_normal(len(LENGTHS)) if free else np.zeros(len(LENGTHS)),
     )
@@ -112,10 +114,12 @@ def small_scene(kind: str, silent: Sequence[int] = ()) -> tuple[SceneProblem, Sc
         rate = 100 * random.standard_normal(pixels.shape)
         ground = standing_feet(lens, points, pixels, seen, random)
         sigma = random.uniform(3, 10, seen.shape)
-        views.append(KeypointView(points, pixels, sigma, seen, rate, ground=ground))
+        names = keypoint_set("coco17").keypoints
+        views.append(KeypointView(points, pixels, sigma, seen, rate, ground=ground, names=names))
     further = tuple(known_camera(lens, views, random) for _ in range(2 if kind == "further cameras" else 0))
-    model = SceneProblem((first, second), camera, tuple(views), further)
-    return model, SceneState((state, other), CameraState(poses, 0.4, exp([0.2, 0.1, 0.0]), 0.01))
+    model = SceneProblem((first, second), camera, tuple(views), further, free_keypoints=True)
+    detector = DetectorState(0.02 * np.random.default_rng(8).standard_normal((len(OFFSET_KEYPOINTS), 3)))
+    return model, SceneState((state, other), CameraState(poses, 0.4, exp([0.2, 0.1, 0.0]), 0.01), detector)
 
 
 def standing_feet(

@@ -61,6 +61,57 @@ class PoseCovariance:
 
 
 @dataclass(frozen=True)
+class HingeEstimate:
+    """The axis that an elbow or a knee was found to turn about.
+
+    Attributes:
+        joint: its name.
+        axis: ``(3,)`` unit vector in the bone above.
+        sigma: ``(2,)`` standard deviations in radians, towards the two directions that the axis may be tilted to
+            (:data:`~vip_factors.body.hinges.HINGES`); NaN if not known.
+        carrying_angle: radians by which the lower limb, stretched, is off the upper one's line, outwards: the carrying
+            angle of an elbow; of a knee, knock-kneed above and bow-legged below zero.
+        carrying_sigma: its standard deviation, NaN if not known.
+    """
+
+    joint: str
+    axis: Array
+    sigma: Array
+    carrying_angle: float
+    carrying_sigma: float = float("nan")
+
+
+@dataclass(frozen=True)
+class BodyEstimate:
+    """The body that was found with the motion, and what was taken for likely beforehand.
+
+    Attributes:
+        names: of ``B`` lengths; none where the body was given and only hinges were looked for.
+        prior, found: ``(B,)`` metres: limbs, widths, and where joints lie on the bone above (both sides alike).
+        prior_covariance, covariance: ``(B, B)`` m²; that of what was found is NaN where the data do not determine
+            everything.
+        hinges: of elbows and knees, if they were looked for.
+    """
+
+    names: tuple[str, ...]
+    prior: Array
+    found: Array
+    prior_covariance: Array
+    covariance: Array
+    hinges: tuple[HingeEstimate, ...] = ()
+
+    @property
+    def prior_sigma(self) -> Array:
+        """``(B,)`` metres."""
+        return np.sqrt(np.diag(self.prior_covariance))
+
+    @property
+    def sigma(self) -> Array:
+        """``(B,)`` metres, NaN if not known."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True)
 class Estimate:
     """A reconstructed recording.
 
@@ -75,6 +126,7 @@ class Estimate:
         sensors: names of the sensors used.
         reports: one per solve, in order.
         settings: the effective settings, flattened to text.
+        body: what was found of the body; None if nothing of it was looked for.
     """
 
     name: str
@@ -86,6 +138,7 @@ class Estimate:
     sensors: tuple[str, ...] = ()
     reports: tuple[SolveReport, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
+    body: BodyEstimate | None = None
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,15 @@ class CalibrationSettings:
     estimate_headings: bool = True  # sensors drift apart by tens of degrees; off where they are known
     estimate_mountings: bool = True  # a calibration pose is held 10–15° off; off where they are known
     # Lengths of the body as variables where a camera sees it: people of one stature differ by 3–6 % in each. Off where
-    # the table is to be kept.
+    # the likeliest body is to be kept.
     estimate_body: bool = True
     # The axes of elbows and knees as variables: carrying angles are personal. Off: the usual axes.
     estimate_hinges: bool = True
+    # Where on their bones sensors sit as variables, where a camera sees the wearer: an arm that is assumed pulls the
+    # mounting. Without a camera nothing tells the two apart, and a real knee was 0.5° worse. Off: the placement's.
+    estimate_places: bool = True
+    # What the detector calls hip, shoulder, knee … as variables: 1–3 cm beside the joint, the same in every frame.
+    estimate_keypoints: bool = True
     # m/s², least sigma of acceleration while the calibration is free: bone lengths and strap positions are a few
     # centimetres off in the same way in every frame, and mountings would bend to make up for it.
     acceleration_sigma: float = 2.0

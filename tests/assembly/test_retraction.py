@@ -19,11 +19,21 @@ NEAR, FAR = 0.01, np.deg2rad(40.0)  # rad and m of one sigma
 def assert_same(one: SceneState, other: SceneState) -> None:
     for ours, theirs in zip(one.wearers, other.wearers, strict=True):
         frames = ("R_parent_child", "p_world_pelvis")
-        for name in (*frames, "headings", "R_bone_sensor", "pose_mean", "heading_knots", "body", "hinges"):
+        for name in (
+            *frames,
+            "headings",
+            "R_bone_sensor",
+            "pose_mean",
+            "heading_knots",
+            "body",
+            "sensor_places",
+            "hinges",
+        ):
             np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-12, err_msg=name)
     np.testing.assert_allclose(one.camera.poses.R_world_camera, other.camera.poses.R_world_camera, atol=1e-12)
     np.testing.assert_allclose(one.camera.poses.p_world_camera, other.camera.poses.p_world_camera, atol=1e-12)
     np.testing.assert_allclose(one.camera.R_camera_imu, other.camera.R_camera_imu, atol=1e-12)
+    np.testing.assert_allclose(one.detector.keypoint_offsets, other.detector.keypoint_offsets, atol=1e-12)
     assert one.camera.heading == pytest.approx(other.camera.heading)
     assert one.camera.clock == pytest.approx(other.camera.clock)
 
@@ -53,10 +63,12 @@ def test_a_solution_moves_the_state_as_gtsam_moves_its_values(kind: str, far: fl
     for group, (owner, _) in enumerate(objective.layout.owners):
         if owner.kind == "wearer":
             first = of((Kind.HEADING,), wearer=owner.number, knot=0)
-            rest = of((Kind.MOUNTING, Kind.BODY, Kind.HINGES, Kind.POSE_MEAN), wearer=owner.number)
+            rest = of((Kind.MOUNTING, Kind.BODY, Kind.SENSOR_PLACE, Kind.HINGES, Kind.POSE_MEAN), wearer=owner.number)
             for knot in range(1, len(problem.wearers[owner.number].heading_knots)):
                 delta.insert(knot_key(group, knot), of((Kind.HEADING,), wearer=owner.number, knot=knot))
             delta.insert(static_key(group), np.concatenate([first, rest]))
+        elif owner.kind == "detector":
+            delta.insert(static_key(group), of((Kind.KEYPOINT,)))
         else:
             standing = () if problem.camera.moving else (Kind.CAMERA,)
             delta.insert(static_key(group), of((*standing, Kind.CAMERA_HEADING, Kind.CAMERA_MOUNTING, Kind.CLOCK)))

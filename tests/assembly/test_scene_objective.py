@@ -14,7 +14,6 @@ from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.problem.blocks import CAMERA, scene_layout
 from vip_factors.problem.scene import KeypointView
-from vip_factors.problem.state import SceneState
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 from vip_factors.solve.marginals import chain_marginals, last_marginals
 
@@ -54,7 +53,7 @@ def test_turning_the_world_leaves_the_cost_alone(kind: str) -> None:
     turn, poses = rotation_z(1.1), state.camera.poses
     moved = CameraPoses(turn @ poses.R_world_camera, poses.p_world_camera @ turn.T)
     camera = replace(state.camera, poses=moved, heading=state.camera.heading + 1.1)
-    turned_state = SceneState(tuple(wearer.turned(1.1) for wearer in state.wearers), camera)
+    turned_state = replace(state, wearers=tuple(wearer.turned(1.1) for wearer in state.wearers), camera=camera)
     costs = dict(SceneObjective(model).cost(state))
     turned = replace(
         model,

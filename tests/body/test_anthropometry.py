@@ -1,27 +1,40 @@
-"""A skeleton from stature: the person keeps their height, measured lengths win, mistakes are named."""
+"""The likeliest body: the person keeps their height, what was measured moves the rest, mistakes are named."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.skeleton import JOINT_NAMES, joint_index
+from vip_factors.body.anthropometry import STATURE_RANGE_M, likely_body, skeleton_from_stature
+from vip_factors.body.lengths import LENGTHS
+from vip_factors.body.skeleton import JOINT_NAMES, Skeleton, joint_index
 from vip_factors.errors import InputError
 
-statures = st.floats(1.0, 2.2)
+statures = st.floats(1.1, 2.1)
 sexes = st.sampled_from([None, "male", "female"])
 
 
-@given(statures, sexes)
-def test_stature_is_respected(stature: float, sex: str | None) -> None:
-    assert np.isclose(skeleton_from_stature(stature, sex).stature, stature)
+def sigmas(**known: object) -> dict[str, float]:
+    """Standard deviations in metres of the lengths of a person of whom this is known."""
+    covariance = likely_body(**known).variation.covariance  # type: ignore[arg-type]
+    return dict(zip(LENGTHS, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+
+
+def trunk(skeleton: Skeleton) -> float:
+    """Rise from mid hip to neck."""
+    y = skeleton.p_pelvis_joint[:, 1]
+    return float(y[joint_index("neck")] - y[joint_index("left_hip")])
 
 
 @given(statures, sexes)
-def test_proportions_scale_with_stature(stature: float, sex: str | None) -> None:
-    one = skeleton_from_stature(1.0, sex).p_parent_joint
-    np.testing.assert_allclose(skeleton_from_stature(stature, sex).p_parent_joint, one * stature, atol=1e-12)
+def test_stature_is_respected_to_a_tape(stature: float, sex: str | None) -> None:
+    assert np.isclose(skeleton_from_stature(stature, sex).stature, stature, atol=0.01)
+
+
+@given(sexes)
+def test_proportions_scale_with_stature_beyond_the_people_measured(sex: str | None) -> None:
+    one, other = (skeleton_from_stature(stature, sex).p_parent_joint for stature in (1.2, 1.1))
+    np.testing.assert_allclose(one / 1.2, other / 1.1, atol=1e-3)
 
 
 @given(statures, sexes)
@@ -64,24 +77,79 @@ def test_soles_are_flat() -> None:
         ("hand", "hand"),
     ],
 )
-def test_a_measured_limb_wins_on_the_side_it_names(segment: str, joint: str) -> None:
-    plain = skeleton_from_stature(1.8)
-    both = skeleton_from_stature(1.8, None, {segment: 0.31})
-    left = skeleton_from_stature(1.8, None, {f"left_{segment}": 0.31})
-    for side in ("left", "right"):
-        assert np.isclose(both.bone_length(f"{side}_{joint}"), 0.31)
-    assert np.isclose(left.bone_length(f"left_{joint}"), 0.31)
-    assert np.isclose(left.bone_length(f"right_{joint}"), plain.bone_length(f"right_{joint}"))
-    assert segment in both.source
+def test_a_measured_limb_moves_both_sides_as_far_as_a_tape_is_sure(segment: str, joint: str) -> None:
+    usual = skeleton_from_stature(1.8).bone_length(f"left_{joint}")
+    measured = usual + 0.03
+    for name in (segment, f"left_{segment}"):
+        body = skeleton_from_stature(1.8, None, {name: measured})
+        for side in ("left", "right"):
+            assert usual + 0.012 < body.bone_length(f"{side}_{joint}") <= measured
+        assert name in body.source
 
 
-def test_measured_widths_and_trunk_win() -> None:
+def test_sides_keep_their_difference_and_their_mean_is_what_one_length_would_say() -> None:
+    one = skeleton_from_stature(1.8, None, {"thigh": 0.45})
+    two = skeleton_from_stature(1.8, None, {"left_thigh": 0.455, "right_thigh": 0.445})
+    left, right = (two.bone_length(f"{side}_knee") for side in ("left", "right"))
+    assert np.isclose(left - right, 0.01)
+    assert np.isclose((left + right) / 2, one.bone_length("left_knee"))
+    assert np.isclose(trunk(one), trunk(two))
+    mixed = skeleton_from_stature(1.8, None, {"thigh": 0.445, "left_thigh": 0.455})
+    np.testing.assert_allclose(mixed.p_parent_joint, two.p_parent_joint)
+
+
+@pytest.mark.parametrize("change", [0.04, -0.04])
+def test_measured_legs_move_the_trunk_and_the_stature_is_kept(change: float) -> None:
+    usual = skeleton_from_stature(1.75, "male")
+    legs = {"thigh": usual.bone_length("left_knee") + change, "shank": usual.bone_length("left_ankle") + change}
+    body = skeleton_from_stature(1.75, "male", legs)
+    assert np.isclose(body.stature, usual.stature, atol=0.008)
+    assert np.sign(trunk(usual) - trunk(body)) == np.sign(change)
+    assert abs(trunk(usual) - trunk(body)) > 0.7 * abs(change)
+
+
+def test_measured_widths_and_trunk_are_believed() -> None:
     body = skeleton_from_stature(1.8, None, {"hip_width": 0.2, "shoulder_width": 0.4, "trunk": 0.55})
     at = {name: body.p_pelvis_joint[joint_index(name)] for name in JOINT_NAMES}
-    assert np.isclose(at["left_hip"][0] - at["right_hip"][0], 0.2)
-    assert np.isclose(at["left_shoulder"][0] - at["right_shoulder"][0], 0.4)
-    hips = (at["left_hip"] + at["right_hip"]) / 2
-    assert np.isclose(np.linalg.norm(at["neck"] - hips), 0.55, rtol=2e-3)
+    assert np.isclose(at["left_hip"][0] - at["right_hip"][0], 0.2, atol=0.003)
+    assert np.isclose(at["left_shoulder"][0] - at["right_shoulder"][0], 0.4, atol=0.003)
+    assert np.isclose(trunk(body), 0.55, atol=0.003)
+
+
+def test_what_was_measured_is_surer_and_so_is_what_follows() -> None:
+    before, after = sigmas(stature_m=1.75), sigmas(stature_m=1.75, segment_lengths_m={"thigh": 0.42, "shank": 0.43})
+    assert after["thigh"] <= 0.007 < 0.02 < before["thigh"]
+    assert after["trunk"] < before["trunk"]
+    unknown = sigmas()
+    assert unknown["trunk"] > 1.2 * before["trunk"]
+
+
+def test_mass_tells_widths() -> None:
+    slim, heavy = (skeleton_from_stature(1.75, "male", None, mass).p_pelvis_joint for mass in (60, 110))
+    assert heavy[joint_index("left_hip"), 0] > slim[joint_index("left_hip"), 0] + 0.003
+
+
+def test_an_unknown_stature_is_an_adults_and_said_so() -> None:
+    body = likely_body()
+    assert 1.6 < body.skeleton.stature < 1.8
+    assert "stature unknown" in body.skeleton.source
+    assert "stature unknown" in body.note
+    assert likely_body(1.75).note == ""
+
+
+@pytest.mark.parametrize(("stature", "children"), [(1.1, True), (2.1, False)])
+def test_a_stature_that_no_adult_had_is_noted_and_held_for_less_certain(stature: float, children: bool) -> None:
+    body = likely_body(stature)
+    assert "standard deviations" in body.note
+    assert ("children" in body.note) is children
+    inside = 1.5 if children else 1.9
+    wide, usual = sigmas(stature_m=stature), sigmas(stature_m=inside)
+    assert all(wide[name] / stature > 1.1 * usual[name] / inside for name in LENGTHS)
+
+
+@pytest.mark.parametrize("stature", STATURE_RANGE_M)
+def test_the_smallest_and_tallest_have_a_body(stature: float) -> None:
+    assert np.isclose(skeleton_from_stature(stature).stature, stature, atol=0.01)
 
 
 def test_centimetres_are_caught() -> None:
@@ -104,3 +172,5 @@ def test_unknown_names_are_refused_with_the_known_ones() -> None:
         skeleton_from_stature(1.7, None, {"left_trunk": 0.4})
     with pytest.raises(InputError, match="sex 'm': expected 'male', 'female' or nothing"):
         skeleton_from_stature(1.7, "m")
+    with pytest.raises(InputError, match="mass 815 kg: expected between 8 and 400"):
+        skeleton_from_stature(1.7, mass_kg=815)

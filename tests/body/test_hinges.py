@@ -41,3 +41,17 @@ def test_a_personal_axis_is_turned_about_for_nothing(tilt: float, other: float, 
         variables[TILTS:][hinge.rows] = axis @ hinge.square
         residual = hinge_residual(turned(hinge.joint, exp(bend * axis)), variables)
         np.testing.assert_allclose(residual[:, hinge.rows], 0.0, atol=1e-12)
+
+
+@given(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2))
+def test_a_limb_that_leads_away_from_the_body_has_a_positive_carrying_angle(tilt: float, angle: float) -> None:
+    for number, hinge in enumerate(HINGES):
+        outwards = 1.0 if hinge.joint.startswith("left") else -1.0
+        # About the forward axis: the left forearm rises, the left foot goes to the left.
+        pose = turned(hinge.joint, exp([0.0, 0.0, outwards * angle]))
+        variables = np.zeros(HINGE_VARIABLES)
+        variables[2 * number] = tilt
+        axis = hinge.direction(variables[2 * number : 2 * number + 2])
+        variables[TILTS + hinge.rows.start] = axis @ pose[0, hinge.index] @ hinge.square[:, 0]
+        found = hinge.carrying_angle(variables[2 * number : 2 * number + 2], variables[TILTS + hinge.rows.start])
+        np.testing.assert_allclose(found, angle, atol=1e-9)

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance
 from vip_factors.evaluate.evaluation import evaluate, evaluate_motion
@@ -102,7 +102,8 @@ def test_table_and_json_hold_every_number(truth: Motion) -> None:
 
 
 def test_skeletons_may_differ(truth: Motion) -> None:
-    taller = replace(truth, skeleton=skeleton_from_stature(1.85))
+    longer = Skeleton(1.06 * truth.skeleton.p_parent_joint, truth.skeleton.landmarks)
+    taller = replace(truth, skeleton=longer)
     result = evaluate_motion(taller, truth)
     assert result["mpjpe"] > 10
     assert result["pa_mpjpe"] < 1.0

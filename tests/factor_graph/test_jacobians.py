@@ -123,6 +123,8 @@ def _value(values: gtsam.Values, key: int) -> Any:
         "b": "atRot3",
         "q": "atRot3",
         "t": "atPoint3",
+        "p": "atPoint3",
+        "k": "atPoint3",
         "m": "atVector",
         "s": "atVector",
         "e": "atVector",

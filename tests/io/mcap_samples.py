@@ -4,8 +4,10 @@ import numpy as np
 from hypothesis import strategies as st
 
 from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.length_prior import LengthPrior
+from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.motion import Motion
-from vip_factors.estimate import Estimate, Iteration, PoseCovariance, SolveReport
+from vip_factors.estimate import BodyEstimate, Estimate, HingeEstimate, Iteration, PoseCovariance, SolveReport
 from vip_factors.geometry.rotations import exp
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.imu_stream import ImuStream
@@ -65,12 +67,33 @@ def walk(N: int = 200, T: int = 40) -> Recording:
 def subjects(draw: st.DrawFn) -> Subject:
     return Subject(
         draw(names),
-        draw(st.floats(0.8, 2.6)),
-        draw(st.none() | st.floats(1, 300)),
+        draw(st.none() | st.floats(0.8, 2.6)),
+        draw(st.none() | st.floats(10, 300)),
         draw(st.none() | st.sampled_from(["male", "female"])),
         draw(st.dictionaries(st.sampled_from(["thigh", "left_forearm", "hip_width"]), st.floats(0.1, 0.6))),
         draw(st.none() | st.floats(1.5, 1.9).map(skeleton_from_stature)),
+        draw(st.none() | length_priors()),
     )
+
+
+@st.composite
+def length_priors(draw: st.DrawFn) -> LengthPrior:
+    known = draw(st.lists(st.sampled_from(LENGTHS) | names, max_size=5, unique=True))
+    return LengthPrior(tuple(known), covariance(np.random.default_rng(draw(seeds)), len(known)))
+
+
+def covariance(rng: np.random.Generator, size: int) -> np.ndarray:
+    """Of lengths, some millimetres each."""
+    root = 0.01 * rng.normal(size=(size, size + 1))
+    return root @ root.T
+
+
+def body(rng: np.random.Generator, known: list[str]) -> BodyEstimate:
+    B, axis = len(known), rng.normal(size=3)
+    hinge = HingeEstimate("left_elbow", axis / np.linalg.norm(axis), rng.uniform(0.01, 0.1, 2), rng.normal(), 0.1)
+    posterior = covariance(rng, B) if rng.random() < 0.7 else np.full((B, B), np.nan)
+    prior, found = rng.uniform(0.1, 0.5, (2, B))
+    return BodyEstimate(tuple(known), prior, found, covariance(rng, B), posterior, (hinge,) * int(rng.integers(3)))
 
 
 @st.composite
@@ -114,6 +137,7 @@ def estimates(draw: st.DrawFn) -> Estimate:
         tuple(sensors),
         draw(st.lists(reports, max_size=2).map(tuple)),
         draw(st.dictionaries(names, st.text(max_size=10), max_size=3)),
+        draw(st.sampled_from([None, body(rng, draw(st.lists(names, max_size=3, unique=True)))])),
     )
 
 

@@ -125,8 +125,11 @@ def test_truth_and_mountings_arrive_in_our_axes(tmp_path: Path, axes: str) -> No
     seen = [joint_index(bone) for bone in JOINTS.values()]
     np.testing.assert_allclose(truth.state.p_world_joint[:, seen], made.state.p_world_joint[:, seen], atol=1e-6)
     assert np.max(angle_between(truth.R_parent_child, made.R)) < 1e-6
-    np.testing.assert_allclose(truth.skeleton.p_parent_joint, BODY.p_parent_joint, atol=1e-6)
-    assert np.isclose(log.stature_m, 1.8, atol=1e-5)
+    ends = [joint_index(f"{side}_{name}") for side in ("left", "right") for name in ("hand", "foot")]  # from the legs
+    apart = np.abs(truth.skeleton.p_parent_joint - BODY.p_parent_joint)
+    assert np.max(np.delete(apart, ends, axis=0)) < 1e-6
+    assert np.max(apart[ends]) < 0.003
+    assert np.isclose(log.stature_m, 1.8, atol=0.01)
     assert log.placement is not None
     for sensor, bone in SENSORS.items():
         site = log.placement.site(sensor)

@@ -43,7 +43,7 @@ def test_sensors_lie_on_the_skin_of_their_bone_and_face_outward(name: str) -> No
 
 def test_sites_scale_with_the_wearer() -> None:
     small, tall = (place("left_thigh", skeleton_from_stature(h)).p_bone_sensor for h in (1.5, 2.0))
-    np.testing.assert_allclose(tall / 2.0, small / 1.5)
+    np.testing.assert_allclose(tall / 2.0, small / 1.5, atol=0.004)  # legs of the tall are a little longer
 
 
 def test_sensor_names_replace_site_names() -> None:
@@ -87,5 +87,5 @@ def test_impossible_sites_are_refused(position: np.ndarray, mounting: np.ndarray
 
 
 def test_stature_of_a_skeleton_without_landmarks_comes_from_its_legs() -> None:
-    assert np.isclose(stature_of(BODY), 1.75)
-    assert np.isclose(stature_of(Skeleton(BODY.p_parent_joint)), 1.75, rtol=1e-6)
+    assert stature_of(BODY) == BODY.stature
+    assert np.isclose(stature_of(Skeleton(BODY.p_parent_joint)), BODY.stature, atol=0.01)

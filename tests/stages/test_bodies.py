@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 from filmed_gestures import QUICK
 
-from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.anthropometry import likely_body, skeleton_from_stature
+from vip_factors.body.length_prior import LengthPrior
+from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.skeleton import Skeleton
-from vip_factors.body.variation import LENGTHS, BodyVariation
+from vip_factors.body.variation import lengths_of
+from vip_factors.estimate import Estimate
 from vip_factors.evaluate.scene import evaluate_scene
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.placement import preset
@@ -26,7 +29,7 @@ def filmed() -> tuple[Scene, Skeleton]:
     """A scene of which only the stature is told, and the true body."""
     usual = skeleton_from_stature(STATURE)
     lengths = np.array([CHANGES.get(name, 0.0) for name in LENGTHS])
-    body = BodyVariation.of(usual).varied(usual, lengths)
+    body = likely_body(STATURE).variation.varied(usual, lengths)
     motion = replace(gestures(4.0), skeleton=body)
     performer = Performer("anna", motion, preset("tnt10", body))
     scene = simulate_scene([performer], SceneSettings.realistic(camera="fixed"), seed=2)
@@ -46,11 +49,41 @@ def test_limbs_come_near_to_what_they_are() -> None:
     assert after < 0.75 * before
     held = smooth_scene(scene, replace(QUICK, calibration=replace(QUICK.calibration, estimate_body=False)))
     np.testing.assert_array_equal(held.wearers[0].motion.skeleton.p_parent_joint, usual.p_parent_joint)
+    assert held.wearers[0].body is not None
+    assert held.wearers[0].body.names == ()  # of the body only hinges were looked for
     assert evaluate_scene(estimate, scene)["mpjpe"] < evaluate_scene(held, scene)["mpjpe"]
+    what_was_found_is_told_with_its_sigmas(estimate.wearers[0], usual)
+    what_was_found_is_where_the_next_recording_starts(scene, estimate.wearers[0])
+
+
+def what_was_found_is_told_with_its_sigmas(estimate: Estimate, usual: Skeleton) -> None:
+    told = estimate.body
+    assert told is not None
+    assert told.names == LENGTHS
+    np.testing.assert_allclose(told.found, lengths_of(estimate.motion.skeleton))
+    np.testing.assert_allclose(told.prior, lengths_of(usual) + likely_body(usual.stature).variation.mean, atol=1e-9)
+    seen = [LENGTHS.index(name) for name in CHANGES]
+    assert np.all(told.sigma[seen] < 0.9 * told.prior_sigma[seen])
+    assert np.all(told.sigma < 1.001 * told.prior_sigma)
+    assert [one.joint for one in told.hinges] == ["left_elbow", "right_elbow", "left_knee", "right_knee"]
+    assert all(np.all((one.sigma > 0) & (one.sigma < 0.1)) for one in told.hinges)
+
+
+def what_was_found_is_where_the_next_recording_starts(scene: Scene, estimate: Estimate) -> None:
+    assert estimate.body is not None
+    skeleton, prior = estimate.motion.skeleton, LengthPrior(LENGTHS, estimate.body.covariance)
+    subject = Subject("anna", STATURE, skeleton=skeleton, length_prior=prior)
+    again = smooth_scene(replace(scene, wearers=(replace(scene.wearers[0], subject=subject),)), QUICK).wearers[0]
+    assert again.body is not None
+    np.testing.assert_allclose(again.body.prior, estimate.body.found, atol=1e-9)
+    np.testing.assert_allclose(again.body.prior_sigma, np.maximum(estimate.body.sigma, 0.003), rtol=0.1)
+    assert np.all(np.abs(again.body.found - again.body.prior) < 3 * again.body.prior_sigma)
 
 
 def test_a_body_that_is_given_stays_as_it_is() -> None:
     scene, body = filmed()
     wearers = tuple(replace(one, subject=Subject("anna", STATURE, skeleton=body)) for one in scene.wearers)
-    found = smooth_scene(replace(scene, wearers=wearers), QUICK).wearers[0].motion.skeleton
-    np.testing.assert_array_equal(found.p_parent_joint, body.p_parent_joint)
+    estimate = smooth_scene(replace(scene, wearers=wearers), QUICK).wearers[0]
+    np.testing.assert_array_equal(estimate.motion.skeleton.p_parent_joint, body.p_parent_joint)
+    assert estimate.body is not None
+    assert estimate.body.names == ()

@@ -26,7 +26,8 @@ def test_the_crown_is_as_high_as_the_person() -> None:
     head = next(s for s in mannequin(skeleton) if s.part == "head" and s.p_bone_start.any())
     top = skeleton.p_pelvis_joint[head.bone, 1] + head.p_bone_end[1] + head.radius_end
     heel = skeleton.landmarks["left_heel"]
-    assert top - skeleton.p_pelvis_joint[heel.bone, 1] - heel.p_bone_point[1] == pytest.approx(1.8, abs=1e-9)
+    sole = skeleton.p_pelvis_joint[heel.bone, 1] + heel.p_bone_point[1]
+    assert top - sole == pytest.approx(skeleton.stature, abs=1e-9)
 
 
 def test_a_skeleton_without_landmarks_is_drawn_without_their_segments() -> None:

@@ -14,6 +14,7 @@ from vip_factors.factors.heading_prior import heading_prior_residual
 from vip_factors.factors.robust import SQUARE
 from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import inverse_right_jacobian
+from vip_factors.problem.layout import Owner, OwnerId
 
 
 def camera_orientation(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
@@ -94,6 +95,16 @@ def camera_heading_prior(at: CameraEvaluation, first: slice) -> Iterator[DenseEq
     yield DenseEquations("camera heading prior", 0, residual.reshape(1, 1, 1), 1.0, SQUARE, lambda: (part,))
 
 
+def keypoint_offset_prior(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor on all offsets of the detector's keypoints; linear."""
+    if not at.free_offsets or at.offsets is None or not _begins(at, first):
+        return
+    sigmas = at.problem.settings.keypoint_offset.sigmas.ravel()
+    part = Part(OwnerId(Owner.DETECTOR), "keypoint_offsets", np.diag(1 / sigmas)[None, None])
+    residual = (at.offsets.ravel() / sigmas)[None, None]
+    yield DenseEquations("keypoint offset prior", 0, residual, 1.0, SQUARE, lambda: (part,))
+
+
 def camera_mounting_prior(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
     """One factor on how that sensor sits."""
     problem, sigma = at.problem, at.problem.mounting_sigma
@@ -126,4 +137,5 @@ CAMERA_TERMS: tuple[Term[CameraEvaluation], ...] = (
     Term("camera heading prior", 0, camera_heading_prior),
     Term("camera mounting prior", 0, camera_mounting_prior),
     Term("clock prior", 0, clock_prior),
+    Term("keypoint offset prior", 0, keypoint_offset_prior),
 )

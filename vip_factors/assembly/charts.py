@@ -47,7 +47,7 @@ class Charts:
         blocks = {
             (owner, block.name): block.chart(static[columns])
             for owner, block, columns in layout.placed()
-            if block.free and block.item_width > 1
+            if block.free and not block.manifold.is_flat
         }
         return cls(turns, poses, blocks)
 

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from vip_factors.assembly.equations import Part
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log
@@ -76,6 +77,12 @@ class WearerEvaluation:
         shift = variation.of_points(self.problem.skeleton, points.bones, points.p_bone_point) @ self.state.body
         return BodyPoints(points.bones, points.p_bone_point + shift)
 
+    @cached_property
+    def sensor_points(self) -> BodyPoints:
+        """Where the sensors sit at the state."""
+        points = self.points(self.problem.sensor_points)
+        return BodyPoints(points.bones, points.p_bone_point + self.state.sensor_places)
+
     def body_parts(self, body: BodyState, points: BodyPoints, by_point: Array | None = None) -> tuple[Part, ...]:
         """What factors on points ``(n,)`` see of the body's lengths, if these are variables.
 
@@ -100,12 +107,14 @@ class WearerEvaluation:
 
 @dataclass(frozen=True)
 class CameraEvaluation:
-    """The camera alone: its problem, its state, and the frames it is asked about."""
+    """The camera alone: its problem, its state, the frames it is asked about, and the offsets of its detector."""
 
     problem: CameraProblem
     state: CameraState
     frames: int
     step: float
+    offsets: Array | None = None
+    free_offsets: bool = False
 
     owner = OwnerId(Owner.CAMERA)
 
@@ -123,6 +132,8 @@ class ViewEvaluation:
         owner: of the camera's variables.
         camera, state: of the camera.
         view: what it saw.
+        offsets: ``(K, 3)`` the detector's, of its keypoints.
+        free_offsets: whether these move.
     """
 
     wearer: WearerEvaluation
@@ -130,6 +141,28 @@ class ViewEvaluation:
     camera: CameraProblem
     state: CameraState
     view: KeypointView
+    offsets: Array | None = None
+    free_offsets: bool = False
+
+    def points_on(self, points: BodyPoints) -> BodyPoints:
+        """The keypoints where the detector puts them on the wearer's body."""
+        found = self.wearer.points(points)
+        if self.offsets is None or not np.any(self.offsets):
+            return found
+        index, signs = self.view.offsets
+        shift = np.where(index[:, None] < 0, 0.0, signs * self.offsets[index])
+        return BodyPoints(found.bones, found.p_bone_point + shift)
+
+    def offset_parts(self, body: BodyState, by_point: Array) -> tuple[Part, ...]:
+        """What keypoints see of the offsets; ``by_point`` ``(t, n, m, 3)`` are their derivatives, whitened."""
+        if not self.free_offsets:
+            return ()
+        index, signs = self.view.offsets
+        spread = np.zeros((len(index), 3, 3 * len(OFFSET_KEYPOINTS)))
+        for n in np.flatnonzero(index >= 0):
+            spread[n, :, 3 * index[n] : 3 * index[n] + 3] = np.diag(signs[n])
+        R = body.R_world_bone[:, list(self.view.body_points.bones)]
+        return (Part(OwnerId(Owner.DETECTOR), "keypoint_offsets", (by_point @ R) @ spread),)
 
     @property
     def frames(self) -> int:

@@ -52,7 +52,8 @@ class SceneEvaluation:
             for number, (wearer, own) in enumerate(zip(problem.wearers, state.wearers, strict=True))
         ]
         self.bodies = [wearer.body for wearer in self.wearers]  # once, and before threads ask for them
-        self.camera = CameraEvaluation(problem.camera, state.camera, problem.frames, problem.step)
+        self._offsets = state.detector.keypoint_offsets, problem.free_keypoints
+        self.camera = CameraEvaluation(problem.camera, state.camera, problem.frames, problem.step, *self._offsets)
         self._viewpoints = problem.viewpoints(state.camera)
         self._wearers_move = wearers_move
 
@@ -69,7 +70,8 @@ class SceneEvaluation:
                 for term in WEARER_TERMS:
                     yield from term.within(at, frames)
             for camera, one in enumerate(self._viewpoints):
-                view = ViewEvaluation(at, OwnerId(Owner.CAMERA, camera), one.problem, one.state, one.views[number])
+                owner = OwnerId(Owner.CAMERA, camera)
+                view = ViewEvaluation(at, owner, one.problem, one.state, one.views[number], *self._offsets)
                 for seen in VIEW_TERMS:
                     yield from seen.within(view, frames)
 

@@ -23,7 +23,7 @@ def reprojection(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
     if not view.points:
         return
     body, poses, points = at.wearer.body.at(first), at.state.at_frames(first), view.body_points
-    p, sigma, speed = at.wearer.points(points).on(body), view.sigma[first, :, None], view.pixels_per_second[first]
+    p, sigma, speed = at.points_on(points).on(body), view.sigma[first, :, None], view.pixels_per_second[first]
     residual, p_camera = reprojection_residual(p, poses, lens, view.pixels[first])
     seen = view.seen[first]
     whitened = np.where(seen[..., None], (residual + at.state.clock * speed) / sigma, 0.0)
@@ -35,6 +35,7 @@ def reprojection(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
             Part(at.owner, "poses", by_camera / sigma[..., None]),
             Part(at.owner, "clock", (speed / sigma)[..., None]),
             *at.wearer.body_parts(body, points, by_point / sigma[..., None]),
+            *at.offset_parts(body, by_point / sigma[..., None]),
         )
 
     yield BoneEquations(

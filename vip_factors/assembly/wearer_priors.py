@@ -96,6 +96,16 @@ def hinge_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
     yield DenseEquations("hinge prior", 0, residual, 1.0, SQUARE, lambda: (part,))
 
 
+def sensor_place_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor for each sensor, in bone axes; linear."""
+    if not (at.problem.free_places and _begins(at, first)):
+        return
+    whitening = at.problem.place_whitening
+    residual = (whitening @ at.state.sensor_places[..., None])[None, ..., 0]
+    part = Part(at.owner, "sensor_places", whitening[None], each=True)
+    yield DenseEquations("sensor place prior", 0, residual, 1.0, SQUARE, lambda: (part,))
+
+
 def gauge_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
     """One factor on the root of the first frame."""
     problem, sigma = at.problem, at.problem.settings.gauge_prior.position_sigma
@@ -114,5 +124,6 @@ PRIORS: tuple[Term[WearerEvaluation], ...] = (
     Term("pose mean", 0, pose_mean),
     Term("body prior", 0, body_prior),
     Term("hinge prior", 0, hinge_prior),
+    Term("sensor place prior", 0, sensor_place_prior),
     Term("gauge prior", 0, gauge_prior),
 )

@@ -15,6 +15,7 @@ from vip_factors.assembly.evaluation import WearerEvaluation
 from vip_factors.assembly.registry import Term
 from vip_factors.assembly.wearer_priors import PRIORS
 from vip_factors.body.hinges import HINGES
+from vip_factors.body.kinematics import BodyState
 from vip_factors.factors.acceleration import acceleration_by_heading, acceleration_residual
 from vip_factors.factors.coasting import (
     DIFFERENCE,
@@ -59,11 +60,8 @@ def acceleration(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquat
     problem, settings, points = at.problem, at.problem.settings.acceleration, at.problem.sensor_points
     if not problem.use_acceleration:
         return
-    p, centre, step = (
-        at.points(points).on(at.body.at(slice(first.start, first.stop + 2))),
-        slice(first.start + 1, first.stop + 1),
-        problem.frames.step,
-    )
+    body, step = at.body.at(slice(first.start, first.stop + 2)), problem.frames.step
+    p, centre = at.sensor_points.on(body), slice(first.start + 1, first.stop + 1)
     headings, force = at.headings(centre), problem.frames.specific_force_inertial[centre]
     residual = acceleration_residual(p[:-2], p[1:-1], p[2:], step, headings, force) / settings.sigma
     by_heading = acceleration_by_heading(headings, force) / settings.sigma
@@ -71,7 +69,11 @@ def acceleration(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquat
     yield DifferenceEquations(
         "acceleration", first.start, residual, problem.frames.acceleration_valid[centre], settings.loss, at.owner,
         points.bones, _arms(at, p, first), c,
-        (Part(at.owner, "headings", by_heading[..., None], each=True, ahead=1), *_of_body(at, points, first, c)),
+        (
+            Part(at.owner, "headings", by_heading[..., None], each=True, ahead=1),
+            *_of_places(at, body, c),
+            *_of_body(at, points, first, c),
+        ),
     )  # fmt: skip
 
 
@@ -204,14 +206,15 @@ def hinge(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
 
 def initial_pose(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:
     """One factor for each joint but the root, in the frames of the declared pose."""
-    declared, sigma = at.problem.initial_pose, at.problem.initial_pose_sigma
+    declared = at.problem.initial_pose
     if declared is None or first.start >= declared.left:
         return
+    sigma = at.problem.initial_pose_sigma
     held = slice(first.start, min(first.stop, declared.left))
-    error = rotation_prior_residual(at.state.R_parent_child[held, 1:], declared.R_parent_child[1:])
+    error = rotation_prior_residual(at.state.R_parent_child[held, 1:], declared.pose.R_parent_child[1:])
     yield JointEquations(
         "initial pose", held.start, error / sigma, 1.0, SQUARE, at.owner,
-        lambda: (inverse_right_jacobian(error) / sigma,),
+        lambda: (inverse_right_jacobian(error) / sigma[..., None],),
     )  # fmt: skip
 
 
@@ -223,6 +226,16 @@ def _of_body(at: WearerEvaluation, points: BodyPoints, first: slice, coefficient
         Part(one.owner, one.block, sum(c * one.jacobian[i : i + count] for i, c in enumerate(coefficients)))
         for one in parts
     )
+
+
+def _of_places(at: WearerEvaluation, body: BodyState, coefficients: Array) -> tuple[Part, ...]:
+    """What the motion of sensors over successive frames says of their places."""
+    if not at.problem.free_places:
+        return ()
+    R = body.R_world_bone[:, at.problem.sensor_points.bones]
+    count = len(R) - len(coefficients) + 1
+    by_place = sum(c * R[i : i + count] for i, c in enumerate(coefficients))
+    return (Part(at.owner, "sensor_places", by_place, each=True),)
 
 
 def _arms(at: WearerEvaluation, p_world: Array, first: slice) -> Array:

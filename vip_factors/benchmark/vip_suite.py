@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from vip_factors.body.calibration_pose import nominal_pose
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, angle_between, rotation_z, transpose, wrap_angle
@@ -85,11 +86,10 @@ def nominal_start(recording: Recording, settings: Settings) -> tuple[tuple[str, 
     """What the pipeline would start from: headings by straps and motion, mountings by the declared pose."""
     frames = resample(recording, START_HZ)
     pelvis = next((k for k, name in enumerate(frames.sensors) if recording.placement.site(name).bone == "pelvis"), 0)
-    seconds = settings.factors.initial_pose.seconds
+    seconds, declared = settings.factors.initial_pose.seconds, recording.initial_pose
+    pose = None if declared == "none" else nominal_pose(declared)
     body = recording.subject.body()
-    return frames.sensors, initial_calibration(
-        frames, recording.placement, body, recording.initial_pose, seconds, pelvis
-    )
+    return frames.sensors, initial_calibration(frames, recording.placement, body, pose, seconds, pelvis)
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,16 @@ class Hinge:
         unit = long / length
         return (np.eye(3) - np.outer(unit, unit)) @ self.normals / length
 
+    def carrying_angle(self, tilt: Array, offset: float) -> float:
+        """Radians by which the lower limb, stretched, is off the upper one's line, away from the body's middle.
+
+        At rest both lie along the first of ``square``; ``offset`` is the sine of how far the lower one is off the plane
+        that it bends in, and the upper one is off it by the axis's ``tilt``, ``(2,)`` radians.
+        """
+        outwards = 1.0 if self.joint.startswith("left") else -1.0
+        upper = float(self.direction(tilt) @ self.square[:, 0])
+        return outwards * float(np.arcsin(np.clip(offset, -1.0, 1.0)) - np.arcsin(upper))
+
 
 def _unit(vector: Array) -> Array:
     return vector / np.linalg.norm(vector)

@@ -97,6 +97,17 @@ _BLAZEPOSE = (
 )  # fmt: skip
 
 
+# Keypoints whose place on the bone differs from detector to detector, alike on both sides.
+OFFSET_KEYPOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+
+
+def offset_of(keypoint: str) -> tuple[int, int]:
+    """Which of the :data:`OFFSET_KEYPOINTS` a keypoint is, −1 for none, and the sign of its side's x axis."""
+    side, _, name = keypoint.partition("_")
+    known = side in ("left", "right") and name in OFFSET_KEYPOINTS
+    return (OFFSET_KEYPOINTS.index(name) if known else -1), (-1 if side == "right" else 1)
+
+
 @dataclass(frozen=True)
 class KeypointSet:
     """An order of keypoints, as a detector writes them. Names that are not on our body are carried but not used."""

@@ -33,6 +33,14 @@ BONE_ALIASES = {
 } | {"hips": "pelvis", "sternum": "spine3", "chest": "spine3", "lower_back": "spine1"}  # fmt: skip
 
 
+# Limbs, by the joint at the far end of each.
+LIMB_ENDS = {
+    f"{side}_{bone}": f"{side}_{end}"
+    for side in ("left", "right")
+    for bone, end in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
+}
+
+
 def joint_index(name: str) -> int:
     """Index of a joint (and of the bone it moves), by SMPL name or by a common alias such as ``left_thigh``.
 
@@ -89,6 +97,11 @@ class Skeleton:
         for joint in range(1, JOINT_COUNT):
             positions[joint] = positions[PARENTS[joint]] + self.p_parent_joint[joint]
         return positions
+
+    def limb(self, bone: int) -> Array | None:
+        """From a limb's joint to the one at its far end ``(3,)``; None of a bone that is no limb."""
+        end = LIMB_ENDS.get(JOINT_NAMES[bone])
+        return None if end is None else self.p_parent_joint[joint_index(end)]
 
     def bone_length(self, child: str) -> float:
         """Distance in metres from the parent joint to ``child``: ``bone_length('left_knee')`` is the thigh."""

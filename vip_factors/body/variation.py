@@ -1,53 +1,40 @@
-"""How bodies of one stature differ: lengths of segments and places of joint centres, both sides alike, and how likely.
+"""How bodies differ of which the same is known: lengths of segments and places of joint centres, both sides alike.
 
-What a stature leaves open is a Gaussian over a dozen lengths. They are changes in metres of the rest pose's offsets, so
-that every point of the body is linear in them.
+What a stature leaves open is a Gaussian over the :data:`~vip_factors.body.lengths.LENGTHS`. They are changes in metres
+of the rest pose's offsets, so that every point of the body is linear in them.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.body.lengths import LENGTHS, SPINE, SPINE_SHARES
 from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton, joint_index
 from vip_factors.geometry.rotations import Array
 
-# Standard deviations in metres of what stature and sex leave open. Residuals of ANSUR II's 6,068 people for trunk,
-# neck and head, forearm, thigh and shank; they are 11 mm for the upper arm, 7 for the hand and 9 for the
-# foot, wider here because no tape reaches the centres these start from. Hips and shoulders are no landmarks of a tape:
-# 15–25 mm, as far as optical skeletons lie from where tables put them.
-SIGMAS: dict[str, float] = {
-    "hip width": 0.020,
-    "hip height": 0.015,
-    "trunk": 0.026,
-    "neck": 0.015,
-    "shoulder width": 0.025,
-    "shoulder height": 0.020,
-    "upper arm": 0.015,
-    "forearm": 0.011,
-    "hand": 0.010,
-    "thigh": 0.020,
-    "shank": 0.015,
-    "foot": 0.010,
-}
-# Of their residuals: tall trunks go with short legs, for the stature is given.
-CORRELATIONS: dict[tuple[str, str], float] = {
-    ("thigh", "trunk"): -0.72,
-    ("shank", "trunk"): -0.43,
-    ("shank", "forearm"): 0.44,
-    ("forearm", "hand"): 0.40,
-    ("neck", "trunk"): -0.36,
-}
-LENGTHS = tuple(SIGMAS)
 FOUND = "; lengths estimated"  # behind a skeleton's source
-SPINE = ("spine1", "spine2", "spine3", "neck")
 LIMBS = {
-    "neck": ("head",),
     "upper arm": ("left_elbow", "right_elbow"),
     "forearm": ("left_wrist", "right_wrist"),
     "hand": ("left_hand", "right_hand"),
     "thigh": ("left_knee", "right_knee"),
     "shank": ("left_ankle", "right_ankle"),
     "foot": ("left_foot", "right_foot"),
+}
+STRAIGHT = {"upper arm": 0, "forearm": 0, "hand": 0, "thigh": 1, "shank": 1}  # along which axis of the bone above
+WIDTHS = {"hip width": "hip", "shoulder width": "shoulder"}
+# Lengths that move joints along an axis of the body: up is 1, forward 2.
+SHIFTS = {
+    "hip height": (("left_hip", "right_hip"), 1),
+    "hip depth": (("left_hip", "right_hip"), 2),
+    "neck": (("head",), 1),
+    "neck height": (("neck",), 1),
+    "neck depth": (("neck",), 2),
+    "shoulder height": (("left_shoulder", "right_shoulder"), 1),
+    "shoulder depth": (("left_shoulder", "right_shoulder"), 2),
+    "wrist height": (("left_wrist", "right_wrist"), 1),
+    "wrist depth": (("left_wrist", "right_wrist"), 2),
+    "ankle depth": (("left_ankle", "right_ankle"), 2),
 }
 
 # Joints at the far ends of limbs that sensors sit along.
@@ -59,7 +46,7 @@ class BodyVariation:
     """Linear changes of a skeleton.
 
     Attributes:
-        directions: ``(24, 3, B)`` how each joint's place on its parent changes with each of the :data:`LENGTHS`.
+        directions: ``(24, 3, B)`` how each joint's place on its parent changes with each of the lengths.
         mean: ``(B,)`` metres, of the prior.
         whitening: ``(B, B)`` per metre, of the prior.
     """
@@ -69,22 +56,16 @@ class BodyVariation:
     whitening: Array
 
     @classmethod
-    def of(cls, skeleton: Skeleton) -> "BodyVariation":
-        """Of people with a skeleton's stature."""
-        directions = np.zeros((JOINT_COUNT, 3, len(LENGTHS)))
-        for number, name in enumerate(LENGTHS):
-            for joint in LIMBS.get(name, ()):
-                along = skeleton.p_parent_joint[joint_index(joint)]
-                directions[joint_index(joint), :, number] = along / np.linalg.norm(along)
-        for side, sign in (("left", 0.5), ("right", -0.5)):
-            directions[joint_index(f"{side}_hip"), 0, LENGTHS.index("hip width")] = sign
-            directions[joint_index(f"{side}_hip"), 1, LENGTHS.index("hip height")] = 1.0
-            directions[joint_index(f"{side}_shoulder"), 0, LENGTHS.index("shoulder width")] = sign
-            directions[joint_index(f"{side}_shoulder"), 1, LENGTHS.index("shoulder height")] = 1.0
-        spine = [joint_index(joint) for joint in SPINE]
-        up = skeleton.p_parent_joint[spine]
-        directions[spine, :, LENGTHS.index("trunk")] = up / up[:, 1].sum()
-        return cls(directions, np.zeros(len(LENGTHS)), _whitening())
+    def about_mean(cls, skeleton: Skeleton, covariance: Array) -> "BodyVariation":
+        """Of bodies whose likeliest skeleton is this, and whose lengths have the covariance ``(B, B)`` in metres²."""
+        whitening = np.linalg.inv(np.linalg.cholesky(covariance))
+        return cls(directions_of(skeleton), np.zeros(len(LENGTHS)), whitening)
+
+    @property
+    def covariance(self) -> Array:
+        """Of the prior, ``(B, B)`` in metres²."""
+        inverse = np.linalg.inv(self.whitening)
+        return inverse @ inverse.T
 
     def of_points(self, skeleton: Skeleton, bones: tuple[int, ...], p_bone_point: Array) -> Array:
         """How points ``(n, 3)`` shift on their bones, ``(n, 3, B)``: along a limb they keep their share of it."""
@@ -108,13 +89,38 @@ class BodyVariation:
         return BodyVariation(self.directions, self.mean - lengths, self.whitening)
 
 
-def _whitening() -> Array:
-    sigmas = np.array(list(SIGMAS.values()))
-    correlation = np.eye(len(sigmas))
-    for (one, other), value in CORRELATIONS.items():
-        i, j = LENGTHS.index(one), LENGTHS.index(other)
-        correlation[i, j] = correlation[j, i] = value
-    # Measured pair by pair: the nearest matrix that is one of correlations at all.
-    values, vectors = np.linalg.eigh(correlation)
-    covariance = sigmas[:, None] * ((vectors * np.maximum(values, 0.05)) @ vectors.T) * sigmas
-    return np.linalg.inv(np.linalg.cholesky(covariance))
+def directions_of(skeleton: Skeleton) -> Array:
+    """How each joint's place on its parent changes with each of the lengths, ``(24, 3, B)``."""
+    directions = np.zeros((JOINT_COUNT, 3, len(LENGTHS)))
+    for name, joints in LIMBS.items():
+        for joint in joints:
+            along = skeleton.p_parent_joint[joint_index(joint)]
+            if name in STRAIGHT:  # what bends it at rest is a length of its own
+                along = np.where(np.arange(3) == STRAIGHT[name], along, 0.0)
+            directions[joint_index(joint), :, LENGTHS.index(name)] = along / np.linalg.norm(along)
+    for name, end in WIDTHS.items():
+        for side, sign in (("left", 0.5), ("right", -0.5)):
+            directions[joint_index(f"{side}_{end}"), 0, LENGTHS.index(name)] = sign
+    for name, (moved, axis) in SHIFTS.items():
+        directions[[joint_index(joint) for joint in moved], axis, LENGTHS.index(name)] = 1.0
+    spine = [joint_index(joint) for joint in SPINE]
+    directions[spine, 1, LENGTHS.index("trunk")] = SPINE_SHARES
+    return directions
+
+
+def lengths_of(skeleton: Skeleton) -> Array:
+    """``(B,)`` metres: limbs from joint to joint, widths between joints, and where joints lie on the bone above.
+
+    Of both sides it is the mean. What is no distance (the height of the hips over the pelvis, say) has a sign.
+    """
+    directions = directions_of(skeleton).reshape(-1, len(LENGTHS))
+    found = np.asarray(np.linalg.lstsq(directions, skeleton.p_parent_joint.ravel(), rcond=None)[0], dtype=float)
+    for name, joint in WIDTHS.items():
+        found[LENGTHS.index(name)] = width(skeleton, joint)
+    return found
+
+
+def width(skeleton: Skeleton, joint: str) -> float:
+    """Metres between a joint of the left and its twin on the right, at rest."""
+    left, right = (skeleton.p_pelvis_joint[joint_index(f"{side}_{joint}")] for side in ("left", "right"))
+    return float(np.linalg.norm(left - right))

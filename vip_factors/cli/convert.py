@@ -33,15 +33,17 @@ class ConvertOptions:
     placement: str | None = None
     """Name of a preset (sip6, tnt10, totalcapture13, mvn17) or a placement file (.toml, .json)."""
     stature_m: float | None = None
-    """Height of the wearer in metres, without shoes."""
+    """Height of the wearer in metres, without shoes; if absent, an adult's stands for it, and a note says so."""
     mass_kg: float | None = None
-    """Mass of the wearer."""
+    """Mass of the wearer in kilograms; it tells widths, mostly."""
     sex: Literal["male", "female"] | None = None
-    """Which table of body proportions to use; an average one if absent."""
+    """Whose proportions the wearer is likely to have; those of both together if absent."""
     segment_lengths_m: dict[str, float] = field(default_factory=dict)
-    """Measured lengths in metres, such as: thigh 0.43 shank 0.42."""
+    """Measured lengths in metres, such as: thigh 0.43 shank 0.42; all others follow."""
     subject: str | None = None
     """Name of the wearer."""
+    body: Path | None = None
+    """Body file (.toml) that vip-factors body wrote of the wearer before, instead of stature, sex and lengths."""
     initial_pose: Literal["t-pose", "n-pose", "none"] | None = None
     """What the wearer held at the first moment kept."""
     start_s: float | None = None

@@ -4,6 +4,7 @@ import numpy as np
 
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import Skeleton, joint_index
+from vip_factors.cli.info_body import body_lines
 from vip_factors.estimate import Estimate, SolveReport
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.imu_stream import ImuStream
@@ -26,6 +27,8 @@ def recording_text(recording: Recording) -> str:
         f"  subject: {subject.name}, {subject.body().source}",
         f"  placement: {recording.placement.name}; initial pose: {recording.initial_pose}",
     ]
+    if subject.body_note:
+        lines.insert(2, f"  body: {subject.body_note}")
     if recording.imus:
         start, end = recording.interval
         lines.append(f"  time: {start:.2f} to {end:.2f} s, {len(recording.imus)} sensors")
@@ -78,6 +81,8 @@ def estimate_text(estimate: Estimate) -> str:
             lines.append(
                 f"  residual {kind}: median {np.median(finite):.2f}, 95 % below {np.quantile(finite, 0.95):.2f}"
             )
+    if estimate.body is not None:
+        lines += [f"  {line}" for line in body_lines(estimate.body)]
     for name, one in estimate.calibration.items():
         lines.append(f"  heading of {name}: {heading_text(one)}")
     return "\n".join(lines)

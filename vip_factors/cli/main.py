@@ -16,6 +16,7 @@ COMMANDS = {
     "convert": "bring foreign sensor logs, 2D poses and a camera into one recording (MCAP)",
     "calibrate-camera": "find a camera's focal length and distortion, and the floor, from views of a board",
     "info": "say what a recording, a scene or an estimate holds",
+    "body": "write the body that was found into a file, for the next recording of the same person",
     "simulate": "make a recording, or a filmed scene, with known truth from motions",
     "sync": "find the offset between the clocks of video and sensors",
     "smooth": "reconstruct: motion, headings, mountings, camera, who is who",

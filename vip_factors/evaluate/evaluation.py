@@ -9,6 +9,7 @@ from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import Estimate, PoseCovariance
 from vip_factors.evaluate import consistency, joint_angle, metrics, trajectory
+from vip_factors.evaluate.body import body_metrics, joint_centre_error, length_table
 from vip_factors.evaluate.calibration import calibration_error, heading_error_over_time, mean_and_95th
 from vip_factors.evaluate.calibration_metrics import calibration_metrics, consistency_metrics, sensor_table
 from vip_factors.evaluate.frames import common_frames
@@ -26,8 +27,9 @@ class Evaluation:
         frames: how many were compared.
         metrics: by name, in the order of the table.
         joints: per joint: ``position_mm`` and ``orientation_deg`` after the alignment of MPJPE, ``local_deg`` in the
-            parent's frame; with a covariance ``nees``.
+            parent's frame, ``centre_mm`` from its true place on the bone above; with a covariance ``nees``.
         sensors: per sensor: ``heading_deg`` (signed, after the gauge) and ``mounting_deg``.
+        lengths: of the body: ``estimate_mm``, ``truth_mm``, ``error_mm``.
     """
 
     name: str
@@ -36,14 +38,15 @@ class Evaluation:
     metrics: Mapping[str, Metric]
     joints: Mapping[str, Mapping[str, float]]
     sensors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    lengths: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __getitem__(self, metric: str) -> float:
         return self.metrics[metric].value
 
     def to_table(self) -> str:
-        """Markdown: the metrics, then joints, then sensors."""
-        lines = metric_lines(self.metrics) + row_lines("joint", self.joints) + row_lines("sensor", self.sensors)
-        return "\n".join(lines) + "\n"
+        """Markdown: the metrics, then joints, lengths and sensors."""
+        lines = metric_lines(self.metrics) + row_lines("joint", self.joints) + row_lines("length", self.lengths)
+        return "\n".join(lines + row_lines("sensor", self.sensors)) + "\n"
 
     def to_json(self) -> str:
         """Everything, as JSON; what is not defined is null."""
@@ -70,6 +73,8 @@ def evaluate(
         # Of the truth as given: interpolated to other frames it would seem to shake.
         "jitter_truth": Metric(trajectory.jitter(truth.motion), "m/s³"),
     }
+    lengths = length_table(motion.skeleton, reference.skeleton)
+    table |= body_metrics(lengths, estimate.body, motion, reference)
     joints = _joint_table(motion, reference)
     if estimate.covariance is not None:
         covariance = PoseCovariance(estimate.covariance.joints[chosen], estimate.covariance.root[chosen])
@@ -85,7 +90,7 @@ def evaluate(
             over_time = heading_error_over_time(estimate.calibration, truth.calibration, motion.time, gauge)
             table["heading_error_over_time"] = Metric(mean_and_95th(np.abs(list(over_time.values())))[0], "deg")
         sensors = sensor_table(error)
-    return Evaluation(estimate.name, estimate.method, len(motion), table, joints, sensors)
+    return Evaluation(estimate.name, estimate.method, len(motion), table, joints, sensors, lengths)
 
 
 def evaluate_motion(estimate: Motion, truth: Motion) -> Evaluation:
@@ -102,6 +107,7 @@ def _motion_metrics(motion: Motion, truth: Motion) -> dict[str, Metric]:
     )
     return {
         "mpjpe": Metric(metrics.mpjpe(motion, truth), "mm"),
+        "mpjpe_true_body": Metric(metrics.mpjpe_true_body(motion, truth), "mm"),
         "mpjae": Metric(metrics.mpjae(motion, truth), "deg"),
         "mpjae_local": Metric(metrics.local_mpjae(motion, truth), "deg"),
         "pa_mpjpe": Metric(metrics.pa_mpjpe(motion, truth), "mm"),
@@ -124,7 +130,8 @@ def _joint_table(motion: Motion, truth: Motion) -> dict[str, dict[str, float]]:
     position = metrics.MM * metrics.position_error(motion, truth, alignment).mean(axis=0)
     orientation = np.rad2deg(metrics.orientation_error(motion, truth, alignment).mean(axis=0))
     local = np.rad2deg(metrics.local_orientation_error(motion, truth).mean(axis=0))
+    centre = metrics.MM * joint_centre_error(motion.skeleton, truth.skeleton)
     return {
-        name: {"position_mm": float(p), "orientation_deg": float(o), "local_deg": float(r)}
-        for name, p, o, r in zip(JOINT_NAMES, position, orientation, local, strict=True)
+        name: {"position_mm": float(p), "orientation_deg": float(o), "local_deg": float(r), "centre_mm": float(c)}
+        for name, p, o, r, c in zip(JOINT_NAMES, position, orientation, local, centre, strict=True)
     }

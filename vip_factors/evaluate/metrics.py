@@ -4,6 +4,8 @@ All functions take an estimate and the truth at the same frames, each with its o
 :func:`~vip_factors.evaluate.frames.common_frames`).
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from vip_factors.body.motion import Motion
@@ -51,6 +53,11 @@ def mpjpe(estimate: Motion, truth: Motion) -> float:
     """Mean per-joint position error in mm: 14 joints, rigid alignment of every frame (thesis eq. 2.72)."""
     error = position_error(estimate, truth, align_frames(estimate, truth))
     return float(MM * error[:, indices(POSITION_JOINTS)].mean())
+
+
+def mpjpe_true_body(estimate: Motion, truth: Motion) -> float:
+    """As :func:`mpjpe`, in mm, of the estimate's joint rotations on the true skeleton: what the pose alone is off."""
+    return mpjpe(replace(estimate, skeleton=truth.skeleton), truth)
 
 
 def pa_mpjpe(estimate: Motion, truth: Motion) -> float:

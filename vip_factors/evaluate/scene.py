@@ -1,7 +1,7 @@
 """All metrics of a scene's estimate: each wearer, the camera, who was assigned to what, and how they lie together."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -81,7 +81,7 @@ def evaluate_scene(estimate: SceneEstimate, scene: Scene) -> SceneEvaluation:
         scene.wearers[index].subject.name: _wearer(estimate, scene, index, pair, gauges[index], tied)
         for index, pair in pairs.items()
     }
-    for name in ("mpjpe", "mpjae", "scene_position_error"):
+    for name in ("mpjpe", "mpjpe_true_body", "mpjae", "scene_position_error", "length_error", "joint_centre_error"):
         each = [evaluation.metrics[name] for evaluation in wearers.values()]
         table[name] = Metric(float(np.mean([one.value for one in each])), each[0].unit)
     turn = yaw(next(iter(gauges.values()))) if tied else None
@@ -122,7 +122,5 @@ def _wearer(
     assert recording.truth is not None
     one = evaluate(estimate.wearers[index], recording.truth, recording.placement, yaw(gauge) if tied else None)
     error = position_error(move_motion(pair[0], gauge), pair[1])[:, indices(POSITION_JOINTS)]
-    return Evaluation(
-        one.name, one.method, one.frames,
-        {**one.metrics, "scene_position_error": Metric(float(CM * error.mean()), "cm")}, one.joints, one.sensors,
-    )  # fmt: skip
+    metrics = {**one.metrics, "scene_position_error": Metric(float(CM * error.mean()), "cm")}
+    return replace(one, metrics=metrics)

@@ -86,7 +86,9 @@ def _known(key: int, state: SceneState, first: int) -> Variable:
         raise InputError(
             f"an extra factor is on frame {one.frame} ({name}): expected one of {first} to {first + frames - 1}"
         )
-    if one.kind in (Kind.HEADING, Kind.MOUNTING) and one.item >= len(state.wearers[one.wearer].headings):
+    if one.kind in (Kind.HEADING, Kind.MOUNTING, Kind.SENSOR_PLACE) and one.item >= len(
+        state.wearers[one.wearer].headings
+    ):
         raise InputError(f"an extra factor is on sensor {one.item} ({name}): the wearer has fewer")
     return one
 

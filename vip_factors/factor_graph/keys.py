@@ -6,9 +6,11 @@
 | ``t`` | ``Point3`` | frame | p_world_pelvis |
 | ``h`` | ``double`` | knot, sensor | heading γ, R_world_inertial = Rz(γ); a constant one has the first knot alone |
 | ``b`` | ``Rot3`` | sensor | mounting R_bone_sensor |
+| ``p`` | ``Point3`` | sensor | from where a sensor was said to sit to where it does, in bone axes |
 | ``m`` | ``Vector`` of 69 | | the recording's mean joint vector |
 | ``s`` | ``Vector`` of 12 | | changes of the body's lengths, metres |
 | ``e`` | ``Vector`` of 14 | | axes of elbows and knees: tilts and offsets, radians |
+| ``k`` | ``Point3`` | keypoint | from where a keypoint is said to be to where the detector puts it, bone axes |
 | ``c`` | ``Pose3`` | frame | T_world_camera; a camera that stands still has that of frame 0 |
 | ``g``, ``q`` | ``double``, ``Rot3`` | | heading of the camera's sensor, and R_camera_imu |
 | ``o`` | ``double`` | | seconds by which the video's clock must still be put forward |
@@ -44,9 +46,19 @@ def mounting_key(sensor: int, wearer: int = 0) -> int:
     return int(gtsam.symbol("b", wearer * WEARER + sensor))
 
 
+def sensor_place_key(sensor: int, wearer: int = 0) -> int:
+    """Key of the ``Point3`` from where a sensor was said to sit to where it does."""
+    return int(gtsam.symbol("p", wearer * WEARER + sensor))
+
+
 def wearer_key(letter: str, wearer: int = 0) -> int:
     """Key of a ``Vector`` that a wearer has one of: mean joint vector, lengths, axes of hinges."""
     return int(gtsam.symbol(letter, wearer * WEARER))
+
+
+def keypoint_key(keypoint: int) -> int:
+    """Key of the ``Point3`` of one of the detector's :data:`~vip_factors.body.keypoints.OFFSET_KEYPOINTS`."""
+    return int(gtsam.symbol("k", keypoint))
 
 
 def camera_key(frame: int) -> int:

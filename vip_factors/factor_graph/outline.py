@@ -98,7 +98,7 @@ class _Outline:
         label, joint, bone = "", None, None
         if one.kind is Kind.JOINT:
             label, joint = JOINT_NAMES[one.item], one.item
-        elif one.kind in (Kind.HEADING, Kind.MOUNTING):
+        elif one.kind in (Kind.HEADING, Kind.MOUNTING, Kind.SENSOR_PLACE):
             label = wearers[one.wearer].frames.sensors[one.item]
             bone = int(wearers[one.wearer].sensors[one.item].bone)
         owner = "camera" if camera else self.wearers[one.wearer]

@@ -77,11 +77,13 @@ def _wearer(problem: SceneProblem, state: SceneState, number: int) -> WearerEval
 def _view(problem: SceneProblem, state: SceneState, number: int, camera: int) -> ViewEvaluation:
     one = problem.viewpoints(state.camera)[camera]
     wearer = _wearer(problem, state, number)
-    return ViewEvaluation(wearer, OwnerId(Owner.CAMERA, camera), one.problem, one.state, one.views[number])
+    offsets = state.detector.keypoint_offsets, problem.free_keypoints
+    return ViewEvaluation(wearer, OwnerId(Owner.CAMERA, camera), one.problem, one.state, one.views[number], *offsets)
 
 
 def _camera(problem: SceneProblem, state: SceneState) -> CameraEvaluation:
-    return CameraEvaluation(problem.camera, state.camera, problem.frames, problem.step)
+    offsets = state.detector.keypoint_offsets, problem.free_keypoints
+    return CameraEvaluation(problem.camera, state.camera, problem.frames, problem.step, *offsets)
 
 
 def _of_term(

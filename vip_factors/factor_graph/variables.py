@@ -9,14 +9,14 @@ import gtsam
 import numpy as np
 
 from vip_factors.body.hinges import HINGE_VARIABLES
+from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.body.skeleton import JOINT_COUNT
-from vip_factors.body.variation import LENGTHS
 from vip_factors.factor_graph import keys
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout, Owner, OwnerId
-from vip_factors.problem.state import SceneState, WearerState
+from vip_factors.problem.state import DetectorState, SceneState, WearerState
 
 
 class Kind(StrEnum):
@@ -28,7 +28,9 @@ class Kind(StrEnum):
     MOUNTING = "mounting"
     POSE_MEAN = "mean pose"
     BODY = "body"
+    SENSOR_PLACE = "place of a sensor"
     HINGES = "axes of elbows and knees"
+    KEYPOINT = "offset of a keypoint"
     CAMERA = "camera pose"
     CAMERA_HEADING = "camera heading"
     CAMERA_MOUNTING = "camera mounting"
@@ -51,6 +53,8 @@ BLOCKS = {
     Kind.POSE_MEAN: "pose_mean",
     Kind.BODY: "body",
     Kind.HINGES: "hinges",
+    Kind.SENSOR_PLACE: "sensor_places",
+    Kind.KEYPOINT: "keypoint_offsets",
     Kind.CAMERA: "poses",
     Kind.CAMERA_HEADING: "heading",
     Kind.CAMERA_MOUNTING: "R_camera_imu",
@@ -96,8 +100,12 @@ class Variable:
                 return keys.heading_key(self.item, self.wearer, self.knot)
             case Kind.MOUNTING:
                 return keys.mounting_key(self.item, self.wearer)
+            case Kind.SENSOR_PLACE:
+                return keys.sensor_place_key(self.item, self.wearer)
             case Kind.POSE_MEAN | Kind.BODY | Kind.HINGES:
                 return keys.wearer_key(WHOLE[self.kind], self.wearer)
+            case Kind.KEYPOINT:
+                return keys.keypoint_key(self.item)
             case Kind.CAMERA:
                 return keys.camera_key(self.frame)
             case Kind.CAMERA_HEADING:
@@ -174,6 +182,10 @@ def variable_of(key: int) -> Variable | None:
             found = Variable(Kind.HEADING, wearer, 0, sensor, knot)
         case "b":
             found = Variable(Kind.MOUNTING, wearer, 0, rest)
+        case "p":
+            found = Variable(Kind.SENSOR_PLACE, wearer, 0, rest)
+        case "k":
+            found = Variable(Kind.KEYPOINT, 0, 0, rest)
         case "c":
             found = Variable(Kind.CAMERA, frame=index)
         case _:
@@ -197,6 +209,8 @@ def _insert(values: gtsam.Values, one: Variable, state: SceneState, first: int) 
             at = t if len(camera.poses) > 1 else 0
             R, p = camera.poses.R_world_camera[at], camera.poses.p_world_camera[at]
             values.insert(one.key, gtsam.Pose3(gtsam.Rot3(R), np.asarray(p)))
+        case Kind.KEYPOINT:
+            values.insert(one.key, np.asarray(state.detector.keypoint_offsets[one.item]))
         case Kind.CAMERA_HEADING:
             values.insert(one.key, float(camera.heading))
         case Kind.CAMERA_MOUNTING:
@@ -214,6 +228,8 @@ def _insert(values: gtsam.Values, one: Variable, state: SceneState, first: int) 
             values.insert(one.key, float(wearer.heading_knots[one.knot, one.item]))
         case Kind.MOUNTING:
             values.insert(one.key, gtsam.Rot3(wearer.R_bone_sensor[one.item]))
+        case Kind.SENSOR_PLACE:
+            values.insert(one.key, np.asarray(wearer.sensor_places[one.item]))
         case Kind.POSE_MEAN | Kind.BODY | Kind.HINGES:
             values.insert(one.key, np.asarray(getattr(wearer, BLOCKS[one.kind])))
 
@@ -230,12 +246,15 @@ def state_of(values: gtsam.Values, state: SceneState, variables: Iterable[Variab
     wearers = [_Written(one) for one in state.wearers]
     camera = state.camera
     R_camera, p_camera = camera.poses.R_world_camera.copy(), camera.poses.p_world_camera.copy()
+    offsets = state.detector.keypoint_offsets.copy()
     shared: dict[str, Any] = {"heading": camera.heading, "R_camera_imu": camera.R_camera_imu, "clock": camera.clock}
     for one in variables:
         match one.kind:
             case Kind.CAMERA:
                 pose, t = values.atPose3(one.key), one.frame - first if len(R_camera) > 1 else 0
                 R_camera[t], p_camera[t] = pose.rotation().matrix(), pose.translation()
+            case Kind.KEYPOINT:
+                offsets[one.item] = values.atPoint3(one.key)
             case Kind.CAMERA_HEADING | Kind.CLOCK:
                 shared[BLOCKS[one.kind]] = values.atDouble(one.key)
             case Kind.CAMERA_MOUNTING:
@@ -243,7 +262,8 @@ def state_of(values: gtsam.Values, state: SceneState, variables: Iterable[Variab
             case _:
                 wearers[one.wearer].read(values, one, first)
     poses = CameraPoses(R_camera, p_camera)
-    return SceneState(tuple(one.state for one in wearers), replace(camera, poses=poses, **shared))
+    moved = replace(camera, poses=poses, **shared)
+    return SceneState(tuple(one.state for one in wearers), moved, DetectorState(offsets))
 
 
 class _Written:
@@ -269,6 +289,8 @@ class _Written:
                 self._own("heading_knots")[one.knot, one.item] = values.atDouble(one.key)
             case Kind.MOUNTING:
                 self._own("R_bone_sensor")[one.item] = values.atRot3(one.key).matrix()
+            case Kind.SENSOR_PLACE:
+                self._own("sensor_places")[one.item] = values.atPoint3(one.key)
             case Kind.POSE_MEAN | Kind.BODY | Kind.HINGES:
                 self._arrays[BLOCKS[one.kind]] = values.atVector(one.key)
 
@@ -280,5 +302,7 @@ class _Written:
 
 def owner_of(one: Variable) -> OwnerId:
     """Whose variable it is."""
-    own = (Kind.JOINT, Kind.ROOT, Kind.HEADING, Kind.MOUNTING, *WHOLE)
+    own = (Kind.JOINT, Kind.ROOT, Kind.HEADING, Kind.MOUNTING, Kind.SENSOR_PLACE, *WHOLE)
+    if one.kind is Kind.KEYPOINT:
+        return OwnerId(Owner.DETECTOR)
     return OwnerId(Owner.WEARER, one.wearer) if one.kind in own else OwnerId(Owner.CAMERA)

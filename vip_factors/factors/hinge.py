@@ -8,12 +8,12 @@ in both. Elbows have one such row, along the forearm, so that it may turn about 
 By a right perturbation of the joint ``∂e/∂δ = −aᵀ R [d]×``, that is ``(Rᵀ a × d)ᵀ`` with its sign turned.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from vip_factors.body.hinges import HINGES, ROWS, TILTS
-from vip_factors.factors.robust import Loss, RobustLoss
+from vip_factors.factors.robust import SQUARE, RobustLoss
 from vip_factors.geometry.rotations import Array
 
 
@@ -25,8 +25,8 @@ class HingeSettings:
     sigma_deg: float = 4.0  # optical elbows and knees stay within a few degrees of one axis
     twist_sigma_deg: float = 8.0  # of shanks, which turn by 10° against the thigh as the knee bends and by more bent
 
-    # a wrong start holds on no harder than its sensors
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 3.0))
+    # Square: an elbow that starts on its back has to come round, and a robust loss leaves it there.
+    loss: RobustLoss = SQUARE
 
     @property
     def sigmas(self) -> Array:

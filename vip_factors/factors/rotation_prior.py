@@ -5,8 +5,7 @@ A step on the right stands at the right end of ``R_priorᵀ R``: the derivative 
 
 from dataclasses import dataclass
 
-import numpy as np
-
+from vip_factors.body.calibration_pose import HeldPose, held_pose, nominal_pose
 from vip_factors.geometry.rotations import Array, log, transpose
 
 
@@ -14,13 +13,18 @@ from vip_factors.geometry.rotations import Array, log, transpose
 class InitialPoseSettings:
     """How well a declared T- or N-pose is held."""
 
-    sigma_deg: float = 6.0  # per joint and axis; a pose held by eye turns bones by 10–15° (design: careless T-pose)
+    scale: float = 1.0  # of the standard deviations measured on people, joint by joint and axis by axis
     seconds: float = 1.0  # of holding still at the start; people do so for a breath at least
+    # Arms low, turned and bent as people hold them; off: to the letter, as the papers and our simulator take poses.
+    as_people_do: bool = True
 
-    @property
-    def sigma(self) -> float:
-        """Standard deviation in radians."""
-        return float(np.deg2rad(self.sigma_deg))
+    def pose(self, name: str) -> HeldPose:
+        """A declared pose.
+
+        Raises:
+            InputError: for an unknown one.
+        """
+        return held_pose(name) if self.as_people_do else nominal_pose(name)
 
 
 def rotation_prior_residual(R: Array, R_prior: Array) -> Array:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.body.calibration_pose import R_WORLD_FACING_X, calibration_pose
+from vip_factors.body.calibration_pose import R_WORLD_FACING_X, HeldPose, nominal_pose
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import RecordingError
@@ -43,7 +43,7 @@ class InitialCalibration:
 
 
 def initial_calibration(
-    frames: ImuFrames, placement: Placement, skeleton: Skeleton, initial_pose: str, seconds: float, reference: int
+    frames: ImuFrames, placement: Placement, skeleton: Skeleton, pose: HeldPose | None, seconds: float, reference: int
 ) -> InitialCalibration:
     """Headings and mountings from the first ``seconds`` of a recording, and headings from all of its motion.
 
@@ -55,8 +55,7 @@ def initial_calibration(
     Raises:
         RecordingError: if a sensor has no orientation in that time.
     """
-    declared = initial_pose != "none"
-    R_world_bone = _bones_in_pose(skeleton, initial_pose if declared else "n-pose")
+    R_world_bone = _bones_in_pose(skeleton, pose or nominal_pose("n-pose"))
     R_inertial_sensor = _at_start(frames, seconds)
     rough = np.stack([placement.site(name).R_bone_sensor for name in frames.sensors])
     bones = R_world_bone[[placement.site(name).bone_index for name in frames.sensors]]
@@ -64,7 +63,7 @@ def initial_calibration(
     straps = HeadingEvidence(yaw_of(bones @ rough @ transpose(R_inertial_sensor)), sigma)
     motion = headings_from_acceleration(frames, reference)
     evidence = straps.combined(replace(motion, headings=motion.headings + straps.headings[reference]))
-    if not declared:
+    if pose is None:
         return InitialCalibration(evidence.headings, evidence.sigma, rough)
     mountings = transpose(bones) @ rotation_z(evidence.headings) @ R_inertial_sensor
     return InitialCalibration(evidence.headings, evidence.sigma, mountings, bones)
@@ -84,9 +83,9 @@ def known_calibration(frames: ImuFrames, calibrations: dict[str, SensorCalibrati
     return InitialCalibration(headings, np.full(len(chosen), np.inf), np.stack([one.R_bone_sensor for one in chosen]))
 
 
-def _bones_in_pose(skeleton: Skeleton, pose: str) -> Array:
+def _bones_in_pose(skeleton: Skeleton, pose: HeldPose) -> Array:
     """World orientations ``(24, 3, 3)`` of the bones in a calibration pose, facing the world's x axis."""
-    R = calibration_pose(pose)
+    R = pose.R_parent_child.copy()
     R[0] = R_WORLD_FACING_X
     return forward_kinematics(skeleton, R[None], np.zeros((1, 3))).R_world_bone[0]
 

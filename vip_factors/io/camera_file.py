@@ -21,18 +21,17 @@ The floor's frame has its z axis up, against gravity; the camera's axes are Open
 how the numbers were found and is read by people only. OpenCV's own files (``camera_matrix``) are read too.
 """
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vip_factors.errors import FileFormatError, InputError
+from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, nearest_rotation
 from vip_factors.io.atomic import atomic_open
 from vip_factors.io.opencv_camera_file import OPENCV_SUFFIXES, read_opencv_camera
-from vip_factors.io.placement_file import nearest
+from vip_factors.io.toml_values import known_keys, number_at, read_toml, toml_text
 from vip_factors.sensors.camera_model import CameraModel
 
 NUMBERS = ("width", "height", "fx", "fy", "cx", "cy")
@@ -56,11 +55,11 @@ def read_camera_file(path: str | Path) -> CameraModel:
         if name not in content:
             raise InputError(f"{path}: {name} is missing: expected {', '.join(NUMBERS)}, in pixels")
     width, height = (_whole(path, name, content[name]) for name in ("width", "height"))
-    fx, fy, cx, cy = (_number(path, name, content[name]) for name in ("fx", "fy", "cx", "cy"))
+    fx, fy, cx, cy = (number_at(path, name, content[name]) for name in ("fx", "fy", "cx", "cy"))
     distortion = content.get("distortion", [])
     if not isinstance(distortion, list):
         raise InputError(f"{path}: distortion is {distortion!r}: expected a list of 0, 4, 5 or 8 numbers, as OpenCV's")
-    bent = tuple(_number(path, "distortion", one) for one in distortion)
+    bent = tuple(number_at(path, "distortion", one) for one in distortion)
     try:
         return CameraModel(width, height, (fx, fy), (cx, cy), bent)
     except InputError as error:
@@ -82,7 +81,7 @@ def read_floor(path: str | Path) -> tuple[Array, Array] | None:
         return None
     if not isinstance(floor, Mapping) or any(name not in floor for name in FLOOR):
         raise InputError(f"{path}: [floor] is incomplete: expected a table with {' and '.join(FLOOR)}")
-    _known_keys(path, "floor", floor, FLOOR)
+    known_keys(path, "floor", floor, FLOOR)
     rows = floor["R_floor_camera"]
     if not isinstance(rows, list) or len(rows) != 3:
         raise InputError(f"{path}: floor.R_floor_camera is {rows!r}: expected three rows of three numbers")
@@ -114,54 +113,24 @@ def write_camera_file(
     if Path(path).suffix.lower() in OPENCV_SUFFIXES:
         raise InputError(f"{path}: expected a name that ends in .toml; OpenCV's files are only read")
     numbers = (model.width, model.height, *model.focal, *model.centre)
-    lines = [f"{name} = {value}" for name, value in zip(NUMBERS, map(_plain, numbers), strict=True)]
-    lines.append(f"distortion = {_plain(model.distortion)}")
+    lines = [f"{name} = {value}" for name, value in zip(NUMBERS, map(toml_text, numbers), strict=True)]
+    lines.append(f"distortion = {toml_text(model.distortion)}")
     if floor is not None:
-        lines += ["", "[floor]", *(f"{name} = {_plain(value)}" for name, value in zip(FLOOR, floor, strict=True))]
+        lines += ["", "[floor]", *(f"{name} = {toml_text(value)}" for name, value in zip(FLOOR, floor, strict=True))]
     if calibration:
-        lines += ["", "[calibration]", *(f"{name} = {_plain(value)}" for name, value in calibration.items())]
+        lines += ["", "[calibration]", *(f"{name} = {toml_text(value)}" for name, value in calibration.items())]
     with atomic_open(path, "w", overwrite) as file:
         file.write("\n".join(lines) + "\n")
 
 
-def _plain(value: Any) -> str:
-    """A number, text, or nested list of numbers as TOML."""
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, int | np.integer):
-        return str(int(value))
-    if isinstance(value, float | np.floating):
-        return repr(float(value))
-    return "[" + ", ".join(_plain(one) for one in value) + "]"
-
-
 def _content(path: Path) -> Mapping[str, Any]:
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot be read ({error.strerror}): expected a camera file (TOML)") from error
-    except (ValueError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{path}: {error}: expected a camera file (TOML with fx, fy, cx, cy …)") from error
-    _known_keys(path, "", content, KNOWN)
+    content = read_toml(path, "a camera file (TOML with fx, fy, cx, cy …)")
+    known_keys(path, "", content, KNOWN)
     return content
 
 
-def _known_keys(path: Path, where: str, table: Mapping[str, Any], known: tuple[str, ...]) -> None:
-    for key in table:
-        if key not in known:
-            raise InputError(f"{path}: unknown key '{f'{where}.' if where else ''}{key}'{nearest(key, known)}")
-
-
-def _number(path: Path, where: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise InputError(f"{path}: {where} is {value!r}: expected a number")
-    return float(value)
-
-
 def _whole(path: Path, where: str, value: Any) -> int:
-    number = _number(path, where, value)
+    number = number_at(path, where, value)
     if number != round(number) or number <= 0:
         raise InputError(f"{path}: {where} is {value!r}: expected a whole number of pixels")
     return int(number)
@@ -170,4 +139,4 @@ def _whole(path: Path, where: str, value: Any) -> int:
 def _vector(path: Path, where: str, value: Any) -> Array:
     if not isinstance(value, list) or len(value) != 3:
         raise InputError(f"{path}: {where} holds {value!r}: expected three numbers")
-    return np.array([_number(path, where, one) for one in value])
+    return np.array([number_at(path, where, one) for one in value])

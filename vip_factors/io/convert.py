@@ -9,14 +9,17 @@ from typing import Any
 import numpy as np
 
 from vip_factors.errors import FileFormatError, InputError, RecordingError
+from vip_factors.io.body_file import read_body_file
 from vip_factors.io.import_notes import coverage_notes
 from vip_factors.io.import_placement import place_sensors
 from vip_factors.io.imported import ImportedLog
+from vip_factors.io.known_body import subject_with, with_body
 from vip_factors.io.mcap_contents import MAGIC
-from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, nearest, placement_from_file
+from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, placement_from_file
+from vip_factors.io.toml_values import nearest
 from vip_factors.sensors.attitude import with_orientation
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.recording import DEFAULT_STATURE_M, Recording, Subject, Truth
+from vip_factors.sensors.recording import Recording, Subject, Truth
 
 __all__ = ["FORMATS", "ImportOptions", "detect_format", "import_recording", "placement_from_file", "read_log"]
 
@@ -49,6 +52,7 @@ class ImportOptions:
         initial_pose: ``"t-pose"``, ``"n-pose"`` or ``"none"``: what was held at the first moment kept.
         start_s, end_s: seconds of the log to keep; the recording's time 0 is at ``start_s``.
         name: of the recording; the path's own if None.
+        body: body file of the wearer, as ``vip-factors body`` writes it: in the place of stature, sex and lengths.
     """
 
     format: str | None = None
@@ -62,6 +66,7 @@ class ImportOptions:
     start_s: float | None = None
     end_s: float | None = None
     name: str | None = None
+    body: Path | None = None
 
     def __post_init__(self) -> None:
         if self.format is not None and self.format not in FORMATS:
@@ -70,6 +75,9 @@ class ImportOptions:
             raise InputError(f"initial pose '{self.initial_pose}'{nearest(self.initial_pose, INITIAL_POSES)}")
         if self.start_s is not None and self.end_s is not None and not self.start_s < self.end_s:
             raise InputError(f"start {self.start_s:g} s and end {self.end_s:g} s: expected the start before the end")
+        beside = [name for name in ("stature_m", "sex", "segment_lengths_m") if getattr(self, name)]
+        if self.body is not None and beside:
+            raise InputError(f"{', '.join(beside)} given beside the body file {self.body}, which says it: leave it out")
 
 
 def detect_format(path: str | Path) -> str:
@@ -151,17 +159,15 @@ def import_recording(path: str | Path, options: ImportOptions | None = None) -> 
     if format_name == "recording":
         return _own(path, options)
     log = read_log(path, format_name)
-    given = _given(options)
+    given, body = _given(options), read_body_file(options.body) if options.body is not None else None
     notes = [f"imported from {path.name} ({log.format})", *log.notes]
     log = replace(log, imus=_cut(log.imus, options, notes))
     notes += coverage_notes(log.imus)
-    stature = given.stature_m or log.stature_m
-    if stature is None:
-        stature = DEFAULT_STATURE_M
-        notes.append(f"no stature given: {stature:g} m assumed, and every length follows from it")
-    subject = Subject(
-        given.subject or "subject", stature, given.mass_kg, given.sex, dict(given.segment_lengths_m), None
-    )
+    if body is None:
+        subject = _subject(given, log, notes)
+    else:
+        subject = subject_with(body, given)
+        notes.append(f"body of '{body.name}' from {options.body}, whatever stature and lengths were told")
     log = replace(log, imus=_oriented(log.imus, notes))
     rule = options.placement if isinstance(options.placement, Mapping) else given.sensors or _preset_name(options)
     placement = place_sensors(log, subject.body(), rule, notes)
@@ -178,13 +184,24 @@ def import_recording(path: str | Path, options: ImportOptions | None = None) -> 
     )
 
 
+def _subject(given: PlacementFile, log: ImportedLog, notes: list[str]) -> Subject:
+    """The wearer, of whom at most stature, sex and some lengths are known."""
+    stature = given.stature_m or log.stature_m
+    subject = Subject(given.subject or "subject", stature, given.mass_kg, given.sex, dict(given.segment_lengths_m))
+    notes += [subject.body_note] if subject.body_note else []
+    return subject
+
+
 def _own(path: Path, options: ImportOptions) -> Recording:
     """One of our recordings, as it is: what it says of wearer and placement is not to be overruled in passing."""
-    if options != ImportOptions(format=options.format):
-        raise InputError(f"{path} is a recording of this package already: it can be read, but takes no import options")
+    if replace(options, body=None) != ImportOptions(format=options.format):
+        raise InputError(
+            f"{path} is a recording of this package already: it can be read, but takes no import options besides a body"
+        )
     from vip_factors.io.mcap_recording import read_recording
 
-    return read_recording(path)
+    recording = read_recording(path)
+    return with_body(recording, read_body_file(options.body)) if options.body is not None else recording
 
 
 def _preset_name(options: ImportOptions) -> str | None:

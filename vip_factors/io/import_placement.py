@@ -6,7 +6,8 @@ from dataclasses import replace
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import InputError
 from vip_factors.io.imported import ImportedLog
-from vip_factors.io.placement_file import SensorEntry, nearest
+from vip_factors.io.placement_file import SensorEntry
+from vip_factors.io.toml_values import nearest
 from vip_factors.sensors.placement import PRESETS, SITES, Placement, SensorSite, place, stature_of
 from vip_factors.sensors.recording import DEFAULT_STATURE_M
 

@@ -12,6 +12,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import Estimate, Iteration, SolveReport
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.atomic import atomic_open, check_target
+from vip_factors.io.mcap_body import body_message, body_of
 from vip_factors.io.mcap_contents import McapContents, McapMessages, read_contents
 from vip_factors.io.mcap_messages import (
     calibration_message,
@@ -28,6 +29,7 @@ from vip_factors.io.mcap_messages import (
 )
 from vip_factors.io.mcap_scene import point_messages, scene_wanted, skeleton_scene, transform_messages
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
+from vip_factors.io.schemas.body_estimate_pb2 import BodyEstimate as BodyEstimateMessage
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
 from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo
@@ -38,7 +40,7 @@ from vip_factors.io.schemas.solve_report_pb2 import SolveReport as SolveReportMe
 ESTIMATE = "/estimate/"
 SINGLE = "/estimate"  # what the topics of one wearer's estimate begin with, if there is but one
 INFO, CALIBRATION, REPORT, MOTION, POSE = "/info", "/calibration", "/report", "/motion", "/pose"
-RESIDUALS, TRANSFORMS, SCENE, POINTS = "/residuals", "/tf", "/skeleton", "/points"
+BODY, RESIDUALS, TRANSFORMS, SCENE, POINTS = "/body", "/residuals", "/tf", "/skeleton", "/points"
 RECORDING_INFO = "/recording/info"
 
 
@@ -112,6 +114,8 @@ def estimate_messages(
     writer.write(prefix + INFO, info_message(estimate, start_ns), start_ns)
     writer.write(prefix + MOTION, motion_message(motion), start_ns)
     writer.write(prefix + CALIBRATION, calibration_message(estimate.calibration), start_ns)
+    if estimate.body is not None:
+        writer.write(prefix + BODY, body_message(estimate.body), start_ns)
     for report in estimate.reports:
         writer.write(prefix + REPORT, report_message(report), start_ns)
     streams: list[Iterable[TimedMessage]] = [
@@ -224,6 +228,7 @@ def estimate_of(contents: McapContents, messages: Iterable[McapMessages], prefix
     motion, covariance = motion_of(motions[-1], of_topic(path, ours, prefix + POSE, BodyPose))
     tell_lost_frames(path, motions[-1], motion)
     calibrations = of_topic(path, ours, prefix + CALIBRATION, CalibrationEstimate)
+    bodies = of_topic(path, ours, prefix + BODY, BodyEstimateMessage)
     return Estimate(
         name=info.name,
         method=info.method,
@@ -234,6 +239,7 @@ def estimate_of(contents: McapContents, messages: Iterable[McapMessages], prefix
         sensors=tuple(info.sensors),
         reports=tuple(report_of(one) for one in of_topic(path, ours, prefix + REPORT, SolveReportMessage)),
         settings=dict(info.settings),
+        body=body_of(bodies[-1]) if bodies else None,
     )
 
 

@@ -5,6 +5,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from vip_factors.body.length_prior import LengthPrior
 from vip_factors.errors import FileFormatError
 from vip_factors.io.atomic import atomic_open
 from vip_factors.io.mcap_contents import McapChannel, McapContents, McapMessages, read_contents
@@ -37,6 +40,7 @@ from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
 from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
+from vip_factors.io.schemas.subject_pb2 import LengthPrior as LengthPriorMessage
 from vip_factors.io.schemas.subject_pb2 import Subject as SubjectMessage
 from vip_factors.sensors.placement import Placement, SensorSite
 from vip_factors.sensors.recording import Recording, Subject, Truth
@@ -95,15 +99,22 @@ def _info_message(recording: Recording) -> RecordingInfo:
 
 def subject_message(subject: Subject) -> SubjectMessage:
     """A subject, with the skeleton."""
+    prior = subject.length_prior
     return SubjectMessage(
         name=subject.name,
-        stature_m=subject.stature_m,
+        stature_m=subject.stature_m or 0.0,
         mass_kg=subject.mass_kg,
         sex=subject.sex,
         segment_lengths_m=dict(subject.segment_lengths_m),
         skeleton=skeleton_message(subject.body()),
         skeleton_given=subject.skeleton is not None,
+        length_prior=None if prior is None else length_prior_message(prior),
     )
+
+
+def length_prior_message(prior: LengthPrior) -> LengthPriorMessage:
+    """How far the lengths of a skeleton may be off."""
+    return LengthPriorMessage(lengths=prior.names, covariance_m2=prior.covariance.ravel())
 
 
 def placement_message(placement: Placement) -> SensorPlacement:
@@ -192,12 +203,27 @@ def subject_of(message: SubjectMessage) -> Subject:
     """The subject of a message."""
     return Subject(
         name=message.name,
-        stature_m=message.stature_m,
+        stature_m=message.stature_m or None,  # absent is zero
         mass_kg=message.mass_kg if message.HasField("mass_kg") else None,
         sex=message.sex if message.HasField("sex") else None,
         segment_lengths_m=dict(message.segment_lengths_m),
         skeleton=skeleton_of(message.skeleton) if message.skeleton_given else None,
+        length_prior=length_prior_of(message.length_prior) if message.HasField("length_prior") else None,
     )
+
+
+def length_prior_of(message: LengthPriorMessage) -> LengthPrior:
+    """The prior of a message.
+
+    Raises:
+        FileFormatError: if the covariance is not one of that many lengths.
+    """
+    count = len(message.lengths)
+    if len(message.covariance_m2) != count**2:
+        raise FileFormatError(
+            f"the prior of {count} lengths has {len(message.covariance_m2)} numbers: expected {count**2}"
+        )
+    return LengthPrior(tuple(message.lengths), np.array(message.covariance_m2).reshape(count, count))
 
 
 def placement_of(message: SensorPlacement) -> Placement:

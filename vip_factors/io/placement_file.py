@@ -17,9 +17,8 @@
 
 import json
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -29,16 +28,10 @@ from vip_factors.body.skeleton import BONE_ALIASES, JOINT_NAMES, Skeleton
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
+from vip_factors.io.toml_values import known_keys, nearest, number_at, numbers_at, table_at, text_at
 from vip_factors.sensors.placement import CARELESS_MOUNTING_SIGMA, SITES, STRAPPED_MOUNTING_SIGMA, SensorSite, place
 
 INITIAL_POSES = ("t-pose", "n-pose", "none")
-
-
-def nearest(word: str, known: Iterable[str]) -> str:
-    """``; did you mean 'x'?`` for the known word that is most alike, or all known words if none is."""
-    known = list(known)
-    alike = get_close_matches(word.lower(), known, n=1, cutoff=0.5) or get_close_matches(word, known, n=1, cutoff=0.5)
-    return f"; did you mean '{alike[0]}'?" if alike else f": expected one of {', '.join(known)}"
 
 
 @dataclass(frozen=True)
@@ -107,20 +100,22 @@ def placement_from_file(path: str | Path) -> PlacementFile:
     except (ValueError, UnicodeDecodeError) as error:
         raise FileFormatError(f"{path}: {error}: expected {path.suffix or 'TOML'} syntax") from error
     known = [one.name for one in fields(PlacementFile)]
-    _known_keys(path, "", content, known)
+    known_keys(path, "", content, known)
     values: dict[str, Any] = {}
     for key in ("subject", "sex", "initial_pose"):
         if key in content:
-            values[key] = _text(path, key, content[key])
+            values[key] = text_at(path, key, content[key])
     for key in ("stature_m", "mass_kg"):
         if key in content:
-            values[key] = _number(path, key, content[key])
+            values[key] = number_at(path, key, content[key])
     pose = values.get("initial_pose")
     if pose is not None and pose not in INITIAL_POSES:
         raise InputError(f"{path}: initial_pose '{pose}'{nearest(pose, INITIAL_POSES)}")
-    lengths = _table(path, "segment_lengths_m", content.get("segment_lengths_m", {}))
-    values["segment_lengths_m"] = {key: _number(path, f"segment_lengths_m.{key}", one) for key, one in lengths.items()}
-    sensors = _table(path, "sensors", content.get("sensors", {}))
+    lengths = table_at(path, "segment_lengths_m", content.get("segment_lengths_m", {}))
+    values["segment_lengths_m"] = {
+        key: number_at(path, f"segment_lengths_m.{key}", one) for key, one in lengths.items()
+    }
+    sensors = table_at(path, "sensors", content.get("sensors", {}))
     values["sensors"] = {name: _entry(path, name, entry) for name, entry in sensors.items()}
     return PlacementFile(**values)
 
@@ -129,59 +124,28 @@ def _entry(path: Path, name: str, entry: Any) -> SensorEntry:
     where = f"sensors.{name}"
     if isinstance(entry, str):
         entry = {"site": entry}
-    table = _table(path, where, entry)
-    _known_keys(path, where, table, ("site", "bone", "position_m", "mounting_wxyz", "sigma_deg"))
+    table = table_at(path, where, entry)
+    known_keys(path, where, table, ("site", "bone", "position_m", "mounting_wxyz", "sigma_deg"))
     if ("site" in table) == ("bone" in table):
         raise InputError(f"{path}: {where}: expected either a site, such as 'left_thigh', or a bone")
-    site = _text(path, f"{where}.site", table["site"]) if "site" in table else None
+    site = text_at(path, f"{where}.site", table["site"]) if "site" in table else None
     if site is not None and site not in SITES:
         raise InputError(f"{path}: {where}: unknown site '{site}'{nearest(site, SITES)}")
-    bone = _text(path, f"{where}.bone", table["bone"]) if "bone" in table else None
+    bone = text_at(path, f"{where}.bone", table["bone"]) if "bone" in table else None
     bones = [*JOINT_NAMES, *BONE_ALIASES]
     if bone is not None and bone not in bones:
         raise InputError(f"{path}: {where}: unknown bone '{bone}'{nearest(bone, bones)}")
     if bone is not None and "mounting_wxyz" not in table:
         raise InputError(f"{path}: {where}: a bone needs mounting_wxyz too, R_bone_sensor as a quaternion w, x, y, z")
-    position = _numbers(path, f"{where}.position_m", table["position_m"], 3) if "position_m" in table else None
+    position = numbers_at(path, f"{where}.position_m", table["position_m"], 3) if "position_m" in table else None
     R = None
     if "mounting_wxyz" in table:
-        quaternion = _numbers(path, f"{where}.mounting_wxyz", table["mounting_wxyz"], 4)
+        quaternion = numbers_at(path, f"{where}.mounting_wxyz", table["mounting_wxyz"], 4)
         try:
             R = matrix_from_quaternion(quaternion, Order.WXYZ)
         except InputError as error:
             raise InputError(f"{path}: {where}.mounting_wxyz: {error}") from error
-    sigma = _number(path, f"{where}.sigma_deg", table["sigma_deg"]) if "sigma_deg" in table else None
+    sigma = number_at(path, f"{where}.sigma_deg", table["sigma_deg"]) if "sigma_deg" in table else None
     if sigma is not None and not 0 < sigma <= 180:
         raise InputError(f"{path}: {where}.sigma_deg is {sigma:g}: expected degrees between 0 and 180")
     return SensorEntry(site, bone, position, R, sigma)
-
-
-def _known_keys(path: Path, where: str, table: Mapping[str, Any], known: Iterable[str]) -> None:
-    known = list(known)
-    for key in table:
-        if key not in known:
-            raise InputError(f"{path}: unknown key '{f'{where}.' if where else ''}{key}'{nearest(key, known)}")
-
-
-def _table(path: Path, where: str, value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise InputError(f"{path}: {where} is {value!r}: expected a table")
-    return value
-
-
-def _text(path: Path, where: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise InputError(f"{path}: {where} is {value!r}: expected text in quotes")
-    return value
-
-
-def _number(path: Path, where: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise InputError(f"{path}: {where} is {value!r}: expected a number")
-    return float(value)
-
-
-def _numbers(path: Path, where: str, value: Any, count: int) -> Array:
-    if not isinstance(value, list) or len(value) != count:
-        raise InputError(f"{path}: {where} is {value!r}: expected a list of {count} numbers")
-    return np.array([_number(path, where, one) for one in value])

@@ -9,9 +9,11 @@ import numpy as np
 
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
+from vip_factors.io.body_file import read_body_file
 from vip_factors.io.camera_file import read_camera_file, read_floor
 from vip_factors.io.convert import ImportOptions, detect_format, import_recording
 from vip_factors.io.detections.read import read_detections
+from vip_factors.io.known_body import scene_with_body
 from vip_factors.io.mcap_scene_recording import read_scene
 from vip_factors.io.video import check_video, embed_video, video_facts
 from vip_factors.sensors.camera_model import CameraModel
@@ -73,14 +75,17 @@ def read_log_as_scene(path: Path, options: ImportOptions) -> Scene:
     """A sensor log of any known format, or a recording or scene of ours, as a scene named as the options say.
 
     Raises:
-        InputError, FileFormatError, RecordingError: as :func:`~vip_factors.io.convert.import_recording`.
+        InputError, FileFormatError, RecordingError: as :func:`~vip_factors.io.convert.import_recording`; InputError
+            also for a body file of none of several wearers.
     """
     if (options.format or detect_format(path)) != "recording":
         recording = import_recording(path, options)
         return Scene(recording.name, (recording,))
-    if replace(options, name=None) != ImportOptions(format=options.format):
+    if replace(options, name=None, body=None) != ImportOptions(format=options.format):
         import_recording(path, replace(options, name=None))  # says that it takes no import options
     scene = read_scene(path)
+    if options.body is not None:
+        scene = scene_with_body(scene, read_body_file(options.body), options.body)
     if options.name is None:
         return scene
     wearers = tuple(replace(one, name=options.name) for one in scene.wearers)

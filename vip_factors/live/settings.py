@@ -26,7 +26,9 @@ class LiveSettings(Settings):
     # Nothing is believed less while the calibration is free: it always is. Measured: 20.6 mm against 17.8. A body does
     # not show within the second that tracking begins with.
     calibration: CalibrationSettings = field(
-        default_factory=lambda: CalibrationSettings(loosening=1.0, estimate_body=False, estimate_hinges=False)
+        default_factory=lambda: CalibrationSettings(
+            loosening=1.0, estimate_body=False, estimate_hinges=False, estimate_places=False, estimate_keypoints=False
+        )
     )
     lag_s: float = 0.25  # Kaichi's users and animators want answers within a blink
     camera_retry_s: float = 0.5  # until the first camera is looked for again that showed no wearer; then ever rarer

@@ -52,10 +52,10 @@ def stacked(frames: Sequence[FrameState], static: SceneState) -> SceneState:
     if not len(camera.poses):
         R_camera = np.stack([frame.R_world_camera for frame in frames])
         camera = replace(camera, poses=CameraPoses(R_camera, np.stack([frame.p_world_camera for frame in frames])))
-    return SceneState(wearers, camera)
+    return replace(static, wearers=wearers, camera=camera)
 
 
 def without_frames(state: SceneState) -> SceneState:
     """What all frames share, as a scene without any; the pose of a camera that stands still is among it."""
     none = slice(0, 0)
-    return SceneState(tuple(one.window(none) for one in state.wearers), state.camera.window(none))
+    return state.window(none)

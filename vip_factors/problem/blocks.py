@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.body.hinges import HINGE_VARIABLES
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS
+from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.body.variation import LENGTHS
 from vip_factors.problem.layout import (
     FRAME,
     POSE,
@@ -29,6 +30,7 @@ STEP_CLOCK = 0.05  # s
 STEP_BODY = 0.05  # m
 BODY_MOVED = 0.003  # m: from where on a length is linearised anew in a stream
 CAMERA = OwnerId(Owner.CAMERA)
+DETECTOR = OwnerId(Owner.DETECTOR)
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ def wearer_blocks(wearer: WearerProblem, wander: WanderSettings, relinearise: fl
         StaticBlock("headings", Manifold.VECTOR, S, wearer.free_headings, STEP_ANGLE, heading, limit),
         StaticBlock("R_bone_sensor", Manifold.ROTATION, S, wearer.free_mountings, STEP_ANGLE, mounting, limit),
         StaticBlock("body", Manifold.VECTOR, len(LENGTHS), wearer.body_moves, STEP_BODY, 0.0, BODY_MOVED),
+        StaticBlock("sensor_places", Manifold.POINT, S, wearer.free_places, STEP_BODY, 0.0, BODY_MOVED),
         StaticBlock("hinges", Manifold.VECTOR, HINGE_VARIABLES, wearer.free_hinges, STEP_ANGLE, 0.0, limit),
         StaticBlock("pose_mean", Manifold.VECTOR, POSE_SIZE, wearer.free_pose_mean, STEP_ANGLE, 0.0, limit),
     )
@@ -77,6 +80,12 @@ def camera_blocks(camera: CameraProblem, wander: WanderSettings, relinearise: fl
     )  # fmt: skip
 
 
+def detector_blocks(scene: SceneProblem) -> tuple[StaticBlock, ...]:
+    """The detector's, which all wearers and cameras share."""
+    count = len(OFFSET_KEYPOINTS)
+    return (StaticBlock("keypoint_offsets", Manifold.POINT, count, scene.free_keypoints, STEP_BODY, 0.0, BODY_MOVED),)
+
+
 def scene_layout(
     scene: SceneProblem,
     wander: WanderSettings | None = None,
@@ -95,6 +104,7 @@ def scene_layout(
         step = np.repeat([STEP_ANGLE, STEP_LENGTH], 3)
         parts.append(FramePart(CAMERA, POSE, step, {"poses": slice(0, POSE)}))
     blocks.append((CAMERA, camera_blocks(scene.camera, wander, limit)))
+    blocks.append((DETECTOR, detector_blocks(scene)))
     return Layout(tuple(parts), tuple(blocks))
 
 

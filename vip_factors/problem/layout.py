@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from enum import Enum, StrEnum
+from enum import StrEnum
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -19,17 +19,23 @@ POSE = 6  # width of a camera's pose: rotation, then translation
 STATIC = -1  # in the place of a frame's part: what all frames share
 
 
-class Manifold(Enum):
-    """How a variable moves by a step, and how wide the step is."""
+class Manifold(StrEnum):
+    """How a variable moves by a step."""
 
-    VECTOR = 1
-    ROTATION = 3  # R ← R Exp(δ)
-    POSE = 6  # T ← T Exp(δ), as GTSAM's Pose3, rotation first
+    VECTOR = "vector"
+    POINT = "point"
+    ROTATION = "rotation"  # R ← R Exp(δ)
+    POSE = "pose"  # T ← T Exp(δ), as GTSAM's Pose3, rotation first
 
     @property
     def width(self) -> int:
         """Columns of one variable."""
-        return self.value
+        return {Manifold.VECTOR: 1, Manifold.POINT: 3, Manifold.ROTATION: 3, Manifold.POSE: 6}[self]
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether steps simply add."""
+        return self in (Manifold.VECTOR, Manifold.POINT)
 
 
 class Owner(StrEnum):
@@ -87,11 +93,12 @@ class StaticBlock:
     def retract(self, value: Any, step: Array) -> Any:
         """The variables moved by steps ``(width,)``; every solver moves them by this.
 
-        Vectors are ``(items,)`` or, a single one, a number; rotations ``(items, 3, 3)`` or ``(3, 3)``; poses
+        Vectors are ``(items,)`` or, a single one, a number; points ``(items, 3)``; rotations ``(items, 3, 3)`` or
+        ``(3, 3)``; poses
         :class:`~vip_factors.factors.camera_pose.CameraPoses`.
         """
         each = step.reshape(self.items, self.item_width)
-        if self.manifold is Manifold.VECTOR:
+        if self.manifold.is_flat:
             return float(value + step[0]) if np.ndim(value) == 0 else value + step.reshape(np.shape(value))
         if self.manifold is Manifold.ROTATION:
             return value @ exp(each.reshape(*np.shape(value)[:-2], 3))
@@ -103,8 +110,8 @@ class StaticBlock:
         ``X ⊞ (x + dx) = (X ⊞ x) ⊞ (chart dx)``: far from the fixed value a step and a difference of coordinates differ.
         """
         each = coordinates.reshape(self.items, self.item_width)
-        if self.manifold is Manifold.VECTOR:
-            return np.ones((self.items, 1, 1))
+        if self.manifold.is_flat:
+            return np.broadcast_to(np.eye(self.item_width), (self.items, self.item_width, self.item_width))
         return right_jacobian(each) if self.manifold is Manifold.ROTATION else pose_right_jacobian(each)
 
 

@@ -6,10 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
+from vip_factors.body.keypoints import offset_of
 from vip_factors.factors.camera_acceleration import CameraAccelerationSettings
 from vip_factors.factors.camera_orientation import CameraOrientationSettings
 from vip_factors.factors.camera_velocity import CameraVelocitySettings
 from vip_factors.factors.ground_contact import Foot, GroundContactSettings
+from vip_factors.factors.keypoint_offset import KeypointOffsetSettings
 from vip_factors.factors.reprojection import ReprojectionSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.extra import ExtraTerms
@@ -29,6 +31,7 @@ class CameraFactorSettings:
     acceleration: CameraAccelerationSettings = field(default_factory=CameraAccelerationSettings)
     velocity: CameraVelocitySettings = field(default_factory=CameraVelocitySettings)
     ground_contact: GroundContactSettings = field(default_factory=GroundContactSettings)
+    keypoint_offset: KeypointOffsetSettings = field(default_factory=KeypointOffsetSettings)
     heading_sigma_deg: float = 45.0  # of the camera IMU's heading, which nothing but the picture tells
     # s, of the clock offset where it is a variable: a clap found by eye is good to a video frame or two.
     clock_sigma: float = 0.05
@@ -123,6 +126,7 @@ class KeypointView:
         pixels_per_second: ``(T, K, 2)`` how fast the detections move, for the clock offset.
         confidence: ``(T, K)`` of the detector, times the biweight; zero where not seen. Sigma has it already.
         ground: of the feet among them, if their contact with the ground is used.
+        names: of the keypoints, where the detector's own way of placing them is of interest.
     """
 
     points: tuple[BodyPoint, ...]
@@ -132,6 +136,16 @@ class KeypointView:
     pixels_per_second: Array
     confidence: Array = field(default_factory=lambda: np.zeros((0, 0)))
     ground: GroundView | None = None
+    names: tuple[str, ...] = ()
+
+    @cached_property
+    def offsets(self) -> tuple[np.ndarray, Array]:
+        """Which of the detector's offsets each point has ``(K,)``, −1 for none, and its axes' signs ``(K, 3)``."""
+        found = [offset_of(name) for name in self.names] or [(-1, 1)] * len(self.points)
+        index = np.array([number for number, _ in found], dtype=int)
+        signs = np.ones((len(found), 3))
+        signs[:, 0] = [sign for _, sign in found]
+        return index, signs
 
     @classmethod
     def unseen(cls, points: tuple[BodyPoint, ...], frames: int = 1) -> "KeypointView":
@@ -200,6 +214,7 @@ class SceneProblem:
         views: of each wearer, before that camera.
         further: cameras beside it, which stand still at known poses: they bring no variable, only reprojections.
         extra: terms of a user's own.
+        free_keypoints: whether the detector's keypoint offsets are variables.
     """
 
     wearers: tuple[WearerProblem, ...]
@@ -207,6 +222,7 @@ class SceneProblem:
     views: tuple[KeypointView, ...]
     further: tuple[Viewpoint, ...] = ()
     extra: ExtraTerms | None = None
+    free_keypoints: bool = False
 
     def viewpoints(self, camera: CameraState) -> tuple[Viewpoint, ...]:
         """All cameras, with the first one in a state."""
@@ -237,4 +253,5 @@ class SceneProblem:
                 replace(one, state=one.state.window(frames), views=tuple(view.at_frames(frames) for view in one.views))
                 for one in self.further
             ),
+            free_keypoints=self.free_keypoints,
         )

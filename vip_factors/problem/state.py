@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from vip_factors.body.hinges import HINGE_VARIABLES
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS
+from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.skeleton import JOINT_COUNT
-from vip_factors.body.variation import LENGTHS
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array, exp, rotation_z
 from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
@@ -26,6 +27,7 @@ class WearerState:
         pose_mean: ``(69,)`` the recording's mean joint vector, radians.
         later_headings: ``(K − 1, S)`` radians, at the further knots; none where headings are constant.
         body: ``(B,)`` metres, changes of the skeleton's lengths.
+        sensor_places: ``(S, 3)`` metres, from where the sensors were said to sit to where they do, in bone axes.
         hinges: ``(H,)`` radians, tilts of the axes of elbows and knees, and offsets.
     """
 
@@ -36,7 +38,12 @@ class WearerState:
     pose_mean: Array
     later_headings: Array = field(default_factory=lambda: np.zeros((0, 0)))
     body: Array = field(default_factory=lambda: np.zeros(len(LENGTHS)))
+    sensor_places: Array = field(default_factory=lambda: np.zeros((0, 3)))
     hinges: Array = field(default_factory=lambda: np.zeros(HINGE_VARIABLES))
+
+    def __post_init__(self) -> None:
+        if not len(self.sensor_places):  # where they were said to
+            object.__setattr__(self, "sensor_places", np.zeros((len(self.headings), 3)))
 
     @property
     def heading_knots(self) -> Array:
@@ -118,11 +125,23 @@ class CameraState:
 
 
 @dataclass(frozen=True)
+class DetectorState:
+    """Values of a detector's variables.
+
+    Attributes:
+        keypoint_offsets: ``(K, 3)`` metres, of the left side, bone axes.
+    """
+
+    keypoint_offsets: Array = field(default_factory=lambda: np.zeros((len(OFFSET_KEYPOINTS), 3)))
+
+
+@dataclass(frozen=True)
 class SceneState:
     """Values of all variables of a scene."""
 
     wearers: tuple[WearerState, ...]
     camera: CameraState
+    detector: DetectorState = field(default_factory=DetectorState)
 
     @classmethod
     def unfilmed(cls, wearers: Sequence[WearerState]) -> "SceneState":
@@ -131,16 +150,23 @@ class SceneState:
 
     def of(self, owner: OwnerId) -> Any:
         """One owner's values."""
-        return self.camera if owner.kind is Owner.CAMERA else self.wearers[owner.number]
+        match owner.kind:
+            case Owner.CAMERA:
+                return self.camera
+            case Owner.DETECTOR:
+                return self.detector
+        return self.wearers[owner.number]
 
     def window(self, frames: slice) -> "SceneState":
         """Some consecutive frames."""
-        return SceneState(tuple(one.window(frames) for one in self.wearers), self.camera.window(frames))
+        wearers = tuple(one.window(frames) for one in self.wearers)
+        return SceneState(wearers, self.camera.window(frames), self.detector)
 
     def replaced(self, owners: Mapping[OwnerId, Any]) -> "SceneState":
         """With other values of some owners."""
         wearers = tuple(owners.get(OwnerId(Owner.WEARER, n), one) for n, one in enumerate(self.wearers))
-        return SceneState(wearers, owners.get(OwnerId(Owner.CAMERA), self.camera))
+        camera, detector = (OwnerId(kind) for kind in (Owner.CAMERA, Owner.DETECTOR))
+        return SceneState(wearers, owners.get(camera, self.camera), owners.get(detector, self.detector))
 
     def retract_static(self, layout: Layout, step: Array) -> "SceneState":
         """What all frames share moved by a step ``(s,)`` of the layout's static vector."""

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from vip_factors.body.calibration_pose import HeldPose
 from vip_factors.body.joint_limits import JointLimits
 from vip_factors.body.pose_prior import PosePrior
 from vip_factors.body.skeleton import Skeleton
@@ -23,6 +24,7 @@ from vip_factors.factors.joint_limit import JointLimitSettings
 from vip_factors.factors.orientation import OrientationSettings
 from vip_factors.factors.pose_prior import PosePriorSettings
 from vip_factors.factors.rotation_prior import InitialPoseSettings
+from vip_factors.factors.sensor_place import SensorPlaceSettings
 from vip_factors.factors.smoothness import SmoothnessSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.points import BodyPoint, BodyPoints
@@ -39,6 +41,7 @@ class FactorSettings:
     joint_limit: JointLimitSettings = field(default_factory=JointLimitSettings)
     heading_prior: HeadingPriorSettings = field(default_factory=HeadingPriorSettings)
     agreeing_headings: AgreeingHeadingsSettings = field(default_factory=AgreeingHeadingsSettings)
+    sensor_place: SensorPlaceSettings = field(default_factory=SensorPlaceSettings)
     heading_walk: HeadingWalkSettings = field(default_factory=HeadingWalkSettings)
     initial_pose: InitialPoseSettings = field(default_factory=InitialPoseSettings)
     hinge: HingeSettings = field(default_factory=HingeSettings)
@@ -51,12 +54,12 @@ class FactorSettings:
 
 @dataclass(frozen=True)
 class InitialPose:
-    """A declared pose over the first ``frames``: ``R_parent_child`` ``(24, 3, 3)``; the root's heading is free.
+    """A declared pose over the first ``frames``; the root's heading is free.
 
     Of a stretch of something longer, ``passed`` frames are before it.
     """
 
-    R_parent_child: Array
+    pose: HeldPose
     frames: int
     passed: int = 0
 
@@ -93,6 +96,7 @@ class WearerProblem:
         variation: how the skeleton may change, and how likely; None of a body that is known.
         free_body: whether it does.
         free_hinges: whether the axes of elbows and knees are variables.
+        free_places: whether the sensors' places on their bones are variables.
         heading_knots: ``(K,)`` seconds at which headings are variables, linear in between; one or none: constant.
     """
 
@@ -121,6 +125,7 @@ class WearerProblem:
     variation: BodyVariation | None = None
     free_body: bool = False
     free_hinges: bool = False
+    free_places: bool = False
 
     @cached_property
     def sensor_points(self) -> BodyPoints:
@@ -131,6 +136,20 @@ class WearerProblem:
     def contact_points(self) -> BodyPoints:
         """The contacts, as arrays."""
         return BodyPoints.of(self.contacts)
+
+    @cached_property
+    def place_whitening(self) -> Array:
+        """``(S, 3, 3)`` per metre, of the prior on the sensors' places: another sigma along limbs than across."""
+        settings, found = self.settings.sensor_place, []
+        for bone in self.sensor_points.bones:
+            limb = self.skeleton.limb(bone)
+            if limb is None:
+                found.append(np.eye(3) / settings.elsewhere)
+                continue
+            length = float(np.linalg.norm(limb))
+            along = np.outer(limb, limb) / length**2
+            found.append(along / (settings.along * length) + (np.eye(3) - along) / settings.across)
+        return np.array(found).reshape(-1, 3, 3)
 
     @property
     def body_moves(self) -> bool:
@@ -220,7 +239,7 @@ class WearerProblem:
         return self.settings.heading_walk.sigma(np.diff(self.heading_knots))
 
     @property
-    def initial_pose_sigma(self) -> float:
-        """Standard deviation in radians for each of the initial frames, which together weigh as one."""
-        frames = self.initial_pose.frames if self.initial_pose else 1
-        return self.settings.initial_pose.sigma * float(np.sqrt(frames))
+    def initial_pose_sigma(self) -> Array:
+        """Standard deviations ``(23, 3)`` in radians for each of the initial frames, which together weigh as one."""
+        assert self.initial_pose is not None
+        return self.initial_pose.pose.sigma[1:] * self.settings.initial_pose.scale * np.sqrt(self.initial_pose.frames)

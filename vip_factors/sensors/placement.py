@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.body.lengths import LEGS
 from vip_factors.body.skeleton import JOINT_NAMES, Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
@@ -186,8 +187,8 @@ def preset(
 
 
 def stature_of(skeleton: Skeleton) -> float:
-    """Stature in metres, or from the leg length where a skeleton has no landmarks (Drillis & Contini)."""
+    """Stature in metres, or from the leg's length where a skeleton has no landmarks."""
     if {"head_top", "left_heel"} <= set(skeleton.landmarks):
         return skeleton.stature
     thigh, shank = skeleton.bone_length("left_knee"), skeleton.bone_length("left_ankle")
-    return (thigh + shank) / 0.491
+    return (thigh + shank) / LEGS

@@ -3,15 +3,17 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.anthropometry import LikelyBody, likely_body
+from vip_factors.body.length_prior import LengthPrior
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import Skeleton
+from vip_factors.body.variation import BodyVariation
 from vip_factors.errors import RecordingError
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.placement import Placement
 
-DEFAULT_STATURE_M = 1.72  # mean of the adult men and women of de Leva's samples
+DEFAULT_STATURE_M = 1.72  # of logs whose wearers nobody measured, for their sensors' places
 
 
 @dataclass(frozen=True)
@@ -20,28 +22,49 @@ class Subject:
 
     Attributes:
         name: unique in a recording.
-        stature_m: height in metres.
-        mass_kg, sex: optional, as in :func:`~vip_factors.body.anthropometry.skeleton_from_stature`.
-        segment_lengths_m: measured lengths, which win over the tables.
+        stature_m: height in metres; None if unknown.
+        mass_kg, sex, segment_lengths_m: optional, as in :func:`~vip_factors.body.anthropometry.likely_body`.
         skeleton: a ready skeleton (from an SMPL file, say), which wins over everything above.
+        length_prior: how far the lengths of that skeleton may be off, if it was found; None of one that is known.
     """
 
     name: str = "subject"
-    stature_m: float = DEFAULT_STATURE_M
+    stature_m: float | None = None
     mass_kg: float | None = None
     sex: str | None = None
     segment_lengths_m: Mapping[str, float] = field(default_factory=dict)
     skeleton: Skeleton | None = None
+    length_prior: LengthPrior | None = None
 
     def body(self) -> Skeleton:
-        """The subject's skeleton.
+        """The subject's skeleton: the one given, or the likeliest of what is known.
 
         Raises:
-            InputError: for an implausible stature, segment or sex.
+            InputError: for an implausible stature, mass, segment or sex.
         """
-        if self.skeleton is not None:
-            return self.skeleton
-        return skeleton_from_stature(self.stature_m, self.sex, self.segment_lengths_m)
+        return self.skeleton if self.skeleton is not None else self._likely().skeleton
+
+    def variation(self) -> BodyVariation | None:
+        """What is open about :meth:`body`; None of a skeleton that was given and is known.
+
+        Raises:
+            InputError: for an implausible stature, mass, segment or sex.
+        """
+        if self.length_prior is not None:
+            return self.length_prior.variation(self.body())
+        return None if self.skeleton is not None else self._likely().variation
+
+    @property
+    def body_note(self) -> str:
+        """A sentence on what is doubtful about the body, such as a stature that is unknown or a child's; or nothing.
+
+        Raises:
+            InputError: for an implausible stature, mass, segment or sex.
+        """
+        return "" if self.skeleton is not None else self._likely().note
+
+    def _likely(self) -> LikelyBody:
+        return likely_body(self.stature_m, self.sex, self.segment_lengths_m, self.mass_kg)
 
 
 @dataclass(frozen=True)

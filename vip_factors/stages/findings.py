@@ -9,6 +9,7 @@ from vip_factors.initialise.camera import leaps
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.associated_cameras import AssociatedCamera
+from vip_factors.stages.body_findings import body_findings, knee_findings
 from vip_factors.stages.fusion import Fused
 
 UNSURE_HEADING = np.deg2rad(15.0)  # a heading no better known than this came from the straps
@@ -63,6 +64,9 @@ def _wearer_findings(
             f"{who}: the headings of {', '.join(unsure)} are not determined by the data (standard deviation above "
             f"{np.rad2deg(UNSURE_HEADING):.0f}°): keypoints beyond them (toes, hands) or longer motion would help"
         )
+    if estimate.body is not None:
+        yield from body_findings(who, estimate.body, recording.subject.stature_m)
+    yield from knee_findings(who, estimate.motion)
     spreads = fine.measured_spreads()
     for index, each in enumerate(associated):
         if views[index].seen.any():

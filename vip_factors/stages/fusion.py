@@ -14,7 +14,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.extra import ExtraTerms
 from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem, Viewpoint
-from vip_factors.problem.state import CameraState, SceneState
+from vip_factors.problem.state import CameraState, DetectorState, SceneState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import resample_streams
@@ -53,7 +53,8 @@ class Fused:
         ]
         viewpoints = self.model.viewpoints(self.state.camera)
         return tuple(
-            _scatter_before(one, wearers, spreads) for one, spreads in zip(viewpoints, self.spreads, strict=True)
+            _scatter_before(one, wearers, spreads, self.state.detector)
+            for one, spreads in zip(viewpoints, self.spreads, strict=True)
         )
 
     def is_settled(self) -> bool:
@@ -76,11 +77,12 @@ class Fused:
 
 
 def _scatter_before(
-    camera: Viewpoint, wearers: Sequence[WearerEvaluation], spreads: Sequence[float]
+    camera: Viewpoint, wearers: Sequence[WearerEvaluation], spreads: Sequence[float], detector: DetectorState
 ) -> tuple[float, ...]:
     found = []
     for view, wearer, spread in zip(camera.views, wearers, spreads, strict=True):
-        residual = reprojection_residuals(ViewEvaluation(wearer, CAMERA, camera.problem, camera.state, view))
+        at = ViewEvaluation(wearer, CAMERA, camera.problem, camera.state, view, detector.keypoint_offsets)
+        residual = reprojection_residuals(at)
         found.append(scatter(residual, view, spread, camera.problem.settings.reprojection))
     return tuple(found)
 
@@ -127,13 +129,19 @@ def unfused(
     )
     known = before is not None
     model = _scene_model(wearers, filmed.camera, filmed.further, start, associated, spreads, path_known=known)
-    return Fused(replace(model, extra=extra), start, spreads)
+    model = replace(model, extra=extra, free_keypoints=settings.calibration.estimate_keypoints)
+    return Fused(model, start, spreads)
 
 
 def _with_plain_prior(model: WearerProblem, settings: Settings) -> WearerProblem:
     """The loosened model with the prior's own mean: the camera shows how the wearer stands, a mean need not."""
-    body = settings.calibration.estimate_body
-    return replace(loosened(model, settings.calibration), free_pose_mean=False, free_body=body)
+    calibration = settings.calibration
+    return replace(
+        loosened(model, calibration),
+        free_pose_mean=False,
+        free_body=calibration.estimate_body,
+        free_places=calibration.estimate_places,
+    )
 
 
 def fuse_finely(
@@ -159,10 +167,10 @@ def fuse_finely(
         together = replace(model, camera=_held(model.camera))
         return Fused(model, solver.solve(SceneObjective(together), state, "full rate"), spreads)
     for number, name in enumerate(recording.subject.name for recording in scene.wearers):
-        start = SceneState((state.wearers[number],), state.camera)
+        start = replace(state, wearers=(state.wearers[number],))
         refined = solver.solve(SceneObjective(_alone(model, number)), start, f"full rate, {name}")
         states[number] = refined.wearers[0]
-    return Fused(model, SceneState(tuple(states), state.camera), spreads)
+    return Fused(model, replace(state, wearers=tuple(states)), spreads)
 
 
 def at_full_rate(
@@ -179,7 +187,8 @@ def at_full_rate(
         wearers.append(with_contacts(kept(bodied, resample_streams(streams, time)), states[-1], True))
     camera = replace(camera_problem(associated[0].camera, time, settings), free_clock=False)
     camera = replace(camera, prior_heading=coarse.state.camera.heading)
-    state, spreads = SceneState(tuple(states), _camera_at(coarse, time)), coarse.measured_spreads()
+    state = SceneState(tuple(states), _camera_at(coarse, time), coarse.state.detector)
+    spreads = coarse.measured_spreads()
     model = _scene_model(tuple(wearers), camera, filmed.further, state, associated, spreads, path_known=True)
     return model, state, spreads
 

@@ -66,9 +66,10 @@ def first_calibration(recording: Recording, frames: ImuFrames, settings: Setting
         if recording.truth is None or recording.truth.calibration is None:
             raise InputError(f"recording '{recording.name}' has no true calibration: leave calibration.from_truth off")
         return known_calibration(frames, dict(recording.truth.calibration))
-    body, seconds = recording.subject.body(), settings.factors.initial_pose.seconds
+    body, declared = recording.subject.body(), settings.factors.initial_pose
+    pose = None if recording.initial_pose == "none" else declared.pose(recording.initial_pose)
     reference = gauge_sensor([recording.placement.site(name).bone_index for name in frames.sensors])
-    return initial_calibration(frames, recording.placement, body, recording.initial_pose, seconds, reference)
+    return initial_calibration(frames, recording.placement, body, pose, declared.seconds, reference)
 
 
 def _facing(

@@ -4,11 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.pose_prior import load_pose_prior
-from vip_factors.body.variation import BodyVariation
 from vip_factors.errors import InputError
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.root_path import contact_confidence, contact_points, standing_path
@@ -16,10 +14,12 @@ from vip_factors.problem.points import BodyPoint
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import InitialPose, WearerProblem
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.sensors.recording import Recording, Subject
+from vip_factors.sensors.recording import Recording
 from vip_factors.settings import CalibrationSettings, Settings
 
 LEAST_KNOT = 1.0  # s: faster than that a heading does not drift, and the wearer moves
+# rad, of mountings that were read off a declared pose: what the pose says of them, it says by itself, and not twice.
+DECLARED_MOUNTING_SIGMA = np.pi / 3
 FEW_SENSORS = 6  # with so few, acceleration is all that some limbs have, and the papers' IT is called SOP
 
 
@@ -29,7 +29,7 @@ def inertial_model(
     """The whole problem, everything free that the settings free."""
     sites = [recording.placement.site(name) for name in frames.sensors]
     declared = recording.initial_pose != "none"
-    pose = calibration_pose(recording.initial_pose) if declared else None
+    pose = settings.factors.initial_pose.pose(recording.initial_pose) if declared else None
     factors = settings.factors
     if len(sites) <= FEW_SENSORS:
         sparse = replace(factors.acceleration, sigma=factors.acceleration.sparse_sigma)
@@ -44,7 +44,7 @@ def inertial_model(
         prior_headings=calibration.headings,
         heading_sigma=calibration.heading_sigma,
         prior_R_bone_sensor=calibration.R_bone_sensor,
-        mounting_sigma=np.array([site.mounting_sigma for site in sites]),
+        mounting_sigma=np.array([DECLARED_MOUNTING_SIGMA if declared else site.mounting_sigma for site in sites]),
         settings=factors,
         initial_pose=InitialPose(pose, min(held, len(frames))) if pose is not None else None,
         free_headings=settings.calibration.estimate_headings,
@@ -52,15 +52,9 @@ def inertial_model(
         free_pose_mean=True,
         free_hinges=settings.calibration.estimate_hinges,
         use_acceleration=settings.acceleration,
-        variation=_variation(recording.subject),
+        variation=recording.subject.variation(),
         gauge_sensor=gauge_sensor([site.bone_index for site in sites]),
     )
-
-
-def _variation(subject: Subject) -> BodyVariation | None:
-    """What the stature leaves open; nothing of a skeleton that was given or measured."""
-    known = subject.skeleton is not None or subject.segment_lengths_m
-    return None if known else BodyVariation.of(subject.body())
 
 
 def gauge_sensor(bones: list[int]) -> int:
@@ -75,7 +69,14 @@ def alone(model: WearerProblem) -> WearerProblem:
 
 def _calibrated(model: WearerProblem) -> WearerProblem:
     """The model with what all frames share kept as it is."""
-    return replace(model, free_headings=False, free_mountings=False, free_pose_mean=False, free_hinges=False)
+    return replace(
+        model,
+        free_headings=False,
+        free_mountings=False,
+        free_pose_mean=False,
+        free_hinges=False,
+        free_places=False,
+    )
 
 
 def walking(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:

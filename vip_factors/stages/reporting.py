@@ -13,6 +13,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 from vip_factors.solve.marginals import chain_marginals, last_marginals
 from vip_factors.stages.associated_cameras import AssociatedCamera
+from vip_factors.stages.body_decode import body_estimate
 from vip_factors.stages.findings import find_oddities, of_camera
 from vip_factors.stages.fusion import Fused
 from vip_factors.stages.scene_decode import (
@@ -29,13 +30,13 @@ def scene_estimate(
     scene: Scene, coarse: Fused, fine: Fused, associated: Sequence[AssociatedCamera], reports: tuple[SolveReport, ...],
     settings: Settings,
 ) -> SceneEstimate:  # fmt: skip
-    """The estimate: motions and camera of the full rate, how sure headings and mountings are of the coarse problem."""
+    """The estimate: motions and camera of the full rate; bodies, and how sure what is shared is, of the coarse one."""
     assert scene.camera is not None
     shared = _marginals_of_shared(coarse)
     covariance = _covariance(coarse, fine) if settings.covariance else None
     names = [wearer.subject.name for wearer in scene.wearers]
     wearers = tuple(
-        with_sigmas(estimate, coarse.model, number, shared)
+        replace(with_sigmas(estimate, coarse.model, number, shared), body=body_estimate(coarse, number, shared))
         for number, estimate in enumerate(decode_wearers(names, "VIP", fine.model, fine.state, covariance))
     )
     first, given = scene.camera, associated[0].association.wearer

@@ -54,7 +54,8 @@ def keypoint_view(
     sureness = np.where(seen, np.minimum(sureness, 1.0), 0.0)
     sigma = pixel_sigma(oks * scale[:, None], sureness, seen, spread, settings)
     speed = _speed(detections.time, track, time)
-    return KeypointView(points, np.where(seen[..., None], pixels, 0.0), sigma, seen, speed, sureness)
+    names = tuple(detections.keypoints.keypoints[k] for k in used)
+    return KeypointView(points, np.where(seen[..., None], pixels, 0.0), sigma, seen, speed, sureness, names=names)
 
 
 def predicted_pixels(

@@ -57,9 +57,10 @@ def summary(
 
 def _recording_lines(recording: Recording) -> list[str]:
     subject, (start, end) = recording.subject, recording.interval
+    stature = f"{subject.stature_m:.2f} m" if subject.stature_m is not None else "of unknown stature"
     lines = [
         f"Recording: {end - start:.1f} s, {len(recording.imus)} IMUs ({len(recording.placed)} placed, "
-        f"{recording.placement.name}), worn by {subject.name}, {subject.stature_m:.2f} m, "
+        f"{recording.placement.name}), worn by {subject.name}, {stature}, "
         f"initial pose {recording.initial_pose}.",
         "",
     ]

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.body.anthropometry import HAND_KNUCKLES, skeleton_from_stature
+from vip_factors.body.anthropometry import STATURE_RANGE_M, skeleton_from_stature
 from vip_factors.body.kinematics import local_rotations
+from vip_factors.body.lengths import HAND_KNUCKLES, LEGS
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, Landmark, Skeleton, joint_index
 from vip_factors.errors import FileFormatError
@@ -151,7 +152,7 @@ def _bone_rotations(document: MvnxDocument, offsets: dict[str, Array], R_world_s
 def _skeleton(document: MvnxDocument, offsets: dict[str, Array]) -> tuple[Skeleton, bool]:
     """Our skeleton with MVN's lengths; what the file does not tell of hands and feet follows from the leg's length."""
     legs = np.linalg.norm(offsets["LeftLowerLeg"]) + np.linalg.norm(offsets["LeftFoot"])
-    usual = skeleton_from_stature(float(np.clip(legs / 0.491, 0.8, 2.6)))  # Drillis & Contini: thigh and shank
+    usual = skeleton_from_stature(float(np.clip(legs / LEGS, *STATURE_RANGE_M)))
     p_parent_joint = usual.p_parent_joint.copy()
     for name in JOINT_NAMES[1:]:
         segment = BONE_SEGMENTS[name]

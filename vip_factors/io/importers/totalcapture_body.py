@@ -5,8 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.anthropometry import STATURE_RANGE_M, skeleton_from_stature
 from vip_factors.body.kinematics import local_rotations
+from vip_factors.body.lengths import LEGS
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Skeleton, joint_index
 from vip_factors.errors import InputError
@@ -139,7 +140,7 @@ def _skeleton(R_world_bone: Array, p_world_joint: Array) -> Skeleton:
     apart = p_world_joint[:, 1:] - p_world_joint[:, parents]
     offsets[1:] = np.einsum("tjba,tjb->tja", R_world_bone[:, parents], apart).mean(axis=0)
     leg = sum(np.linalg.norm(offsets[joint_index(f"left_{name}")]) for name in ("knee", "ankle"))
-    usual = skeleton_from_stature(float(np.clip(leg / 0.491, 0.8, 2.6)))  # Drillis & Contini: thigh and shank
+    usual = skeleton_from_stature(float(np.clip(leg / LEGS, *STATURE_RANGE_M)))
     for name in ENDS:
         offsets[joint_index(name)] = usual.p_parent_joint[joint_index(name)]
     return Skeleton(offsets, usual.landmarks, "TotalCapture Vicon; hands and feet from the legs' length")

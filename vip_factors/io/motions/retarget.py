@@ -10,7 +10,7 @@ figure's. Where a direction leaves open how a bone is turned about itself, its h
 
 import numpy as np
 
-from vip_factors.body.anthropometry import LIMB_LENGTHS, NECK_HEIGHT, skeleton_from_stature
+from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import local_rotations
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
@@ -22,6 +22,10 @@ from vip_factors.io.motions.source_clip import SourceClip
 # Units that files use, in metres, and the statures that tell them apart: the ranges do not overlap.
 UNITS_M = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254}
 PLAUSIBLE_STATURE_M = (1.2, 2.2)
+
+# Fractions of stature that files' skeletons are sized by (Drillis & Contini 1966): their makers used such tables too.
+LIMB_LENGTHS = {"thigh": 0.245, "shank": 0.246, "upper_arm": 0.186, "forearm": 0.146}
+TRUNK_LENGTH = 0.318  # mid hip to neck
 
 # T-pose directions of the long bones: bone → (joint at its far end, direction in body axes).
 DOWN = (0.0, -1.0, 0.0)
@@ -104,7 +108,6 @@ def _stature(clip: SourceClip, table: SkeletonMap) -> float:
     """Stature in the source's unit, from the rest lengths of legs, arms and trunk and their published proportions."""
     at = {joint: clip.p_rest[clip.node(node)] for joint, node in table.joints.items()}
     length, fraction = 0.0, 0.0
-    limbs = LIMB_LENGTHS[None]
     for side in ("left", "right"):
         for bone, end, limb in (
             ("hip", "knee", "thigh"),
@@ -113,9 +116,9 @@ def _stature(clip: SourceClip, table: SkeletonMap) -> float:
             ("elbow", "wrist", "forearm"),
         ):
             length += float(np.linalg.norm(at[f"{side}_{end}"] - at[f"{side}_{bone}"]))
-            fraction += limbs[limb]
+            fraction += LIMB_LENGTHS[limb]
         length += float(np.linalg.norm(at["neck"] - (at["left_hip"] + at["right_hip"]) / 2))
-        fraction += NECK_HEIGHT - 0.039 - limbs["shank"] - limbs["thigh"]
+        fraction += TRUNK_LENGTH
     return length / fraction
 
 

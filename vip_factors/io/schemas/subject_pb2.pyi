@@ -34,8 +34,16 @@ class Skeleton(_message.Message):
     source: str
     def __init__(self, joints: _Optional[_Iterable[_Union[Skeleton.Joint, _Mapping]]] = ..., landmarks: _Optional[_Iterable[_Union[Skeleton.Landmark, _Mapping]]] = ..., source: _Optional[str] = ...) -> None: ...
 
+class LengthPrior(_message.Message):
+    __slots__ = ("lengths", "covariance_m2")
+    LENGTHS_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_M2_FIELD_NUMBER: _ClassVar[int]
+    lengths: _containers.RepeatedScalarFieldContainer[str]
+    covariance_m2: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, lengths: _Optional[_Iterable[str]] = ..., covariance_m2: _Optional[_Iterable[float]] = ...) -> None: ...
+
 class Subject(_message.Message):
-    __slots__ = ("name", "stature_m", "mass_kg", "sex", "segment_lengths_m", "skeleton", "skeleton_given")
+    __slots__ = ("name", "stature_m", "mass_kg", "sex", "segment_lengths_m", "skeleton", "skeleton_given", "length_prior")
     class SegmentLengthsMEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -50,6 +58,7 @@ class Subject(_message.Message):
     SEGMENT_LENGTHS_M_FIELD_NUMBER: _ClassVar[int]
     SKELETON_FIELD_NUMBER: _ClassVar[int]
     SKELETON_GIVEN_FIELD_NUMBER: _ClassVar[int]
+    LENGTH_PRIOR_FIELD_NUMBER: _ClassVar[int]
     name: str
     stature_m: float
     mass_kg: float
@@ -57,4 +66,5 @@ class Subject(_message.Message):
     segment_lengths_m: _containers.ScalarMap[str, float]
     skeleton: Skeleton
     skeleton_given: bool
-    def __init__(self, name: _Optional[str] = ..., stature_m: _Optional[float] = ..., mass_kg: _Optional[float] = ..., sex: _Optional[str] = ..., segment_lengths_m: _Optional[_Mapping[str, float]] = ..., skeleton: _Optional[_Union[Skeleton, _Mapping]] = ..., skeleton_given: bool = ...) -> None: ...
+    length_prior: LengthPrior
+    def __init__(self, name: _Optional[str] = ..., stature_m: _Optional[float] = ..., mass_kg: _Optional[float] = ..., sex: _Optional[str] = ..., segment_lengths_m: _Optional[_Mapping[str, float]] = ..., skeleton: _Optional[_Union[Skeleton, _Mapping]] = ..., skeleton_given: bool = ..., length_prior: _Optional[_Union[LengthPrior, _Mapping]] = ...) -> None: ...

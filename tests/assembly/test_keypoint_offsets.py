@@ -1,0 +1,64 @@
+"""What a detector calls a joint is found where bodies are known, and where sensors sit where motion is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_problems import small_scene
+
+from vip_factors.assembly.objective import SceneObjective
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, offset_of
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.factors.keypoint_offset import KeypointOffsetSettings
+from vip_factors.factors.robust import SQUARE
+from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.state import DetectorState, SceneState
+from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+
+OFFSETS = 0.02 * np.random.default_rng(11).standard_normal((len(OFFSET_KEYPOINTS), 3))
+
+
+def seen_with_offsets() -> tuple[SceneProblem, SceneState]:
+    """A scene before a camera of known path, whose keypoints were seen without noise, each beside its place."""
+    problem, state = small_scene("known path")
+    settings = problem.camera.settings
+    loose = KeypointOffsetSettings(10.0, 10.0, 10.0)
+    settings = replace(settings, keypoint_offset=loose, reprojection=replace(settings.reprojection, loss=SQUARE))
+    camera, views = replace(problem.camera, settings=settings, imu=None, free_clock=False), []
+    state = replace(state, camera=replace(state.camera, clock=0.0), detector=DetectorState())
+    R, centre = state.camera.poses.R_world_camera, state.camera.poses.p_world_camera
+    for view, wearer, own in zip(problem.views, problem.wearers, state.wearers, strict=True):
+        body = forward_kinematics(wearer.skeleton_at(own.body), own.R_parent_child, own.p_world_pelvis)
+        index, signs = view.offsets
+        shift = np.where(index[:, None] < 0, 0.0, signs * OFFSETS[index])
+        assert wearer.variation is not None
+        points = view.body_points
+        stretched = wearer.variation.of_points(wearer.skeleton, points.bones, points.p_bone_point) @ own.body
+        p = body.points(np.array(points.bones), points.p_bone_point + stretched + shift)
+        views.append(replace(view, pixels=camera.model.project((p - centre[:, None]) @ R)))
+    return replace(problem, camera=camera, views=tuple(views)), state
+
+
+def test_offsets_of_a_detector_are_found() -> None:
+    problem, state = seen_with_offsets()
+    found, _ = levenberg_marquardt(
+        SceneObjective(problem, wearers_move=False), state, SolveSettings(relative_decrease=1e-9)
+    )
+    np.testing.assert_allclose(found.detector.keypoint_offsets, OFFSETS, atol=2e-4)
+
+
+def test_nothing_is_left_over_at_the_true_offsets() -> None:
+    problem, state = seen_with_offsets()
+    true = replace(state, detector=DetectorState(OFFSETS))
+    assert SceneObjective(problem).cost(true)["reprojection"] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", OFFSET_KEYPOINTS)
+def test_both_sides_have_one_offset_mirrored(name: str) -> None:
+    (left, x), (right, mirrored) = offset_of(f"left_{name}"), offset_of(f"right_{name}")
+    assert left == right == OFFSET_KEYPOINTS.index(name)
+    assert (x, mirrored) == (1, -1)
+
+
+def test_a_nose_has_none() -> None:
+    assert offset_of("nose")[0] == -1

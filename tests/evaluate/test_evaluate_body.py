@@ -1,0 +1,78 @@
+"""Errors of bodies: lengths, joint centres, hinges, and poses apart from them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vip_factors.body.anthropometry import likely_body
+from vip_factors.body.hinges import HINGES
+from vip_factors.body.lengths import LENGTHS
+from vip_factors.body.motion import Motion
+from vip_factors.body.variation import lengths_of
+from vip_factors.estimate import BodyEstimate, Estimate, HingeEstimate
+from vip_factors.evaluate.body import true_axis
+from vip_factors.evaluate.evaluation import evaluate
+from vip_factors.geometry.rotations import exp
+from vip_factors.sensors.recording import Truth
+from vip_factors.simulate.gestures import gestures
+
+
+@pytest.fixture(scope="module")
+def truth() -> Motion:
+    return gestures(4.0, rate=30.0)
+
+
+def with_body(motion: Motion, changes: dict[str, float], sigma: float = 0.01) -> Estimate:
+    """The motion on a body that is off by changes in metres."""
+    usual = motion.skeleton
+    varied = likely_body(usual.stature).variation.varied(usual, np.array([changes.get(name, 0.0) for name in LENGTHS]))
+    square = sigma**2 * np.eye(len(LENGTHS))
+    hinges = tuple(HingeEstimate(one.joint, one.axis, np.full(2, 0.1), 0.0) for one in HINGES)
+    body = BodyEstimate(LENGTHS, lengths_of(usual), lengths_of(varied), 9 * square, square, hinges)
+    return Estimate("walk", "VIP", replace(motion, skeleton=varied), {}, body=body)
+
+
+def test_lengths_are_compared_one_by_one(truth: Motion) -> None:
+    found = evaluate(with_body(truth, {"thigh": 0.02, "forearm": -0.01}), Truth(truth))
+    assert found.lengths["thigh"]["error_mm"] == pytest.approx(20.0)
+    assert found.lengths["forearm"]["error_mm"] == pytest.approx(-10.0)
+    assert found.lengths["shank"]["error_mm"] == pytest.approx(0.0, abs=1e-9)
+    assert found["length_error"] == pytest.approx((20 + 10) / 7)
+    assert found.joints["left_knee"]["centre_mm"] == pytest.approx(20.0)
+    assert found["joint_centre_error"] == pytest.approx((2 * 20 + 2 * 10) / 23)
+    assert "| thigh |" in found.to_table()
+
+
+def test_the_pose_is_judged_apart_from_the_body(truth: Motion) -> None:
+    found = evaluate(with_body(truth, {"thigh": 0.04, "upper arm": -0.03}), Truth(truth))
+    assert found["mpjpe"] > 5
+    assert found["mpjpe_true_body"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_honest_lengths_have_a_nees_of_one(truth: Motion) -> None:
+    names = ("thigh", "shank", "upper arm", "forearm", "hip width", "shoulder width")
+    found = evaluate(with_body(truth, dict.fromkeys(names, 0.01)), Truth(truth))
+    assert found["nees_lengths"] == pytest.approx(1.0, rel=1e-6)
+    assert found["coverage_95_lengths"] == 1.0
+
+
+def test_axes_of_joints_that_bend_are_compared(truth: Motion) -> None:
+    hinge, R = HINGES[0], truth.R_parent_child.copy()
+    axis = exp(np.array([0.0, 0.0, 0.2])) @ hinge.axis
+    bend = np.linspace(0.0, np.deg2rad(80.0), len(truth))
+    for one in HINGES:
+        R[:, one.index] = np.eye(3)
+    R[:, hinge.index] = exp(bend[:, None] * axis) @ exp(np.array([0.0, 0.1, 0.0]))
+    bent = replace(truth, R_parent_child=R)
+    assert abs(true_axis(hinge, bent) @ axis) == pytest.approx(1.0)
+    assert [true_axis(one, bent) for one in HINGES[1:]] == [None] * 3
+    assert evaluate(with_body(bent, {}), Truth(bent))["hinge_axis_error"] == pytest.approx(np.rad2deg(0.2))
+    stiff = replace(truth, R_parent_child=np.where(np.arange(24)[:, None, None] == 0, R, np.eye(3)))
+    assert "hinge_axis_error" not in evaluate(with_body(stiff, {}), Truth(stiff)).metrics
+
+
+def test_without_a_body_that_was_found_there_is_no_honesty(truth: Motion) -> None:
+    found = evaluate(replace(with_body(truth, {}), body=None), Truth(truth))
+    assert not {"nees_lengths", "hinge_axis_error"} & found.metrics.keys()
+    assert found["length_error"] == pytest.approx(0.0, abs=1e-9)

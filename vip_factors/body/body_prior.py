@@ -1,0 +1,138 @@
+"""The Gaussian over bodies: how heavy people are and how long each of their lengths, and which go together."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vip_factors.body.lengths import BODY_LENGTHS, STATURE
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.rotations import Array
+
+SHIPPED_BODY_PRIOR = Path(__file__).parent.parent / "data" / "body_prior.npz"
+GROUPS = ("male", "female", "both")
+VARIABLES = ("log mass", *BODY_LENGTHS)
+SIZE = len(VARIABLES)
+STATURE_ROW = np.concatenate([[0.0], STATURE])  # of the variables: stature is a sum of lengths
+
+
+@dataclass(frozen=True)
+class Observation:
+    """A number that a linear combination of the variables is known by.
+
+    Attributes:
+        row: ``(22,)`` of the :data:`VARIABLES`.
+        value: what was measured.
+        sigma: its standard deviation.
+    """
+
+    row: Array
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class BodyGaussian:
+    """A Gaussian over the :data:`VARIABLES`: the mass's logarithm (kg) and the body's lengths in metres.
+
+    Attributes:
+        mean: ``(22,)``.
+        covariance: ``(22, 22)``.
+    """
+
+    mean: Array
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        mean, covariance = np.asarray(self.mean, float), np.asarray(self.covariance, float)
+        if mean.shape != (SIZE,) or covariance.shape != (SIZE, SIZE):
+            raise InputError(
+                f"body prior: mean {mean.shape} and covariance {covariance.shape}: expected {SIZE} variables"
+            )
+        if not (np.all(np.isfinite(mean)) and np.all(np.isfinite(covariance))):
+            raise InputError("body prior: mean or covariance holds a number that is not finite")
+        object.__setattr__(self, "mean", mean)
+        object.__setattr__(self, "covariance", covariance)
+
+    @property
+    def stature(self) -> tuple[float, float]:
+        """Mean and standard deviation of stature in metres."""
+        return float(STATURE_ROW @ self.mean), float(np.sqrt(STATURE_ROW @ self.covariance @ STATURE_ROW))
+
+    def widened(self, factor: float) -> "BodyGaussian":
+        """The same with every standard deviation ``factor`` times as large."""
+        return BodyGaussian(self.mean, factor**2 * self.covariance)
+
+    def given(self, observations: Sequence[Observation]) -> "BodyGaussian":
+        """The Gaussian conditional on independent observations."""
+        if not observations:
+            return self
+        rows = np.stack([one.row for one in observations])
+        missed = np.array([one.value for one in observations]) - rows @ self.mean
+        noise = np.diag([one.sigma**2 for one in observations])
+        across = self.covariance @ rows.T
+        gain = np.linalg.solve(rows @ across + noise, across.T).T
+        # Joseph's form, which stays positive definite.
+        kept = np.eye(SIZE) - gain @ rows
+        covariance = kept @ self.covariance @ kept.T + gain @ noise @ gain.T
+        return BodyGaussian(self.mean + gain @ missed, covariance)
+
+
+@dataclass(frozen=True)
+class BodyPrior:
+    """Gaussians over men, women and both together.
+
+    Attributes:
+        groups: by name, of :data:`GROUPS`.
+        provenance: one line: data, number of people.
+    """
+
+    groups: Mapping[str, BodyGaussian]
+    provenance: str = "unknown"
+
+    def of(self, sex: str | None) -> BodyGaussian:
+        """The Gaussian of ``"male"``, ``"female"`` or, for None, both together.
+
+        Raises:
+            InputError: for anything else.
+        """
+        if sex not in ("male", "female", None):
+            raise InputError(f"sex '{sex}': expected 'male', 'female' or nothing")
+        return self.groups[sex or "both"]
+
+
+@cache
+def _read(path: Path) -> BodyPrior:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            if tuple(file["variables"].tolist()) != VARIABLES:
+                raise ValueError("other variables")
+            groups = {name: BodyGaussian(file[f"{name}_mean"], file[f"{name}_covariance"]) for name in GROUPS}
+            return BodyPrior(groups, str(file["provenance"]))
+    except (OSError, KeyError, ValueError, EOFError) as error:
+        raise FileFormatError(
+            f"{path}: not a prior over bodies ({error}); expected an npz with a mean ({SIZE},) and a covariance "
+            f"({SIZE}, {SIZE}) of {', '.join(GROUPS)}, the variables' names and provenance, as 'vip-factors train "
+            "body' writes it"
+        ) from error
+
+
+def load_body_prior(path: str | Path | None = None) -> BodyPrior:
+    """A trained prior over bodies; the one shipped with the package if no path is given.
+
+    Raises:
+        FileFormatError: if the file is not one.
+    """
+    return _read(Path(path) if path is not None else SHIPPED_BODY_PRIOR)
+
+
+def save_body_prior(prior: BodyPrior, path: str | Path) -> None:
+    """Write a prior over bodies as npz."""
+    arrays: dict[str, Any] = {"variables": np.array(VARIABLES), "provenance": np.array(prior.provenance)}
+    for name, group in prior.groups.items():
+        arrays |= {f"{name}_mean": group.mean, f"{name}_covariance": group.covariance}
+    with Path(path).open("wb") as file:
+        np.savez_compressed(file, **arrays)

@@ -1,0 +1,36 @@
+"""What ``vip-factors info`` says of the body that was found."""
+
+import numpy as np
+
+from vip_factors.estimate import BodyEstimate
+
+KEPT = 0.8  # of the prior's sigma: what is no surer than this keeps its prior
+
+
+def body_lines(body: BodyEstimate) -> list[str]:
+    """A table of lengths, before and after, in millimetres, then the hinges in degrees."""
+    lines = []
+    if body.names:
+        rows = [("length (mm)", "prior", "found", "")]
+        values = zip(body.names, body.prior, body.prior_sigma, body.found, body.sigma, strict=True)
+        for name, prior, prior_sigma, found, sigma in values:
+            kept = "keeps its prior" if sigma > KEPT * prior_sigma else ""
+            rows.append(
+                (name, _with_sigma(1e3 * prior, 1e3 * prior_sigma), _with_sigma(1e3 * found, 1e3 * sigma), kept)
+            )
+        widths = [max(len(row[column]) for row in rows) for column in range(3)]
+        lines += [
+            "  ".join([row[0].ljust(widths[0]), row[1].rjust(widths[1]), row[2].rjust(widths[2]), row[3]]).rstrip()
+            for row in rows
+        ]
+    for hinge in body.hinges:
+        angle = _with_sigma(np.rad2deg(hinge.carrying_angle), np.rad2deg(hinge.carrying_sigma), 1)
+        axis, sigmas = ", ".join(f"{value:.2f}" for value in hinge.axis), np.rad2deg(hinge.sigma)
+        sure = f" ± {sigmas[0]:.1f}, {sigmas[1]:.1f}°" if np.all(np.isfinite(sigmas)) else ""
+        lines.append(f"{hinge.joint.replace('_', ' ')}: carrying angle {angle}°, turns about ({axis}){sure}")
+    return lines
+
+
+def _with_sigma(value: float, sigma: float, decimals: int = 0) -> str:
+    known = f" ± {sigma:.{max(decimals, 1)}f}" if np.isfinite(sigma) else ""
+    return f"{value:.{decimals}f}{known}"

@@ -1,0 +1,116 @@
+"""How near the body of an estimate is to the true one: lengths, joint centres, axes of elbows and knees."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from vip_factors.body.hinges import HINGES, Hinge
+from vip_factors.body.lengths import LENGTHS
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import Skeleton, joint_index
+from vip_factors.body.variation import lengths_of, width
+from vip_factors.estimate import BodyEstimate
+from vip_factors.evaluate import consistency
+from vip_factors.evaluate.calibration_metrics import consistency_metrics
+from vip_factors.evaluate.metrics import MM
+from vip_factors.evaluate.table import Metric
+from vip_factors.geometry.rotations import Array
+
+LIMBS = {"thigh": "knee", "shank": "ankle", "upper arm": "elbow", "forearm": "wrist", "hand": "hand"}
+WIDTHS = {"hip width": "hip", "shoulder width": "shoulder"}
+UNSURE = ("hand",)  # told, but not in the mean: skeletons end hands where they like
+LEAST_BEND = np.deg2rad(30.0)  # a joint that bends less does not show its axis
+
+
+def compared_lengths(skeleton: Skeleton) -> dict[str, float]:
+    """Metres by name: limbs as the mean of both sides, widths between joints, trunk from mid hip to neck."""
+    rest = skeleton.p_pelvis_joint
+    hips = (rest[joint_index("left_hip")] + rest[joint_index("right_hip")]) / 2
+    limbs = {
+        name: (skeleton.bone_length(f"left_{end}") + skeleton.bone_length(f"right_{end}")) / 2
+        for name, end in LIMBS.items()
+    }
+    widths = {name: width(skeleton, joint) for name, joint in WIDTHS.items()}
+    return {**limbs, **widths, "trunk": float(np.linalg.norm(rest[joint_index("neck")] - hips))}
+
+
+def length_table(skeleton: Skeleton, truth: Skeleton) -> dict[str, dict[str, float]]:
+    """Per length: ``estimate_mm``, ``truth_mm`` and ``error_mm`` (positive: found too long)."""
+    found, true = compared_lengths(skeleton), compared_lengths(truth)
+    return {
+        name: {
+            "estimate_mm": MM * found[name],
+            "truth_mm": MM * true[name],
+            "error_mm": MM * (found[name] - true[name]),
+        }
+        for name in true
+    }
+
+
+def joint_centre_error(skeleton: Skeleton, truth: Skeleton) -> Array:
+    """Distance ``(24,)`` in metres of every joint from its true place on the bone above, whatever the pose."""
+    return np.linalg.norm(skeleton.p_parent_joint - truth.p_parent_joint, axis=1)
+
+
+def body_metrics(
+    lengths: Mapping[str, Mapping[str, float]], body: BodyEstimate | None, motion: Motion, truth: Motion
+) -> dict[str, Metric]:
+    """Mean errors of lengths and joint centres; with a body that was found, of hinges, and whether it is honest.
+
+    Args:
+        lengths: of :func:`length_table`.
+        body: what the estimate says of it.
+        motion, truth: the estimate's and the true one.
+    """
+    errors = [abs(row["error_mm"]) for name, row in lengths.items() if name not in UNSURE]
+    centres = joint_centre_error(motion.skeleton, truth.skeleton)[1:]
+    table = {
+        "length_error": Metric(float(np.mean(errors)), "mm"),
+        "joint_centre_error": Metric(float(MM * centres.mean()), "mm"),
+    }
+    if body is None:
+        return table
+    hinges = list(hinge_errors(body, truth).values())
+    if hinges:
+        table["hinge_axis_error"] = Metric(float(np.rad2deg(np.mean(hinges))), "deg")
+    return table | consistency_metrics("lengths", length_nees(body, truth.skeleton), 1)
+
+
+def length_nees(body: BodyEstimate, truth: Skeleton) -> Array:
+    """NEES of the limbs and widths that were found, one by one ``(n,)``."""
+    names = [name for name in body.names if name in LENGTHS and name in (*LIMBS, *WIDTHS) and name not in UNSURE]
+    places, true = [body.names.index(name) for name in names], [LENGTHS.index(name) for name in names]
+    error = lengths_of(truth)[true] - body.found[places]
+    return consistency.nees(error[:, None], np.diag(body.covariance)[places][:, None, None])
+
+
+def hinge_errors(body: BodyEstimate, truth: Motion) -> dict[str, float]:
+    """Radians between the axis found and that of the true rotations, by joint; only of joints that bend enough."""
+    found = {one.joint: one.axis for one in body.hinges}
+    errors = {}
+    for hinge in HINGES:
+        axis = true_axis(hinge, truth)
+        if axis is not None and hinge.joint in found:
+            errors[hinge.joint] = float(np.arccos(np.clip(abs(axis @ found[hinge.joint]), 0.0, 1.0)))
+    return errors
+
+
+def true_axis(hinge: Hinge, truth: Motion) -> Array | None:
+    """The axis ``(3,)`` in the bone above about which the lower limb swings: the normal of the plane its tip moves in.
+
+    The sign is arbitrary. None where the limb swings by less than :data:`LEAST_BEND`.
+    """
+    tip = truth.R_parent_child[:, hinge.index] @ hinge.square[:, 0]
+    _, _, directions = np.linalg.svd(tip - tip.mean(axis=0), full_matrices=False)
+    if len(tip) < 3 or _swing(tip, directions[2]) < LEAST_BEND:
+        return None
+    return directions[2]
+
+
+def _swing(tip: Array, axis: Array) -> float:
+    """The angle in radians that unit vectors ``(T, 3)`` sweep about an axis."""
+    middle = tip.mean(axis=0) - axis * (tip.mean(axis=0) @ axis)
+    across = np.cross(axis, middle)
+    angle = np.arctan2(tip @ across, tip @ middle)
+    low, high = np.quantile(angle, (0.02, 0.98))  # a few odd frames are no bend
+    return float(high - low)

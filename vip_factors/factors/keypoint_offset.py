@@ -1,0 +1,32 @@
+"""Keypoint offset: where on the bone a detector's "hip", "shoulder", "knee" … lies, against where its table has it.
+
+``r = k`` in bone axes, metres, mirrored on the right side; linear. A detector errs in its own way in every frame alike:
+taken for the skeleton's, that error bends the body, the mountings and the camera.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS
+from vip_factors.geometry.rotations import Array
+
+
+@dataclass(frozen=True)
+class KeypointOffsetSettings:
+    """How well it is known what a detector calls a joint."""
+
+    # m about each axis. Detectors lie 1–3 cm beside markers, all axes together; with 15 mm offsets took up what is the
+    # skeleton's, whose joint centres are less certain still (foreign scenes: 28.4 mm against 27.1).
+    sigma: float = 0.010
+    thin_sigma: float = 0.008  # m, of elbows and wrists, where a limb is thin and the joint shows
+    hip_sigma: float = 0.020  # m: nobody sees a hip, detectors put it up to 4 cm above the joint
+
+    @property
+    def sigmas(self) -> Array:
+        """Of each keypoint and axis ``(K, 3)``, metres."""
+        sigmas = np.full((len(OFFSET_KEYPOINTS), 3), self.sigma)
+        sigmas[OFFSET_KEYPOINTS.index("hip")] = self.hip_sigma
+        for name in ("elbow", "wrist"):
+            sigmas[OFFSET_KEYPOINTS.index(name)] = self.thin_sigma
+        return sigmas

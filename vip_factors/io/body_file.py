@@ -1,0 +1,236 @@
+"""A small TOML file that holds one person's body as it was found: what the next recording of that person starts from.
+
+::
+
+    name = "Ada"
+    provenance = "walk.estimate.mcap, VIP, 30.1 s; stature 1.78 m, Drillis & Contini 1966; lengths estimated"
+
+    [skeleton]                     # metres, every joint on the bone above: x to the left, y up, z forward
+    pelvis = [0.0, 0.0, 0.0]
+    left_hip = [0.081, -0.091, 0.0]
+
+    [landmarks]                    # metres, points beyond the last joints
+    head_top = { bone = "head", p_m = [0.0, 0.167, 0.0] }
+
+    [lengths]                      # as the skeleton has them, and how far each may be off
+    thigh = { found_m = 0.38, sigma_m = 0.006 }
+
+    [correlations]                 # of those, row by row
+    thigh = [1.0]
+
+    [hinges]                       # axes in the bone above
+    left_knee = { axis = [1.0, 0.0, 0.0], sigma_deg = [1.5, 3.8], carrying_angle_deg = 2.8, carrying_sigma_deg = 1.8 }
+"""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vip_factors.body.length_prior import LengthPrior
+from vip_factors.body.lengths import LENGTHS
+from vip_factors.body.skeleton import JOINT_NAMES, Landmark, Skeleton, joint_index
+from vip_factors.body.variation import lengths_of
+from vip_factors.errors import InputError
+from vip_factors.estimate import Estimate, HingeEstimate
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.atomic import atomic_open
+from vip_factors.io.toml_values import (
+    known_keys,
+    nearest,
+    number_at,
+    numbers_at,
+    read_toml,
+    table_at,
+    text_at,
+    toml_text,
+)
+
+SAME_LENGTH = 0.002  # m: the table of lengths is for people, and rounded
+SYMMETRIC = 0.002  # m
+LONGEST_BONE, LONGEST_SIGMA = 1.2, 0.5  # m
+
+
+@dataclass(frozen=True)
+class BodyFile:
+    """Content of a body file.
+
+    Attributes:
+        name: of the person.
+        skeleton: both sides alike.
+        lengths: how far the lengths of the skeleton may be off.
+        hinges: of elbows and knees, if they were found.
+        provenance: one line saying where the body comes from.
+    """
+
+    name: str
+    skeleton: Skeleton
+    lengths: LengthPrior
+    hinges: tuple[HingeEstimate, ...] = ()
+    provenance: str = ""
+
+
+def body_of_estimate(estimate: Estimate, source: str) -> BodyFile:
+    """The body that an estimate found; ``source`` names where the estimate is from.
+
+    Raises:
+        InputError: if none was found, or it is not determined.
+    """
+    body, who = estimate.body, estimate.motion.name
+    if body is None or not body.names:
+        raise InputError(
+            f"{source}: no body of '{who}' was looked for: expected the estimate of a filmed wearer of whom only the "
+            "stature was told; convert with --stature-m, without --segment-lengths-m, and smooth again"
+        )
+    if not np.all(np.isfinite(body.covariance)):
+        raise InputError(
+            f"{source}: the body of '{who}' is not determined by the data: expected standard deviations of its "
+            "lengths; use a longer recording, or one that shows more of the wearer"
+        )
+    skeleton, seconds = estimate.motion.skeleton, len(estimate.motion) / estimate.motion.rate
+    provenance = f"{source}, {estimate.method}, {seconds:.1f} s; {skeleton.source}"
+    hinges = tuple(one for one in body.hinges if np.all(np.isfinite([*one.sigma, one.carrying_sigma])))
+    return BodyFile(who, skeleton, LengthPrior(body.names, body.covariance), hinges, provenance)
+
+
+def write_body_file(path: str | Path, body: BodyFile, overwrite: bool = False) -> None:
+    """Write a body file, whole or not at all: millimetres and degrees to four decimals, joints to the bit.
+
+    Raises:
+        InputError: if the file exists, or its folder is missing or read-only.
+    """
+    skeleton, sigmas = body.skeleton, np.sqrt(np.diag(body.lengths.covariance))
+    lines = [f"name = {toml_text(body.name)}", f"provenance = {toml_text(body.provenance)}"]
+    lines += ["", "[skeleton] # metres, every joint on the bone above: x to the left, y up, z forward"]
+    lines += [f"{name} = {toml_text(p)}" for name, p in zip(JOINT_NAMES, skeleton.p_parent_joint, strict=True)]
+    lines += ["", "[landmarks] # metres, points beyond the last joints"]
+    lines += [
+        f"{toml_text(name)} = {{ bone = {toml_text(JOINT_NAMES[one.bone])}, p_m = {toml_text(one.p_bone_point)} }}"
+        for name, one in skeleton.landmarks.items()
+    ]
+    lines += ["", "[lengths] # metres; as the skeleton has them, and how far each may be off"]
+    found = dict(zip(LENGTHS, lengths_of(skeleton), strict=True))
+    for name, sigma in zip(body.lengths.names, sigmas, strict=True):
+        length = f"found_m = {found[name]:.4f}, " if name in found else ""
+        lines.append(f"{toml_text(name)} = {{ {length}sigma_m = {sigma:.6f} }}")
+    lines += ["", "[correlations] # of those, row by row"]
+    scale = np.maximum(sigmas, 1e-12)
+    rows = np.round(body.lengths.covariance / scale[:, None] / scale, 5)
+    lines += [f"{toml_text(name)} = {toml_text(row)}" for name, row in zip(body.lengths.names, rows, strict=True)]
+    if body.hinges:
+        lines += ["", "[hinges] # axes in the bone above", *(_hinge_line(one) for one in body.hinges)]
+    with atomic_open(path, "w", overwrite) as file:
+        file.write("\n".join(lines) + "\n")
+
+
+def _hinge_line(hinge: HingeEstimate) -> str:
+    axis, sigma = np.round(hinge.axis, 6), np.round(np.rad2deg(hinge.sigma), 4)
+    angle, angle_sigma = (round(float(np.rad2deg(one)), 4) for one in (hinge.carrying_angle, hinge.carrying_sigma))
+    return (
+        f"{hinge.joint} = {{ axis = {toml_text(axis)}, sigma_deg = {toml_text(sigma)}, "
+        f"carrying_angle_deg = {angle}, carrying_sigma_deg = {angle_sigma} }}"
+    )
+
+
+def read_body_file(path: str | Path) -> BodyFile:
+    """Read a body file.
+
+    Raises:
+        FileFormatError: if it cannot be read or parsed.
+        InputError: for an unknown or missing key, a value of the wrong kind, sides that are not alike, a length that is
+            not the skeleton's, or correlations that are none.
+    """
+    path = Path(path)
+    content = read_toml(path, "a body file (TOML; vip-factors body writes one)")
+    known_keys(path, "", content, [*(one.name for one in fields(BodyFile)), "landmarks", "correlations"])
+    for key in ("name", "skeleton", "lengths", "correlations"):
+        if key not in content:
+            raise InputError(f"{path}: {key} is missing: expected a body file, as vip-factors body writes it")
+    provenance = text_at(path, "provenance", content.get("provenance", ""))
+    skeleton = _skeleton(path, content, provenance)
+    hinges = table_at(path, "hinges", content.get("hinges", {}))
+    return BodyFile(
+        text_at(path, "name", content["name"]),
+        skeleton,
+        _lengths(path, content, skeleton),
+        tuple(_hinge(path, joint, one) for joint, one in hinges.items()),
+        provenance,
+    )
+
+
+def _skeleton(path: Path, content: Any, source: str) -> Skeleton:
+    joints = table_at(path, "skeleton", content["skeleton"])
+    known_keys(path, "skeleton", joints, JOINT_NAMES)
+    missing = [name for name in JOINT_NAMES if name not in joints]
+    if missing:
+        raise InputError(f"{path}: skeleton.{missing[0]} is missing: expected all of {', '.join(JOINT_NAMES)}")
+    offsets = np.array([numbers_at(path, f"skeleton.{name}", joints[name], 3) for name in JOINT_NAMES])
+    for name, offset in zip(JOINT_NAMES, offsets, strict=True):
+        if np.linalg.norm(offset) > LONGEST_BONE:
+            raise InputError(
+                f"{path}: skeleton.{name} is {np.linalg.norm(offset):g} m from the joint above: expected metres"
+            )
+        twin = offsets[joint_index(name.replace("left_", "right_"))] * [-1, 1, 1]
+        if name.startswith("left_") and np.abs(offset - twin).max() > SYMMETRIC:
+            raise InputError(
+                f"{path}: skeleton.{name} is not the mirror image of its right twin: expected both sides alike"
+            )
+    points = table_at(path, "landmarks", content.get("landmarks", {}))
+    return Skeleton(offsets, {name: _landmark(path, f"landmarks.{name}", one) for name, one in points.items()}, source)
+
+
+def _landmark(path: Path, where: str, value: Any) -> Landmark:
+    table = table_at(path, where, value)
+    known_keys(path, where, table, ("bone", "p_m"))
+    bone = text_at(path, f"{where}.bone", table.get("bone"))
+    if bone not in JOINT_NAMES:
+        raise InputError(f"{path}: {where}: unknown bone '{bone}'{nearest(bone, JOINT_NAMES)}")
+    return Landmark(joint_index(bone), numbers_at(path, f"{where}.p_m", table.get("p_m"), 3))
+
+
+def _lengths(path: Path, content: Any, skeleton: Skeleton) -> LengthPrior:
+    lengths, rows = (table_at(path, key, content[key]) for key in ("lengths", "correlations"))
+    names, found = tuple(lengths), dict(zip(LENGTHS, lengths_of(skeleton), strict=True))
+    if set(rows) != set(names):
+        raise InputError(f"{path}: correlations of {', '.join(rows) or 'nothing'}: expected one row for each length")
+    sigmas, correlations = list[float](), list[Array]()
+    for name in names:
+        where = f"lengths.{name}"
+        table = table_at(path, where, lengths[name])
+        known_keys(path, where, table, ("found_m", "sigma_m"))
+        sigmas.append(number_at(path, f"{where}.sigma_m", table.get("sigma_m")))
+        if not 0 < sigmas[-1] <= LONGEST_SIGMA:
+            raise InputError(
+                f"{path}: {where}.sigma_m is {sigmas[-1]:g}: expected metres, above 0 and at most {LONGEST_SIGMA}"
+            )
+        told = number_at(path, f"{where}.found_m", table["found_m"]) if "found_m" in table else None
+        if told is not None and name in found and abs(told - found[name]) > SAME_LENGTH:
+            raise InputError(
+                f"{path}: {where}.found_m is {told:g}, where the skeleton has {found[name]:.4f}: expected the same; "
+                "change the joints in [skeleton], on both sides, and the length with them"
+            )
+        correlations.append(numbers_at(path, f"correlations.{name}", rows[name], len(names)))
+    matrix = np.array(correlations).reshape(len(names), len(names))
+    if not (np.allclose(matrix, matrix.T, atol=1e-4) and np.allclose(np.diag(matrix), 1) and np.abs(matrix).max() <= 1):
+        raise InputError(
+            f"{path}: correlations: expected a symmetric table of numbers from -1 to 1, with 1 on its diagonal"
+        )
+    sigma = np.array(sigmas)
+    return LengthPrior(names, sigma[:, None] * (matrix + matrix.T) / 2 * sigma)
+
+
+def _hinge(path: Path, joint: str, value: Any) -> HingeEstimate:
+    where = f"hinges.{joint}"
+    table = table_at(path, where, value)
+    known_keys(path, where, table, ("axis", "sigma_deg", "carrying_angle_deg", "carrying_sigma_deg"))
+    if joint not in JOINT_NAMES:
+        raise InputError(f"{path}: {where}: unknown joint '{joint}'{nearest(joint, JOINT_NAMES)}")
+    axis = numbers_at(path, f"{where}.axis", table.get("axis"), 3)
+    if not abs(np.linalg.norm(axis) - 1) < 1e-3:
+        raise InputError(f"{path}: {where}.axis has length {np.linalg.norm(axis):g}: expected a unit vector")
+    sigma = numbers_at(path, f"{where}.sigma_deg", table.get("sigma_deg"), 2)
+    angle, angle_sigma = (
+        number_at(path, f"{where}.{key}", table.get(key)) for key in ("carrying_angle_deg", "carrying_sigma_deg")
+    )
+    return HingeEstimate(joint, axis, np.deg2rad(sigma), float(np.deg2rad(angle)), float(np.deg2rad(angle_sigma)))

@@ -1,0 +1,103 @@
+"""The values of a file that people write, checked one by one: what is wrong, where, and what was expected."""
+
+import json
+import tomllib
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.rotations import Array
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """``; did you mean 'x'?`` for the known word that is most alike, or all known words if none is."""
+    known = list(known)
+    alike = get_close_matches(word.lower(), known, n=1, cutoff=0.5) or get_close_matches(word, known, n=1, cutoff=0.5)
+    return f"; did you mean '{alike[0]}'?" if alike else f": expected one of {', '.join(known)}"
+
+
+def known_keys(path: Path, where: str, table: Mapping[str, Any], known: Iterable[str]) -> None:
+    """Refuse a key that is not one of those known, naming the nearest.
+
+    Raises:
+        InputError: if there is one in the table, which stands at ``where`` in the file.
+    """
+    known = list(known)
+    for key in table:
+        if key not in known:
+            raise InputError(f"{path}: unknown key '{f'{where}.' if where else ''}{key}'{nearest(key, known)}")
+
+
+def table_at(path: Path, where: str, value: Any) -> Mapping[str, Any]:
+    """The table that a value has to be.
+
+    Raises:
+        InputError: if it is none; ``where`` it stands in the file.
+    """
+    if not isinstance(value, Mapping):
+        raise InputError(f"{path}: {where} is {value!r}: expected a table")
+    return value
+
+
+def text_at(path: Path, where: str, value: Any) -> str:
+    """The text that a value has to be.
+
+    Raises:
+        InputError: if it is none; ``where`` it stands in the file.
+    """
+    if not isinstance(value, str):
+        raise InputError(f"{path}: {where} is {value!r}: expected text in quotes")
+    return value
+
+
+def number_at(path: Path, where: str, value: Any) -> float:
+    """The finite number that a value has to be.
+
+    Raises:
+        InputError: if it is none; ``where`` it stands in the file.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise InputError(f"{path}: {where} is {value!r}: expected a number")
+    return float(value)
+
+
+def numbers_at(path: Path, where: str, value: Any, count: int) -> Array:
+    """The list ``(count,)`` of finite numbers that a value has to be.
+
+    Raises:
+        InputError: if it is none; ``where`` it stands in the file.
+    """
+    if not isinstance(value, list) or len(value) != count:
+        raise InputError(f"{path}: {where} is {value!r}: expected a list of {count} numbers")
+    return np.array([number_at(path, where, one) for one in value])
+
+
+def read_toml(path: Path, what: str) -> Mapping[str, Any]:
+    """The content of a TOML file; ``what`` it should be is told if it is none.
+
+    Raises:
+        FileFormatError: if it cannot be read or parsed.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read ({error.strerror}): expected {what}") from error
+    except (ValueError, UnicodeDecodeError) as error:
+        raise FileFormatError(f"{path}: {error}: expected {what}") from error
+
+
+def toml_text(value: Any) -> str:
+    """A number, text, or nested list of numbers as TOML."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # as TOML, but for that character
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | np.integer):
+        return str(int(value))
+    if isinstance(value, float | np.floating):
+        return repr(float(value))
+    return "[" + ", ".join(toml_text(one) for one in value) + "]"

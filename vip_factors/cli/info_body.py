@@ -33,4 +33,4 @@ def body_lines(body: BodyEstimate) -> list[str]:
 
 def _with_sigma(value: float, sigma: float, decimals: int = 0) -> str:
     known = f" ± {sigma:.{max(decimals, 1)}f}" if np.isfinite(sigma) else ""
-    return f"{value:.{decimals}f}{known}"
+    return f"{value:z.{decimals}f}{known}"

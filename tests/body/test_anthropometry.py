@@ -1,5 +1,7 @@
 """The likeliest body: the person keeps their height, what was measured moves the rest, mistakes are named."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,9 +16,9 @@ statures = st.floats(1.1, 2.1)
 sexes = st.sampled_from([None, "male", "female"])
 
 
-def sigmas(**known: object) -> dict[str, float]:
+def sigmas(**known: Any) -> dict[str, float]:
     """Standard deviations in metres of the lengths of a person of whom this is known."""
-    covariance = likely_body(**known).variation.covariance  # type: ignore[arg-type]
+    covariance = likely_body(**known).variation.covariance
     return dict(zip(LENGTHS, np.sqrt(np.diag(covariance)).tolist(), strict=True))
 
 

@@ -14,7 +14,7 @@ from vip_factors.factors.heading_prior import heading_prior_residual
 from vip_factors.factors.robust import SQUARE
 from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import inverse_right_jacobian
-from vip_factors.problem.layout import Owner, OwnerId
+from vip_factors.problem.blocks import DETECTOR
 
 
 def camera_orientation(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
@@ -100,7 +100,7 @@ def keypoint_offset_prior(at: CameraEvaluation, first: slice) -> Iterator[DenseE
     if not at.free_offsets or at.offsets is None or not _begins(at, first):
         return
     sigmas = at.problem.settings.keypoint_offset.sigmas.ravel()
-    part = Part(OwnerId(Owner.DETECTOR), "keypoint_offsets", np.diag(1 / sigmas)[None, None])
+    part = Part(DETECTOR, "keypoint_offsets", np.diag(1 / sigmas)[None, None])
     residual = (at.offsets.ravel() / sigmas)[None, None]
     yield DenseEquations("keypoint offset prior", 0, residual, 1.0, SQUARE, lambda: (part,))
 

@@ -10,6 +10,7 @@ from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log
+from vip_factors.problem.blocks import DETECTOR
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.points import BodyPoints
 from vip_factors.problem.scene import CameraProblem, KeypointView
@@ -162,7 +163,7 @@ class ViewEvaluation:
         for n in np.flatnonzero(index >= 0):
             spread[n, :, 3 * index[n] : 3 * index[n] + 3] = np.diag(signs[n])
         R = body.R_world_bone[:, list(self.view.body_points.bones)]
-        return (Part(OwnerId(Owner.DETECTOR), "keypoint_offsets", (by_point @ R) @ spread),)
+        return (Part(DETECTOR, "keypoint_offsets", (by_point @ R) @ spread),)
 
     @property
     def frames(self) -> int:

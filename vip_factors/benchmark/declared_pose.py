@@ -8,7 +8,7 @@ from vip_factors.settings import Settings
 SettingsT = TypeVar("SettingsT", bound=Settings)
 
 
-def to_the_letter(settings: SettingsT) -> SettingsT:
+def with_nominal_pose(settings: SettingsT) -> SettingsT:
     """The settings for declared poses that are held as they are called."""
     factors = settings.factors
-    return replace(settings, factors=replace(factors, initial_pose=replace(factors.initial_pose, as_people_do=False)))
+    return replace(settings, factors=replace(factors, initial_pose=replace(factors.initial_pose, nominal=True)))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from vip_factors.benchmark.declared_pose import to_the_letter
+from vip_factors.benchmark.declared_pose import with_nominal_pose
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import RecordingError
@@ -54,7 +54,7 @@ def live_settings(settings: Settings, **changes: object) -> LiveSettings:
     """Settings of the pipeline as those of a stream; ``changes`` are of what only a stream has."""
     own = {one.name: getattr(settings, one.name) for one in fields(Settings)}
     live = settings if isinstance(settings, LiveSettings) else LiveSettings(**own)
-    return replace(to_the_letter(live), **changes)  # type: ignore[arg-type]
+    return replace(with_nominal_pose(live), **changes)  # type: ignore[arg-type]
 
 
 def run_live(scene: Scene, settings: LiveSettings, tell: Callable[[float], None] = lambda fraction: None) -> LiveRun:

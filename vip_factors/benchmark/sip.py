@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.benchmark.declared_pose import to_the_letter
+from vip_factors.benchmark.declared_pose import with_nominal_pose
 from vip_factors.benchmark.first_frame import calibrated_at_first_frame
 from vip_factors.body.held_out_clips import HELD_OUT_CLIPS
 from vip_factors.body.motion import Motion
@@ -140,7 +140,7 @@ def recording_of(motion: Motion, name: str, trials: SipTrials, seed: int) -> Rec
 
 
 def _trial(recording: Recording, variant: Variant, kind: str, name: str, seed: int, trials: SipTrials) -> Trial:
-    settings = to_the_letter(trials.settings)
+    settings = with_nominal_pose(trials.settings)
     settings = replace(settings, acceleration=variant.method == "SIP", calibration=variant.calibration)
     told = recording
     if variant.start == "true pose":

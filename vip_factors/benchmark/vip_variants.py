@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.benchmark.declared_pose import to_the_letter
+from vip_factors.benchmark.declared_pose import with_nominal_pose
 from vip_factors.benchmark.first_frame import calibrated_at_first_frame
 from vip_factors.benchmark.vip_suite import as_calibration, distorted, nominal_start
 from vip_factors.errors import InputError
@@ -109,7 +109,7 @@ def settings_of(variant: Variant, settings: Settings) -> Settings:
     camera = settings.camera
     reprojection = replace(camera.reprojection, spread=variant.spread * camera.reprojection.spread)
     return replace(
-        to_the_letter(settings),
+        with_nominal_pose(settings),
         acceleration=variant.acceleration,
         camera=replace(camera, reprojection=reprojection),
         fusion=replace(settings.fusion, use_camera=variant.camera),

@@ -19,7 +19,7 @@ class KeypointOffsetSettings:
     # m about each axis. Detectors lie 1–3 cm beside markers, all axes together; with 15 mm offsets took up what is the
     # skeleton's, whose joint centres are less certain still (foreign scenes: 28.4 mm against 27.1).
     sigma: float = 0.010
-    thin_sigma: float = 0.008  # m, of elbows and wrists, where a limb is thin and the joint shows
+    elbow_wrist_sigma: float = 0.008  # m, of elbows and wrists, where a limb is thin and the joint shows
     hip_sigma: float = 0.020  # m: nobody sees a hip, detectors put it up to 4 cm above the joint
 
     @property
@@ -28,5 +28,5 @@ class KeypointOffsetSettings:
         sigmas = np.full((len(OFFSET_KEYPOINTS), 3), self.sigma)
         sigmas[OFFSET_KEYPOINTS.index("hip")] = self.hip_sigma
         for name in ("elbow", "wrist"):
-            sigmas[OFFSET_KEYPOINTS.index(name)] = self.thin_sigma
+            sigmas[OFFSET_KEYPOINTS.index(name)] = self.elbow_wrist_sigma
         return sigmas

@@ -15,8 +15,8 @@ class InitialPoseSettings:
 
     scale: float = 1.0  # of the standard deviations measured on people, joint by joint and axis by axis
     seconds: float = 1.0  # of holding still at the start; people do so for a breath at least
-    # Arms low, turned and bent as people hold them; off: to the letter, as the papers and our simulator take poses.
-    as_people_do: bool = True
+    # To the letter, as the papers and our simulator take poses; off: arms low, turned and bent, as people hold them.
+    nominal: bool = False
 
     def pose(self, name: str) -> HeldPose:
         """A declared pose.
@@ -24,7 +24,7 @@ class InitialPoseSettings:
         Raises:
             InputError: for an unknown one.
         """
-        return held_pose(name) if self.as_people_do else nominal_pose(name)
+        return nominal_pose(name) if self.nominal else held_pose(name)
 
 
 def rotation_prior_residual(R: Array, R_prior: Array) -> Array:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vip_factors.assembly.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance
 from vip_factors.factors.reprojection import reprojection_residual
 from vip_factors.geometry.rotations import Array, wrap_angle
@@ -94,9 +94,10 @@ def decode_camera(
 def reprojection_rms(model: SceneProblem, state: SceneState) -> Array:
     """Root mean square reprojection error in pixels, ``(T, wearers)``; NaN where a wearer was not seen."""
     poses, columns = state.camera.at_frames(slice(0, model.frames)), []
-    for wearer, own, view in zip(model.wearers, state.wearers, model.views, strict=True):
-        body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
-        points = np.stack([point.of(body) for point in view.points], axis=1)
+    offsets = state.detector.keypoint_offsets
+    for number, (wearer, own, view) in enumerate(zip(model.wearers, state.wearers, model.views, strict=True)):
+        at = ViewEvaluation(WearerEvaluation(number, wearer, own), CAMERA, model.camera, state.camera, view, offsets)
+        points = at.points_on(view.body_points).on(at.wearer.body)
         residual, _ = reprojection_residual(points, poses, model.camera.model, view.pixels)
         squares = np.where(view.seen, np.sum(residual**2, axis=2), 0.0)
         count = view.seen.sum(axis=1)

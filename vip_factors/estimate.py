@@ -112,6 +112,42 @@ class BodyEstimate:
 
 
 @dataclass(frozen=True)
+class SensorPlaceEstimate:
+    """Where on its bone a sensor was found to sit; ``(3,)`` metres each, bone axes.
+
+    Attributes:
+        sensor, bone: their names.
+        prior: where it was supposed to sit, on the body that was found: along a limb it keeps its share of that.
+        found: where it does.
+        prior_sigma, sigma: standard deviations about each axis; NaN if not known.
+    """
+
+    sensor: str
+    bone: str
+    prior: Array
+    found: Array
+    prior_sigma: Array
+    sigma: Array
+
+
+@dataclass(frozen=True)
+class DetectorEstimate:
+    """Where a detector puts its keypoints, against where the table of its keypoints has them.
+
+    Attributes:
+        keypoints: names of ``K``, without a side: both are alike.
+        prior, found: ``(K, 3)`` metres, of the left side, bone axes; the right side's have their x turned round.
+        prior_sigma, sigma: ``(K, 3)`` standard deviations; NaN if not known.
+    """
+
+    keypoints: tuple[str, ...]
+    prior: Array
+    found: Array
+    prior_sigma: Array
+    sigma: Array
+
+
+@dataclass(frozen=True)
 class Estimate:
     """A reconstructed recording.
 
@@ -127,6 +163,7 @@ class Estimate:
         reports: one per solve, in order.
         settings: the effective settings, flattened to text.
         body: what was found of the body; None if nothing of it was looked for.
+        sensor_places: of the sensors used; none if they were taken as told.
     """
 
     name: str
@@ -139,6 +176,7 @@ class Estimate:
     reports: tuple[SolveReport, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     body: BodyEstimate | None = None
+    sensor_places: tuple[SensorPlaceEstimate, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -178,6 +216,7 @@ class SceneEstimate:
         reports: of the solves over all wearers, in order.
         findings: sentences about what is odd or not determined: to be shown to the user.
         settings: the effective settings, flattened to text.
+        detector: where it puts its keypoints; None if that was not looked for.
     """
 
     name: str
@@ -188,3 +227,4 @@ class SceneEstimate:
     reports: tuple[SolveReport, ...] = ()
     findings: tuple[str, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
+    detector: DetectorEstimate | None = None

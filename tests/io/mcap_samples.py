@@ -7,7 +7,15 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.length_prior import LengthPrior
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.motion import Motion
-from vip_factors.estimate import BodyEstimate, Estimate, HingeEstimate, Iteration, PoseCovariance, SolveReport
+from vip_factors.estimate import (
+    BodyEstimate,
+    Estimate,
+    HingeEstimate,
+    Iteration,
+    PoseCovariance,
+    SensorPlaceEstimate,
+    SolveReport,
+)
 from vip_factors.geometry.rotations import exp
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.imu_stream import ImuStream
@@ -96,6 +104,10 @@ def body(rng: np.random.Generator, known: list[str]) -> BodyEstimate:
     return BodyEstimate(tuple(known), prior, found, covariance(rng, B), posterior, (hinge,) * int(rng.integers(3)))
 
 
+def sensor_places(rng: np.random.Generator, sensors: list[str]) -> tuple[SensorPlaceEstimate, ...]:
+    return tuple(SensorPlaceEstimate(one, "left_knee", *rng.normal(size=(3, 3)), np.full(3, np.nan)) for one in sensors)
+
+
 @st.composite
 def recordings(draw: st.DrawFn) -> Recording:
     rng = np.random.default_rng(draw(seeds))
@@ -138,6 +150,7 @@ def estimates(draw: st.DrawFn) -> Estimate:
         draw(st.lists(reports, max_size=2).map(tuple)),
         draw(st.dictionaries(names, st.text(max_size=10), max_size=3)),
         draw(st.sampled_from([None, body(rng, draw(st.lists(names, max_size=3, unique=True)))])),
+        sensor_places(rng, sensors),
     )
 
 

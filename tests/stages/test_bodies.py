@@ -6,11 +6,12 @@ import numpy as np
 from filmed_gestures import QUICK
 
 from vip_factors.body.anthropometry import likely_body, skeleton_from_stature
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.length_prior import LengthPrior
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.body.variation import lengths_of
-from vip_factors.estimate import Estimate
+from vip_factors.estimate import Estimate, SceneEstimate
 from vip_factors.evaluate.scene import evaluate_scene
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.placement import preset
@@ -53,6 +54,7 @@ def test_limbs_come_near_to_what_they_are() -> None:
     assert held.wearers[0].body.names == ()  # of the body only hinges were looked for
     assert evaluate_scene(estimate, scene)["mpjpe"] < evaluate_scene(held, scene)["mpjpe"]
     what_was_found_is_told_with_its_sigmas(estimate.wearers[0], usual)
+    places_on_the_bones_are_told_with_their_sigmas(estimate, scene)
     what_was_found_is_where_the_next_recording_starts(scene, estimate.wearers[0])
 
 
@@ -67,6 +69,25 @@ def what_was_found_is_told_with_its_sigmas(estimate: Estimate, usual: Skeleton) 
     assert np.all(told.sigma < 1.001 * told.prior_sigma)
     assert [one.joint for one in told.hinges] == ["left_elbow", "right_elbow", "left_knee", "right_knee"]
     assert all(np.all((one.sigma > 0) & (one.sigma < 0.1)) for one in told.hinges)
+
+
+def places_on_the_bones_are_told_with_their_sigmas(estimate: SceneEstimate, scene: Scene) -> None:
+    places, placement = estimate.wearers[0].sensor_places, scene.wearers[0].placement
+    assert [one.sensor for one in places] == list(estimate.wearers[0].sensors)
+    assert [one.bone for one in places] == [placement.site(one.sensor).bone for one in places]
+    moved, sigmas, before = (
+        np.array([getattr(one, name) for one in places]) for name in ("found", "sigma", "prior_sigma")
+    )
+    prior = np.array([one.prior for one in places])
+    np.testing.assert_allclose(prior, [placement.site(one.sensor).p_bone_sensor for one in places], atol=0.04)
+    assert np.all((sigmas > 0) & (sigmas < 1.001 * before))
+    assert 0 < np.abs(moved - prior).max() < 3 * before.max()
+    detector = estimate.detector
+    assert detector is not None
+    assert detector.keypoints == OFFSET_KEYPOINTS
+    assert np.all((detector.sigma > 0) & (detector.sigma < 1.001 * detector.prior_sigma))
+    assert np.all(np.abs(detector.found) < 3 * detector.prior_sigma)
+    assert np.any(detector.found)
 
 
 def what_was_found_is_where_the_next_recording_starts(scene: Scene, estimate: Estimate) -> None:

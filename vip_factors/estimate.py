@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from vip_factors.body.hinge_estimate import HingeEstimate
 from vip_factors.body.motion import Motion
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
@@ -61,27 +62,6 @@ class PoseCovariance:
 
 
 @dataclass(frozen=True)
-class HingeEstimate:
-    """The axis that an elbow or a knee was found to turn about.
-
-    Attributes:
-        joint: its name.
-        axis: ``(3,)`` unit vector in the bone above.
-        sigma: ``(2,)`` standard deviations in radians, towards the two directions that the axis may be tilted to
-            (:data:`~vip_factors.body.hinges.HINGES`); NaN if not known.
-        carrying_angle: radians by which the lower limb, stretched, is off the upper one's line, outwards: the carrying
-            angle of an elbow; of a knee, knock-kneed above and bow-legged below zero.
-        carrying_sigma: its standard deviation, NaN if not known.
-    """
-
-    joint: str
-    axis: Array
-    sigma: Array
-    carrying_angle: float
-    carrying_sigma: float = float("nan")
-
-
-@dataclass(frozen=True)
 class BodyEstimate:
     """The body that was found with the motion, and what was taken for likely beforehand.
 
@@ -91,6 +71,7 @@ class BodyEstimate:
         prior_covariance, covariance: ``(B, B)`` m²; that of what was found is NaN where the data do not determine
             everything.
         hinges: of elbows and knees, if they were looked for.
+        prior_hinges: what was taken for likely of each of them.
     """
 
     names: tuple[str, ...]
@@ -99,6 +80,7 @@ class BodyEstimate:
     prior_covariance: Array
     covariance: Array
     hinges: tuple[HingeEstimate, ...] = ()
+    prior_hinges: tuple[HingeEstimate, ...] = ()
 
     @property
     def prior_sigma(self) -> Array:

@@ -57,6 +57,7 @@ def test_from_an_estimate_to_the_next_recording(run: Run, folder: Path, tmp_path
     assert told.code == 0, told.err
     [wearer] = read_scene(tmp_path / "again.mcap").wearers
     assert wearer.subject.length_prior is not None
+    assert [one.joint for one in wearer.subject.hinges] == ["left_elbow", "right_elbow", "left_knee", "right_knee"]
     assert wearer.subject.body().source.startswith("e.mcap, VIP")
     told = run("smooth", tmp_path / "again.mcap", "--out", tmp_path / "again.e.mcap", *QUICK)
     assert told.code == 0, told.err
@@ -64,6 +65,8 @@ def test_from_an_estimate_to_the_next_recording(run: Run, folder: Path, tmp_path
     assert again is not None
     assert found.body is not None
     np.testing.assert_allclose(again.prior, found.body.found, atol=1e-6)
+    for before, after in zip(found.body.hinges, again.prior_hinges, strict=True):
+        np.testing.assert_allclose(after.variables, before.variables, atol=1e-5)
     told = run("evaluate", tmp_path / "again.e.mcap", "--truth", folder / "scene.mcap")
     assert told.code == 0, told.err
     assert "| length_error |" in told.out

@@ -6,6 +6,8 @@ import numpy as np
 from filmed_gestures import QUICK
 
 from vip_factors.body.anthropometry import likely_body, skeleton_from_stature
+from vip_factors.body.hinge_estimate import HingeEstimate
+from vip_factors.body.hinges import HINGE_OF
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.length_prior import LengthPrior
 from vip_factors.body.lengths import LENGTHS
@@ -13,13 +15,19 @@ from vip_factors.body.skeleton import Skeleton
 from vip_factors.body.variation import lengths_of
 from vip_factors.estimate import Estimate, SceneEstimate
 from vip_factors.evaluate.scene import evaluate_scene
+from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth_scene
+from vip_factors.sensors.frames import resample
 from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Subject
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.stages.inertial import inertial_tracker
+from vip_factors.stages.solver import Solver
 
 STATURE = 1.75
 LIMBS = ("left_knee", "left_ankle", "left_elbow", "left_wrist")
@@ -93,10 +101,16 @@ def places_on_the_bones_are_told_with_their_sigmas(estimate: SceneEstimate, scen
 def what_was_found_is_where_the_next_recording_starts(scene: Scene, estimate: Estimate) -> None:
     assert estimate.body is not None
     skeleton, prior = estimate.motion.skeleton, LengthPrior(LENGTHS, estimate.body.covariance)
-    subject = Subject("anna", STATURE, skeleton=skeleton, length_prior=prior)
+    subject = Subject("anna", STATURE, skeleton=skeleton, length_prior=prior, hinges=estimate.body.hinges)
     again = smooth_scene(replace(scene, wearers=(replace(scene.wearers[0], subject=subject),)), QUICK).wearers[0]
     assert again.body is not None
     np.testing.assert_allclose(again.body.prior, estimate.body.found, atol=1e-9)
+    for before, prior_hinge, after in zip(
+        estimate.body.hinges, again.body.prior_hinges, again.body.hinges, strict=True
+    ):
+        np.testing.assert_array_equal(prior_hinge.variables, before.variables)
+        assert np.all(np.diag(after.covariance) < np.diag(prior_hinge.covariance))
+        assert after.carrying_sigma < before.carrying_sigma
     np.testing.assert_allclose(again.body.prior_sigma, np.maximum(estimate.body.sigma, 0.003), rtol=0.1)
     assert np.all(np.abs(again.body.found - again.body.prior) < 3 * again.body.prior_sigma)
 
@@ -108,3 +122,15 @@ def test_a_body_that_is_given_stays_as_it_is() -> None:
     np.testing.assert_array_equal(estimate.motion.skeleton.p_parent_joint, body.p_parent_joint)
     assert estimate.body is not None
     assert estimate.body.names == ()
+
+
+def test_hinges_that_are_no_variables_stay_as_they_were_found() -> None:
+    motion, knee = gestures(1.0), HINGE_OF["right_knee"]
+    found = HingeEstimate("right_knee", np.array([0.1, -0.05, 0.08, 0.02]), 0.01 * np.eye(4))
+    recording = simulate_recording(motion, preset("sip6", motion.skeleton), SimulateSettings(), seed=1)
+    recording = replace(recording, subject=replace(recording.subject, hinges=(found,)))
+    settings = LiveSettings()
+    solver = Solver(settings.solve, lambda stage, fraction: None)
+    tracked = inertial_tracker(recording, resample(recording, 10.0), settings, solver)
+    assert not tracked.model.free_hinges
+    np.testing.assert_array_equal(tracked.state.hinges[knee.columns], found.variables)

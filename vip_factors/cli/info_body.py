@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from vip_factors.body.hinge_estimate import HingeEstimate
 from vip_factors.cli.text_table import aligned, with_sigma
 from vip_factors.estimate import BodyEstimate
 
@@ -18,9 +19,15 @@ def body_lines(body: BodyEstimate) -> list[str]:
             kept = "keeps its prior" if sigma > KEPT * prior_sigma else ""
             rows.append((name, with_sigma(1e3 * prior, 1e3 * prior_sigma), with_sigma(1e3 * found, 1e3 * sigma), kept))
         lines += aligned(rows, left=1)
+    before = {one.joint: one for one in body.prior_hinges}
     for hinge in body.hinges:
-        angle = with_sigma(np.rad2deg(hinge.carrying_angle), np.rad2deg(hinge.carrying_sigma), 1)
         axis, sigmas = ", ".join(f"{value:.2f}" for value in hinge.axis), np.rad2deg(hinge.sigma)
         sure = f" ± {sigmas[0]:.1f}, {sigmas[1]:.1f}°" if np.all(np.isfinite(sigmas)) else ""
-        lines.append(f"{hinge.joint.replace('_', ' ')}: carrying angle {angle}°, turns about ({axis}){sure}")
+        supposed = f" (supposed {_carrying_angle(before[hinge.joint])})" if hinge.joint in before else ""
+        name = hinge.joint.replace("_", " ")
+        lines.append(f"{name}: carrying angle {_carrying_angle(hinge)}{supposed}, turns about ({axis}){sure}")
     return lines
+
+
+def _carrying_angle(hinge: HingeEstimate) -> str:
+    return f"{with_sigma(np.rad2deg(hinge.carrying_angle), np.rad2deg(hinge.carrying_sigma), 1)}°"

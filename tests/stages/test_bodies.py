@@ -1,6 +1,7 @@
 """The body is found where a camera sees it: somebody whose limbs are not those of their stature."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from filmed_gestures import QUICK
@@ -34,6 +35,7 @@ LIMBS = ("left_knee", "left_ankle", "left_elbow", "left_wrist")
 CHANGES = {"thigh": 0.03, "shank": -0.025, "upper arm": -0.03, "forearm": 0.02}
 
 
+@cache
 def filmed() -> tuple[Scene, Skeleton]:
     """A scene of which only the stature is told, and the true body."""
     usual = skeleton_from_stature(STATURE)

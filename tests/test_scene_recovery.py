@@ -42,7 +42,7 @@ LIMBS_AND_TRUNK = (
 
 def filmed(camera: str, bones: tuple[str, ...], mounting_error_deg: float) -> Scene:
     """Somebody with a sensor on each of some bones, five centimetres off the joint, in front of a perfect detector."""
-    motion = gestures(4.0)
+    motion = gestures(3.0)
     sites = [SensorSite(name, name, np.array([0.03, -0.02, 0.04]), np.eye(3), 1.0) for name in bones]
     imu = SimulateSettings.noise_free(imu_rate=400.0, heading_offset_deg=15.0, mounting_error_deg=mounting_error_deg)
     settings = SceneSettings.noise_free(camera=camera, imu=imu)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from vip_factors.body.hinge_estimate import HingeEstimate
 from vip_factors.body.motion import Motion
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
@@ -61,27 +62,6 @@ class PoseCovariance:
 
 
 @dataclass(frozen=True)
-class HingeEstimate:
-    """The axis that an elbow or a knee was found to turn about.
-
-    Attributes:
-        joint: its name.
-        axis: ``(3,)`` unit vector in the bone above.
-        sigma: ``(2,)`` standard deviations in radians, towards the two directions that the axis may be tilted to
-            (:data:`~vip_factors.body.hinges.HINGES`); NaN if not known.
-        carrying_angle: radians by which the lower limb, stretched, is off the upper one's line, outwards: the carrying
-            angle of an elbow; of a knee, knock-kneed above and bow-legged below zero.
-        carrying_sigma: its standard deviation, NaN if not known.
-    """
-
-    joint: str
-    axis: Array
-    sigma: Array
-    carrying_angle: float
-    carrying_sigma: float = float("nan")
-
-
-@dataclass(frozen=True)
 class BodyEstimate:
     """The body that was found with the motion, and what was taken for likely beforehand.
 
@@ -91,6 +71,7 @@ class BodyEstimate:
         prior_covariance, covariance: ``(B, B)`` m²; that of what was found is NaN where the data do not determine
             everything.
         hinges: of elbows and knees, if they were looked for.
+        prior_hinges: what was taken for likely of each of them.
     """
 
     names: tuple[str, ...]
@@ -99,6 +80,7 @@ class BodyEstimate:
     prior_covariance: Array
     covariance: Array
     hinges: tuple[HingeEstimate, ...] = ()
+    prior_hinges: tuple[HingeEstimate, ...] = ()
 
     @property
     def prior_sigma(self) -> Array:
@@ -109,6 +91,42 @@ class BodyEstimate:
     def sigma(self) -> Array:
         """``(B,)`` metres, NaN if not known."""
         return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True)
+class SensorPlaceEstimate:
+    """Where on its bone a sensor was found to sit; ``(3,)`` metres each, bone axes.
+
+    Attributes:
+        sensor, bone: their names.
+        prior: where it was supposed to sit, on the body that was found: along a limb it keeps its share of that.
+        found: where it does.
+        prior_sigma, sigma: standard deviations about each axis; NaN if not known.
+    """
+
+    sensor: str
+    bone: str
+    prior: Array
+    found: Array
+    prior_sigma: Array
+    sigma: Array
+
+
+@dataclass(frozen=True)
+class DetectorEstimate:
+    """Where a detector puts its keypoints, against where the table of its keypoints has them.
+
+    Attributes:
+        keypoints: names of ``K``, without a side: both are alike.
+        prior, found: ``(K, 3)`` metres, of the left side, bone axes; the right side's have their x turned round.
+        prior_sigma, sigma: ``(K, 3)`` standard deviations; NaN if not known.
+    """
+
+    keypoints: tuple[str, ...]
+    prior: Array
+    found: Array
+    prior_sigma: Array
+    sigma: Array
 
 
 @dataclass(frozen=True)
@@ -127,6 +145,7 @@ class Estimate:
         reports: one per solve, in order.
         settings: the effective settings, flattened to text.
         body: what was found of the body; None if nothing of it was looked for.
+        sensor_places: of the sensors used; none if they were taken as told.
     """
 
     name: str
@@ -139,6 +158,7 @@ class Estimate:
     reports: tuple[SolveReport, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     body: BodyEstimate | None = None
+    sensor_places: tuple[SensorPlaceEstimate, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -178,6 +198,7 @@ class SceneEstimate:
         reports: of the solves over all wearers, in order.
         findings: sentences about what is odd or not determined: to be shown to the user.
         settings: the effective settings, flattened to text.
+        detector: where it puts its keypoints; None if that was not looked for.
     """
 
     name: str
@@ -188,3 +209,4 @@ class SceneEstimate:
     reports: tuple[SolveReport, ...] = ()
     findings: tuple[str, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
+    detector: DetectorEstimate | None = None

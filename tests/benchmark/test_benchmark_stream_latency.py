@@ -16,7 +16,7 @@ from vip_factors.sensors.live import ImuSample
 from vip_factors.sensors.scene import Scene
 
 # Six sensors and a fixed camera: a quarter of the work.
-TRIALS = LongStreamTrials(seconds=16.0, scene_s=8.0, placement="sip6", camera="fixed")
+TRIALS = LongStreamTrials(seconds=12.0, scene_s=8.0, placement="sip6", camera="fixed")
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def scene() -> Scene:
 def test_the_stream_goes_on_without_a_jolt_and_with_new_noise(scene: Scene) -> None:
     samples = list(LongStream(scene, TRIALS))
     assert all(before.time <= after.time for before, after in pairwise(samples))
-    assert 15.9 < samples[-1].time <= TRIALS.seconds
+    assert 11.9 < samples[-1].time <= TRIALS.seconds
     pelvis = [one for one in samples if isinstance(one, ImuSample) and one.sensor == "pelvis"]
     time = np.array([one.time for one in pelvis])
     assert np.diff(time).min() > 0
@@ -68,8 +68,8 @@ def test_in_real_time_answers_have_an_age(scene: Scene) -> None:
 
 def test_gtsams_smoothers_are_timed_on_the_same_factors(scene: Scene) -> None:
     stream = LongStream(scene, TRIALS)
-    times = run_references(stream, stream.setup, LiveSettings(lag_s=0.15), 3, lambda stage, fraction: None)
-    assert [one.updates for one in times] == [3] * 5
+    times = run_references(stream, stream.setup, LiveSettings(lag_s=0.15), 2, lambda stage, fraction: None)
+    assert [one.updates for one in times] == [2] * 5
     assert times[0].name == OURS
     assert times[1].differs_m < 1e-6  # the same linear factors
     assert all(np.isfinite(one.differs_m) for one in times)
@@ -78,10 +78,10 @@ def test_gtsams_smoothers_are_timed_on_the_same_factors(scene: Scene) -> None:
 
 def test_nothing_grows_with_the_stream(scene: Scene) -> None:
     stream = LongStream(scene, TRIALS)
-    parts = tuple(measured_parts(stream, stream.setup, LiveSettings(), 4.0))
-    assert [round(part.until) for part in parts] == [4, 8, 12, 16]
-    assert all(part.updates > 150 for part in parts)
-    # A second holds 60 frames of some hundred objects each: 8 s that are kept would be tens of thousands.
+    parts = tuple(measured_parts(stream, stream.setup, LiveSettings(), 3.0))
+    assert [round(part.until) for part in parts] == [3, 6, 9, 12]
+    assert all(part.updates > 100 for part in parts)
+    # A second holds 60 frames of some hundred objects each: 6 s that are kept would be tens of thousands.
     counts = [part.objects for part in parts[1:]]
     assert max(counts) - min(counts) < 3000
     result = StreamHour(TRIALS, 1, parts)

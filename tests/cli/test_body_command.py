@@ -4,10 +4,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
+from vip_factors.body.lengths import LENGTHS
 from vip_factors.cli.main import main
 from vip_factors.io.body_file import read_body_file
 from vip_factors.io.mcap_estimate import read_estimate
@@ -38,6 +40,14 @@ def test_info_tells_lengths_before_and_after(run: Run, folder: Path) -> None:
         assert words in told.out
 
 
+def test_info_tells_places_on_the_bones(run: Run, folder: Path) -> None:
+    told = run("info", folder / "e.mcap").out
+    for words in ("sensor's place", "pelvis", "left_elbow", "keypoint's offset", "forward", "outward"):
+        assert words in told
+    [hip] = [line for line in told.splitlines() if line.split()[:1] == ["hip"] and "(" in line]
+    assert hip.count("(0 ± 20)") == 3  # the prior stands beside what was found
+
+
 def test_from_an_estimate_to_the_next_recording(run: Run, folder: Path, tmp_path: Path) -> None:
     told = run("body", folder / "e.mcap", "--out", tmp_path / "ada.toml")
     assert told.code == 0, told.err
@@ -49,6 +59,7 @@ def test_from_an_estimate_to_the_next_recording(run: Run, folder: Path, tmp_path
     assert told.code == 0, told.err
     [wearer] = read_scene(tmp_path / "again.mcap").wearers
     assert wearer.subject.length_prior is not None
+    assert [one.joint for one in wearer.subject.hinges] == ["left_elbow", "right_elbow", "left_knee", "right_knee"]
     assert wearer.subject.body().source.startswith("e.mcap, VIP")
     told = run("smooth", tmp_path / "again.mcap", "--out", tmp_path / "again.e.mcap", *QUICK)
     assert told.code == 0, told.err
@@ -56,10 +67,35 @@ def test_from_an_estimate_to_the_next_recording(run: Run, folder: Path, tmp_path
     assert again is not None
     assert found.body is not None
     np.testing.assert_allclose(again.prior, found.body.found, atol=1e-6)
+    for before, after in zip(found.body.hinges, again.prior_hinges, strict=True):
+        np.testing.assert_allclose(after.variables, before.variables, atol=1e-5)
     told = run("evaluate", tmp_path / "again.e.mcap", "--truth", folder / "scene.mcap")
     assert told.code == 0, told.err
     assert "| length_error |" in told.out
     assert "| mpjpe_true_body |" in told.out
+
+
+def test_a_picture_shows_what_was_found_beside_what_was_likely(run: Run, folder: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "ada.svg"
+    body = ("body", folder / "e.mcap", "--out", tmp_path / "ada.toml", "--picture", picture)
+    told = run(*body, "--truth", folder / "scene.mcap")
+    assert told.code == 0, told.err
+    assert told.out.endswith("ada.svg\n")
+    found = read_estimate(folder / "e.mcap").body
+    assert found is not None
+    texts = texts_of(picture)
+    assert {*LENGTHS, "left knee", "truth", "The body of “Ada”"} <= texts
+    thigh = LENGTHS.index("thigh")
+    assert f"{1e3 * found.found[thigh]:.0f} ± {1e3 * found.sigma[thigh]:.0f}" in texts
+    [wearer] = read_scene(folder / "scene.mcap").wearers
+    assert wearer.truth is not None
+    assert f"{1e3 * wearer.truth.motion.skeleton.bone_length('left_knee'):.0f}" in texts
+    assert run(*body, "--overwrite").code == 0
+    assert "truth" not in texts_of(picture)
+
+
+def texts_of(picture: Path) -> set[str | None]:
+    return {element.text for element in ElementTree.parse(picture).getroot() if element.tag.endswith("text")}
 
 
 def test_a_stream_uses_the_body(run: Run, folder: Path, tmp_path: Path) -> None:
@@ -97,6 +133,8 @@ def test_what_does_not_fit_is_one_sentence(run: Run, files: Any, folder: Path, t
         "no body of 'gestures' was looked for": ("body", files.estimate, "--out", tmp_path / "b.toml"),
         "no wearer 'Adda'; did you mean": ("body", folder / "e.mcap", "--wearer", "Adda"),
         "ends in .toml": ("body", folder / "e.mcap", "--out", tmp_path / "ada.txt"),
+        "ends in .svg": ("body", folder / "e.mcap", "--out", tmp_path / "b.toml", "--picture", tmp_path / "a.png"),
+        "give --picture too": ("body", folder / "e.mcap", "--out", tmp_path / "b.toml", "--truth", folder / "e.mcap"),
         "exists already": ("body", folder / "e.mcap", "--out", precious),
         "bad.toml: skeleton is missing": (
             "convert", folder / "scene.mcap", tmp_path / "r.mcap", "--body", tmp_path / "bad.toml",

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from vip_factors.body.anthropometry import likely_body
+from vip_factors.body.hinge_estimate import HingePrior
 from vip_factors.body.hinges import HINGES
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.motion import Motion
 from vip_factors.body.variation import lengths_of
-from vip_factors.estimate import BodyEstimate, Estimate, HingeEstimate
+from vip_factors.estimate import BodyEstimate, Estimate
 from vip_factors.evaluate.body import true_axis
 from vip_factors.evaluate.evaluation import evaluate
 from vip_factors.geometry.rotations import exp
@@ -28,8 +29,7 @@ def with_body(motion: Motion, changes: dict[str, float], sigma: float = 0.01) ->
     usual = motion.skeleton
     varied = likely_body(usual.stature).variation.varied(usual, np.array([changes.get(name, 0.0) for name in LENGTHS]))
     square = sigma**2 * np.eye(len(LENGTHS))
-    hinges = tuple(HingeEstimate(one.joint, one.axis, np.full(2, 0.1), 0.0) for one in HINGES)
-    body = BodyEstimate(LENGTHS, lengths_of(usual), lengths_of(varied), 9 * square, square, hinges)
+    body = BodyEstimate(LENGTHS, lengths_of(usual), lengths_of(varied), 9 * square, square, HingePrior().hinges())
     return Estimate("walk", "VIP", replace(motion, skeleton=varied), {}, body=body)
 
 

@@ -23,11 +23,13 @@ from vip_factors.simulate.staging import placed
 OFFSET = 1.2345
 
 
-def filmed(settings: SceneSettings, seed: int = 0, first: float = 6.0, last: float = 18.0) -> Scene:
+def filmed(
+    settings: SceneSettings, seed: int = 0, first: float = 6.0, last: float = 18.0, seconds: float = 24.0
+) -> Scene:
     """A wearer and a bystander; the video is shorter than the recording."""
-    motion = gestures(24.0)
+    motion = gestures(seconds)
     wearer = Performer("a", placed(motion, 0.3, (0, 0)), preset("tnt10", motion.skeleton))
-    bystander = Performer("b", replace(placed(gestures(26.0), 2.0, (1.5, 1.0)), rate=110.0))
+    bystander = Performer("b", replace(placed(gestures(seconds + 2.0), 2.0, (1.5, 1.0)), rate=110.0))
     scene = simulate_scene([wearer, bystander], settings, seed)
     return seen_between(scene, first, last)
 
@@ -66,7 +68,7 @@ def test_the_result_follows_the_video_clock(scene: Scene) -> None:
 
 
 def test_without_errors_it_is_exact() -> None:
-    scene = filmed(SceneSettings.noise_free(camera="fixed", time_offset_s=OFFSET), first=0.0, last=24.0)
+    scene = filmed(SceneSettings.noise_free(camera="fixed", time_offset_s=OFFSET), first=0.0, last=14.0, seconds=14.0)
     found = find_clock_offset(scene, ClockSettings(max_offset=3.0))
     assert found.method == "motion"
     assert found.seconds == pytest.approx(OFFSET, abs=0.003)

@@ -4,10 +4,19 @@ import numpy as np
 from hypothesis import strategies as st
 
 from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.hinge_estimate import HingeEstimate
+from vip_factors.body.hinges import HINGE_OF
 from vip_factors.body.length_prior import LengthPrior
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.motion import Motion
-from vip_factors.estimate import BodyEstimate, Estimate, HingeEstimate, Iteration, PoseCovariance, SolveReport
+from vip_factors.estimate import (
+    BodyEstimate,
+    Estimate,
+    Iteration,
+    PoseCovariance,
+    SensorPlaceEstimate,
+    SolveReport,
+)
 from vip_factors.geometry.rotations import exp
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.imu_stream import ImuStream
@@ -73,6 +82,7 @@ def subjects(draw: st.DrawFn) -> Subject:
         draw(st.dictionaries(st.sampled_from(["thigh", "left_forearm", "hip_width"]), st.floats(0.1, 0.6))),
         draw(st.none() | st.floats(1.5, 1.9).map(skeleton_from_stature)),
         draw(st.none() | length_priors()),
+        draw(st.sampled_from([(), (hinge_of(np.random.default_rng(draw(seeds)), "right_knee"),)])),
     )
 
 
@@ -89,11 +99,20 @@ def covariance(rng: np.random.Generator, size: int) -> np.ndarray:
 
 
 def body(rng: np.random.Generator, known: list[str]) -> BodyEstimate:
-    B, axis = len(known), rng.normal(size=3)
-    hinge = HingeEstimate("left_elbow", axis / np.linalg.norm(axis), rng.uniform(0.01, 0.1, 2), rng.normal(), 0.1)
+    B, hinges = len(known), tuple(hinge_of(rng, "left_elbow") for _ in range(rng.integers(3)))
     posterior = covariance(rng, B) if rng.random() < 0.7 else np.full((B, B), np.nan)
     prior, found = rng.uniform(0.1, 0.5, (2, B))
-    return BodyEstimate(tuple(known), prior, found, covariance(rng, B), posterior, (hinge,) * int(rng.integers(3)))
+    return BodyEstimate(tuple(known), prior, found, covariance(rng, B), posterior, hinges, hinges[:1])
+
+
+def hinge_of(rng: np.random.Generator, joint: str) -> HingeEstimate:
+    """Some degrees off."""
+    count = len(HINGE_OF[joint].columns)
+    return HingeEstimate(joint, 0.05 * rng.normal(size=count), 10 * covariance(rng, count))
+
+
+def sensor_places(rng: np.random.Generator, sensors: list[str]) -> tuple[SensorPlaceEstimate, ...]:
+    return tuple(SensorPlaceEstimate(one, "left_knee", *rng.normal(size=(3, 3)), np.full(3, np.nan)) for one in sensors)
 
 
 @st.composite
@@ -138,6 +157,7 @@ def estimates(draw: st.DrawFn) -> Estimate:
         draw(st.lists(reports, max_size=2).map(tuple)),
         draw(st.dictionaries(names, st.text(max_size=10), max_size=3)),
         draw(st.sampled_from([None, body(rng, draw(st.lists(names, max_size=3, unique=True)))])),
+        sensor_places(rng, sensors),
     )
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from mcap_samples import calibration, estimates, names, recordings, rotations, seeds, stream, walk
 
 from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet, keypoint_set
-from vip_factors.estimate import CameraEstimate, SceneEstimate
+from vip_factors.estimate import CameraEstimate, DetectorEstimate, SceneEstimate
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
@@ -114,6 +114,8 @@ def scene_estimates(draw: st.DrawFn) -> SceneEstimate:
         draw(st.sampled_from([None, residual])),
         rng.normal(),
     )
+    K = draw(st.integers(0, 4))
+    detector = DetectorEstimate(tuple("abcd"[:K]), *rng.normal(size=(3, K, 3)), np.full((K, 3), np.nan))
     return SceneEstimate(
         draw(names),
         draw(names),
@@ -123,4 +125,5 @@ def scene_estimates(draw: st.DrawFn) -> SceneEstimate:
         wearers[0].reports,
         tuple(draw(st.lists(names, max_size=2))),
         draw(st.dictionaries(names, names, max_size=2)),
+        draw(st.sampled_from([None, detector])),
     )

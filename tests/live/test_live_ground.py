@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tracked import RATE, SETTINGS, Tracked, filmed, placed_camera, track
+from tracked import RATE, SETTINGS, Tracked, filmed, placed_camera, track, tracked_by_placed_camera
 
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.configurations import configured
@@ -109,7 +109,7 @@ def test_where_it_is_not_wanted_or_the_pose_unknown_there_is_none() -> None:
 
 
 def test_a_wearer_before_a_known_camera_is_where_they_are() -> None:
-    one = track(placed_camera())
+    one = tracked_by_placed_camera()
     assert placed_cm(one) < 8
     assert placed_cm(one, "newest") < 10
 

@@ -85,5 +85,11 @@ def placed_camera() -> Scene:
     return replace(scene, camera=replace(scene.camera, known_path=scene.truth.camera, moving=False))
 
 
+@cache
+def tracked_by_placed_camera() -> Tracked:
+    """That, undisturbed."""
+    return track(placed_camera())
+
+
 def unfilmed(scene: Scene) -> Scene:
     return Scene(scene.name, scene.wearers)

@@ -90,7 +90,8 @@ def test_wearers_recordings_are_those_of_each_alone(people) -> None:
 
 @pytest.mark.parametrize("camera", ["fixed", "walking"])
 def test_same_seed_same_scene(people, camera: CameraKind) -> None:
-    one, two, other = (simulate_scene(people, SceneSettings.realistic(camera=camera), seed=seed) for seed in (4, 4, 5))
+    some = [people[0], people[-1]]
+    one, two, other = (simulate_scene(some, SceneSettings.realistic(camera=camera), seed=seed) for seed in (4, 4, 5))
     assert np.array_equal(one.camera.detections.pixels, two.camera.detections.pixels, equal_nan=True)
     assert np.array_equal(one.truth.wearer, two.truth.wearer)
     assert np.array_equal(one.truth.camera.p_world_camera, two.truth.camera.p_world_camera)

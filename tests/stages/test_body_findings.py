@@ -51,3 +51,14 @@ def test_knees_that_bend_backwards_are_a_finding() -> None:
     motion = Motion(USUAL, R, np.zeros((40, 3)), 30.0)
     (sentence,) = knee_findings("wearer 'Ada'", motion)
     assert "left knee bends backwards in 38 %" in sentence
+
+
+def test_what_is_in_order_but_for_the_scale_is_not_told_one_by_one() -> None:
+    [told] = body_findings("Ada", found({}, scale=0.15), 1.75)
+    assert "15 % larger" in told
+    assert "check the stature" in told
+    scale, length = body_findings("Ada", found({"forearm": -0.07}, scale=0.15), 1.75)
+    assert "all lengths together" in scale
+    assert "forearm" in length
+    assert "thigh" not in length
+    assert "the wearer is built so" in length

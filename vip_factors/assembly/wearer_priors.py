@@ -7,7 +7,6 @@ import numpy as np
 from vip_factors.assembly.equations import AT_THE_FIRST_KNOT, DenseEquations, KnotEquations, Part
 from vip_factors.assembly.evaluation import WearerEvaluation
 from vip_factors.assembly.registry import Term
-from vip_factors.body.hinges import HINGE_SIGMAS
 from vip_factors.factors.agreeing_headings import agreeing_headings_jacobian, agreeing_headings_residual
 from vip_factors.factors.gauge_prior import gauge_prior_residual
 from vip_factors.factors.heading_prior import heading_prior_residual
@@ -88,12 +87,13 @@ def body_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
 
 
 def hinge_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
-    """One factor on the axes of elbows and knees: usual ones are the likeliest."""
+    """One factor on the axes of elbows and knees: usual ones are the likeliest, or those found before; linear."""
     if not (at.problem.free_hinges and _begins(at, first)):
         return
-    part = Part(at.owner, "hinges", np.diag(1 / HINGE_SIGMAS)[None, None])
-    residual = (at.state.hinges / HINGE_SIGMAS)[None, None]
-    yield DenseEquations("hinge prior", 0, residual, 1.0, SQUARE, lambda: (part,))
+    prior = at.problem.hinge_prior
+    residual = prior.whitening @ (at.state.hinges - prior.mean)
+    part = Part(at.owner, "hinges", prior.whitening[None, None])
+    yield DenseEquations("hinge prior", 0, residual[None, None], 1.0, SQUARE, lambda: (part,))
 
 
 def sensor_place_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:

@@ -26,6 +26,7 @@ class Hinge:
         square: ``(3, n)`` directions in the bone below that stay square to the axis: along the limb, and, where the
             bone below cannot turn about itself, one across.
         rows: of these among those of all hinges.
+        tilts: of its axis among those of all hinges.
     """
 
     joint: str
@@ -33,6 +34,13 @@ class Hinge:
     normals: Array
     square: Array
     rows: slice
+    tilts: slice
+
+    @property
+    def columns(self) -> np.ndarray:
+        """Of its own variables among those of all hinges: two tilts, then an offset of each of its rows."""
+        rows = np.arange(self.rows.start, self.rows.stop)
+        return np.concatenate([np.arange(self.tilts.start, self.tilts.stop), TILTS + rows])
 
     @property
     def index(self) -> int:
@@ -42,6 +50,10 @@ class Hinge:
     def direction(self, tilt: Array) -> Array:
         """The axis ``(3,)``, a unit vector, tilted by ``(2,)`` radians."""
         return _unit(self.axis + self.normals @ tilt)
+
+    def tilt_to(self, axis: Array) -> Array:
+        """The tilt ``(2,)`` of an axis ``(3,)`` that is less than a right angle off the usual one."""
+        return np.asarray(self.normals.T @ axis / (self.axis @ axis))
 
     def direction_by_tilt(self, tilt: Array) -> Array:
         """Derivative ``(3, 2)`` of :meth:`direction`."""
@@ -72,12 +84,14 @@ def _hinges() -> tuple[Hinge, ...]:
     for name, (axis, normals, square) in (("elbow", elbow), ("knee", knee)):
         for side in ("left", "right"):
             rows = slice(row, row + len(square))
-            found.append(Hinge(f"{side}_{name}", np.array(axis), np.array(normals).T, np.array(square).T, rows))
+            tilts = slice(2 * len(found), 2 * len(found) + 2)
+            found.append(Hinge(f"{side}_{name}", np.array(axis), np.array(normals).T, np.array(square).T, rows, tilts))
             row = rows.stop
     return tuple(found)
 
 
 HINGES = _hinges()
+HINGE_OF = {one.joint: one for one in HINGES}
 ROWS = HINGES[-1].rows.stop
 # Of the variables: two tilts of each hinge's axis, then an offset of each row.
 TILTS = 2 * len(HINGES)

@@ -1,6 +1,6 @@
-"""``vip-factors body``: the body that an estimate found, as a file."""
+"""``vip-factors body``: the body that an estimate found, as a file and as a picture."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -9,6 +9,7 @@ import tyro
 
 from vip_factors.cli.options import Flag, beside, parse
 from vip_factors.errors import InputError
+from vip_factors.estimate import Estimate
 
 
 @dataclass(frozen=True)
@@ -25,31 +26,71 @@ class BodyOptions:
     """Name of the wearer, if there are several."""
     out: Path | None = None
     """Body file (.toml) to write; ESTIMATE.body.toml if absent."""
+    picture: Path | None = None
+    """Also draw what was found beside what was likely beforehand, into this file (.svg)."""
+    truth: Path | None = None
+    """Recording (.mcap) that holds the truth, to be drawn as well."""
     overwrite: Flag = False
-    """Replace the file if it exists."""
+    """Replace files that exist."""
 
 
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(BodyOptions, prog, arguments)
     from vip_factors.cli.info_body import body_lines
-    from vip_factors.io.atomic import check_target
+    from vip_factors.io.atomic import atomic_open, check_target
     from vip_factors.io.body_file import body_of_estimate, write_body_file
-    from vip_factors.io.mcap_scene_estimate import read_scene_estimate
-    from vip_factors.io.toml_values import nearest
+    from vip_factors.viz.body_chart import body_picture
 
     out = options.out or beside(options.estimate, ".body.toml")
     if out.suffix.lower() != ".toml":
         raise InputError(f"{out}: expected the name of a body file that ends in .toml; give --out another one")
     check_target(out, options.overwrite)
+    if options.picture is not None:
+        _check_picture(options.picture)
+        check_target(options.picture, options.overwrite)
+    elif options.truth is not None:
+        raise InputError("--truth is drawn into the picture: give --picture too")
+    estimate = _wearer(options)
+    truth = _true_lengths(options.truth, estimate.motion.name) if options.truth is not None else {}
+    write_body_file(out, body_of_estimate(estimate, options.estimate.name), options.overwrite)
+    assert estimate.body is not None
+    print("\n".join(body_lines(estimate.body)))
+    print(out)
+    if options.picture is not None:
+        with atomic_open(options.picture, overwrite=options.overwrite) as file:
+            file.write(body_picture(estimate.motion.name, estimate.body, truth))
+        print(options.picture)
+
+
+def _check_picture(picture: Path) -> None:
+    if picture.suffix.lower() != ".svg":
+        raise InputError(f"{picture}: expected the name of a picture that ends in .svg; give --picture another one")
+
+
+def _wearer(options: BodyOptions) -> Estimate:
+    from vip_factors.io.mcap_scene_estimate import read_scene_estimate
+    from vip_factors.io.toml_values import nearest
+
     wearers = {one.motion.name: one for one in read_scene_estimate(options.estimate).wearers}
     if options.wearer is None and len(wearers) > 1:
         raise InputError(f"{options.estimate} holds {', '.join(wearers)}: say whose body is wanted with --wearer")
     name = next(iter(wearers)) if options.wearer is None else options.wearer
     if name not in wearers:
         raise InputError(f"{options.estimate}: no wearer '{name}'{nearest(name, wearers)}")
-    estimate = wearers[name]
-    write_body_file(out, body_of_estimate(estimate, options.estimate.name), options.overwrite)
-    if estimate.body is not None:
-        print("\n".join(body_lines(estimate.body)))
-    print(out)
+    return wearers[name]
+
+
+def _true_lengths(path: Path, name: str) -> Mapping[str, float]:
+    """Of the wearer of that name, or the only one."""
+    from vip_factors.evaluate.body import true_lengths
+    from vip_factors.io.mcap_scene_recording import read_scene
+    from vip_factors.io.toml_values import nearest
+
+    wearers = {one.subject.name: one for one in read_scene(path).wearers}
+    if len(wearers) > 1 and name not in wearers:
+        raise InputError(f"{path}: no wearer '{name}'{nearest(name, wearers)}")
+    truth = wearers.get(name, next(iter(wearers.values()))).truth
+    if truth is None:
+        raise InputError(f"{path} holds no truth: give a recording that does with --truth")
+    return true_lengths(truth.motion.skeleton)

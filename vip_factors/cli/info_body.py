@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from vip_factors.body.hinge_estimate import HingeEstimate
+from vip_factors.cli.text_table import aligned, with_sigma
 from vip_factors.estimate import BodyEstimate
 
 KEPT = 0.8  # of the prior's sigma: what is no surer than this keeps its prior
@@ -15,22 +17,17 @@ def body_lines(body: BodyEstimate) -> list[str]:
         values = zip(body.names, body.prior, body.prior_sigma, body.found, body.sigma, strict=True)
         for name, prior, prior_sigma, found, sigma in values:
             kept = "keeps its prior" if sigma > KEPT * prior_sigma else ""
-            rows.append(
-                (name, _with_sigma(1e3 * prior, 1e3 * prior_sigma), _with_sigma(1e3 * found, 1e3 * sigma), kept)
-            )
-        widths = [max(len(row[column]) for row in rows) for column in range(3)]
-        lines += [
-            "  ".join([row[0].ljust(widths[0]), row[1].rjust(widths[1]), row[2].rjust(widths[2]), row[3]]).rstrip()
-            for row in rows
-        ]
+            rows.append((name, with_sigma(1e3 * prior, 1e3 * prior_sigma), with_sigma(1e3 * found, 1e3 * sigma), kept))
+        lines += aligned(rows, left=1)
+    before = {one.joint: one for one in body.prior_hinges}
     for hinge in body.hinges:
-        angle = _with_sigma(np.rad2deg(hinge.carrying_angle), np.rad2deg(hinge.carrying_sigma), 1)
         axis, sigmas = ", ".join(f"{value:.2f}" for value in hinge.axis), np.rad2deg(hinge.sigma)
         sure = f" ± {sigmas[0]:.1f}, {sigmas[1]:.1f}°" if np.all(np.isfinite(sigmas)) else ""
-        lines.append(f"{hinge.joint.replace('_', ' ')}: carrying angle {angle}°, turns about ({axis}){sure}")
+        supposed = f" (supposed {_carrying_angle(before[hinge.joint])})" if hinge.joint in before else ""
+        name = hinge.joint.replace("_", " ")
+        lines.append(f"{name}: carrying angle {_carrying_angle(hinge)}{supposed}, turns about ({axis}){sure}")
     return lines
 
 
-def _with_sigma(value: float, sigma: float, decimals: int = 0) -> str:
-    known = f" ± {sigma:.{max(decimals, 1)}f}" if np.isfinite(sigma) else ""
-    return f"{value:z.{decimals}f}{known}"
+def _carrying_angle(hinge: HingeEstimate) -> str:
+    return f"{with_sigma(np.rad2deg(hinge.carrying_angle), np.rad2deg(hinge.carrying_sigma), 1)}°"

@@ -5,6 +5,8 @@ import numpy as np
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.cli.info_body import body_lines
+from vip_factors.cli.info_places import sensor_place_lines
+from vip_factors.cli.text_table import aligned
 from vip_factors.estimate import Estimate, SolveReport
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.imu_stream import ImuStream
@@ -48,10 +50,7 @@ def _sensor_lines(recording: Recording) -> list[str]:
     rows = [("sensor", "bone", "samples", "rate", "gaps", "gives")]
     for name, imu in recording.imus.items():
         rows.append((name, bones.get(name, "not placed"), *stream_words(imu)))
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return [
-        "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    ]
+    return ["  " + line for line in aligned(rows, left=len(rows[0]))]
 
 
 def stream_words(imu: ImuStream) -> tuple[str, str, str, str]:
@@ -83,6 +82,7 @@ def estimate_text(estimate: Estimate) -> str:
             )
     if estimate.body is not None:
         lines += [f"  {line}" for line in body_lines(estimate.body)]
+    lines += [f"  {line}" for line in sensor_place_lines(estimate.sensor_places)]
     for name, one in estimate.calibration.items():
         lines.append(f"  heading of {name}: {heading_text(one)}")
     return "\n".join(lines)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from vip_factors.cli.info_places import detector_lines
 from vip_factors.cli.info_recording import estimate_text, heading_text, recording_text, report_text, stream_words
 from vip_factors.estimate import CameraEstimate, SceneEstimate
 from vip_factors.geometry.rotations import Array
@@ -95,6 +96,8 @@ def scene_estimate_text(estimate: SceneEstimate) -> str:
     if len(given):
         of = [f"{np.sum(given == index)} to {one.motion.name}" for index, one in enumerate(estimate.wearers)]
         lines.append(f"  detections: {', '.join(of)}, {np.sum(given < 0)} to nobody")
+    if estimate.detector is not None:
+        lines += [f"  {line}" for line in detector_lines(estimate.detector)]
     return "\n\n".join(["\n".join(lines), *(estimate_text(one) for one in estimate.wearers)])
 
 

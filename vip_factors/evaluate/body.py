@@ -47,6 +47,12 @@ def length_table(skeleton: Skeleton, truth: Skeleton) -> dict[str, dict[str, flo
     }
 
 
+def true_lengths(truth: Skeleton) -> dict[str, float]:
+    """Metres of the :data:`~vip_factors.body.lengths.LENGTHS` that are lengths in any skeleton: limbs and widths."""
+    lengths = dict(zip(LENGTHS, lengths_of(truth), strict=True))
+    return {name: float(lengths[name]) for name in (*LIMBS, *WIDTHS)}
+
+
 def joint_centre_error(skeleton: Skeleton, truth: Skeleton) -> Array:
     """Distance ``(24,)`` in metres of every joint from its true place on the bone above, whatever the pose."""
     return np.linalg.norm(skeleton.p_parent_joint - truth.p_parent_joint, axis=1)
@@ -78,9 +84,9 @@ def body_metrics(
 
 def length_nees(body: BodyEstimate, truth: Skeleton) -> Array:
     """NEES of the limbs and widths that were found, one by one ``(n,)``."""
-    names = [name for name in body.names if name in LENGTHS and name in (*LIMBS, *WIDTHS) and name not in UNSURE]
-    places, true = [body.names.index(name) for name in names], [LENGTHS.index(name) for name in names]
-    error = lengths_of(truth)[true] - body.found[places]
+    true = {name: length for name, length in true_lengths(truth).items() if name not in UNSURE and name in body.names}
+    places = [body.names.index(name) for name in true]
+    error = np.array(list(true.values())) - body.found[places]
     return consistency.nees(error[:, None], np.diag(body.covariance)[places][:, None, None])
 
 

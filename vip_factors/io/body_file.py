@@ -18,8 +18,11 @@
     [correlations]                 # of those, row by row
     thigh = [1.0]
 
-    [hinges]                       # axes in the bone above
-    left_knee = { axis = [1.0, 0.0, 0.0], sigma_deg = [1.5, 3.8], carrying_angle_deg = 2.8, carrying_sigma_deg = 1.8 }
+    [hinges.left_knee]             # its axis in the bone above; see vip_factors.io.body_file_hinges
+    axis = [1.0, 0.0, 0.0]
+    offset_deg = [2.8, 0.1]
+    sigma_deg = [1.5, 3.8, 1.4, 2.2]
+    correlations = [[1.0, …], …]
 """
 
 from dataclasses import dataclass, fields
@@ -28,15 +31,18 @@ from typing import Any
 
 import numpy as np
 
+from vip_factors.body.hinge_estimate import HingeEstimate
 from vip_factors.body.length_prior import LengthPrior
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.skeleton import JOINT_NAMES, Landmark, Skeleton, joint_index
 from vip_factors.body.variation import lengths_of
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, HingeEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.atomic import atomic_open
+from vip_factors.io.body_file_hinges import hinge_at, hinge_lines
 from vip_factors.io.toml_values import (
+    correlation_matrix,
     known_keys,
     nearest,
     number_at,
@@ -90,7 +96,7 @@ def body_of_estimate(estimate: Estimate, source: str) -> BodyFile:
         )
     skeleton, seconds = estimate.motion.skeleton, len(estimate.motion) / estimate.motion.rate
     provenance = f"{source}, {estimate.method}, {seconds:.1f} s; {skeleton.source}"
-    hinges = tuple(one for one in body.hinges if np.all(np.isfinite([*one.sigma, one.carrying_sigma])))
+    hinges = tuple(one for one in body.hinges if np.all(np.isfinite(one.covariance)))
     return BodyFile(who, skeleton, LengthPrior(body.names, body.covariance), hinges, provenance)
 
 
@@ -118,19 +124,10 @@ def write_body_file(path: str | Path, body: BodyFile, overwrite: bool = False) -
     scale = np.maximum(sigmas, 1e-12)
     rows = np.round(body.lengths.covariance / scale[:, None] / scale, 5)
     lines += [f"{toml_text(name)} = {toml_text(row)}" for name, row in zip(body.lengths.names, rows, strict=True)]
-    if body.hinges:
-        lines += ["", "[hinges] # axes in the bone above", *(_hinge_line(one) for one in body.hinges)]
+    for hinge in body.hinges:
+        lines += ["", *hinge_lines(hinge)]
     with atomic_open(path, "w", overwrite) as file:
         file.write("\n".join(lines) + "\n")
-
-
-def _hinge_line(hinge: HingeEstimate) -> str:
-    axis, sigma = np.round(hinge.axis, 6), np.round(np.rad2deg(hinge.sigma), 4)
-    angle, angle_sigma = (round(float(np.rad2deg(one)), 4) for one in (hinge.carrying_angle, hinge.carrying_sigma))
-    return (
-        f"{hinge.joint} = {{ axis = {toml_text(axis)}, sigma_deg = {toml_text(sigma)}, "
-        f"carrying_angle_deg = {angle}, carrying_sigma_deg = {angle_sigma} }}"
-    )
 
 
 def read_body_file(path: str | Path) -> BodyFile:
@@ -154,7 +151,7 @@ def read_body_file(path: str | Path) -> BodyFile:
         text_at(path, "name", content["name"]),
         skeleton,
         _lengths(path, content, skeleton),
-        tuple(_hinge(path, joint, one) for joint, one in hinges.items()),
+        tuple(hinge_at(path, joint, one) for joint, one in hinges.items()),
         provenance,
     )
 
@@ -211,26 +208,6 @@ def _lengths(path: Path, content: Any, skeleton: Skeleton) -> LengthPrior:
                 "change the joints in [skeleton], on both sides, and the length with them"
             )
         correlations.append(numbers_at(path, f"correlations.{name}", rows[name], len(names)))
-    matrix = np.array(correlations).reshape(len(names), len(names))
-    if not (np.allclose(matrix, matrix.T, atol=1e-4) and np.allclose(np.diag(matrix), 1) and np.abs(matrix).max() <= 1):
-        raise InputError(
-            f"{path}: correlations: expected a symmetric table of numbers from -1 to 1, with 1 on its diagonal"
-        )
+    matrix = correlation_matrix(path, "correlations", correlations)
     sigma = np.array(sigmas)
-    return LengthPrior(names, sigma[:, None] * (matrix + matrix.T) / 2 * sigma)
-
-
-def _hinge(path: Path, joint: str, value: Any) -> HingeEstimate:
-    where = f"hinges.{joint}"
-    table = table_at(path, where, value)
-    known_keys(path, where, table, ("axis", "sigma_deg", "carrying_angle_deg", "carrying_sigma_deg"))
-    if joint not in JOINT_NAMES:
-        raise InputError(f"{path}: {where}: unknown joint '{joint}'{nearest(joint, JOINT_NAMES)}")
-    axis = numbers_at(path, f"{where}.axis", table.get("axis"), 3)
-    if not abs(np.linalg.norm(axis) - 1) < 1e-3:
-        raise InputError(f"{path}: {where}.axis has length {np.linalg.norm(axis):g}: expected a unit vector")
-    sigma = numbers_at(path, f"{where}.sigma_deg", table.get("sigma_deg"), 2)
-    angle, angle_sigma = (
-        number_at(path, f"{where}.{key}", table.get(key)) for key in ("carrying_angle_deg", "carrying_sigma_deg")
-    )
-    return HingeEstimate(joint, axis, np.deg2rad(sigma), float(np.deg2rad(angle)), float(np.deg2rad(angle_sigma)))
+    return LengthPrior(names, sigma[:, None] * matrix * sigma)

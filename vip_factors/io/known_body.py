@@ -18,7 +18,9 @@ from vip_factors.sensors.scene import Scene
 def subject_with(body: BodyFile, given: PlacementFile) -> Subject:
     """The wearer with a body; name and mass are those that were given, if they were."""
     name, stature = given.subject or body.name, stature_of(body.skeleton)
-    return Subject(name, stature, given.mass_kg, given.sex, skeleton=body.skeleton, length_prior=body.lengths)
+    return Subject(
+        name, stature, given.mass_kg, given.sex, skeleton=body.skeleton, length_prior=body.lengths, hinges=body.hinges
+    )
 
 
 def with_body(recording: Recording, body: BodyFile) -> Recording:

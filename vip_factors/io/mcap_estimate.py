@@ -27,12 +27,14 @@ from vip_factors.io.mcap_messages import (
     tell_lost_frames,
     time_ns_of,
 )
+from vip_factors.io.mcap_places import sensor_places_message, sensor_places_of
 from vip_factors.io.mcap_scene import point_messages, scene_wanted, skeleton_scene, transform_messages
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.body_estimate_pb2 import BodyEstimate as BodyEstimateMessage
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
 from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo
+from vip_factors.io.schemas.place_estimates_pb2 import SensorPlaceEstimates
 from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
 from vip_factors.io.schemas.residuals_pb2 import Residuals
 from vip_factors.io.schemas.solve_report_pb2 import SolveReport as SolveReportMessage
@@ -40,7 +42,8 @@ from vip_factors.io.schemas.solve_report_pb2 import SolveReport as SolveReportMe
 ESTIMATE = "/estimate/"
 SINGLE = "/estimate"  # what the topics of one wearer's estimate begin with, if there is but one
 INFO, CALIBRATION, REPORT, MOTION, POSE = "/info", "/calibration", "/report", "/motion", "/pose"
-BODY, RESIDUALS, TRANSFORMS, SCENE, POINTS = "/body", "/residuals", "/tf", "/skeleton", "/points"
+BODY, SENSOR_PLACES, RESIDUALS = "/body", "/sensor_places", "/residuals"
+TRANSFORMS, SCENE, POINTS = "/tf", "/skeleton", "/points"
 RECORDING_INFO = "/recording/info"
 
 
@@ -116,6 +119,8 @@ def estimate_messages(
     writer.write(prefix + CALIBRATION, calibration_message(estimate.calibration), start_ns)
     if estimate.body is not None:
         writer.write(prefix + BODY, body_message(estimate.body), start_ns)
+    if estimate.sensor_places:
+        writer.write(prefix + SENSOR_PLACES, sensor_places_message(estimate.sensor_places), start_ns)
     for report in estimate.reports:
         writer.write(prefix + REPORT, report_message(report), start_ns)
     streams: list[Iterable[TimedMessage]] = [
@@ -229,6 +234,7 @@ def estimate_of(contents: McapContents, messages: Iterable[McapMessages], prefix
     tell_lost_frames(path, motions[-1], motion)
     calibrations = of_topic(path, ours, prefix + CALIBRATION, CalibrationEstimate)
     bodies = of_topic(path, ours, prefix + BODY, BodyEstimateMessage)
+    places = of_topic(path, ours, prefix + SENSOR_PLACES, SensorPlaceEstimates)
     return Estimate(
         name=info.name,
         method=info.method,
@@ -240,6 +246,7 @@ def estimate_of(contents: McapContents, messages: Iterable[McapMessages], prefix
         reports=tuple(report_of(one) for one in of_topic(path, ours, prefix + REPORT, SolveReportMessage)),
         settings=dict(info.settings),
         body=body_of(bodies[-1]) if bodies else None,
+        sensor_places=sensor_places_of(places[-1]) if places else (),
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from vip_factors.body.length_prior import LengthPrior
 from vip_factors.errors import FileFormatError
 from vip_factors.io.atomic import atomic_open
+from vip_factors.io.mcap_body import hinge_messages, hinges_of
 from vip_factors.io.mcap_contents import McapChannel, McapContents, McapMessages, read_contents
 from vip_factors.io.mcap_imu import read_streams, sample_messages
 from vip_factors.io.mcap_messages import (
@@ -109,6 +110,7 @@ def subject_message(subject: Subject) -> SubjectMessage:
         skeleton=skeleton_message(subject.body()),
         skeleton_given=subject.skeleton is not None,
         length_prior=None if prior is None else length_prior_message(prior),
+        hinges=hinge_messages(subject.hinges),
     )
 
 
@@ -209,6 +211,7 @@ def subject_of(message: SubjectMessage) -> Subject:
         segment_lengths_m=dict(message.segment_lengths_m),
         skeleton=skeleton_of(message.skeleton) if message.skeleton_given else None,
         length_prior=length_prior_of(message.length_prior) if message.HasField("length_prior") else None,
+        hinges=hinges_of(message.hinges),
     )
 
 

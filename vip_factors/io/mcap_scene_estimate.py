@@ -34,16 +34,19 @@ from vip_factors.io.mcap_messages import (
     vector_message,
     warn,
 )
+from vip_factors.io.mcap_places import detector_message, detector_of
 from vip_factors.io.mcap_scene_recording import wearer_topics
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose, CameraResiduals
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
+from vip_factors.io.schemas.place_estimates_pb2 import DetectorEstimate as DetectorEstimateMessage
 from vip_factors.io.schemas.scene_estimate_pb2 import SceneEstimateInfo
 from vip_factors.io.schemas.solve_report_pb2 import SolveReport as SolveReportMessage
 from vip_factors.sensors.camera_path import CameraPath
 
 INFO, REPORT, WEARER = "/estimate/scene/info", "/estimate/scene/report", "/estimate/wearer/"
+DETECTOR = "/estimate/detector"
 CAMERA_INFO, INTRINSICS = "/estimate/camera/info", "/estimate/camera/intrinsics"
 CALIBRATION, CAMERA_RESIDUALS = "/estimate/camera/calibration", "/estimate/camera/residuals"
 CAMERA_POSE = "/estimate/camera/pose"
@@ -81,6 +84,8 @@ def write_scene_estimate(
         writer.write(INFO, scene_info_message(estimate, prefixes, start_ns), start_ns)
         for report in estimate.reports:
             writer.write(REPORT, report_message(report), start_ns)
+        if estimate.detector is not None:
+            writer.write(DETECTOR, detector_message(estimate.detector), start_ns)
         streams: list[Iterable[TimedMessage]] = []
         if estimate.camera is not None:
             streams += _camera_messages(writer, estimate.camera, estimate.wearers[0].motion.time, start_ns)
@@ -187,6 +192,7 @@ def read_scene_estimate(path: str | os.PathLike[str]) -> SceneEstimate:
             return SceneEstimate(single.name, single.method, (single,), settings=single.settings)
         info = infos[-1]
         reports = of_topic(contents.path, messages, REPORT, SolveReportMessage)
+        detectors = of_topic(contents.path, messages, DETECTOR, DetectorEstimateMessage)
         return SceneEstimate(
             name=info.name,
             method=info.method,
@@ -196,6 +202,7 @@ def read_scene_estimate(path: str | os.PathLike[str]) -> SceneEstimate:
             reports=tuple(report_of(one) for one in reports),
             findings=tuple(info.findings),
             settings=dict(info.settings),
+            detector=detector_of(detectors[-1]) if detectors else None,
         )
 
 

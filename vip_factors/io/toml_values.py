@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -74,6 +74,18 @@ def numbers_at(path: Path, where: str, value: Any, count: int) -> Array:
     if not isinstance(value, list) or len(value) != count:
         raise InputError(f"{path}: {where} is {value!r}: expected a list of {count} numbers")
     return np.array([number_at(path, where, one) for one in value])
+
+
+def correlation_matrix(path: Path, where: str, rows: Sequence[Array]) -> Array:
+    """The symmetric matrix ``(n, n)`` of the ``n`` rows of a table of correlations.
+
+    Raises:
+        InputError: if they are none; ``where`` they stand in the file.
+    """
+    matrix = np.array(rows, float).reshape(len(rows), len(rows))
+    if not (np.allclose(matrix, matrix.T, atol=1e-4) and np.allclose(np.diag(matrix), 1) and np.abs(matrix).max() <= 1):
+        raise InputError(f"{path}: {where}: expected a symmetric table of numbers from -1 to 1, with 1 on its diagonal")
+    return np.asarray((matrix + matrix.T) / 2)
 
 
 def read_toml(path: Path, what: str) -> Mapping[str, Any]:

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from vip_factors.body.calibration_pose import HeldPose
+from vip_factors.body.hinge_estimate import HingePrior
 from vip_factors.body.joint_limits import JointLimits
 from vip_factors.body.pose_prior import PosePrior
 from vip_factors.body.skeleton import Skeleton
@@ -96,6 +97,7 @@ class WearerProblem:
         variation: how the skeleton may change, and how likely; None of a body that is known.
         free_body: whether it does.
         free_hinges: whether the axes of elbows and knees are variables.
+        hinge_prior: what is likely of those.
         free_places: whether the sensors' places on their bones are variables.
         heading_knots: ``(K,)`` seconds at which headings are variables, linear in between; one or none: constant.
     """
@@ -125,6 +127,7 @@ class WearerProblem:
     variation: BodyVariation | None = None
     free_body: bool = False
     free_hinges: bool = False
+    hinge_prior: HingePrior = field(default_factory=HingePrior)
     free_places: bool = False
 
     @cached_property

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from vip_factors.body.anthropometry import LikelyBody, likely_body
+from vip_factors.body.hinge_estimate import HingeEstimate, HingePrior
 from vip_factors.body.length_prior import LengthPrior
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import Skeleton
@@ -26,6 +27,7 @@ class Subject:
         mass_kg, sex, segment_lengths_m: optional, as in :func:`~vip_factors.body.anthropometry.likely_body`.
         skeleton: a ready skeleton (from an SMPL file, say), which wins over everything above.
         length_prior: how far the lengths of that skeleton may be off, if it was found; None of one that is known.
+        hinges: of elbows and knees, as they were found before.
     """
 
     name: str = "subject"
@@ -35,6 +37,7 @@ class Subject:
     segment_lengths_m: Mapping[str, float] = field(default_factory=dict)
     skeleton: Skeleton | None = None
     length_prior: LengthPrior | None = None
+    hinges: tuple[HingeEstimate, ...] = ()
 
     def body(self) -> Skeleton:
         """The subject's skeleton: the one given, or the likeliest of what is known.
@@ -53,6 +56,10 @@ class Subject:
         if self.length_prior is not None:
             return self.length_prior.variation(self.body())
         return None if self.skeleton is not None else self._likely().variation
+
+    def hinge_prior(self) -> HingePrior:
+        """What is likely of the axes of elbows and knees."""
+        return HingePrior.about(self.hinges)
 
     @property
     def body_note(self) -> str:

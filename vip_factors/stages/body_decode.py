@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.body.hinges import HINGES, TILTS, Hinge
+from vip_factors.body.hinge_estimate import HingeEstimate, hinge_estimates
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.variation import lengths_of
-from vip_factors.estimate import BodyEstimate, HingeEstimate
+from vip_factors.estimate import BodyEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.stages.fusion import Fused
@@ -30,13 +30,12 @@ def body_estimate(fused: Fused, number: int, marginals: Mapping[int, Array] | No
         known = None if marginals is None else static_covariance(objective, owner, block, marginals)
         return np.full((size, size), np.nan) if known is None else known
 
-    found = tuple[HingeEstimate, ...]()
+    found, before = tuple[HingeEstimate, ...](), tuple[HingeEstimate, ...]()
     if model.free_hinges:
-        of_hinges = covariance("hinges", len(hinges))
-        found = tuple(_hinge(one, place, hinges, of_hinges) for place, one in enumerate(HINGES))
+        found, before = hinge_estimates(hinges, covariance("hinges", len(hinges))), model.hinge_prior.hinges()
     if not model.body_moves or model.variation is None:
         nothing, square = np.zeros(0), np.zeros((0, 0))
-        return BodyEstimate((), nothing, nothing, square, square, found) if found else None
+        return BodyEstimate((), nothing, nothing, square, square, found, before) if found else None
     lengths, whitening = lengths_of(model.skeleton), model.variation.whitening
     prior = np.array(np.linalg.inv(whitening.T @ whitening), dtype=float)
     return BodyEstimate(
@@ -46,19 +45,5 @@ def body_estimate(fused: Fused, number: int, marginals: Mapping[int, Array] | No
         prior,
         covariance("body", len(LENGTHS)),
         found,
-    )
-
-
-def _hinge(hinge: Hinge, place: int, hinges: Array, covariance: Array) -> HingeEstimate:
-    """One hinge of the variables ``(H,)`` and their covariance ``(H, H)``; ``place`` is its number."""
-    tilts, offset = slice(2 * place, 2 * place + 2), TILTS + hinge.rows.start
-    tilt, along = hinges[tilts], hinge.square[:, 0]
-    by_variables = np.zeros(len(hinges))  # of the carrying angle, which is small
-    by_variables[tilts], by_variables[offset] = -along @ hinge.direction_by_tilt(tilt), 1.0
-    return HingeEstimate(
-        hinge.joint,
-        hinge.direction(tilt),
-        np.sqrt(np.diag(covariance)[tilts]),
-        hinge.carrying_angle(tilt, float(hinges[offset])),
-        float(np.sqrt(by_variables @ covariance @ by_variables)),
+        before,
     )

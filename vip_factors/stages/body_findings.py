@@ -18,23 +18,26 @@ def body_findings(who: str, body: BodyEstimate, stature_m: float | None) -> Iter
     """Sentences about a wearer ``who`` of whom a stature was told."""
     if not body.names:
         return
-    off = (body.found - body.prior) / body.prior_sigma
-    unlikely = [
-        f"{name} {1e3 * found:.0f} mm (expected {1e3 * prior:.0f} ± {1e3 * sigma:.0f})"
-        for name, found, prior, sigma, sigmas in zip(
-            body.names, body.found, body.prior, body.prior_sigma, off, strict=True
-        )
-        if abs(sigmas) > UNLIKELY
-    ]
-    check = "check the stature, the camera's calibration (another zoom?) and where the sensors sit"
-    if unlikely:
-        yield f"{who}: stature and pictures disagree about {', '.join(unlikely)}: {check}"
     scale, sigma = common_scale(body)
-    usual = "an adult's" if stature_m is None else f"one of {stature_m:.2f} m"
     if abs(scale) > max(UNLIKELY * sigma, LEAST_SCALE):
+        usual = "an adult's" if stature_m is None else f"one of {stature_m:.2f} m"
         yield (
             f"{who}: stature and pictures disagree: all lengths together ask for a body {abs(100 * scale):.0f} % "
-            f"{'larger' if scale > 0 else 'smaller'} than {usual}: {check}"
+            f"{'larger' if scale > 0 else 'smaller'} than {usual}: check the stature, and the camera's calibration "
+            "(another zoom?)"
+        )
+    else:
+        scale = 0.0
+    expected = (1 + scale) * body.prior
+    unlikely = [
+        f"{name} {1e3 * found:.0f} mm (expected {1e3 * prior:.0f} ± {1e3 * sigma:.0f})"
+        for name, found, prior, sigma in zip(body.names, body.found, expected, body.prior_sigma, strict=True)
+        if abs(found - prior) > UNLIKELY * sigma
+    ]
+    if unlikely:  # a wrong stature or zoom changes all lengths alike
+        yield (
+            f"{who}: stature and pictures disagree about {', '.join(unlikely)}: either the wearer is built so, or the "
+            "sensors there sit elsewhere than the placement has them"
         )
 
 

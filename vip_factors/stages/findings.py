@@ -4,13 +4,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from vip_factors.body.motion import Motion
 from vip_factors.estimate import Estimate
-from vip_factors.initialise.camera import leaps
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.associated_cameras import AssociatedCamera
 from vip_factors.stages.body_findings import body_findings, knee_findings
 from vip_factors.stages.fusion import Fused
+from vip_factors.stages.leap_findings import confirmed_leaps
 
 UNSURE_HEADING = np.deg2rad(15.0)  # a heading no better known than this came from the straps
 # Scatter of the detections about the skeleton in OKS sigmas: 0.3–0.45 with everything right, OpenPose's own is 0.5; 0.7
@@ -71,13 +72,13 @@ def _wearer_findings(
     for index, each in enumerate(associated):
         if views[index].seen.any():
             before = f"{who} before camera '{each.camera.name}'" if len(associated) > 1 else who
-            yield from _view_findings(before, each, number, spreads[index][number])
+            yield from _view_findings(before, each, number, spreads[index][number], estimate.motion)
 
 
-def _view_findings(who: str, each: AssociatedCamera, number: int, spread: float) -> Iterator[str]:
+def _view_findings(who: str, each: AssociatedCamera, number: int, spread: float, solved: Motion) -> Iterator[str]:
     camera = each.camera
     known = camera.known_path is not None and not camera.moving  # a cut or another zoom shows as scatter then
-    times = leaps(each.seen[number]) if not known else ()
+    times = confirmed_leaps(each, number, solved) if not known else ()
     if len(times):
         yield (
             f"{who} leaps in the picture at {', '.join(f'{time:.2f}' for time in times[:5])} s, faster than people "

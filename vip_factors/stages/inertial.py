@@ -98,7 +98,10 @@ def _facing(
 
 def _start(model: WearerProblem, calibration: InitialCalibration) -> WearerState:
     R = first_poses(model.frames, [sensor.bone for sensor in model.sensors], calibration, model.prior)
-    return WearerState(R, np.zeros((len(R), 3)), calibration.headings, calibration.R_bone_sensor, model.prior.mean)
+    return WearerState(
+        R, np.zeros((len(R), 3)), calibration.headings, calibration.R_bone_sensor, model.prior.mean,
+        hinges=model.hinge_prior.mean,
+    )  # fmt: skip
 
 
 def at_frames(state: WearerState, time: Array, wanted: Array) -> WearerState:

@@ -51,6 +51,7 @@ def inertial_model(
         free_mountings=settings.calibration.estimate_mountings,
         free_pose_mean=True,
         free_hinges=settings.calibration.estimate_hinges,
+        hinge_prior=recording.subject.hinge_prior(),
         use_acceleration=settings.acceleration,
         variation=recording.subject.variation(),
         gauge_sensor=gauge_sensor([site.bone_index for site in sites]),

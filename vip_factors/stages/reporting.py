@@ -16,6 +16,7 @@ from vip_factors.stages.associated_cameras import AssociatedCamera
 from vip_factors.stages.body_decode import body_estimate
 from vip_factors.stages.findings import find_oddities, of_camera
 from vip_factors.stages.fusion import Fused
+from vip_factors.stages.place_decode import detector_estimate, sensor_places
 from vip_factors.stages.scene_decode import (
     SceneCovariance,
     camera_with_sigmas,
@@ -36,7 +37,11 @@ def scene_estimate(
     covariance = _covariance(coarse, fine) if settings.covariance else None
     names = [wearer.subject.name for wearer in scene.wearers]
     wearers = tuple(
-        replace(with_sigmas(estimate, coarse.model, number, shared), body=body_estimate(coarse, number, shared))
+        replace(
+            with_sigmas(estimate, coarse.model, number, shared),
+            body=body_estimate(coarse, number, shared),
+            sensor_places=sensor_places(coarse, number, shared),
+        )
         for number, estimate in enumerate(decode_wearers(names, "VIP", fine.model, fine.state, covariance))
     )
     first, given = scene.camera, associated[0].association.wearer
@@ -49,11 +54,13 @@ def scene_estimate(
         *find_oddities(scene, associated, fine, wearers),
     ]
     findings = tuple(dict.fromkeys(found))
+    estimate = SceneEstimate(
+        scene.name, "VIP", wearers, camera, given, reports, findings, flatten(settings),
+        detector_estimate(coarse, shared),
+    )  # fmt: skip
     if associated[0].camera is not first:  # nobody was found there, and it is nowhere
-        return SceneEstimate(
-            scene.name, "VIP", wearers, None, np.full(len(first.detections), -1), reports, findings, flatten(settings)
-        )
-    return SceneEstimate(scene.name, "VIP", wearers, camera, given, reports, findings, flatten(settings))
+        return replace(estimate, camera=None, wearer_of_detection=np.full(len(first.detections), -1))
+    return estimate
 
 
 def who_is_who(scene: Scene, associated: Sequence[AssociatedCamera]) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ def scene_summary(drawn: DrawnScene, metrics: str = "") -> str:
         lines += [metrics, ""]
     lines += [*_camera_lines(drawn), *_wearer_table(drawn)]
     for wearer in drawn.wearers:
-        lines += _sensor_table(wearer)
+        lines += [*_body_table(wearer), *_sensor_table(wearer)]
     if estimate is not None:
         lines += solve_lines(estimate.reports)
     return "\n".join(lines)
@@ -56,6 +56,17 @@ def _wearer_table(drawn: DrawnScene) -> list[str]:
         median = f"{np.nanmedian(pixels):.1f}" if pixels is not None else "-"
         sensors = len(wearer.recording.placed) if wearer.recording is not None else "-"
         lines.append(f"| {wearer.name} | {joint} | {median} | {sensors} |")
+    return [*lines, ""]
+
+
+def _body_table(wearer: DrawnWearer) -> list[str]:
+    """Lengths before and after; none where no body was looked for."""
+    body = wearer.estimate.body if wearer.estimate is not None else None
+    if body is None or not body.names:
+        return []
+    lines = [f"| {wearer.name} | likely mm | ± mm | found mm | ± mm |", "|---|---|---|---|---|"]
+    rows = zip(body.names, body.prior, body.prior_sigma, body.found, body.sigma, strict=True)
+    lines += [f"| {name} | " + " | ".join(_text(1e3 * value) for value in values) + " |" for name, *values in rows]
     return [*lines, ""]
 
 

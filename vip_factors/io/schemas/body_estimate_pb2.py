@@ -25,7 +25,7 @@ _sym_db = _symbol_database.Default()
 from vip_factors.io.schemas import geometry_pb2 as vip__factors_dot_geometry__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1fvip_factors/body_estimate.proto\x12\x0bvip_factors\x1a\x1avip_factors/geometry.proto\"\xb3\x02\n\x0c\x42odyEstimate\x12\x0f\n\x07lengths\x18\x01 \x03(\t\x12\x0f\n\x07prior_m\x18\x02 \x03(\x01\x12\x0f\n\x07\x66ound_m\x18\x03 \x03(\x01\x12\x1b\n\x13prior_covariance_m2\x18\x04 \x03(\x01\x12\x15\n\rcovariance_m2\x18\x05 \x03(\x01\x12/\n\x06hinges\x18\x06 \x03(\x0b\x32\x1f.vip_factors.BodyEstimate.Hinge\x1a\x8a\x01\n\x05Hinge\x12\r\n\x05joint\x18\x01 \x01(\t\x12\"\n\x04\x61xis\x18\x02 \x01(\x0b\x32\x14.vip_factors.Vector3\x12\x16\n\x0etilt_sigma_rad\x18\x03 \x03(\x01\x12\x1a\n\x12\x63\x61rrying_angle_rad\x18\x04 \x01(\x01\x12\x1a\n\x12\x63\x61rrying_sigma_rad\x18\x05 \x01(\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1fvip_factors/body_estimate.proto\x12\x0bvip_factors\x1a\x1avip_factors/geometry.proto\"\x9a\x03\n\x0c\x42odyEstimate\x12\x0f\n\x07lengths\x18\x01 \x03(\t\x12\x0f\n\x07prior_m\x18\x02 \x03(\x01\x12\x0f\n\x07\x66ound_m\x18\x03 \x03(\x01\x12\x1b\n\x13prior_covariance_m2\x18\x04 \x03(\x01\x12\x15\n\rcovariance_m2\x18\x05 \x03(\x01\x12/\n\x06hinges\x18\x06 \x03(\x0b\x32\x1f.vip_factors.BodyEstimate.Hinge\x12\x35\n\x0cprior_hinges\x18\x07 \x03(\x0b\x32\x1f.vip_factors.BodyEstimate.Hinge\x1a\xba\x01\n\x05Hinge\x12\r\n\x05joint\x18\x01 \x01(\t\x12\"\n\x04\x61xis\x18\x02 \x01(\x0b\x32\x14.vip_factors.Vector3\x12\x16\n\x0etilt_sigma_rad\x18\x03 \x03(\x01\x12\x1a\n\x12\x63\x61rrying_angle_rad\x18\x04 \x01(\x01\x12\x1a\n\x12\x63\x61rrying_sigma_rad\x18\x05 \x01(\x01\x12\x15\n\rvariables_rad\x18\x06 \x03(\x01\x12\x17\n\x0f\x63ovariance_rad2\x18\x07 \x03(\x01\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -33,7 +33,7 @@ _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'vip_factors.body_estimate_p
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
   _globals['_BODYESTIMATE']._serialized_start=77
-  _globals['_BODYESTIMATE']._serialized_end=384
-  _globals['_BODYESTIMATE_HINGE']._serialized_start=246
-  _globals['_BODYESTIMATE_HINGE']._serialized_end=384
+  _globals['_BODYESTIMATE']._serialized_end=487
+  _globals['_BODYESTIMATE_HINGE']._serialized_start=301
+  _globals['_BODYESTIMATE_HINGE']._serialized_end=487
 # @@protoc_insertion_point(module_scope)

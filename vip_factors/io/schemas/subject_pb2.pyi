@@ -1,3 +1,4 @@
+from vip_factors.io.schemas import body_estimate_pb2 as _body_estimate_pb2
 from vip_factors.io.schemas import geometry_pb2 as _geometry_pb2
 from google.protobuf.internal import containers as _containers
 from google.protobuf import descriptor as _descriptor
@@ -43,7 +44,7 @@ class LengthPrior(_message.Message):
     def __init__(self, lengths: _Optional[_Iterable[str]] = ..., covariance_m2: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Subject(_message.Message):
-    __slots__ = ("name", "stature_m", "mass_kg", "sex", "segment_lengths_m", "skeleton", "skeleton_given", "length_prior")
+    __slots__ = ("name", "stature_m", "mass_kg", "sex", "segment_lengths_m", "skeleton", "skeleton_given", "length_prior", "hinges")
     class SegmentLengthsMEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -59,6 +60,7 @@ class Subject(_message.Message):
     SKELETON_FIELD_NUMBER: _ClassVar[int]
     SKELETON_GIVEN_FIELD_NUMBER: _ClassVar[int]
     LENGTH_PRIOR_FIELD_NUMBER: _ClassVar[int]
+    HINGES_FIELD_NUMBER: _ClassVar[int]
     name: str
     stature_m: float
     mass_kg: float
@@ -67,4 +69,5 @@ class Subject(_message.Message):
     skeleton: Skeleton
     skeleton_given: bool
     length_prior: LengthPrior
-    def __init__(self, name: _Optional[str] = ..., stature_m: _Optional[float] = ..., mass_kg: _Optional[float] = ..., sex: _Optional[str] = ..., segment_lengths_m: _Optional[_Mapping[str, float]] = ..., skeleton: _Optional[_Union[Skeleton, _Mapping]] = ..., skeleton_given: bool = ..., length_prior: _Optional[_Union[LengthPrior, _Mapping]] = ...) -> None: ...
+    hinges: _containers.RepeatedCompositeFieldContainer[_body_estimate_pb2.BodyEstimate.Hinge]
+    def __init__(self, name: _Optional[str] = ..., stature_m: _Optional[float] = ..., mass_kg: _Optional[float] = ..., sex: _Optional[str] = ..., segment_lengths_m: _Optional[_Mapping[str, float]] = ..., skeleton: _Optional[_Union[Skeleton, _Mapping]] = ..., skeleton_given: bool = ..., length_prior: _Optional[_Union[LengthPrior, _Mapping]] = ..., hinges: _Optional[_Iterable[_Union[_body_estimate_pb2.BodyEstimate.Hinge, _Mapping]]] = ...) -> None: ...

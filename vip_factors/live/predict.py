@@ -48,7 +48,7 @@ def predicted(
 def turned_to(
     problem: LagProblem, last: LagFrame, state: FrameState, frame: LagFrame, shared: SceneState
 ) -> Array:  # fmt: skip
-    """Joint rotations ``(W, 24, 3, 3)`` of a ``frame`` some time after the ``last`` one: bones turned as their sensors."""
+    """Joint rotations ``(W, 24, 3, 3)`` of a ``frame`` after the ``last`` one: bones turned as their sensors."""
     R_parent_child = state.R_parent_child.copy()
     for number, wearer in enumerate(problem.wearers):
         R, bones = state.R_parent_child[number], [sensor.bone for sensor in wearer.sensors]

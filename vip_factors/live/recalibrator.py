@@ -1,11 +1,12 @@
 """When a stream's calibration is found anew: the data of it, the process that does it, the answer."""
 
 import os
+import signal
 import time as clock
 from collections.abc import Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
+from multiprocessing.pool import AsyncResult, Pool
 
 from vip_factors.errors import RecordingError, SolveError
 from vip_factors.live.buffered import MeasuredStretch
@@ -15,6 +16,8 @@ from vip_factors.live.settings import LiveSettings
 from vip_factors.live.start import Started
 from vip_factors.live.state import FrameState
 from vip_factors.sensors.live import LiveSetup, VideoFrame
+
+LONGEST_S = 600.0  # that an answer is waited for: then the process that owes it is gone
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,7 @@ class Found:
 class _Job:
     stretch: MeasuredStretch
     at_find: FrameState
-    answer: "Future[Started]"
+    answer: "AsyncResult[Started]"
 
 
 class Recalibrator:
@@ -63,7 +66,7 @@ class Recalibrator:
         self._measurements: list[FrameMeasurement] = []
         self._video: list[tuple[int, VideoFrame]] = []
         self.waited_s = 0.0
-        self._pool: ProcessPoolExecutor | None = None
+        self._pool: Pool | None = None
         self._job: _Job | None = None
 
     def remember(self, measured: FrameMeasurement) -> None:
@@ -79,8 +82,8 @@ class Recalibrator:
             return
         stretch = MeasuredStretch(self._setup, self._measurements, self._video, self._columns)
         if self._pool is None:
-            self._pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=_step_aside)
-        self._job = _Job(stretch, newest, self._pool.submit(recalibrate, stretch, self._settings))
+            self._pool = get_context("spawn").Pool(1, _step_aside)
+        self._job = _Job(stretch, newest, self._pool.apply_async(recalibrate, (stretch, self._settings)))
         self._due *= own.growth
 
     def answer(self, newest: int) -> Found | str | None:
@@ -92,18 +95,18 @@ class Recalibrator:
         own, job = self._settings.recalibration, self._job
         if job is None or newest < job.stretch.measurements[-1].frame + own.delay_s * self._settings.frame_rate:
             return None
-        if self._real_time and not job.answer.done():
+        if self._real_time and not job.answer.ready():
             return None
         self._job = None
-        if self._due > own.longest_s:
-            self.close()
         begin = clock.perf_counter()
         try:
-            started = job.answer.result()
-        except (RecordingError, SolveError) as error:
+            started = job.answer.get(LONGEST_S)
+        except (RecordingError, SolveError, TimeoutError) as error:
             return f"the calibration was not found anew: {error}"
         finally:
             self.waited_s += clock.perf_counter() - begin
+            if self._due > own.longest_s:
+                self.close()
         video = job.stretch.tail(own.frames).video
         return Found(started, job.at_find, float(job.stretch.time[-1] - job.stretch.time[0]), video)
 
@@ -112,11 +115,12 @@ class Recalibrator:
         self._over, self._job = True, None
         self._measurements, self._video = [], []
         if self._pool is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
+            self._pool.terminate()
             self._pool = None
 
 
 def _step_aside() -> None:
-    """The tracker's updates come first where both want a core."""
+    """The tracker's updates come first where both want a core, and Ctrl-C is for the program that asked."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(10)

@@ -50,6 +50,9 @@ class SensorWatch:
         rate: frames per second.
         every: how many frames lie between those that are judged.
         begin: number of the frame that tracking began with.
+
+    Attributes:
+        agreed: ``(S,)`` whether each ever sat as it is believed to.
     """
 
     def __init__(self, model: WearerProblem, settings: WatchSettings, rate: float, every: int, begin: int) -> None:
@@ -57,11 +60,11 @@ class SensorWatch:
         self._mean = np.zeros((len(model.sensors), 3))
         self._since = np.full(len(model.sensors), begin + round(settings.settle_s * rate))
         S = len(model.sensors)
-        self._agreed = np.zeros(S, bool)  # whether it ever sat as it is believed to
-        self._last_turn, self._turn = np.zeros((S, 3)), np.zeros((S, 3))  # from frame to frame: the last, and of late
-        self._moving = np.zeros(S, bool)  # whether that is known
-        self._since_knock, self._quiet = np.full(S, -1), np.zeros(S, int)  # frames; −1: not knocked
-        self._excess = np.zeros((S, 3))  # of its turn since a knock
+        self.agreed = np.zeros(S, bool)
+        self._last_turn, self._moving = np.zeros((S, 3)), np.zeros(S, bool)  # from frame to frame; whether it is known
+        # Turning before a knock and in quiet frames after it, and in all frames since; frames since, −1: no knock.
+        self._before, self._after, self._net = np.zeros((S, 3)), np.zeros((S, 3)), np.zeros((S, 3))
+        self._frames, self._quiet = np.full(S, -1), np.zeros(S, int)
         self._sigma = model.settings.orientation.sigma
 
     def moved(self, number: int, model: WearerProblem, state: WearerState, body: BodyState) -> Sequence[int]:
@@ -74,9 +77,9 @@ class SensorWatch:
         angle = np.linalg.norm(self._mean, axis=1)
         limit, judged = np.deg2rad(self._settings.angle_deg), number >= self._since
         # A sensor that never agreed with its bone has not moved: its calibration was not found yet.
-        self._agreed |= judged & (angle < AGREES * limit)
-        found = np.flatnonzero(judged & self._agreed & (angle > limit))
-        self._agreed[found] = False
+        self.agreed |= judged & (angle < AGREES * limit)
+        found = np.flatnonzero(judged & self.agreed & (angle > limit))
+        self.agreed[found] = False
         self._since[found] = number + round(self._settings.rest_s * self._rate)
         self._mean[found] = 0.0
         return [int(sensor) for sensor in found]
@@ -96,23 +99,29 @@ class SensorWatch:
         turn = log(R_now @ transpose(R_before))
         limit = np.deg2rad(settings.knock_deg_s2) / self._rate**2
         knocked = both & self._moving & (np.linalg.norm(turn - self._last_turn, axis=1) > limit)
-        begins = knocked & (self._since_knock < 0)
-        self._excess[begins] = 0.0
-        self._since_knock[begins] = 0
-        self._quiet[knocked] = 0
-        ringing = both & (self._since_knock >= 0)
-        self._excess[ringing] += turn[ringing] - self._turn[ringing]
-        steady = both & ~ringing
+        begins = knocked & (self._frames < 0)
+        self._net[begins] = 0.0
+        self._frames[begins] = 0
+        self._quiet[knocked], self._after[knocked] = 0, 0.0
+        ringing = both & (self._frames >= 0)
+        self._net[ringing] += turn[ringing]
+        self._frames[ringing] += 1
+        quiet, steady = ringing & ~knocked, both & ~ringing
+        self._quiet[quiet] += 1
+        self._after[quiet] += turn[quiet]
         share = 1 - np.exp(-1 / (settings.steady_s * self._rate))
-        self._turn[steady] += share * (turn[steady] - self._turn[steady])
-        self._last_turn[both] = turn[both]
-        self._moving = both
+        # One frame late: the one before a knock may belong to it.
+        self._before[steady] += share * (self._last_turn[steady] - self._before[steady])
+        self._last_turn[both], self._moving = turn[both], both
         ended = self._quiet >= settings.quiet_s * self._rate
-        over = ringing & (ended | (self._since_knock > settings.ringing_s * self._rate))
-        moved = np.flatnonzero(over & (np.linalg.norm(self._excess, axis=1) > np.deg2rad(settings.knock_deg)))
-        self._since_knock[ringing] += 1
-        self._quiet[ringing & ~knocked] += 1
-        self._since_knock[over] = -1
+        over = ringing & (ended | (self._frames > settings.ringing_s * self._rate))
+        moved = np.flatnonzero(over & (np.linalg.norm(self._excess(), axis=1) > np.deg2rad(settings.knock_deg)))
+        self._frames[over] = -1
         self._since[moved] = number + round(settings.rest_s * self._rate)
-        self._mean[moved], self._agreed[moved] = 0.0, False
+        self._mean[moved], self.agreed[moved] = 0.0, False
         return Knocks(np.flatnonzero(ringing & ~over), moved)
+
+    def _excess(self) -> Array:
+        """How far each has turned since its knock beyond what its limb did, whose turning went over evenly."""
+        after = self._after / np.maximum(self._quiet, 1)[:, None]
+        return self._net - self._frames[:, None] * (self._before + after) / 2

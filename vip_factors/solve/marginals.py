@@ -52,7 +52,7 @@ def _last_covariance(system: LinearSystem, keys: Sequence[int]) -> tuple[Array, 
         start = block.stop
     if set(places) != set(keys):
         raise SolveError("covariance: the variables asked for are not the last ones")
-    covariance: Array = np.linalg.inv(R.T @ R)
+    covariance = np.asarray(np.linalg.inv(R.T @ R), dtype=float)
     return covariance, places
 
 

@@ -16,7 +16,7 @@ from vip_factors.live.buffered import MeasuredStretch
 from vip_factors.live.coarse import Known
 from vip_factors.live.continuation import continued, corrections
 from vip_factors.live.measurement import FrameMeasurement
-from vip_factors.live.recalibrator import Recalibrator
+from vip_factors.live.recalibrator import Found, Recalibrator
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.start import Started, start
 from vip_factors.live.tracking import Tracking
@@ -61,6 +61,7 @@ class FixedLagTracker:
         self._answers = Answers(setup, settings, self._lag)
         self._answered = -1  # number of the last frame with an answer
         self._next_try, self._patience = 0, settings.camera_retry_s  # frame, seconds
+        self._found: Found | None = None  # a calibration to go on with as soon as the wearers are seen
         self._recalibrator = Recalibrator(setup, self._columns, settings, real_time)
         self._threads = ThreadpoolController()  # finding the libraries takes longer than an update: once
 
@@ -118,17 +119,30 @@ class FixedLagTracker:
         """Tracking with a calibration found anew, if there is one by now."""
         smoother = tracking.smoother
         newest = smoother.numbers[-1]
-        found = self._recalibrator.answer(newest)
-        if isinstance(found, str):
-            self._answers.find(found)
-        elif found is not None:
-            started = continued(found.started, found.at_find, smoother)
-            again = Tracking(self.setup, self.settings, started, found.video, self._extra, list(self._video))
-            self._answers.begin_anew()
-            self._answers.find(*corrections(smoother, again.smoother, found.seconds))
-            tracking = again
+        answer = self._recalibrator.answer(newest)
+        if isinstance(answer, str):
+            self._answers.find(answer)
+        elif answer is not None:
+            self._found = answer
+        if self._found is not None and tracking.solved:
+            again = self._continued(tracking, self._found)
+            if again is not None:
+                self._answers.begin_anew()
+                self._answers.find(*corrections(smoother, again.smoother, self._found.seconds))
+                tracking, self._found = again, None
         self._recalibrator.begin(tracking.smoother.state(newest))
         return tracking
+
+    def _continued(self, tracking: Tracking, found: Found) -> Tracking | None:
+        """Tracking with the calibration that was found; None where that does not succeed yet."""
+        video = list(self._video)
+        started = continued(found.started, found.at_find, tracking.smoother, self.setup.cameras, video)
+        if started is None:
+            return None
+        try:
+            return Tracking(self.setup, self.settings, started, found.video, self._extra, video)
+        except SolveError:
+            return None
 
     def _remember(self, measured: FrameMeasurement) -> None:
         self._recalibrator.remember(measured)
@@ -139,6 +153,7 @@ class FixedLagTracker:
 
     def _lose(self, why: str) -> None:
         """Give up what is tracked, but not what has been learnt of the sensors."""
+        self._found = None
         if self._tracking is not None:
             self._known = Known(self._answers.calibrations(self._tracking.smoother), self._paths[-1][1])
             self._answers.find(f"{why}: tracking starts again")

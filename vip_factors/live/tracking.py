@@ -23,7 +23,7 @@ from vip_factors.live.watch import SensorWatch
 from vip_factors.problem.blocks import CAMERA
 from vip_factors.sensors.live import LiveSetup, VideoFrame
 
-SURE_ROOT = 0.01 * np.eye(3)  # m², of where a wearer is when tracking goes on from a calibration found anew
+SURE_ROOT = 0.04 * np.eye(3)  # m², of where a wearer is when tracking goes on from a calibration found anew
 CONTACT_FRAMES = 8  # frames over which a foot is watched to tell whether it stands
 
 

@@ -72,3 +72,16 @@ def test_a_knocked_sensor_is_not_listened_to_until_it_is_quiet() -> None:
     later = [one.knocked(frame, still, still, every) for frame in range(12, 24)]
     assert not len(later[-1].ringing)
     assert not any(len(each.moved) for each in later)
+
+
+def test_a_landing_knocks_several_and_moves_none() -> None:
+    one = watch()
+    S = len(one.agreed)
+    before = np.broadcast_to(np.eye(3), (S, 3, 3))
+    after = before.copy()
+    after[:4] = exp(np.deg2rad([0.0, 0.0, 50.0]))
+    every, moved = np.ones(S, bool), list[int]()
+    for frame in range(40):
+        R = (before, after) if frame == 20 else (after, after) if frame > 20 else (before, before)
+        moved += one.knocked(frame, *R, every).moved.tolist()
+    assert moved == []

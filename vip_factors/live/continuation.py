@@ -58,12 +58,9 @@ def continued(
 
 
 def _placed(
-    found: Started,
-    states: Sequence[FrameState],
-    first: int,
-    camera: LiveCamera,
+    found: Started, states: Sequence[FrameState], first: int, camera: LiveCamera,
     video: Sequence[tuple[int, VideoFrame]],
-) -> list[FrameState] | None:
+) -> list[FrameState] | None:  # fmt: skip
     """The frames from ``first`` on with the wearers where the camera saw them; None if it did not see any."""
     skeletons = [wearer.skeleton for wearer in found.problem.wearers]
     standing = found.shared.camera.poses

@@ -1,4 +1,4 @@
-"""Where wearers stand whose poses are known and whose places are not: by a video frame of a camera whose pose is known."""
+"""Where wearers stand whose poses are known and whose places are not: by a video frame of a known camera."""
 
 from collections.abc import Sequence
 
@@ -22,7 +22,7 @@ def places_in(
     camera: LiveCamera, pose: tuple[Array, Array], bodies: Sequence[BodyState], skeletons: Sequence[Skeleton],
     video: VideoFrame,
 ) -> list[Array | None]:  # fmt: skip
-    """Root position ``(3,)`` of each wearer, metres, such that the people of a video frame are them; None of one unseen.
+    """Root position ``(3,)`` of each wearer, metres, as a video frame shows them; None of one unseen.
 
     Args:
         camera: that gave the frame.
@@ -36,15 +36,15 @@ def places_in(
     for wearer, (body, skeleton) in enumerate(zip(bodies, skeletons, strict=True)):
         used, points = points_on_body(camera.keypoints, skeleton)
         offset = np.concatenate([point.of(body) for point in points]) - body.p_world_joint[0, 0]
-        for person, (pixels, confidence) in enumerate(
-            zip(video.pixels[:, used], video.confidence[:, used], strict=True)
-        ):
-            seen = (confidence > 0) & np.all(np.isfinite(pixels), axis=1)
+        for person, pixels in enumerate(video.pixels[:, used]):
+            seen = (video.confidence[person, used] > 0) & np.all(np.isfinite(pixels), axis=1)
             if seen.sum() >= LEAST_KEYPOINTS:
                 cost[wearer, person], place[wearer, person] = _fit(camera, pose, offset[seen], pixels[seen])
-    chosen = dict(zip(*linear_sum_assignment(np.minimum(cost, 10 * FITS)), strict=True))
-    fits = {w: n for w, n in chosen.items() if cost[w, n] < FITS}
-    return [place[w, fits[w]] if w in fits else None for w in range(len(bodies))]
+    found: list[Array | None] = [None] * len(bodies)
+    for wearer, person in np.transpose(linear_sum_assignment(np.minimum(cost, 10 * FITS))).tolist():
+        if cost[wearer, person] < FITS:
+            found[wearer] = place[wearer, person]
+    return found
 
 
 def _fit(camera: LiveCamera, pose: tuple[Array, Array], offset: Array, pixels: Array) -> tuple[float, Array]:

@@ -72,6 +72,9 @@ class Tracking:
         for _ in range(settings.start_iterations):
             self.smoother.update(self.smoother.numbers[0])
         rate, begin = settings.frame_rate, self.smoother.numbers[0]
+        anew = settings.recalibration
+        if anew.use and started.information is None:  # a start of a second is too rough to judge sensors by
+            begin += round((anew.first_s + anew.delay_s) * rate)
         self._watches = [
             SensorWatch(one, settings.watch, rate, settings.solve_every, begin) for one in started.problem.wearers
         ]

@@ -13,6 +13,7 @@ from vip_factors.geometry.rotations import Array, log, transpose
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 
+IMPACT = 3  # sensors knocked together: a landing
 AGREES = 0.5  # of the angle from which on a sensor does not
 
 
@@ -24,6 +25,7 @@ class WatchSettings:
     knock_deg_s2: float = 40_000.0
     angle_deg: float = 15.0  # of a sensor against its bone: four times what tissue and filters do
     knock_deg: float = 30.0  # by which a knocked sensor is still turned when it is quiet, if it has moved
+    impact_s: float = 0.2  # within which three sensors or more are knocked by a landing: straps slip one by one
     quiet_s: float = 0.07  # without a knock: tissue rings at 8 Hz and more
     ringing_s: float = 0.5  # and no longer than that
     steady_s: float = 0.05  # over which a limb's turning is averaged: what it would have gone on with
@@ -65,6 +67,7 @@ class SensorWatch:
         # Turning before a knock and in quiet frames after it, and in all frames since; frames since, −1: no knock.
         self._before, self._after, self._net = np.zeros((S, 3)), np.zeros((S, 3)), np.zeros((S, 3))
         self._frames, self._quiet = np.full(S, -1), np.zeros(S, int)
+        self._knock = np.full(S, -(10**9))  # number of the last frame in which each was knocked
         self._sigma = model.settings.orientation.sigma
 
     def moved(self, number: int, model: WearerProblem, state: WearerState, body: BodyState) -> Sequence[int]:
@@ -115,7 +118,11 @@ class SensorWatch:
         self._last_turn[both], self._moving = turn[both], both
         ended = self._quiet >= settings.quiet_s * self._rate
         over = ringing & (ended | (self._frames > settings.ringing_s * self._rate))
-        moved = np.flatnonzero(over & (np.linalg.norm(self._excess(), axis=1) > np.deg2rad(settings.knock_deg)))
+        self._knock[knocked] = number
+        lately = number - self._frames - settings.impact_s * self._rate
+        alone = np.sum(self._knock[:, None] >= lately, axis=0) < IMPACT
+        far = np.linalg.norm(self._excess(), axis=1) > np.deg2rad(settings.knock_deg)
+        moved = np.flatnonzero(over & far & alone & (number >= self._since))
         self._frames[over] = -1
         self._since[moved] = number + round(settings.rest_s * self._rate)
         self._mean[moved], self.agreed[moved] = 0.0, False

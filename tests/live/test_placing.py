@@ -26,7 +26,9 @@ def test_the_root_is_where_the_keypoints_say(strangers: int) -> None:
     for person in range(strangers):  # in no pose of ours
         pixels[person, used] = random.uniform(100, 500, (len(used), 2))
     video = VideoFrame(camera.name, 1.0, pixels, np.isfinite(pixels[..., 0]).astype(float))
-    elsewhere = forward_kinematics(motion.skeleton, motion.R_parent_child, motion.p_world_pelvis + [2.0, -3.0, 1.0])
+    elsewhere = forward_kinematics(
+        motion.skeleton, motion.R_parent_child, motion.p_world_pelvis + np.array([2.0, -3.0, 1.0])
+    )
     found = places_in(camera, pose, [elsewhere], [motion.skeleton], video)
     assert found[0] is not None
     np.testing.assert_allclose(found[0], motion.p_world_pelvis[0], atol=1e-6)

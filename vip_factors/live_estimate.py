@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from vip_factors.body.skeleton import Skeleton
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration
 
@@ -45,6 +46,7 @@ class LiveWearerEstimate:
         smoothed: the pose one lag earlier, never to change again; None as long as there is none.
         calibration: headings and mountings as they are believed now, with their standard deviations, by sensor.
         detection: index of the person in the newest video frame who is the wearer; None if not seen.
+        skeleton: the body that the poses are of, as it is believed now; None: as the set-up has it.
     """
 
     name: str
@@ -52,6 +54,7 @@ class LiveWearerEstimate:
     smoothed: LivePose | None
     calibration: Calibration
     detection: int | None = None
+    skeleton: Skeleton | None = None
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,8 @@ def run_live(scene: Scene, settings: LiveSettings, tell: Callable[[float], None]
         raise RecordingError(
             f"scene '{scene.name}': the tracker gave no answer in {end:.1f} s: is it shorter than its start?"
         )
-    body, name, rate = wearer.subject.body(), wearer.subject.name, settings.frame_rate
+    body = answers[-1].wearers[0].skeleton or wearer.subject.body()
+    name, rate = wearer.subject.name, settings.frame_rate
     motion = filled_motion(newest, body, rate, name)
     return LiveRun(
         motion,

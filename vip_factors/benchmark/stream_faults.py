@@ -242,7 +242,8 @@ def errors_of(scene: Scene, run: StreamRun, trials: StreamTrials) -> tuple[Error
     assert wearer.truth is not None
     newest = [one.wearers[0].newest for one in run.answers]
     smoothed = [late for one in run.answers if (late := one.wearers[0].smoothed) is not None]
-    body, truth = wearer.subject.body(), wearer.truth.motion
+    told = [one.wearers[0].skeleton for one in run.answers[-1:]]
+    body, truth = (told[0] if told else None) or wearer.subject.body(), wearer.truth.motion
     found = []
     for poses in (newest, smoothed):
         rows = error_over_time(poses, body, truth, rate, trials.fault_s)

@@ -116,7 +116,8 @@ def _run(options: StreamOptions, interrupts: "Interrupts", line: "StatusLine") -
         stack.enter_context(source)
         line.show("waiting for the stream to begin")
         setup = interrupts.waiting_for(lambda: source.setup)
-        tracker = FixedLagTracker(setup, options.tree)
+        played = Path(options.source).is_file() and not options.real_time  # as fast as it can be tracked
+        tracker = FixedLagTracker(setup, options.tree, real_time=not played or options.follow)
         file = _file(options, setup, stack)
         viewers = _viewers(options, setup, stack)
         json = [LiveJsonSink(sys.stdout)] if options.json else []

@@ -45,7 +45,7 @@ from vip_factors.io.mcap_scene_recording import wearer_topics
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo
 from vip_factors.io.schemas.live_update_pb2 import LiveUpdate
-from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose
+from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.live import LiveCamera, LiveSetup, LiveWearer
 
 LIVE, LIVE_WEARER = "/estimate/live", "/estimate/live/wearer/"
@@ -188,6 +188,7 @@ class LiveMcapSink:
         streams: list[Iterable[TimedMessage]] = [self._updates(estimates)]
         for index, wearer in enumerate(self._wearers):
             answers = [one.wearers[index] for one in estimates]
+            wearer.take_body(answers[-1])
             for answer in answers:
                 missing = wearer.smoothed.take(answer.smoothed) if answer.smoothed is not None else 0
                 if missing and answer.smoothed is not None:
@@ -236,6 +237,11 @@ class _Wearer:
         self.smoothed = GaplessPoses(rate)
         self.begun = False  # whether what comes before the first pose is in the file
         self._shown = True  # whether viewers' messages are written
+
+    def take_body(self, answer: LiveWearerEstimate) -> None:
+        """The body that is believed from here on; the file's motion has the last one."""
+        if answer.skeleton is not None:
+            self._skeleton = answer.skeleton
 
     def streams(self, writer: MessageWriter, frame: int, newest: list[LivePose]) -> list[Iterable[TimedMessage]]:
         """What has come since the last time: smoothed poses, and the newest ones, which begin with this frame."""

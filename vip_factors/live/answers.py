@@ -120,6 +120,7 @@ class Answers:
                 None if smoothed is None else _pose(smoothed, w, late, self._smoothed),
                 calibrations[wearer.name],
                 int(chosen[w]) if chosen is not None and chosen[w] >= 0 else None,
+                smoother.problem.wearers[w].skeleton,
             )
             for w, wearer in enumerate(self._setup.wearers)
         )

@@ -41,6 +41,12 @@ class MeasuredStretch:
         """Number of its first frame."""
         return self.measurements[0].frame
 
+    def tail(self, frames: int) -> "MeasuredStretch":
+        """The last ``frames`` of it."""
+        measurements = self.measurements[-frames:]
+        video = [(number, one) for number, one in self.video if number >= measurements[0].frame]
+        return MeasuredStretch(self.setup, measurements, video, self.columns)
+
     def alive(self, carrier: str) -> list[str]:
         """Names of a carrier's sensors that measured orientations throughout, or nearly so."""
         seen = np.stack([one.orientation_valid for one in self.measurements])

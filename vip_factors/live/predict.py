@@ -45,6 +45,19 @@ def predicted(
     return _with_camera(problem, turned, older, state, last, frame, shared) if problem.moving else turned
 
 
+def turned_to(
+    problem: LagProblem, last: LagFrame, state: FrameState, frame: LagFrame, shared: SceneState
+) -> Array:  # fmt: skip
+    """Joint rotations ``(W, 24, 3, 3)`` of a ``frame`` after the ``last`` one: bones turned as their sensors."""
+    R_parent_child = state.R_parent_child.copy()
+    for number, wearer in enumerate(problem.wearers):
+        R, bones = state.R_parent_child[number], [sensor.bone for sensor in wearer.sensors]
+        turns = _turns(last, frame, problem.sensors[number], shared.wearers[number].headings)
+        R_world_bone = forward_kinematics(wearer.skeleton, R[None], np.zeros((1, 3))).R_world_bone[0]
+        R_parent_child[number] = _with_turned_bones(R, R_world_bone, bones, turns)
+    return R_parent_child
+
+
 def _pushed(problem: LagProblem, number: int, last: LagFrame, shared: SceneState) -> Array:
     """Second difference ``(3,)`` of a wearer's path in metres, by the accelerometer on the pelvis; zero without one."""
     bones = [sensor.bone for sensor in problem.wearers[number].sensors]

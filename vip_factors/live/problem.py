@@ -45,7 +45,13 @@ def lag_frame(measured: FrameMeasurement, views: list[tuple[KeypointView, ...] |
     nothing = np.zeros(len(measured.orientation_valid), bool)
     force = np.zeros((len(nothing), 3))
     return LagFrame(
-        measured.frame, measured.time, measured.R_inertial_sensor, measured.orientation_valid, force, nothing, views
+        measured.frame,
+        measured.time,
+        measured.R_inertial_sensor,
+        measured.orientation_valid.copy(),
+        force,
+        nothing,
+        views,
     )
 
 

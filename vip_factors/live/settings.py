@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from vip_factors.live.assembly_settings import AssemblySettings
 from vip_factors.live.association import OnlineAssociationSettings
+from vip_factors.live.recalibration_settings import RecalibrationSettings
 from vip_factors.live.watch import WatchSettings
 from vip_factors.problem.blocks import RELINEARISE_DEG, WanderSettings
 from vip_factors.settings import CalibrationSettings, Settings
@@ -42,6 +43,7 @@ class LiveSettings(Settings):
     covariance_every: int = 12  # frames between covariances of the smoothed pose, which cost 4 ms
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
     online_association: OnlineAssociationSettings = field(default_factory=OnlineAssociationSettings)
+    recalibration: RecalibrationSettings = field(default_factory=RecalibrationSettings)
     walk: WanderSettings = field(default_factory=WanderSettings)
     watch: WatchSettings = field(default_factory=WatchSettings)
     relinearisation: RelinearisationSettings = field(default_factory=RelinearisationSettings)

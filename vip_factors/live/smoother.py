@@ -17,7 +17,7 @@ from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.solve.fixed_lag import FixedLagChain, LagSolution
-from vip_factors.solve.slices import REACH, Slices, shared_key, slice_key, step_factor
+from vip_factors.solve.slices import REACH, Slices, information_factor, shared_key, slice_key, step_factor
 
 PREDICTED_SIGMA = 10.0  # rad or m: far less than the least that a measurement says
 LEAST_STEP = 1e-5  # of shared variables that do not step: no information is infinite
@@ -44,8 +44,10 @@ class LagSmoother:
     """
 
     def __init__(
-        self, problem: LagProblem, shared: SceneState, settings: LiveSettings, extra: ExtraFactors | None = None
-    ) -> None:
+        self, problem: LagProblem, shared: SceneState, settings: LiveSettings, extra: ExtraFactors | None = None,
+        information: Array | None = None,
+    ) -> None:  # fmt: skip
+        self._information = information  # about what all frames share, from before the first one
         self.problem, self._settings = problem, settings
         self._extra = None if extra is None else StreamedTerms(extra, problem.layout)
         self.shared = self._origin = shared
@@ -147,6 +149,8 @@ class LagSmoother:
             shared, eliminated = shared_key(self._epoch[number]), [slice_key(number)]
             keys = [slice_key(number + ahead) for ahead in range(REACH + 1)]
             factors = slices.factors(t, keys, shared, value)
+            if self._information is not None and number == self._beginning:
+                factors.push_back(information_factor(shared, self._information))
             if number in self._walks:
                 later = shared_key(self._epoch[number] + 1)
                 factors.push_back(step_factor(shared, later, self._walks[number]))

@@ -13,9 +13,12 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.live.answers import Answers
 from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.buffered import MeasuredStretch
+from vip_factors.live.coarse import Known
+from vip_factors.live.continuation import continued, corrections
 from vip_factors.live.measurement import FrameMeasurement
+from vip_factors.live.recalibrator import Found, Recalibrator
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.start import Known, Started, start
+from vip_factors.live.start import Started, start
 from vip_factors.live.tracking import Tracking
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveSample, LiveSetup, VideoFrame
@@ -35,11 +38,14 @@ class FixedLagTracker:
         settings: of all rooms.
         extra_factors: makes GTSAM factors of your own, asked with each new frame's time and number; they may see it,
             the two before it, and what all frames share. See :data:`~vip_factors.factor_graph.extra.ExtraFactors`.
+        real_time: whether samples come by themselves. A calibration found anew is then taken up when it is there;
+            else it is waited for, and the answers are the same each time.
     """
 
     def __init__(
-        self, setup: LiveSetup, settings: LiveSettings = DEFAULT, extra_factors: ExtraFactors | None = None
-    ) -> None:
+        self, setup: LiveSetup, settings: LiveSettings = DEFAULT, extra_factors: ExtraFactors | None = None,
+        real_time: bool = False,
+    ) -> None:  # fmt: skip
         self.setup, self.settings, self._extra = setup, settings, extra_factors
         self._columns = _columns(setup)
         self._worn = sum(len(wearer.placement.sites) for wearer in setup.wearers)  # columns; the rest is on cameras
@@ -55,6 +61,8 @@ class FixedLagTracker:
         self._answers = Answers(setup, settings, self._lag)
         self._answered = -1  # number of the last frame with an answer
         self._next_try, self._patience = 0, settings.camera_retry_s  # frame, seconds
+        self._found: Found | None = None  # a calibration to go on with as soon as the wearers are seen
+        self._recalibrator = Recalibrator(setup, self._columns, settings, real_time)
         self._threads = ThreadpoolController()  # finding the libraries takes longer than an update: once
 
     def push(self, sample: LiveSample) -> list[LiveEstimate]:
@@ -66,7 +74,9 @@ class FixedLagTracker:
 
     def finish(self) -> list[LiveEstimate]:
         """The end of the stream: answers to the last frames."""
-        return self._answer(self._assembler.flush())
+        answers = self._answer(self._assembler.flush())
+        self._recalibrator.close()
+        return answers
 
     def _answer(self, measurements: list[FrameMeasurement]) -> list[LiveEstimate]:
         if not measurements:
@@ -86,24 +96,56 @@ class FixedLagTracker:
             self._lose("the stream has paused")
             self._recent.clear()
             self._video.clear()
+            self._recalibrator.close()
         self._remember(measured)
         if self._tracking is None:
             return self._begin(begin)
-        tracking = self._tracking
+        tracking, waited = self._tracking, self._recalibrator.waited_s
         try:
             covariance = self._answers.root_covariance(len(self.setup.wearers))
             self._answers.find(*tracking.step(measured, self._lag, covariance))
             if self._is_worth_another_start(tracking, measured.frame):
                 tracking = self._tracking = self._started_again(tracking)
+            tracking = self._tracking = self._recalibrated(tracking)
         except SolveError as error:
             self._lose(f"tracking was lost at {measured.time:.1f} s ({error})")
             return []
-        answer = self._answers.of(tracking, begin)
+        answer = self._answers.of(tracking, begin + self._recalibrator.waited_s - waited)
         oldest = tracking.smoother.numbers[0]
         self._paths.append((oldest, tracking.smoother.state(oldest).p_world_pelvis))
         return [answer]
 
+    def _recalibrated(self, tracking: Tracking) -> Tracking:
+        """Tracking with a calibration found anew, if there is one by now."""
+        smoother = tracking.smoother
+        newest = smoother.numbers[-1]
+        answer = self._recalibrator.answer(newest)
+        if isinstance(answer, str):
+            self._answers.find(answer)
+        elif answer is not None:
+            self._found = answer
+        if self._found is not None and tracking.solved:
+            again = self._continued(tracking, self._found)
+            if again is not None:
+                self._answers.begin_anew()
+                self._answers.find(*corrections(smoother, again.smoother, self._found.seconds))
+                tracking, self._found = again, None
+        self._recalibrator.begin(tracking.smoother.state(newest))
+        return tracking
+
+    def _continued(self, tracking: Tracking, found: Found) -> Tracking | None:
+        """Tracking with the calibration that was found; None where that does not succeed yet."""
+        video = list(self._video)
+        started = continued(found.started, found.at_find, tracking.smoother, self.setup.cameras, video)
+        if started is None:
+            return None
+        try:
+            return Tracking(self.setup, self.settings, started, found.video, self._extra, video)
+        except SolveError:
+            return None
+
     def _remember(self, measured: FrameMeasurement) -> None:
+        self._recalibrator.remember(measured)
         self._recent.append(measured)
         self._video.extend((one.frame, one.video) for one in measured.video)
         while self._video and self._video[0][0] < self._recent[0].frame:
@@ -111,6 +153,7 @@ class FixedLagTracker:
 
     def _lose(self, why: str) -> None:
         """Give up what is tracked, but not what has been learnt of the sensors."""
+        self._found = None
         if self._tracking is not None:
             self._known = Known(self._answers.calibrations(self._tracking.smoother), self._paths[-1][1])
             self._answers.find(f"{why}: tracking starts again")

@@ -23,6 +23,7 @@ from vip_factors.live.watch import SensorWatch
 from vip_factors.problem.blocks import CAMERA
 from vip_factors.sensors.live import LiveSetup, VideoFrame
 
+SURE_ROOT = 0.04 * np.eye(3)  # m², of where a wearer is when tracking goes on from a calibration found anew
 CONTACT_FRAMES = 8  # frames over which a foot is watched to tell whether it stands
 
 
@@ -47,7 +48,7 @@ class Tracking:
 
     def __init__(
         self, setup: LiveSetup, settings: LiveSettings, started: Started, video: Sequence[tuple[int, VideoFrame]],
-        extra: ExtraFactors | None = None,
+        extra: ExtraFactors | None = None, unseen: Sequence[tuple[int, VideoFrame]] = (),
     ) -> None:  # fmt: skip
         """Begin.
 
@@ -57,21 +58,27 @@ class Tracking:
             started: where tracking begins.
             video: frames of all cameras in that time, each with the number of its frame.
             extra: makes GTSAM factors of a user's own.
+            unseen: video of the frames that tracking begins with in which nobody has looked for wearers yet.
 
         Raises:
             SolveError: if the frames do not determine all variables.
         """
         self._setup, self._settings = setup, settings
-        self.smoother = LagSmoother(started.problem, started.shared, settings, extra)
+        self.smoother = LagSmoother(started.problem, started.shared, settings, extra, started.information)
         for frame, state in zip(started.frames, started.states, strict=True):
             self.smoother.append(frame, state)
+        self.observers = self._gathered(started, video)
+        self._look(unseen)
         for _ in range(settings.start_iterations):
             self.smoother.update(self.smoother.numbers[0])
-        self.observers = self._gathered(started, video)
         rate, begin = settings.frame_rate, self.smoother.numbers[0]
+        anew = settings.recalibration
+        if anew.use and started.information is None:  # a start of a second is too rough to judge sensors by
+            begin += round((anew.first_s + anew.delay_s) * rate)
         self._watches = [
             SensorWatch(one, settings.watch, rate, settings.solve_every, begin) for one in started.problem.wearers
         ]
+        self._measured = started.frames[-1].orientation_valid  # which sensors were, in the last frame
         self.solved = True
         self._unsolved = 0  # frames that are predicted only, so far
         self._changed: list[int] = []  # frames with something new since the last update
@@ -85,12 +92,24 @@ class Tracking:
             settings = self._settings
             observer = CameraObserver(camera, skeletons, spreads, settings.online_association, settings.camera)
             own = sorted(((n, one) for n, one in video if one.camera == camera.name), key=lambda pair: pair[1].time)
-            for index, (number, one) in enumerate(own):
+            for number, one in own:
+                index = int(np.searchsorted(each.detections.time, one.time))
                 who = each.association.wearer[each.detections.of_frame(index)]
                 chosen = [int(np.flatnonzero(who == w)[0]) if np.any(who == w) else -1 for w in range(len(skeletons))]
                 observer.remember(number, one, np.array(chosen))
             observers.append(observer)
         return observers
+
+    def _look(self, video: Sequence[tuple[int, VideoFrame]]) -> None:
+        """Look for the wearers in the video of frames that are there already."""
+        smoother = self.smoother
+        window = self._window(smoother.numbers[0])
+        surely = [SURE_ROOT] * len(smoother.problem.wearers)
+        for camera, observer in enumerate(self.observers):
+            for number, one in video:
+                if one.camera == observer.camera.name and number in smoother.numbers:
+                    views = observer.observe(number, one, self._belief(camera, window, number, surely))
+                    smoother.frame(number).views[camera] = views
 
     def step(self, measured: FrameMeasurement, lag: int, root_covariance: Sequence[Array]) -> list[str]:
         """One frame more.
@@ -135,14 +154,19 @@ class Tracking:
     def _notice_jumps(self, last: LagFrame, frame: LagFrame) -> tuple[list[str], list[int]]:
         """Sensors that have turned on their bone just now: sentences, and their columns."""
         findings, knocked = [], []
+        measured = frame.orientation_valid.copy()
         for number, (wearer, columns) in enumerate(
             zip(self.smoother.problem.wearers, self.smoother.problem.sensors, strict=False)
         ):
-            both = last.orientation_valid[columns] & frame.orientation_valid[columns]
+            both = self._measured[columns] & measured[columns]
             R_before, R_now = last.R_inertial_sensor[columns], frame.R_inertial_sensor[columns]
-            for sensor in self._watches[number].jumped(frame.number, R_before, R_now, both):
-                findings.append(self._loosen(number, sensor, wearer.frames.sensors[sensor]))
+            knocks = self._watches[number].knocked(frame.number, R_before, R_now, both)
+            frame.orientation_valid[columns[knocks.ringing]] = False
+            knocked += columns[knocks.ringing].tolist()
+            for sensor in knocks.moved:
+                findings.append(self._loosen(number, int(sensor), wearer.frames.sensors[sensor]))
                 knocked.append(int(columns[sensor]))
+        self._measured = measured
         return findings, knocked
 
     def _loosen(self, wearer: int, sensor: int, name: str) -> str:
@@ -190,12 +214,7 @@ class Tracking:
         smoother, changed = self.smoother, []
 
         def belief(number: int) -> FrameBelief:
-            at = number - window.first
-            bodies = [body.at(slice(at, at + 1)) for body in window.bodies]
-            pose = self._fixed_pose(camera)
-            if pose is None:
-                pose = window.R_world_camera[at], window.p_world_camera[at]
-            return FrameBelief(bodies, pose, root_covariance, self._standing(camera, window, number))
+            return self._belief(camera, window, number, root_covariance)
 
         news = [one for one in measured.video if one.video.camera == observer.camera.name]
         news = [one for one in news if one.frame in smoother.numbers]
@@ -206,6 +225,14 @@ class Tracking:
             smoother.frame(number).views[camera] = views
             changed.append(number)
         return changed
+
+    def _belief(self, camera: int, window: _Window, number: int, root_covariance: Sequence[Array]) -> FrameBelief:
+        at = number - window.first
+        bodies = [body.at(slice(at, at + 1)) for body in window.bodies]
+        pose = self._fixed_pose(camera)
+        if pose is None:
+            pose = window.R_world_camera[at], window.p_world_camera[at]
+        return FrameBelief(bodies, pose, root_covariance, self._standing(camera, window, number))
 
     def _standing(self, camera: int, window: _Window, number: int) -> list[Array | None]:
         """How surely each wearer's feet stand in a frame; None of wearers whose feet this camera has nothing to do."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from vip_factors.geometry.rotations import Array, log, transpose
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 
+IMPACT = 3  # sensors knocked together: a landing
+AGREES = 0.5  # of the angle from which on a sensor does not
+
 
 @dataclass(frozen=True)
 class WatchSettings:
@@ -20,11 +24,23 @@ class WatchSettings:
     # °/s², of one sensor from frame to frame: 11° within a sixtieth of a second. A kick reaches 20 000.
     knock_deg_s2: float = 40_000.0
     angle_deg: float = 15.0  # of a sensor against its bone: four times what tissue and filters do
+    knock_deg: float = 30.0  # by which a knocked sensor is still turned when it is quiet, if it has moved
+    impact_s: float = 0.2  # within which three sensors or more are knocked by a landing: straps slip one by one
+    quiet_s: float = 0.07  # without a knock: tissue rings at 8 Hz and more
+    ringing_s: float = 0.5  # and no longer than that
+    steady_s: float = 0.05  # over which a limb's turning is averaged: what it would have gone on with
     memory_s: float = 0.4  # over which that is averaged: a knock passes, a strap that has turned stays
     rest_s: float = 3.0  # after which the same sensor may be judged again: that long re-estimating takes
     settle_s: float = 2.0  # after a start nothing is judged: mountings are still being found
     heading_sigma_deg: float = 40.0  # how far a sensor set anew may point elsewhere
     mounting_sigma_deg: float = 30.0  # how far a strap slips
+
+
+class Knocks(NamedTuple):
+    """Sensors, by number: those not to be listened to in the newest frame, and those that have moved."""
+
+    ringing: np.ndarray
+    moved: np.ndarray
 
 
 class SensorWatch:
@@ -36,14 +52,22 @@ class SensorWatch:
         rate: frames per second.
         every: how many frames lie between those that are judged.
         begin: number of the frame that tracking began with.
+
+    Attributes:
+        agreed: ``(S,)`` whether each ever sat as it is believed to.
     """
 
     def __init__(self, model: WearerProblem, settings: WatchSettings, rate: float, every: int, begin: int) -> None:
         self._settings, self._rate, self._every = settings, rate, every
         self._mean = np.zeros((len(model.sensors), 3))
         self._since = np.full(len(model.sensors), begin + round(settings.settle_s * rate))
-        self._turn = np.zeros((len(model.sensors), 3))  # from frame to frame, of late
-        self._moving = np.zeros(len(model.sensors), bool)  # whether that is known
+        S = len(model.sensors)
+        self.agreed = np.zeros(S, bool)
+        self._last_turn, self._moving = np.zeros((S, 3)), np.zeros(S, bool)  # from frame to frame; whether it is known
+        # Turning before a knock and in quiet frames after it, and in all frames since; frames since, −1: no knock.
+        self._before, self._after, self._net = np.zeros((S, 3)), np.zeros((S, 3)), np.zeros((S, 3))
+        self._frames, self._quiet = np.full(S, -1), np.zeros(S, int)
+        self._knock = np.full(S, -(10**9))  # number of the last frame in which each was knocked
         self._sigma = model.settings.orientation.sigma
 
     def moved(self, number: int, model: WearerProblem, state: WearerState, body: BodyState) -> Sequence[int]:
@@ -54,26 +78,57 @@ class SensorWatch:
         valid = model.frames.orientation_valid[0]
         self._mean[valid] += share * (residual[valid] - self._mean[valid])
         angle = np.linalg.norm(self._mean, axis=1)
-        found = np.flatnonzero((angle > np.deg2rad(self._settings.angle_deg)) & (number >= self._since))
+        limit, judged = np.deg2rad(self._settings.angle_deg), number >= self._since
+        # A sensor that never agreed with its bone has not moved: its calibration was not found yet.
+        self.agreed |= judged & (angle < AGREES * limit)
+        found = np.flatnonzero(judged & self.agreed & (angle > limit))
+        self.agreed[found] = False
         self._since[found] = number + round(self._settings.rest_s * self._rate)
         self._mean[found] = 0.0
         return [int(sensor) for sensor in found]
 
-    def jumped(self, number: int, R_before: Array, R_now: Array, both: np.ndarray) -> list[int]:
-        """Sensors that turned as no limb can from the last frame to the newest one.
+    def knocked(self, number: int, R_before: Array, R_now: Array, both: np.ndarray) -> Knocks:
+        """Sensors that turn as no limb can, from the last frame to the newest one or a moment ago.
+
+        Tissue rings after a step: what turns there and back has not moved. So a knocked sensor is not listened to until
+        it is quiet, and has moved if it is still turned by then, against how its limb went on.
 
         Args:
             number: of the newest frame.
             R_before, R_now: ``(S, 3, 3)`` orientations in the sensors' inertial frames.
             both: ``(S,)`` whether both were measured.
         """
+        settings = self._settings
         turn = log(R_now @ transpose(R_before))
-        limit = np.deg2rad(self._settings.knock_deg_s2) / self._rate**2
-        knocked = both & (np.linalg.norm(turn - self._turn, axis=1) > limit)
-        steady = both & ~knocked
-        self._turn[steady] = turn[steady]  # the second half of a knock is not compared with its first
-        found = np.flatnonzero(knocked & self._moving)
-        self._moving = both
-        self._since[found] = number + round(self._settings.rest_s * self._rate)
-        self._mean[found] = 0.0
-        return [int(sensor) for sensor in found]
+        limit = np.deg2rad(settings.knock_deg_s2) / self._rate**2
+        knocked = both & self._moving & (np.linalg.norm(turn - self._last_turn, axis=1) > limit)
+        begins = knocked & (self._frames < 0)
+        self._net[begins] = 0.0
+        self._frames[begins] = 0
+        self._quiet[knocked], self._after[knocked] = 0, 0.0
+        ringing = both & (self._frames >= 0)
+        self._net[ringing] += turn[ringing]
+        self._frames[ringing] += 1
+        quiet, steady = ringing & ~knocked, both & ~ringing
+        self._quiet[quiet] += 1
+        self._after[quiet] += turn[quiet]
+        share = 1 - np.exp(-1 / (settings.steady_s * self._rate))
+        # One frame late: the one before a knock may belong to it.
+        self._before[steady] += share * (self._last_turn[steady] - self._before[steady])
+        self._last_turn[both], self._moving = turn[both], both
+        ended = self._quiet >= settings.quiet_s * self._rate
+        over = ringing & (ended | (self._frames > settings.ringing_s * self._rate))
+        self._knock[knocked] = number
+        lately = number - self._frames - settings.impact_s * self._rate
+        alone = np.sum(self._knock[:, None] >= lately, axis=0) < IMPACT
+        far = np.linalg.norm(self._excess(), axis=1) > np.deg2rad(settings.knock_deg)
+        moved = np.flatnonzero(over & far & alone & (number >= self._since))
+        self._frames[over] = -1
+        self._since[moved] = number + round(settings.rest_s * self._rate)
+        self._mean[moved], self.agreed[moved] = 0.0, False
+        return Knocks(np.flatnonzero(ringing & ~over), moved)
+
+    def _excess(self) -> Array:
+        """How far each has turned since its knock beyond what its limb did, whose turning went over evenly."""
+        after = self._after / np.maximum(self._quiet, 1)[:, None]
+        return self._net - self._frames[:, None] * (self._before + after) / 2

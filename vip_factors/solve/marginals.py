@@ -21,6 +21,23 @@ def last_marginals(system: LinearSystem, keys: Sequence[int]) -> dict[int, Array
     Raises:
         SolveError: if a variable is not determined.
     """
+    covariance, places = _last_covariance(system, keys)
+    return {key: np.array(covariance[own, own], dtype=float) for key, own in places.items()}
+
+
+def last_covariance(system: LinearSystem, keys: Sequence[int]) -> Array:
+    """Joint covariance ``(n, n)`` of the variables that are eliminated last, side by side in the order of ``keys``.
+
+    Raises:
+        SolveError: if a variable is not determined.
+    """
+    covariance, places = _last_covariance(system, keys)
+    columns = np.concatenate([np.zeros(0, int), *(np.arange(places[key].start, places[key].stop) for key in keys)])
+    return np.array(covariance[np.ix_(columns, columns)], dtype=float)
+
+
+def _last_covariance(system: LinearSystem, keys: Sequence[int]) -> tuple[Array, dict[int, slice]]:
+    """Of all that are eliminated last, and where in it each is."""
     net, tail = eliminate(system.stretches(0.0)), gtsam.GaussianBayesNet()
     for index in range(net.size()):
         if net.at(index).keys()[0] in set(keys):
@@ -28,14 +45,15 @@ def last_marginals(system: LinearSystem, keys: Sequence[int]) -> dict[int, Array
     R, _ = tail.matrix()
     if not np.all(np.abs(np.diag(R)) > 0):
         raise SolveError("covariance: the problem does not determine all of its variables")
-    covariance, marginals, start = np.linalg.inv(R.T @ R), {}, 0
+    places, start = dict[int, slice](), 0
     for index in range(tail.size()):
         block = slice(start, start + len(tail.at(index).R()))
-        marginals[int(tail.at(index).keys()[0])] = np.array(covariance[block, block], dtype=float)
+        places[int(tail.at(index).keys()[0])] = block
         start = block.stop
-    if set(marginals) != set(keys):
+    if set(places) != set(keys):
         raise SolveError("covariance: the variables asked for are not the last ones")
-    return marginals
+    covariance = np.asarray(np.linalg.inv(R.T @ R), dtype=float)
+    return covariance, places
 
 
 def chain_marginals(system: LinearSystem) -> dict[int, Array]:

@@ -30,6 +30,11 @@ def step_factor(before: int, after: int, sigmas: Array) -> gtsam.JacobianFactor:
     return gtsam.JacobianFactor(before, -one, after, one, none, gtsam.noiseModel.Unit.Create(len(sigmas)))
 
 
+def information_factor(key: int, information: Array) -> gtsam.HessianFactor:
+    """On the shared variables of an epoch: ``information`` ``(s, s)`` that their coordinates are zero."""
+    return gtsam.HessianFactor(key, information, np.zeros(len(information)), 0.0)
+
+
 class Slices:
     """The slices of a stretch.
 

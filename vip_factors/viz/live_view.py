@@ -163,9 +163,12 @@ class _Body:
         self._skeleton, self._colours = wearer.subject.body(), body_colours(index)
         below = f"world/{rr.escape_entity_path_part(wearer.name)}"
         self.newest, self._smoothed = f"{below}/newest", f"{below}/smoothed"
+        self._log_shape()
+
+    def _log_shape(self) -> None:
         ghost = dict.fromkeys(Side, self._colours[Side.MIDDLE])
-        log_shape(stream, self.newest, self._skeleton, self._colours)
-        log_shape(stream, self._smoothed, self._skeleton, ghost, ghost=True)
+        log_shape(self._stream, self.newest, self._skeleton, self._colours)
+        log_shape(self._stream, self._smoothed, self._skeleton, ghost, ghost=True)
 
     def motion(self, poses: Sequence[LivePose]) -> Motion:
         """Poses one frame apart."""
@@ -175,6 +178,10 @@ class _Body:
 
     def log(self, answers: list[LiveWearerEstimate]) -> Motion:
         """Log the poses; returns the newest ones."""
+        body = answers[-1].skeleton
+        if body is not None and not np.array_equal(body.p_parent_joint, self._skeleton.p_parent_joint):
+            self._skeleton = body
+            self._log_shape()
         newest = self.motion([one.newest for one in answers])
         log_poses(self._stream, self.newest, newest)
         smoothed = [one.smoothed for one in answers if one.smoothed is not None]

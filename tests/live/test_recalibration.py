@@ -1,0 +1,62 @@
+"""The calibration found anew while tracking: what it knows, how tracking goes on with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filmed_gestures import filmed_gestures
+from tracked import SETTINGS, Tracked, filmed, track, tracked
+
+from vip_factors.geometry.rotations import wrap_angle
+from vip_factors.live.recalibration_settings import RecalibrationSettings
+from vip_factors.sensors.scene import Scene
+
+OFTEN = replace(SETTINGS, recalibration=RecalibrationSettings(first_s=2.5, delay_s=0.4))
+
+
+def of_unknown_body(scene: Scene) -> Scene:
+    """The scene with a wearer of whom the stature alone is known."""
+    wearer = scene.wearers[0]
+    subject = replace(wearer.subject, skeleton=None)
+    return replace(scene, wearers=(replace(wearer, subject=subject),))
+
+
+@pytest.fixture(scope="module")
+def anew() -> Tracked:
+    return track(of_unknown_body(filmed_gestures("fixed", 5.0)), settings=OFTEN)
+
+
+def test_every_frame_is_answered_once_and_in_order(anew: Tracked) -> None:
+    assert [one.frame for one in anew.answers] == list(range(len(anew.answers)))
+    assert anew.answers[-1].time > 4.9
+
+
+def test_the_body_changes_once_it_is_found(anew: Tracked) -> None:
+    bodies = [answer.wearers[0].skeleton for answer in anew.answers]
+    first, last = bodies[0], bodies[-1]
+    assert first is not None
+    assert last is not None
+    when = next(answer.time for answer, body in zip(anew.answers, bodies, strict=True) if body is not first)
+    assert 2.9 <= when < 3.2
+    assert np.abs(last.p_parent_joint - first.p_parent_joint).max() > 1e-3
+
+
+def test_answers_stay_near_the_truth(anew: Tracked) -> None:
+    assert anew.error_mm("smoothed", after=3.2) < 60
+
+
+def test_what_is_known_is_not_forgotten(anew: Tracked) -> None:
+    """Straps and headings are far surer after the calibration was found anew than if nothing were known."""
+    before, after = (next(one for one in anew.answers if one.time > time).wearers[0].calibration for time in (2.8, 3.1))
+    for name in before:
+        assert 0 < after[name].heading_sigma < 0.6
+        assert np.all(after[name].mounting_sigma < 1.0)
+        assert np.rad2deg(abs(wrap_angle(after[name].heading - before[name].heading))) < 40
+
+
+def test_nothing_is_found_anew_where_that_is_off() -> None:
+    off = replace(SETTINGS, recalibration=RecalibrationSettings(use=False))
+    again = track(filmed(), settings=off)
+    np.testing.assert_array_equal(
+        again.answers[-1].wearers[0].newest.R_parent_child, tracked().answers[-1].wearers[0].newest.R_parent_child
+    )

@@ -21,14 +21,15 @@ AGREES = 0.5  # of the angle from which on a sensor does not
 class WatchSettings:
     """When a sensor is believed to have moved, and how much is forgotten of it then."""
 
-    # °/s², of one sensor from frame to frame: 11° within a sixtieth of a second. A kick reaches 20 000.
+    # °/s², of one sensor from frame to frame: 11° within a sixtieth of a second. A kick reaches 20 000, tissue that rings
+    # after a step 160 000: a knock alone says nothing yet.
     knock_deg_s2: float = 40_000.0
-    angle_deg: float = 15.0  # of a sensor against its bone: four times what tissue and filters do
     knock_deg: float = 30.0  # by which a knocked sensor is still turned when it is quiet, if it has moved
     impact_s: float = 0.2  # within which three sensors or more are knocked by a landing: straps slip one by one
     quiet_s: float = 0.07  # without a knock: tissue rings at 8 Hz and more
     ringing_s: float = 0.5  # and no longer than that
     steady_s: float = 0.05  # over which a limb's turning is averaged: what it would have gone on with
+    angle_deg: float = 15.0  # of a sensor against its bone: four times what tissue and filters do
     memory_s: float = 0.4  # over which that is averaged: a knock passes, a strap that has turned stays
     rest_s: float = 3.0  # after which the same sensor may be judged again: that long re-estimating takes
     settle_s: float = 2.0  # after a start nothing is judged: mountings are still being found

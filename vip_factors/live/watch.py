@@ -21,8 +21,8 @@ AGREES = 0.5  # of the angle from which on a sensor does not
 class WatchSettings:
     """When a sensor is believed to have moved, and how much is forgotten of it then."""
 
-    # °/s², of one sensor from frame to frame: 11° within a sixtieth of a second. A kick reaches 20 000, tissue that rings
-    # after a step 160 000: a knock alone says nothing yet.
+    # °/s², of one sensor from frame to frame: 11° within a sixtieth of a second. A kick reaches 20 000; tissue that
+    # rings after a step 160 000, so a knock alone says nothing yet.
     knock_deg_s2: float = 40_000.0
     knock_deg: float = 30.0  # by which a knocked sensor is still turned when it is quiet, if it has moved
     impact_s: float = 0.2  # within which three sensors or more are knocked by a landing: straps slip one by one

@@ -130,8 +130,9 @@ class CameraObserver:
         confidence = np.where(seen, np.minimum(confidence, 1.0), 0.0)
         pixels = np.where(seen[:, None], pixels, 0.0)
         view = KeypointView(
-            points, pixels[None], sigma[None], seen[None], np.zeros_like(pixels)[None], confidence[None]
-        )
+            points, pixels[None], sigma[None], seen[None], np.zeros_like(pixels)[None], confidence[None],
+            names=tuple(self.camera.keypoints.keypoints[k] for k in used),
+        )  # fmt: skip
         standing = belief.standing[wearer]
         if standing is None:
             return view

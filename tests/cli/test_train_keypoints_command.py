@@ -27,7 +27,7 @@ def test_from_recordings_to_the_next_estimate(run: Run, scene: Path, tmp_path: P
     file = tmp_path / "offsets.toml"
     told = run("train", "keypoints", scene, "--out", file)
     assert told.code == 0, told.err
-    assert "1 people" in told.out
+    assert "1 person" in told.out
     for name in OFFSET_KEYPOINTS:
         assert name in told.out
     read = read_keypoint_offsets(file)

@@ -64,10 +64,10 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     usual = KeypointOffsetSettings().sigmas
     sets = {name: pooled_offsets(those, usual, options.training) for name, those in found.items()}
     names = " ".join(path.name for path in options.recordings)
-    content = KeypointOffsetsFile(sets, f"vip-factors train keypoints {names}: {len(options.recordings)} recordings")
+    content = KeypointOffsetsFile(sets, f"vip-factors train keypoints {names}")
     write_keypoint_offsets(options.out, content, options.overwrite)
     for name, pooled in sets.items():
-        print(f"{name}: {pooled.people} people")
+        print(f"{name}: {pooled.people} {'person' if pooled.people == 1 else 'people'}")
         _tell(pooled.offsets.mean, pooled.offsets.sigma)
     print(options.out)
 
@@ -75,6 +75,6 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 def _tell(mean: "Array", sigma: "Array") -> None:
     from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 
-    print("  mm           left      up  forward")
+    print("  mm           left       up  forward")
     for name, offset, spread in zip(OFFSET_KEYPOINTS, 1e3 * mean, 1e3 * sigma, strict=True):
-        print(f"  {name:9s}" + "".join(f" {o:4.0f}±{s:<3.0f}" for o, s in zip(offset, spread, strict=True)))
+        print(f"  {name:9s}" + "".join(f"{o:4.0f} ± {s:2.0f}" for o, s in zip(offset, spread, strict=True)))

@@ -13,7 +13,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +53,6 @@ def write_keypoint_offsets(path: str | Path, content: KeypointOffsetsFile, overw
         file.write("\n".join(lines) + "\n")
 
 
-@cache
 def read_keypoint_offsets(path: Path) -> KeypointOffsetsFile:
     """Read the file.
 

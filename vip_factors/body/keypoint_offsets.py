@@ -67,8 +67,9 @@ def pooled_offsets(
 ) -> PooledOffsets:
     """What to expect of a detector before the next person; with nobody to learn from, zero and the usual sigmas.
 
-    Every keypoint and axis by itself: the spread of people is the mean of what is usual and of what was found, the
-    noise of each taken off; the habit's mean is weighted by that spread, and drawn to zero by its share of the usual.
+    Every keypoint by itself: the spread of people, alike in all axes for few tell little, is the mean of what is usual
+    and of what was found, the noise of each taken off; the habit's mean is weighted by that spread, and drawn to zero
+    by its share of the usual.
 
     Args:
         found: of each person, with the sigmas of what was found.
@@ -86,7 +87,8 @@ def pooled_offsets(
     squares = np.sum(sure * (mean - np.sum(own * mean, axis=0)) ** 2, axis=0)
     of_noise = np.sum(sure * (1 - own) * noise, axis=0)
     count = np.sum(sure * (1 - own), axis=0)
-    spread = (settings.prior_people * people + squares - of_noise) / (settings.prior_people + count)
+    seen, count = (one.mean(axis=1, keepdims=True) for one in (squares - of_noise, count))
+    spread = (settings.prior_people * people + seen) / (settings.prior_people + count)
     spread = np.maximum(spread, settings.least_sigma_m**2)
     weight = 1 / (spread + noise)
     information = np.sum(weight, axis=0) + 1 / habit

@@ -59,6 +59,7 @@ def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerPr
         contact_confidence=random.uniform(0, 1, (T, 1)),
         free_headings=free, free_mountings=free, free_pose_mean=free,
         variation=likely_body(1.75).variation, free_body=free, free_hinges=free, free_places=free,
+        free_sole=free,
     )  # fmt: skip
     state = WearerState(
         exp(0.7 * random.standard_normal((T, 24, 3))),
@@ -67,6 +68,7 @@ def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerPr
         model.prior_R_bone_sensor @ exp(0.2 * random.standard_normal((S, 3))),
         0.1 * random.standard_normal(69),
         sensor_places=0.02 * np.random.default_rng(6).standard_normal((S, 3)) * free,
+        sole=0.4 * free,
         hinges=(0.1 * np.random.default_rng(5).standard_normal(HINGE_VARIABLES)) * free,
         body=0.02 * np.random.default_rng(4).standard_normal(len(LENGTHS)) if free else np.zeros(len(LENGTHS)),
     )

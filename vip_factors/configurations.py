@@ -14,6 +14,7 @@ from vip_factors.factors.orientation import OrientationSettings
 from vip_factors.factors.pose_prior import PosePriorSettings
 from vip_factors.factors.reprojection import ReprojectionSettings
 from vip_factors.factors.robust import Loss, RobustLoss
+from vip_factors.factors.sole import SoleSettings
 from vip_factors.settings import Settings
 
 Tree = TypeVar("Tree", bound=Settings)
@@ -81,6 +82,7 @@ def _kaichi(own: Tree, weighted: bool = True, contact: bool = True, camera: bool
         joint_limit=JointLimitSettings(limit, limit_loss, per_axis=True),
         # The paper has none: joints that neither sensor nor camera sees are only kept from drifting.
         pose_prior=PosePriorSettings(scale=0.02),
+        sole=SoleSettings(thickness=0.0),  # the ankle's own height is all that the paper has
     )
     reprojection = ReprojectionSettings(
         adaptive=False, least_px=0.0, least_confidence=0.0, fixed_px=pixel, loss=pixel_loss,
@@ -91,7 +93,6 @@ def _kaichi(own: Tree, weighted: bool = True, contact: bool = True, camera: bool
         ContactFrom.ACCELERATION,
         Weighing.DISTANCE,
         ground,
-        sole_height=0.0,
         acceleration_scale=5.0,
         loss=ground_loss,
     )

@@ -25,6 +25,8 @@ class CalibrationSettings:
     # Where on their bones sensors sit as variables, where a camera sees the wearer: an arm that is assumed pulls the
     # mounting. Without a camera nothing tells the two apart, and a real knee was 0.5° worse. Off: the placement's.
     estimate_places: bool = True
+    # How thick the wearer's soles are as a variable, where a camera sees the wearer. Off: factors.sole.thickness.
+    estimate_sole: bool = True
     # What the detector calls hip, shoulder, knee … as variables: 1–3 cm beside the joint, the same in every frame.
     estimate_keypoints: bool = True
     # m/s², least sigma of acceleration while the calibration is free: bone lengths and strap positions are a few

@@ -7,11 +7,12 @@ import pytest
 from small_problems import small_scene
 
 from vip_factors.assembly.objective import SceneObjective
+from vip_factors.body.keypoint_offsets import KeypointOffsets
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, offset_of
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.factors.keypoint_offset import KeypointOffsetSettings
 from vip_factors.factors.robust import SQUARE
-from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.scene import KeypointView, SceneProblem
 from vip_factors.problem.state import DetectorState, SceneState
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 
@@ -62,3 +63,22 @@ def test_both_sides_have_one_offset_mirrored(name: str) -> None:
 
 def test_a_nose_has_none() -> None:
     assert offset_of("nose")[0] == -1
+
+
+def test_offsets_that_were_learnt_cost_nothing() -> None:
+    problem, state = small_scene("standing")
+    learned = KeypointOffsets(OFFSETS, np.full(OFFSETS.shape, 0.005))
+    problem = replace(problem, camera=replace(problem.camera, learned_offsets=learned))
+    as_learned, as_in_the_table = (replace(state, detector=DetectorState(one)) for one in (OFFSETS, 0 * OFFSETS))
+    cost = SceneObjective(problem).cost
+    assert cost(as_learned)["keypoint offset prior"] == 0.0
+    expected = 0.5 * np.sum((OFFSETS / 0.005) ** 2)
+    assert cost(as_in_the_table)["keypoint offset prior"] == pytest.approx(expected)
+
+
+def test_views_of_single_frames_know_whose_offsets_they_have() -> None:
+    problem, _ = small_scene("standing")
+    view = problem.views[0]
+    view = replace(view, confidence=np.ones(view.seen.shape))
+    joined = KeypointView.joined(view.points, [None, view.at_frames(slice(0, 1))], None)
+    np.testing.assert_array_equal(joined.offsets[0], view.offsets[0])

@@ -28,6 +28,7 @@ def assert_same(one: SceneState, other: SceneState) -> None:
             "body",
             "sensor_places",
             "hinges",
+            "sole",
         ):
             np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-12, err_msg=name)
     np.testing.assert_allclose(one.camera.poses.R_world_camera, other.camera.poses.R_world_camera, atol=1e-12)
@@ -63,7 +64,10 @@ def test_a_solution_moves_the_state_as_gtsam_moves_its_values(kind: str, far: fl
     for group, (owner, _) in enumerate(objective.layout.owners):
         if owner.kind == "wearer":
             first = of((Kind.HEADING,), wearer=owner.number, knot=0)
-            rest = of((Kind.MOUNTING, Kind.BODY, Kind.SENSOR_PLACE, Kind.HINGES, Kind.POSE_MEAN), wearer=owner.number)
+            rest = of(
+                (Kind.MOUNTING, Kind.BODY, Kind.SENSOR_PLACE, Kind.SOLE, Kind.HINGES, Kind.POSE_MEAN),
+                wearer=owner.number,
+            )
             for knot in range(1, len(problem.wearers[owner.number].heading_knots)):
                 delta.insert(knot_key(group, knot), of((Kind.HEADING,), wearer=owner.number, knot=knot))
             delta.insert(static_key(group), np.concatenate([first, rest]))

@@ -28,6 +28,7 @@ UPRIGHT = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # the body's y axis is
 LOOKS_ALONG_Y = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 ANKLE = joint_index("left_ankle")
 FOOT = Foot(ANKLE, np.zeros(3), np.array([[0.0, -0.08, -0.05], [0.0, -0.07, 0.13]]))
+SOLE = 0.02
 
 
 def standing() -> tuple[BodyState, CameraPoses, np.ndarray]:
@@ -37,7 +38,7 @@ def standing() -> tuple[BodyState, CameraPoses, np.ndarray]:
     R = exp(0.2 * random.standard_normal((T, 24, 3)))
     R[:, 0] = UPRIGHT @ exp(0.2 * random.standard_normal((T, 3)))
     body = forward_kinematics(skeleton, R, random.standard_normal((T, 3)))
-    sole = np.stack([body.point(ANKLE, p)[:, 2] for p in FOOT.p_bone_sole], axis=1)
+    sole = np.stack([body.point(ANKLE, p - [0, SOLE, 0])[:, 2] for p in FOOT.p_bone_sole], axis=1)
     root = np.zeros((T, 3))
     root[:, 2] = -sole.min(axis=1)
     body = replace(body, p_world_joint=body.p_world_joint + root[:, None])
@@ -51,7 +52,7 @@ def standing() -> tuple[BodyState, CameraPoses, np.ndarray]:
 
 def test_a_standing_foot_is_where_its_pixel_says() -> None:
     body, camera, pixels = standing()
-    p, height = FOOT.ankle(body)
+    p, height = FOOT.ankle(body, SOLE)
     ray = pixel_rays(LENS, pixels)
     np.testing.assert_allclose(ground_contact_residual(p, height, camera, ray), 0, atol=1e-9)
     assert rays_meet_floor(height, camera, ray, GroundContactSettings()).all()
@@ -61,7 +62,7 @@ def test_a_standing_foot_is_where_its_pixel_says() -> None:
 def test_turning_the_world_leaves_the_whitened_residual_as_long(weighing: Weighing) -> None:
     body, camera, pixels = standing()
     settings = GroundContactSettings(weighing=weighing)
-    p, height = FOOT.ankle(body)
+    p, height = FOOT.ankle(body, SOLE)
     ray, turn = pixel_rays(LENS, pixels + 8.0), rotation_z(0.9)
     turned = CameraPoses(turn @ camera.R_world_camera, camera.p_world_camera @ turn.T)
     lengths = []
@@ -76,7 +77,7 @@ def test_weighed_by_pixels_it_knows_what_a_pixel_and_an_uneven_floor_do() -> Non
     body, camera, pixels = standing()
     random = np.random.default_rng(4)
     settings = replace(GroundContactSettings(weighing=Weighing.PIXELS), floor_sigma=0.02)
-    p, height = FOOT.ankle(body)
+    p, height = FOOT.ankle(body, SOLE)
     W = ground_contact_whitening(height, camera, pixel_rays(LENS, pixels), np.full(T, 3.0), LENS, np.ones(T), settings)
     whitened = []
     for _ in range(4000):
@@ -107,4 +108,4 @@ def test_a_sole_turned_with_the_body_is_as_high() -> None:
     body, _, _ = standing()
     turn = rotation_z(1.2)
     turned = BodyState(turn @ body.R_world_bone, body.p_world_joint @ transpose(turn))
-    np.testing.assert_allclose(FOOT.ankle(turned)[1], FOOT.ankle(body)[1], atol=1e-12)
+    np.testing.assert_allclose(FOOT.ankle(turned, SOLE)[1], FOOT.ankle(body, SOLE)[1], atol=1e-12)

@@ -133,7 +133,7 @@ def test_keypoints_far_from_where_they_are_expected_count_less(far_px: float) ->
     video = VideoFrame("camera", 0.0, pixels[None], np.full((1, len(pixels)), 0.9))
     views = []
     for one in (SETTINGS, settings):
-        observer = CameraObserver(setup.camera, [skeleton], [1.0], OnlineAssociationSettings(), one.camera)
+        observer = CameraObserver(setup.camera, [skeleton], [0.0], [1.0], OnlineAssociationSettings(), one.camera)
         views.append(observer._view(video, 0, 0, FrameBelief([body], (R, p), [np.eye(3)], [None])))
     plain, careful = views
     assert careful.seen[0, 0] == (far_px < 100)

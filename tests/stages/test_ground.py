@@ -21,7 +21,7 @@ from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.stages.ground import ground_view, seen_feet, standing_confidence
 
-T, STEP = 30, 1 / 60
+T, STEP, SOLE = 30, 1 / 60, 0.01
 SKELETON, COCO = skeleton_from_stature(1.75), keypoint_set("coco17")
 UPRIGHT = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 LENS = CameraModel(1920, 1080, (1400.0, 1400.0), (960.0, 540.0))
@@ -35,7 +35,7 @@ def standing_then_jumping() -> tuple[WearerProblem, WearerState]:
     feet, _ = seen_feet(COCO, SKELETON)
     ankle = SKELETON.p_pelvis_joint[feet[0].bone, 1]
     p = np.zeros((T, 3))
-    p[:, 2] = -ankle - feet[0].p_bone_sole[:, 1].min()
+    p[:, 2] = SOLE - ankle - feet[0].p_bone_sole[:, 1].min()
     up = np.maximum(np.arange(T) - 15, 0) * STEP
     p[:, 2] += 3.0 * up
     force = np.tile([0.0, 0.0, 9.81], (T, 1, 1))
@@ -83,17 +83,16 @@ def test_the_camera_sees_standing_feet_where_it_is_sure_of_their_ankles(sureness
     view = KeypointView(points, pixels, np.full(seen.shape, 5.0), seen, 0 * pixels, sureness * seen)
     settings = GroundContactSettings()
     confidence = standing_confidence(model, state, feet, True, settings)
-    ground = ground_view(view, feet, columns, confidence, body, poses, LENS, settings)
+    ground = ground_view(view, feet, columns, confidence, body, SOLE, poses, LENS, settings)
     assert ground.stands[:10, 0].all() == (sureness > 0.1)
     assert not ground.stands[3, 1]
     assert not ground.stands[20:].any()
 
 
-def test_feet_stand_a_little_over_the_floor() -> None:
+def test_feet_stand_on_soles() -> None:
     _, state = standing_then_jumping()
     body = forward_kinematics(SKELETON, state.R_parent_child, state.p_world_pelvis)
-    (on, *_), _ = seen_feet(COCO, SKELETON)
-    (over, *_), _ = seen_feet(COCO, SKELETON, GroundContactSettings().sole_height)
-    raised = over.ankle(body)[1] - on.ankle(body)[1]
-    np.testing.assert_allclose(raised, GroundContactSettings().sole_height)
-    assert over.ankle(body)[0][0] @ [0, 0, 1] == pytest.approx(on.ankle(body)[1][0], abs=1e-9)
+    (foot, *_), _ = seen_feet(COCO, SKELETON)
+    (p, barefoot), (_, shod) = foot.ankle(body, 0.0), foot.ankle(body, SOLE)
+    np.testing.assert_allclose(shod - barefoot, SOLE)
+    assert p[0] @ [0, 0, 1] == pytest.approx(shod[0], abs=1e-9)

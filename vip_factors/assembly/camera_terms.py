@@ -99,9 +99,10 @@ def keypoint_offset_prior(at: CameraEvaluation, first: slice) -> Iterator[DenseE
     """One factor on all offsets of the detector's keypoints; linear."""
     if not at.free_offsets or at.offsets is None or not _begins(at, first):
         return
-    sigmas = at.problem.settings.keypoint_offset.sigmas.ravel()
+    prior = at.problem.prior_offsets
+    sigmas = prior.sigma.ravel()
     part = Part(DETECTOR, "keypoint_offsets", np.diag(1 / sigmas)[None, None])
-    residual = (at.offsets.ravel() / sigmas)[None, None]
+    residual = ((at.offsets - prior.mean).ravel() / sigmas)[None, None]
     yield DenseEquations("keypoint offset prior", 0, residual, 1.0, SQUARE, lambda: (part,))
 
 

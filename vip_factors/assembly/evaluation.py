@@ -9,6 +9,7 @@ from vip_factors.assembly.equations import Part
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.factors.sole import sole_shift
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log
 from vip_factors.problem.blocks import DETECTOR
 from vip_factors.problem.layout import Owner, OwnerId
@@ -83,6 +84,17 @@ class WearerEvaluation:
         """Where the sensors sit at the state."""
         points = self.points(self.problem.sensor_points)
         return BodyPoints(points.bones, points.p_bone_point + self.state.sensor_places)
+
+    @cached_property
+    def sole(self) -> float:
+        """Its thickness at the state, metres."""
+        return self.problem.settings.sole.of(self.state.sole)
+
+    @cached_property
+    def contact_points(self) -> BodyPoints:
+        """What touches the ground at the state: under the sole."""
+        points = self.points(self.problem.contact_points)
+        return BodyPoints(points.bones, points.p_bone_point + sole_shift(self.sole))
 
     def body_parts(self, body: BodyState, points: BodyPoints, by_point: Array | None = None) -> tuple[Part, ...]:
         """What factors on points ``(n,)`` see of the body's lengths, if these are variables.

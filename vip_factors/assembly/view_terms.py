@@ -62,11 +62,13 @@ def ground_contact(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
 
     def derivatives() -> tuple[Array, tuple[Part, ...]]:
         by_twist, by_camera = np.zeros((2, *stands.shape, 3, 6))
+        by_sole = np.zeros((*stands.shape, 3, 1))
         for g, foot in enumerate(feet):
-            by_twist[foot.frames, g], by_camera[foot.frames, g] = foot.derivatives()
+            by_twist[foot.frames, g], by_camera[foot.frames, g], by_sole[foot.frames, g] = foot.derivatives()
         ankles = BodyPoints(bones, np.stack([foot.p_bone_ankle for foot in ground.feet]))
         of_body = at.wearer.body_parts(at.wearer.body.at(first), ankles, _whitening(ground, first))
-        return by_twist, (Part(at.owner, "poses", by_camera), *of_body)
+        of_sole = (Part(at.wearer.owner, "sole", by_sole),) if at.wearer.problem.free_sole else ()
+        return by_twist, (Part(at.owner, "poses", by_camera), *of_body, *of_sole)
 
     yield BoneEquations("ground contact", first.start, residual, stands, loss, at.wearer.owner, bones, derivatives)
 
@@ -82,6 +84,7 @@ class _StandingFoot:
 
     frames: np.ndarray
     foot: Foot
+    sole: float
     ray: Array
     whitening: Array
     body: BodyState
@@ -96,7 +99,8 @@ class _StandingFoot:
         body = BodyState(at.wearer.body.R_world_bone[all_frames], at.wearer.body.p_world_joint[all_frames])
         camera = CameraPoses(poses.R_world_camera[frames], poses.p_world_camera[frames])
         ray, whitening = at.view.ground.rays[all_frames, number], at.view.ground.whitening[all_frames, number]
-        return cls(frames, foot, ray, whitening, body, camera, *foot.ankle(body))
+        sole = at.wearer.sole
+        return cls(frames, foot, sole, ray, whitening, body, camera, *foot.ankle(body, sole))
 
     @property
     def residual(self) -> Array:
@@ -104,12 +108,13 @@ class _StandingFoot:
         residual = ground_contact_residual(self.p_world_ankle, self.height, self.camera, self.ray)
         return np.asarray((self.whitening @ residual[..., None])[..., 0])
 
-    def derivatives(self) -> tuple[Array, Array]:
-        """By the twist of the foot and by the camera's pose, both ``(n, 3, 6)``, whitened."""
+    def derivatives(self) -> tuple[Array, Array, Array]:
+        """By the twist of the foot, the camera's pose, both ``(n, 3, 6)``, and the sole ``(n, 3, 1)``, whitened."""
         by_height, by_camera = ground_contact_jacobians(self.height, self.camera, self.ray)
         by_twist = self.body.point_twists(self.p_world_ankle[:, None])[:, 0]
-        by_twist[:, :, :3] += by_height[:, :, None] * self.foot.height_by_turn(self.body)[:, None]
-        return self.whitening @ by_twist, self.whitening @ by_camera
+        by_twist[:, :, :3] += by_height[:, :, None] * self.foot.height_by_turn(self.body, self.sole)[:, None]
+        by_sole = by_height * (self.sole * self.foot.height_by_sole(self.body))[:, None]
+        return self.whitening @ by_twist, self.whitening @ by_camera, self.whitening @ by_sole[..., None]
 
 
 VIEW_TERMS: tuple[Term[ViewEvaluation], ...] = (

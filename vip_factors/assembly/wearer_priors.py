@@ -106,6 +106,15 @@ def sensor_place_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEqua
     yield DenseEquations("sensor place prior", 0, residual, 1.0, SQUARE, lambda: (part,))
 
 
+def sole_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor on the logarithm of the sole's thickness; linear."""
+    spread = at.problem.settings.sole.spread
+    if not (at.problem.free_sole and _begins(at, first)):
+        return
+    part = Part(at.owner, "sole", np.ones((1, 1, 1, 1)) / spread)
+    yield DenseEquations("sole prior", 0, np.full((1, 1, 1), at.state.sole / spread), 1.0, SQUARE, lambda: (part,))
+
+
 def gauge_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
     """One factor on the root of the first frame."""
     problem, sigma = at.problem, at.problem.settings.gauge_prior.position_sigma
@@ -125,5 +134,6 @@ PRIORS: tuple[Term[WearerEvaluation], ...] = (
     Term("body prior", 0, body_prior),
     Term("hinge prior", 0, hinge_prior),
     Term("sensor place prior", 0, sensor_place_prior),
+    Term("sole prior", 0, sole_prior),
     Term("gauge prior", 0, gauge_prior),
 )

@@ -32,6 +32,7 @@ from vip_factors.factors.pose_prior import pose_prior_residual
 from vip_factors.factors.robust import SQUARE
 from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.factors.smoothness import smoothness_residual, turn_jacobians
+from vip_factors.factors.sole import sole_shift
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
 from vip_factors.problem.points import BodyPoints
 
@@ -84,13 +85,13 @@ def foot_contact(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquat
         return
     step = problem.frames.step
     p, c = (
-        at.points(points).on(at.body.at(slice(first.start, first.stop + 1))),
+        at.contact_points.on(at.body.at(slice(first.start, first.stop + 1))),
         np.array([-1.0, 1.0]) / (step * settings.sigma),
     )
     yield DifferenceEquations(
         "foot contact", first.start, foot_contact_residual(p[:-1], p[1:], step) / settings.sigma,
         problem.contact_confidence[first], settings.loss, at.owner, points.bones, _arms(at, p, first),
-        c, _of_body(at, points, first, c),
+        c, (*_of_body(at, points, first, c), *_of_sole(at, first, c)),
     )  # fmt: skip
 
 
@@ -100,11 +101,12 @@ def floor_contact(at: WearerEvaluation, first: slice) -> Iterator[BoneEquations]
     if not (problem.has_floor and problem.contacts):
         return
     body = at.body.at(first)
-    p = at.points(points).on(body)
+    p = at.contact_points.on(body)
 
     def derivatives() -> tuple[Array, tuple[Part, ...]]:
         up = np.broadcast_to(np.array([[0.0, 0.0, 1.0]]) / settings.sigma, (*p.shape[:2], 1, 3))
-        return up @ body.point_twists(p), at.body_parts(body, points, up)
+        of_sole = (Part(at.owner, "sole", up @ _contacts_by_sole(at, body)),) if problem.free_sole else ()
+        return up @ body.point_twists(p), (*at.body_parts(body, points, up), *of_sole)
 
     yield BoneEquations(
         "floor contact", first.start, floor_contact_residual(p) / settings.sigma, problem.contact_confidence[first],
@@ -236,6 +238,20 @@ def _of_places(at: WearerEvaluation, body: BodyState, coefficients: Array) -> tu
     count = len(R) - len(coefficients) + 1
     by_place = sum(c * R[i : i + count] for i, c in enumerate(coefficients))
     return (Part(at.owner, "sensor_places", by_place, each=True),)
+
+
+def _contacts_by_sole(at: WearerEvaluation, body: BodyState) -> Array:
+    """How what touches the ground moves with the sole's logarithm, ``(t, n, 3, 1)``."""
+    return np.asarray(body.R_world_bone[:, at.problem.contact_points.bones] @ sole_shift(at.sole)[:, None])
+
+
+def _of_sole(at: WearerEvaluation, first: slice, coefficients: Array) -> tuple[Part, ...]:
+    """What the motion of contacts over successive frames says of the sole."""
+    if not at.problem.free_sole:
+        return ()
+    count = first.stop - first.start
+    moves = _contacts_by_sole(at, at.body.at(slice(first.start, first.stop + len(coefficients) - 1)))
+    return (Part(at.owner, "sole", sum(c * moves[i : i + count] for i, c in enumerate(coefficients))),)
 
 
 def _arms(at: WearerEvaluation, p_world: Array, first: slice) -> Array:

@@ -15,8 +15,8 @@ from vip_factors.cli.options import Flag, parse
 class TrainOptions:
     """Learn the pose prior, a Gaussian over joint rotations, from a folder of motions."""
 
-    what: tyro.conf.Positional[Literal["prior", "body", "association"]]
-    """What to learn; for the others' options: train body --help, train association --help."""
+    what: tyro.conf.Positional[Literal["prior", "body", "association", "keypoints"]]
+    """What to learn; for the others' options: train body --help, train association --help, train keypoints --help."""
     motions: Path
     """Folder of motion files, searched with all folders below it."""
     out: Path
@@ -38,6 +38,10 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         from vip_factors.cli import train_body
 
         return train_body.main(prog, arguments)
+    if arguments and arguments[0] == "keypoints":
+        from vip_factors.cli import train_keypoints
+
+        return train_keypoints.main(prog, arguments)
     options = parse(TrainOptions, prog, arguments, none_is_a_value=True)
     from vip_factors.body.pose_prior import save_pose_prior
     from vip_factors.cli.terminal import waiting

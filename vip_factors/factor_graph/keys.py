@@ -10,6 +10,7 @@
 | ``m`` | ``Vector`` of 69 | | the recording's mean joint vector |
 | ``s`` | ``Vector`` of 12 | | changes of the body's lengths, metres |
 | ``e`` | ``Vector`` of 14 | | axes of elbows and knees: tilts and offsets, radians |
+| ``f`` | ``double`` | | logarithm of the thickness of the soles over the likeliest one |
 | ``k`` | ``Point3`` | keypoint | from where a keypoint is said to be to where the detector puts it, bone axes |
 | ``c`` | ``Pose3`` | frame | T_world_camera; a camera that stands still has that of frame 0 |
 | ``g``, ``q`` | ``double``, ``Rot3`` | | heading of the camera's sensor, and R_camera_imu |
@@ -52,7 +53,7 @@ def sensor_place_key(sensor: int, wearer: int = 0) -> int:
 
 
 def wearer_key(letter: str, wearer: int = 0) -> int:
-    """Key of a ``Vector`` that a wearer has one of: mean joint vector, lengths, axes of hinges."""
+    """Key of what a wearer has one of: mean joint vector, lengths, axes of hinges, sole."""
     return int(gtsam.symbol(letter, wearer * WEARER))
 
 

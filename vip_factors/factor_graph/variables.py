@@ -30,6 +30,7 @@ class Kind(StrEnum):
     BODY = "body"
     SENSOR_PLACE = "place of a sensor"
     HINGES = "axes of elbows and knees"
+    SOLE = "sole"
     KEYPOINT = "offset of a keypoint"
     CAMERA = "camera pose"
     CAMERA_HEADING = "camera heading"
@@ -41,6 +42,7 @@ WIDTHS = {
     Kind.HEADING: 1,
     Kind.CAMERA_HEADING: 1,
     Kind.CLOCK: 1,
+    Kind.SOLE: 1,
     Kind.CAMERA: 6,
     Kind.POSE_MEAN: POSE_SIZE,
     Kind.BODY: len(LENGTHS),
@@ -54,6 +56,7 @@ BLOCKS = {
     Kind.BODY: "body",
     Kind.HINGES: "hinges",
     Kind.SENSOR_PLACE: "sensor_places",
+    Kind.SOLE: "sole",
     Kind.KEYPOINT: "keypoint_offsets",
     Kind.CAMERA: "poses",
     Kind.CAMERA_HEADING: "heading",
@@ -63,6 +66,7 @@ BLOCKS = {
 # One variable each, of all columns of the block, and its letter.
 WHOLE = {Kind.POSE_MEAN: "m", Kind.BODY: "s", Kind.HINGES: "e"}
 ALONE = {letter: kind for kind, letter in WHOLE.items()} | {
+    "f": Kind.SOLE,
     "g": Kind.CAMERA_HEADING,
     "q": Kind.CAMERA_MOUNTING,
     "o": Kind.CLOCK,
@@ -104,6 +108,8 @@ class Variable:
                 return keys.sensor_place_key(self.item, self.wearer)
             case Kind.POSE_MEAN | Kind.BODY | Kind.HINGES:
                 return keys.wearer_key(WHOLE[self.kind], self.wearer)
+            case Kind.SOLE:
+                return keys.wearer_key("f", self.wearer)
             case Kind.KEYPOINT:
                 return keys.keypoint_key(self.item)
             case Kind.CAMERA:
@@ -230,6 +236,8 @@ def _insert(values: gtsam.Values, one: Variable, state: SceneState, first: int) 
             values.insert(one.key, gtsam.Rot3(wearer.R_bone_sensor[one.item]))
         case Kind.SENSOR_PLACE:
             values.insert(one.key, np.asarray(wearer.sensor_places[one.item]))
+        case Kind.SOLE:
+            values.insert(one.key, float(wearer.sole))
         case Kind.POSE_MEAN | Kind.BODY | Kind.HINGES:
             values.insert(one.key, np.asarray(getattr(wearer, BLOCKS[one.kind])))
 
@@ -270,7 +278,7 @@ class _Written:
     """A wearer's values, of which some are written to: these are copied first."""
 
     def __init__(self, state: WearerState) -> None:
-        self._state, self._arrays = state, dict[str, Array]()
+        self._state, self._arrays = state, dict[str, Any]()
 
     @property
     def state(self) -> WearerState:
@@ -291,6 +299,8 @@ class _Written:
                 self._own("R_bone_sensor")[one.item] = values.atRot3(one.key).matrix()
             case Kind.SENSOR_PLACE:
                 self._own("sensor_places")[one.item] = values.atPoint3(one.key)
+            case Kind.SOLE:
+                self._arrays["sole"] = values.atDouble(one.key)
             case Kind.POSE_MEAN | Kind.BODY | Kind.HINGES:
                 self._arrays[BLOCKS[one.kind]] = values.atVector(one.key)
 
@@ -302,7 +312,7 @@ class _Written:
 
 def owner_of(one: Variable) -> OwnerId:
     """Whose variable it is."""
-    own = (Kind.JOINT, Kind.ROOT, Kind.HEADING, Kind.MOUNTING, Kind.SENSOR_PLACE, *WHOLE)
+    own = (Kind.JOINT, Kind.ROOT, Kind.HEADING, Kind.MOUNTING, Kind.SENSOR_PLACE, Kind.SOLE, *WHOLE)
     if one.kind is Kind.KEYPOINT:
         return OwnerId(Owner.DETECTOR)
     return OwnerId(Owner.WEARER, one.wearer) if one.kind in own else OwnerId(Owner.CAMERA)

@@ -13,6 +13,7 @@ import numpy as np
 from vip_factors.body.kinematics import BodyState
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.robust import Loss, RobustLoss
+from vip_factors.factors.sole import sole_shift
 from vip_factors.geometry.rotations import Array, hat
 from vip_factors.sensors.camera_model import CameraModel
 
@@ -43,12 +44,9 @@ class GroundContactSettings:
     weighing: Weighing = Weighing.PIXELS
     sigma: float = 0.15  # m, where weighed by distance
     # m, where weighed by pixels: soles, carpets, late contacts, which last. Streams of twelve scenes on a level floor
-    # were 5.4 cm off (without contact 5.4, at 0.03 and soles on the floor 6.3), four with people seen too near 11.9
+    # were 5.4 cm off (without contact 5.4, at 0.03 and feet on the floor 6.3), four with people seen too near 11.9
     # (13.7, 9.5); at 0.01 poses bend to it.
     floor_sigma: float = 0.06
-    # m of the sole's lowest point over the floor: it is never below, and where feet were taken to stand in captured
-    # motions it was 0.6–1.5 cm above. Each centimetre is 3 cm of depth, always too far.
-    sole_height: float = 0.01
     acceleration_scale: float = 5.0  # m/s²: feet that accelerate more are believed in proportion less (Kaichi: β_G)
     least_confidence: float = 0.05  # below it nothing is left to say
     least_grazing_deg: float = 3.0  # a flatter ray meets the floor anywhere: a pixel is metres
@@ -63,29 +61,37 @@ class Foot:
     Attributes:
         bone: it is on.
         p_bone_ankle: ``(3,)`` metres.
-        p_bone_sole: ``(n, 3)``, points of its sole.
-        sole_height: of the lowest of them over the floor, metres, where it stands.
+        p_bone_sole: ``(n, 3)``, points of its skin that may touch the ground, or a shoe's sole there.
     """
 
     bone: int
     p_bone_ankle: Array
     p_bone_sole: Array
-    sole_height: float = 0.0
 
     def lowest(self, body: BodyState) -> Array:
         """Which of the sole's points is the lowest, ``(T,)``."""
         down = np.einsum("tk,nk->tn", body.R_world_bone[:, self.bone, 2], self.p_bone_sole)
         return np.argmin(down, axis=1)
 
-    def ankle(self, body: BodyState) -> tuple[Array, Array]:
-        """World positions ``(T, 3)`` of the ankle, and the height ``(T,)`` that it has where the foot stands."""
-        arm = self.p_bone_ankle - self.p_bone_sole[self.lowest(body)]
-        height = np.einsum("tk,tk->t", body.R_world_bone[:, self.bone, 2], arm)
-        return body.point(self.bone, self.p_bone_ankle), height + self.sole_height
+    def ankle(self, body: BodyState, sole: float) -> tuple[Array, Array]:
+        """World positions ``(T, 3)`` of the ankle, and the height ``(T,)`` that it has where the foot stands.
 
-    def height_by_turn(self, body: BodyState) -> Array:
+        ``sole`` is the shoe's thickness in metres.
+        """
+        height = np.einsum("tk,tk->t", body.R_world_bone[:, self.bone, 2], self._arm(body, sole))
+        return body.point(self.bone, self.p_bone_ankle), height
+
+    def height_by_sole(self, body: BodyState) -> Array:
+        """Derivative ``(T,)`` of that height by the thickness."""
+        return -body.R_world_bone[:, self.bone, 2] @ sole_shift(1.0)
+
+    def _arm(self, body: BodyState, sole: float) -> Array:
+        """From what touches the ground to the ankle, ``(T, 3)`` in bone axes."""
+        return self.p_bone_ankle - self.p_bone_sole[self.lowest(body)] - sole_shift(sole)
+
+    def height_by_turn(self, body: BodyState, sole: float) -> Array:
         """Derivative ``(T, 3)`` of that height by a turn of the foot in the world: ``−hat(R arm)``, its last row."""
-        arm = self.p_bone_ankle - self.p_bone_sole[self.lowest(body)]
+        arm = self._arm(body, sole)
         turned = np.einsum("tij,tj->ti", body.R_world_bone[:, self.bone], arm)
         return -hat(turned)[:, 2]
 

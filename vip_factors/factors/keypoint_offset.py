@@ -1,10 +1,12 @@
 """Keypoint offset: where on the bone a detector's "hip", "shoulder", "knee" … lies, against where its table has it.
 
-``r = k`` in bone axes, metres, mirrored on the right side; linear. A detector errs in its own way in every frame alike:
-taken for the skeleton's, that error bends the body, the mountings and the camera.
+``r = k − k₀`` in bone axes, metres, mirrored on the right side; linear; ``k₀`` is zero unless it was learnt. A detector
+errs in its own way in every frame alike: taken for the skeleton's, that error bends the body, the mountings and the
+camera.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -21,6 +23,9 @@ class KeypointOffsetSettings:
     sigma: float = 0.010
     elbow_wrist_sigma: float = 0.008  # m, of elbows and wrists, where a limb is thin and the joint shows
     hip_sigma: float = 0.020  # m: nobody sees a hip, detectors put it up to 4 cm above the joint
+
+    # File with a detector's own means and sigmas instead, which vip-factors train keypoints learns.
+    learned: Path | None = None
 
     @property
     def sigmas(self) -> Array:

@@ -12,15 +12,18 @@ SPEED_SCALE = 0.4  # m/s: a planted foot rolls slower than this, a swinging one 
 SMOOTHING = 0.1  # s over which confidence is averaged: a contact lasts longer than that
 
 
-def contact_points(skeleton: Skeleton) -> tuple[tuple[int, Array], ...]:
-    """Heel and ball of both feet, as (bone, ``p_bone_point``); the ankle and toe joint where a skeleton has no heel."""
+def contact_points(skeleton: Skeleton, sole: float = 0.0) -> tuple[tuple[int, Array], ...]:
+    """Heel and ball of both feet, as (bone, ``p_bone_point``); the ankle and toe joint where a skeleton has no heel.
+
+    Under them is a sole as thick as ``sole`` metres.
+    """
     points = []
     for side in ("left", "right"):
         ankle, ball = joint_index(f"{side}_ankle"), joint_index(f"{side}_foot")
         heel = skeleton.landmarks.get(f"{side}_heel")
         points.append((ankle, heel.p_bone_point if heel else np.zeros(3)))
         points.append((ankle, skeleton.p_parent_joint[ball]))
-    return tuple(points)
+    return tuple((bone, p - np.array([0.0, sole, 0.0])) for bone, p in points)
 
 
 def standing_path(body: BodyState, points: tuple[tuple[int, Array], ...]) -> Array:

@@ -47,20 +47,21 @@ class CameraObserver:
     Args:
         camera: which.
         skeletons: of the wearers.
+        soles: of their shoes, how thick, metres.
         spreads: scatter of the detections of each wearer, in OKS sigmas; follows what is seen.
         association, settings: of the association, and of the factors on what was seen.
     """
 
     def __init__(
-        self, camera: LiveCamera, skeletons: Sequence[Skeleton], spreads: Sequence[float],
+        self, camera: LiveCamera, skeletons: Sequence[Skeleton], soles: Sequence[float], spreads: Sequence[float],
         association: OnlineAssociationSettings, settings: CameraFactorSettings,
     ) -> None:  # fmt: skip
         self.camera, self.spreads, self._settings = camera, list(spreads), settings.reprojection
         self._ground = settings.ground_contact
-        self._skeletons = list(skeletons)
+        self._skeletons, self._soles = list(skeletons), list(soles)
         self._association = OnlineAssociation(camera.keypoints, camera.model, skeletons, association)
         self._used = [points_on_body(camera.keypoints, skeleton) for skeleton in skeletons]
-        self._feet = [seen_feet(camera.keypoints, skeleton, self._ground.sole_height) for skeleton in skeletons]
+        self._feet = [seen_feet(camera.keypoints, skeleton) for skeleton in skeletons]
         self._decided: list[_Decided] = []
         self.chosen = np.full(len(self._skeletons), NOBODY)  # in the newest video frame
 
@@ -129,12 +130,13 @@ class CameraObserver:
         confidence = np.where(seen, np.minimum(confidence, 1.0), 0.0)
         pixels = np.where(seen[:, None], pixels, 0.0)
         view = KeypointView(
-            points, pixels[None], sigma[None], seen[None], np.zeros_like(pixels)[None], confidence[None]
-        )
+            points, pixels[None], sigma[None], seen[None], np.zeros_like(pixels)[None], confidence[None],
+            names=tuple(self.camera.keypoints.keypoints[k] for k in used),
+        )  # fmt: skip
         standing = belief.standing[wearer]
         if standing is None:
             return view
         feet, columns = self._feet[wearer]
         pose = CameraPoses(R[None], p[None])
-        ground = ground_view(view, feet, columns, standing[None], body, pose, lens, self._ground)
+        ground = ground_view(view, feet, columns, standing[None], body, self._soles[wearer], pose, lens, self._ground)
         return replace(view, ground=ground)

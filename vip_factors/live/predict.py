@@ -41,7 +41,14 @@ def predicted(
     turned = replace(turned, p_world_pelvis=2 * state.p_world_pelvis - older.p_world_pelvis + pushed)
     for number, wearer in enumerate(problem.wearers):
         if not wearer.use_acceleration:
-            turned.p_world_pelvis[number] = _on_standing_foot(wearer.skeleton, state, turned, number, problem.filmed)
+            turned.p_world_pelvis[number] = _on_standing_foot(
+                wearer.skeleton,
+                wearer.settings.sole.of(shared.wearers[number].sole),
+                state,
+                turned,
+                number,
+                problem.filmed,
+            )
     return _with_camera(problem, turned, older, state, last, frame, shared) if problem.moving else turned
 
 
@@ -71,14 +78,16 @@ def _pushed(problem: LagProblem, number: int, last: LagFrame, shared: SceneState
     return np.asarray(problem.step**2 * (rotation_z(heading) @ force + GRAVITY))
 
 
-def _on_standing_foot(skeleton: Skeleton, before: FrameState, now: FrameState, wearer: int, filmed: bool) -> Array:
+def _on_standing_foot(
+    skeleton: Skeleton, sole: float, before: FrameState, now: FrameState, wearer: int, filmed: bool
+) -> Array:
     """The root ``(3,)`` with which the foot that was the lowest stays where it was; without a camera, on the floor.
 
     Where frames are estimated each by itself nothing else ties one root to the next, and a velocity would run away.
     """
     R = np.stack([before.R_parent_child[wearer], now.R_parent_child[wearer]])
     body = forward_kinematics(skeleton, R, np.zeros((2, 3)))
-    points = np.stack([body.point(bone, p) for bone, p in contact_points(skeleton)], axis=1)
+    points = np.stack([body.point(bone, p) for bone, p in contact_points(skeleton, sole)], axis=1)
     lowest = np.argmin(points[0, :, 2])
     p = before.p_world_pelvis[wearer] + points[0, lowest] - points[1, lowest]
     if not filmed:

@@ -28,7 +28,12 @@ class LiveSettings(Settings):
     # not show within the second that tracking begins with.
     calibration: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(
-            loosening=1.0, estimate_body=False, estimate_hinges=False, estimate_places=False, estimate_keypoints=False
+            loosening=1.0,
+            estimate_body=False,
+            estimate_hinges=False,
+            estimate_places=False,
+            estimate_sole=False,
+            estimate_keypoints=False,
         )
     )
     lag_s: float = 0.25  # Kaichi's users and animators want answers within a blink

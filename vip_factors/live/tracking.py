@@ -90,7 +90,8 @@ class Tracking:
         for each, spreads in zip(started.associated, started.spreads, strict=True):
             camera = next(one for one in self._setup.cameras if one.name == each.camera.name)
             settings = self._settings
-            observer = CameraObserver(camera, skeletons, spreads, settings.online_association, settings.camera)
+            soles = [settings.factors.sole.of(one.sole) for one in started.shared.wearers]
+            observer = CameraObserver(camera, skeletons, soles, spreads, settings.online_association, settings.camera)
             own = sorted(((n, one) for n, one in video if one.camera == camera.name), key=lambda pair: pair[1].time)
             for number, one in own:
                 index = int(np.searchsorted(each.detections.time, one.time))

@@ -28,7 +28,9 @@ STEP_ANGLE = 0.1  # rad
 STEP_LENGTH = 0.5  # m
 STEP_CLOCK = 0.05  # s
 STEP_BODY = 0.05  # m
+STEP_SOLE = 0.5  # of its logarithm
 BODY_MOVED = 0.003  # m: from where on a length is linearised anew in a stream
+SOLE_MOVED = 0.1  # and a sole's logarithm
 CAMERA = OwnerId(Owner.CAMERA)
 DETECTOR = OwnerId(Owner.DETECTOR)
 
@@ -60,6 +62,7 @@ def wearer_blocks(wearer: WearerProblem, wander: WanderSettings, relinearise: fl
         StaticBlock("R_bone_sensor", Manifold.ROTATION, S, wearer.free_mountings, STEP_ANGLE, mounting, limit),
         StaticBlock("body", Manifold.VECTOR, len(LENGTHS), wearer.body_moves, STEP_BODY, 0.0, BODY_MOVED),
         StaticBlock("sensor_places", Manifold.POINT, S, wearer.free_places, STEP_BODY, 0.0, BODY_MOVED),
+        StaticBlock("sole", Manifold.VECTOR, 1, wearer.free_sole, STEP_SOLE, 0.0, SOLE_MOVED),
         StaticBlock("hinges", Manifold.VECTOR, HINGE_VARIABLES, wearer.free_hinges, STEP_ANGLE, 0.0, limit),
         StaticBlock("pose_mean", Manifold.VECTOR, POSE_SIZE, wearer.free_pose_mean, STEP_ANGLE, 0.0, limit),
     )

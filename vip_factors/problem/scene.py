@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from vip_factors.body.keypoint_offsets import KeypointOffsets
 from vip_factors.body.keypoints import offset_of
 from vip_factors.factors.camera_acceleration import CameraAccelerationSettings
 from vip_factors.factors.camera_orientation import CameraOrientationSettings
@@ -52,6 +53,7 @@ class CameraProblem:
         free_clock: whether the video's clock offset moves.
         is_beginning: False for a stretch of something longer, whose beginning holds the priors.
         settings: of the factors.
+        learned_offsets: of the detector's keypoints, where they were learnt.
     """
 
     model: CameraModel
@@ -65,6 +67,13 @@ class CameraProblem:
     free_clock: bool = False
     is_beginning: bool = True
     settings: CameraFactorSettings = field(default_factory=CameraFactorSettings)
+    learned_offsets: KeypointOffsets | None = None
+
+    @cached_property
+    def prior_offsets(self) -> KeypointOffsets:
+        """Of the detector's keypoints."""
+        sigmas = self.settings.keypoint_offset.sigmas
+        return self.learned_offsets or KeypointOffsets(np.zeros_like(sigmas), sigmas)
 
     def window(self, frames: slice) -> "CameraProblem":
         """The problem of some consecutive frames; its priors are those of the first frame."""
@@ -169,6 +178,7 @@ class KeypointView:
             np.concatenate([one.pixels_per_second for one in each]),
             np.concatenate([one.confidence for one in each]),
             ground,
+            next((one.names for one in each if one.names), ()),
         )
 
     @cached_property

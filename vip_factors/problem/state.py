@@ -29,6 +29,7 @@ class WearerState:
         body: ``(B,)`` metres, changes of the skeleton's lengths.
         sensor_places: ``(S, 3)`` metres, from where the sensors were said to sit to where they do, in bone axes.
         hinges: ``(H,)`` radians, tilts of the axes of elbows and knees, and offsets.
+        sole: logarithm of the sole's thickness over the likeliest one.
     """
 
     R_parent_child: Array
@@ -40,6 +41,7 @@ class WearerState:
     body: Array = field(default_factory=lambda: np.zeros(len(LENGTHS)))
     sensor_places: Array = field(default_factory=lambda: np.zeros((0, 3)))
     hinges: Array = field(default_factory=lambda: np.zeros(HINGE_VARIABLES))
+    sole: float = 0.0
 
     def __post_init__(self) -> None:
         if not len(self.sensor_places):  # where they were said to

@@ -27,6 +27,7 @@ from vip_factors.factors.pose_prior import PosePriorSettings
 from vip_factors.factors.rotation_prior import InitialPoseSettings
 from vip_factors.factors.sensor_place import SensorPlaceSettings
 from vip_factors.factors.smoothness import SmoothnessSettings
+from vip_factors.factors.sole import SoleSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.points import BodyPoint, BodyPoints
 from vip_factors.sensors.frames import ImuFrames
@@ -47,6 +48,7 @@ class FactorSettings:
     initial_pose: InitialPoseSettings = field(default_factory=InitialPoseSettings)
     hinge: HingeSettings = field(default_factory=HingeSettings)
     smoothness: SmoothnessSettings = field(default_factory=SmoothnessSettings)
+    sole: SoleSettings = field(default_factory=SoleSettings)
     foot_contact: FootContactSettings = field(default_factory=FootContactSettings)
     floor_contact: FloorContactSettings = field(default_factory=FloorContactSettings)
     gauge_prior: GaugePriorSettings = field(default_factory=GaugePriorSettings)
@@ -99,6 +101,7 @@ class WearerProblem:
         free_hinges: whether the axes of elbows and knees are variables.
         hinge_prior: what is likely of those.
         free_places: whether the sensors' places on their bones are variables.
+        free_sole: whether the sole's thickness is a variable.
         heading_knots: ``(K,)`` seconds at which headings are variables, linear in between; one or none: constant.
     """
 
@@ -129,6 +132,7 @@ class WearerProblem:
     free_hinges: bool = False
     hinge_prior: HingePrior = field(default_factory=HingePrior)
     free_places: bool = False
+    free_sole: bool = False
 
     @cached_property
     def sensor_points(self) -> BodyPoints:

@@ -19,13 +19,14 @@ from vip_factors.initialise.camera import (
     world_turn,
 )
 from vip_factors.problem.scene import CameraProblem, Viewpoint
-from vip_factors.problem.state import CameraState, SceneState
+from vip_factors.problem.state import CameraState, DetectorState, SceneState
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Camera
 from vip_factors.settings import Settings
 from vip_factors.stages.associated_cameras import AssociatedCamera, path_at
 from vip_factors.stages.inertial import Tracked
+from vip_factors.stages.learned_offsets import prior_offsets
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,12 @@ def camera_problem(camera: Camera, time: Array, settings: Settings) -> CameraPro
     mount = camera.mount
     known = camera.known_path is not None
     problem = CameraProblem(
-        camera.model, camera.moving, not known, free_clock=settings.fusion.estimate_clock, settings=settings.camera
+        camera.model,
+        camera.moving,
+        not known,
+        free_clock=settings.fusion.estimate_clock,
+        settings=settings.camera,
+        learned_offsets=prior_offsets(camera, settings.camera.keypoint_offset),
     )
     if mount is None or mount.imu.R_inertial_sensor is None or not settings.fusion.camera_imu:
         return problem
@@ -91,7 +97,7 @@ def start_filming(associated: Sequence[AssociatedCamera], wearers: Sequence[Trac
         placed[number] = _placed(placed[number], (path, seen[number]), time, is_gauge)
     poses = path if len(path) == 1 and not camera.moving else path.at(time)
     state = CameraState(CameraPoses(poses.R_world_camera, poses.p_world_camera), heading, problem.prior_R_camera_imu)
-    scene = SceneState(tuple(one.state for one in placed), state)
+    scene = SceneState(tuple(one.state for one in placed), state, DetectorState(problem.prior_offsets.mean))
     further = tuple(_known_viewpoint(each.camera, settings) for each in associated[1:])
     return Filmed(tuple(placed), replace(problem, prior_heading=heading), scene, further)
 

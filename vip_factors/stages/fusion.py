@@ -141,6 +141,7 @@ def _with_plain_prior(model: WearerProblem, settings: Settings) -> WearerProblem
         free_pose_mean=False,
         free_body=calibration.estimate_body,
         free_places=calibration.estimate_places,
+        free_sole=calibration.estimate_sole,
     )
 
 

@@ -32,9 +32,7 @@ SIDES = ("left", "right")
 FLOOR_BAND = 0.15  # m over the floor: jumps and stairs are higher, a root path before its last solve is as wrong
 
 
-def seen_feet(
-    keypoints: KeypointSet, skeleton: Skeleton, sole_height: float = 0.0
-) -> tuple[tuple[Foot, ...], list[int]]:
+def seen_feet(keypoints: KeypointSet, skeleton: Skeleton) -> tuple[tuple[Foot, ...], list[int]]:
     """The feet whose ankles are among the keypoints, and the column of each among those that are on the body."""
     places = keypoints.on_body(skeleton)
     on_body = [name for name, place in zip(keypoints.keypoints, places, strict=True) if place is not None]
@@ -44,7 +42,7 @@ def seen_feet(
         place = dict(zip(keypoints.keypoints, places, strict=True)).get(name)
         if place is not None:
             sole = np.stack([p for bone, p in soles if bone == place.bone])
-            feet.append(Foot(place.bone, place.p_bone_point, sole, sole_height))
+            feet.append(Foot(place.bone, place.p_bone_point, sole))
             columns.append(on_body.index(name))
     return tuple(feet), columns
 
@@ -55,11 +53,12 @@ def seen_standing(
 ) -> GroundView:  # fmt: skip
     """The ground contacts of one wearer before the camera of a scene's state, over a whole recording."""
     state = scene.wearers[number]
-    feet, columns = seen_feet(keypoints, model.skeleton, settings.sole_height)
+    feet, columns = seen_feet(keypoints, model.skeleton)
     confidence = standing_confidence(model, state, feet, path_known, settings)
     body = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis)
     poses = scene.camera.at_frames(slice(0, len(confidence)))
-    return ground_view(view, feet, columns, confidence, body, poses, lens, settings)
+    sole = model.settings.sole.of(state.sole)
+    return ground_view(view, feet, columns, confidence, body, sole, poses, lens, settings)
 
 
 def standing_confidence(
@@ -91,7 +90,7 @@ def joint_state_confidence(skeleton: Skeleton, body: BodyState, feet: tuple[Foot
 
 def ground_view(
     view: KeypointView, feet: tuple[Foot, ...], columns: list[int], confidence: Array, body: BodyState,
-    camera: CameraPoses, model: CameraModel, settings: GroundContactSettings,
+    sole: float, camera: CameraPoses, model: CameraModel, settings: GroundContactSettings,
 ) -> GroundView:  # fmt: skip
     """Where the rays of standing feet meet the floor.
 
@@ -100,6 +99,7 @@ def ground_view(
         feet, columns: of :func:`seen_feet`.
         confidence: ``(T, G)`` of :func:`standing_confidence`.
         body: of which the rotations count.
+        sole: its thickness, metres.
         camera: at the ``T`` frames.
         model: its intrinsics.
         settings: of the factor.
@@ -111,7 +111,7 @@ def ground_view(
     rays, whitening = pixel_rays(model, view.pixels[:, columns]), np.zeros((*seen.shape, 3, 3))
     stands = seen & (sureness >= settings.least_confidence)
     for g, foot in enumerate(feet):
-        _, height = foot.ankle(body)
+        _, height = foot.ankle(body, sole)
         stands[:, g] &= rays_meet_floor(height, camera, rays[:, g], settings)
         frames = np.flatnonzero(stands[:, g])
         poses = CameraPoses(camera.R_world_camera[frames], camera.p_world_camera[frames])

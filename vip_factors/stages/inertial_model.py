@@ -77,6 +77,7 @@ def _calibrated(model: WearerProblem) -> WearerProblem:
         free_pose_mean=False,
         free_hinges=False,
         free_places=False,
+        free_sole=False,
     )
 
 
@@ -117,7 +118,8 @@ def kept(model: WearerProblem, frames: ImuFrames) -> WearerProblem:
 def placed_on_floor(model: WearerProblem, state: WearerState) -> WearerState:
     """The state with a root path on which whichever foot stands lowest stands still."""
     body = forward_kinematics(model.skeleton, state.R_parent_child, np.zeros_like(state.p_world_pelvis))
-    return replace(state, p_world_pelvis=standing_path(body, contact_points(model.skeleton)))
+    points = contact_points(model.skeleton, model.settings.sole.of(state.sole))
+    return replace(state, p_world_pelvis=standing_path(body, points))
 
 
 def with_contacts(model: WearerProblem, state: WearerState, path_known: bool = False) -> WearerProblem:

@@ -1,0 +1,191 @@
+"""Where a detector puts its keypoints, out of a recording whose wearers' motion is known."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vip_factors.assembly.objective import SceneObjective
+from vip_factors.body.keypoint_offsets import SHAPE, KeypointOffsets
+from vip_factors.errors import InputError, SolveError
+from vip_factors.factors.keypoint_offset import KeypointOffsetSettings
+from vip_factors.geometry.rotations import Array
+from vip_factors.initialise.calibration import InitialCalibration
+from vip_factors.problem.blocks import DETECTOR
+from vip_factors.problem.scene import KeypointView
+from vip_factors.problem.state import WearerState
+from vip_factors.sensors.frames import resample_streams
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.settings import Settings
+from vip_factors.solve.marginals import last_marginals
+from vip_factors.stages.associated_cameras import of_use, watch, watch_again
+from vip_factors.stages.decode import motion_of
+from vip_factors.stages.filming import start_filming
+from vip_factors.stages.fusion import Fused, unfused
+from vip_factors.stages.inertial import Tracked, at_frames
+from vip_factors.stages.inertial_model import inertial_model
+from vip_factors.stages.scene_decode import static_covariance
+from vip_factors.stages.scene_frames import scene_frames
+from vip_factors.stages.solver import Solver
+
+# m. Thrice the usual: of a camera whose place is not known it holds what all keypoints have in common.
+WIDE = KeypointOffsetSettings(sigma=0.03, elbow_wrist_sigma=0.03, hip_sigma=0.06)
+ROUNDS = 3  # of camera and offsets, each with the scatter that the last one found
+LEAST_FRAMES = 30  # of 15 Hz
+# OKS sigmas that detections may scatter about the true body; careless detectors do so by one.
+WIDEST_SCATTER = 3.0
+
+
+@dataclass(frozen=True)
+class FoundOffsets:
+    """What one filmed person taught.
+
+    Attributes:
+        keypoints: name of the detector's keypoint set.
+        wearer: who.
+        offsets: with the sigmas of what was found.
+    """
+
+    keypoints: str
+    wearer: str
+    offsets: KeypointOffsets
+
+
+def offsets_in_recording(scene: Scene, settings: Settings, tell: Callable[[float], None]) -> list[FoundOffsets]:
+    """The offsets of a scene's detector, from each wearer whose motion is known, by itself.
+
+    The body and its motion are the truth's. Cameras whose path the truth has or whose pose is known are believed, and
+    have to be in the truth's world; else the first camera's path is found with the offsets.
+
+    Raises:
+        InputError: if the scene has no camera, nobody's truth, or nobody of those was seen.
+    """
+    if scene.camera is None:
+        raise InputError(f"scene '{scene.name}' has no camera: expected one with 2D poses (vip-factors convert)")
+    true = [one for one in scene.wearers if one.truth is not None]
+    if not true:
+        raise InputError(
+            f"scene '{scene.name}': nobody's true motion is known: expected a recording with the truth of an optical "
+            "system, which no camera of the scene had a part in"
+        )
+    cameras = _believed(scene)
+    found = []
+    for number, one in enumerate(true):
+        alone = Scene(scene.name, (one,), cameras[0], None, cameras[1:])
+
+        def part(done: float, number: int = number) -> None:
+            tell((number + done) / len(true))
+
+        offsets = _offsets_before(alone, _for_training(settings), part)
+        if offsets is not None:
+            found.append(FoundOffsets(cameras[0].detections.keypoints.name, one.subject.name, offsets))
+    if not found:
+        raise InputError(
+            f"scene '{scene.name}': nobody was found in the video: expected the 2D poses of a wearer whose true motion "
+            "is known"
+        )
+    return found
+
+
+def _believed(scene: Scene) -> tuple[Camera, ...]:
+    """The cameras, at the truth's poses where it has them."""
+    if scene.truth is None:
+        return scene.cameras
+    truths = (scene.truth, *scene.truth.further)
+    return tuple(
+        replace(camera, known_path=truth.camera, time_offset=truth.time_offset)
+        for camera, truth in zip(scene.cameras, truths, strict=True)
+    )
+
+
+def _for_training(settings: Settings) -> Settings:
+    """Nothing but reprojections, and offsets that may be anywhere."""
+    camera = settings.camera
+    camera = replace(camera, keypoint_offset=WIDE, ground_contact=replace(camera.ground_contact, use=False))
+    calibration = replace(settings.calibration, estimate_keypoints=True, heading_knot_s=None)
+    return replace(settings, camera=camera, calibration=calibration)
+
+
+def _offsets_before(scene: Scene, settings: Settings, tell: Callable[[float], None]) -> KeypointOffsets | None:
+    """Of the only wearer; None if no camera saw them."""
+    (recording,) = scene.wearers
+    solver = Solver(settings.solve, lambda stage, done: None)
+    true = _true(recording, _frames_with_truth(scene, recording, settings), settings)
+    motion = motion_of(true.model, true.state, recording.subject.name)
+    associated = of_use(watch(scene, [true], [motion], settings, lambda done: tell(0.5 * done)))
+    if not associated:
+        return None
+    filmed = start_filming(associated, [true], settings)
+    filmed = replace(filmed, wearers=(true,), state=replace(filmed.state, wearers=(true.state,)))
+    path, fused = scene.cameras[0].known_path, None
+    for done in range(ROUNDS):
+        if path is not None:
+            associated = watch_again(associated, path, [motion], settings, lambda done: None)
+        if not any(np.any(one.association.wearer == 0) for one in associated):
+            return None
+        start = _of_joints(unfused(filmed, fused, associated, settings))
+        state = solver.solve(SceneObjective(start.model, wearers_move=False), start.state, "keypoint offsets")
+        fused = replace(start, state=state)
+        path = fused.camera_path
+        tell(0.5 + 0.5 * (done + 1) / ROUNDS)
+    assert fused is not None
+    scattered = max(one[0] for one in fused.measured_spreads())
+    if scattered > WIDEST_SCATTER:
+        raise InputError(
+            f"scene '{scene.name}': the 2D poses of '{recording.subject.name}' lie {scattered:.1f} OKS sigmas beside "
+            "the true body: expected truth and cameras in the same world and on the same clock"
+        )
+    return _decoded(fused)
+
+
+def _frames_with_truth(scene: Scene, recording: Recording, settings: Settings) -> Array:
+    assert recording.truth is not None
+    frames, known = scene_frames(scene, settings.frame_rate, settings.coarse_factor).coarse, recording.truth.motion.time
+    frames = frames[(frames >= known[0]) & (frames <= known[-1])]
+    if len(frames) < LEAST_FRAMES:
+        raise InputError(
+            f"scene '{scene.name}': the true motion of '{recording.subject.name}' covers {len(frames)} frames: "
+            f"expected {LEAST_FRAMES} or more"
+        )
+    return frames
+
+
+def _true(recording: Recording, time: Array, settings: Settings) -> Tracked:
+    """The wearer as they truly are: body and motion; what sensors have to say does not matter."""
+    assert recording.truth is not None
+    motion = recording.truth.motion
+    recording = replace(recording, subject=replace(recording.subject, skeleton=motion.skeleton), initial_pose="none")
+    frames = resample_streams([recording.imus[name] for name in recording.placed], time)
+    count = len(frames.sensors)
+    nothing = InitialCalibration(np.zeros(count), np.ones(count), np.tile(np.eye(3), (count, 1, 1)))
+    state = WearerState(
+        motion.R_parent_child, motion.p_world_pelvis, nothing.headings, nothing.R_bone_sensor, np.zeros(3 * 23)
+    )
+    return Tracked(inertial_model(recording, frames, nothing, settings), at_frames(state, motion.time, time))
+
+
+def _of_joints(fused: Fused) -> Fused:
+    """The same without the keypoints that have no offset: faces and toes are no surer of their places than the others.
+
+    They would draw a camera whose pose is free to where the table has them.
+    """
+
+    def kept(view: KeypointView) -> KeypointView:
+        return replace(view, seen=view.seen & (view.offsets[0] >= 0))
+
+    model = fused.model
+    further = tuple(replace(one, views=tuple(kept(view) for view in one.views)) for one in model.further)
+    model = replace(model, views=tuple(kept(view) for view in model.views), further=further)
+    return replace(fused, model=model)
+
+
+def _decoded(fused: Fused) -> KeypointOffsets:
+    objective = SceneObjective(fused.model, wearers_move=False)
+    try:
+        marginals = last_marginals(objective.linearise(fused.state), objective.static_keys)
+    except SolveError as error:
+        raise InputError(f"the offsets are not determined ({error}): expected a longer recording") from error
+    covariance = static_covariance(objective, DETECTOR, "keypoint_offsets", marginals)
+    assert covariance is not None
+    return KeypointOffsets(fused.state.detector.keypoint_offsets, np.sqrt(np.diag(covariance)).reshape(SHAPE))

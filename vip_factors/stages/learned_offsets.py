@@ -1,0 +1,24 @@
+"""Where a detector puts its keypoints, by a file that was learnt of others before the same detector."""
+
+from vip_factors.body.keypoint_offsets import KeypointOffsets
+from vip_factors.errors import InputError
+from vip_factors.factors.keypoint_offset import KeypointOffsetSettings
+from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
+from vip_factors.sensors.scene import Camera
+
+
+def prior_offsets(camera: Camera, settings: KeypointOffsetSettings) -> KeypointOffsets | None:
+    """What was learnt of a camera's detector, where a file is named; None without one.
+
+    Raises:
+        FileFormatError, InputError: for a file that is none, or knows nothing of the camera's keypoints.
+    """
+    if settings.learned is None:
+        return None
+    known, name = read_keypoint_offsets(settings.learned).sets, camera.detections.keypoints.name
+    if name not in known:
+        raise InputError(
+            f"{settings.learned}: has no offsets of '{name}', the keypoints of camera '{camera.name}': it has "
+            f"{', '.join(known) or 'none'}; vip-factors train keypoints learns them"
+        )
+    return known[name].offsets

@@ -54,6 +54,7 @@ def continued(
         if placed is None:
             return None
         states = placed
+    problem.begin_at(states[0].p_world_pelvis)
     return replace(found, frames=frames, states=states)
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+from scipy.optimize import least_squares, linear_sum_assignment
 
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Skeleton
@@ -48,15 +48,22 @@ def places_in(
 
 
 def _fit(camera: LiveCamera, pose: tuple[Array, Array], offset: Array, pixels: Array) -> tuple[float, Array]:
-    """Median error in heights of the person, and the root's place: nearest to the rays through the keypoints."""
+    """Median error in heights of the person, and the root's place: where its keypoints are seen where they are.
+
+    The point nearest to all rays would be the linear way; pose errors draw it towards the camera, by half the depth.
+    """
     R_world_camera, p_world_camera = pose
-    rays = np.concatenate([camera.model.normalise(pixels), np.ones((len(pixels), 1))], axis=1) @ R_world_camera.T
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
-    p = np.linalg.solve(across.sum(axis=0), np.einsum("kij,kj->i", across, p_world_camera - offset))
-    p_camera = (p + offset - p_world_camera) @ R_world_camera
-    if np.any(p_camera[:, 2] < NEAREST_M):
-        return np.inf, p
-    error = np.linalg.norm(camera.model.project(p_camera) - pixels, axis=1)
-    height = np.ptp(pixels, axis=0).max()
-    return float(np.median(error) / max(height, 1.0)), np.asarray(p)
+    height = float(max(np.ptp(pixels, axis=0).max(), 1.0))
+
+    def error(p_camera: Array) -> Array:
+        in_front = p_camera + o_camera
+        in_front = np.concatenate([in_front[:, :2], np.maximum(in_front[:, 2:], NEAREST_M)], axis=1)
+        return np.asarray((camera.model.project(in_front) - pixels) / height).ravel()
+
+    o_camera = offset @ R_world_camera
+    depth = camera.model.focal[1] * max(np.ptp(o_camera[:, 1]), NEAREST_M) / height
+    flat = camera.model.normalise(pixels.mean(axis=0)[None])[0]
+    start = depth * np.array([*flat, 1.0]) - o_camera.mean(axis=0)
+    found = least_squares(error, start, loss="soft_l1", f_scale=FITS)
+    median = float(np.median(np.linalg.norm(error(found.x).reshape(-1, 2), axis=1)))
+    return median, np.asarray(p_world_camera + R_world_camera @ found.x)

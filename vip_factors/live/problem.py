@@ -84,6 +84,14 @@ class LagProblem:
         bare = SceneProblem(self.wearers, camera, tuple(views), self.further)
         self.layout = scene_layout(bare, settings.walk, settings.relinearisation.shared_deg)
 
+    def begin_at(self, p_world_pelvis: Array) -> None:
+        """Take the wearers to be at ``(W, 3)`` metres in the first frame, where no standing camera tells."""
+        gauge = self.moving or not self.filmed
+        self.wearers = tuple(
+            replace(wearer, p_world_start=p, is_gauge=wearer.is_gauge and gauge)
+            for wearer, p in zip(self.wearers, p_world_pelvis, strict=True)
+        )
+
     @property
     def moving(self) -> bool:
         """Whether the first camera's pose belongs to the frame."""

@@ -12,6 +12,7 @@ from vip_factors.cli.benchmark_live_options import KaichiOptions, StreamAccuracy
 from vip_factors.cli.benchmark_options import (
     AssociationOptions,
     ConsistencyOptions,
+    RecordingsOptions,
     SipOptions,
     SpeedOptions,
     StreamFaultsOptions,
@@ -39,6 +40,7 @@ Options = (
     | StreamHourOptions
     | KaichiOptions
     | WalkOptions
+    | RecordingsOptions
 )
 Write = Callable[[str], None]
 
@@ -59,7 +61,8 @@ class BenchmarkOptions:
         | Annotated[StreamFaultsOptions, tyro.conf.subcommand("stream-faults")]
         | Annotated[StreamLatencyOptions, tyro.conf.subcommand("stream-latency")]
         | Annotated[StreamHourOptions, tyro.conf.subcommand("stream-hour")]
-        | Annotated[WalkOptions, tyro.conf.subcommand("walk")],
+        | Annotated[WalkOptions, tyro.conf.subcommand("walk")]
+        | Annotated[RecordingsOptions, tyro.conf.subcommand("recordings")],
         tyro.conf.arg(name=""),
     ]
 
@@ -106,9 +109,21 @@ def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
         return benchmark_stream.stream_latency(options, tell)
     if isinstance(options, StreamHourOptions):
         return benchmark_stream.stream_hour(options, tell, write)
+    if isinstance(options, RecordingsOptions):
+        return _recordings(options, tell, write)
     if isinstance(options, StreamFaultsOptions):
         return _stream_faults(options, tell)
     return _speed(options, tell) if isinstance(options, SpeedOptions) else _walk(options, tell)
+
+
+def _recordings(options: RecordingsOptions, tell: Tell, write: Write) -> tuple[str, str]:
+    from vip_factors.benchmark.recordings import RecordingTrial, recordings_json, recordings_table, run_recordings
+
+    def keep(so_far: tuple[RecordingTrial, ...]) -> None:
+        write(recordings_json(so_far))
+
+    results = run_recordings(options.recordings, options.live, tell, keep)
+    return recordings_table(results), recordings_json(results)
 
 
 def _walk(options: WalkOptions, tell: Tell) -> tuple[str, str]:

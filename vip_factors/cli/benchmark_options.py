@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import tyro
+
 from vip_factors.cli.options import Flag
 
 
@@ -84,6 +86,20 @@ class WalkOptions:
     """The folder xsens_vicon_walk, with raw_mtw, vicon and mvn in it."""
     json: Path | None = None
     """Also write everything to this file, as JSON."""
+    overwrite: Flag = False
+    """Replace the JSON file if it exists."""
+
+
+@dataclass(frozen=True)
+class RecordingsOptions:
+    """Recordings of your own, smoothed and streamed, one row for each wearer: errors where they have a truth."""
+
+    recordings: tyro.conf.Positional[tuple[Path, ...]]
+    """Recordings or scenes (.mcap)."""
+    live: Flag = True
+    """Stream them too."""
+    json: Path | None = None
+    """Also write everything, findings too, to this file, as JSON, after each recording."""
     overwrite: Flag = False
     """Replace the JSON file if it exists."""
 

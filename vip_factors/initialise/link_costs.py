@@ -19,7 +19,7 @@ FREEDOM = 4.0  # of a Student t: some frames may be odd, and a pose prior's tail
 # New looks per second: a pose lasts for two, a limb's swing and the wobble of its strap for one.
 POSES_PER_SECOND, SWINGS_PER_SECOND = 0.5, 1.0
 MOST_LOOKS = 20.0  # what is wrong in the same way in every frame does not count more the longer one looks
-POSTURES, FEWER_POSTURES = 40, 20  # frames looked at: more are alike; with several mountings each, fewer do
+POSTURES, FEWER_POSTURES = 40, 12  # frames looked at: more are alike; with several mountings each, fewer do
 # m/s², least misfit of two accelerations that ought to agree: sensor places, soft tissue and the joint's own centre.
 LEAST_MISFIT = 1.5
 SLOW, LEAST_SLOW_MISFIT = 2.0, 0.3  # s that whatever lies between two sensors is averaged over; m/s²
@@ -42,7 +42,8 @@ def posture_cost(link: Link, candidates: Candidates, frames: ImuFrames) -> Array
     beyond = np.maximum(link.lower - x, 0.0) + np.maximum(x - link.upper, 0.0)
     square = np.sum((off @ link.information) * off, axis=-1) + np.sum((beyond / LIMIT_SIGMA) ** 2, axis=-1)
     cost = np.mean((FREEDOM + 3) / 2 * np.log1p(square / FREEDOM), axis=-1)
-    return _looks(frames, rows, POSES_PER_SECOND) * _for_all_parents(cost, candidates)
+    # Rotation vectors of several joints add up roughly only: the more of them, the less what they say counts.
+    return _looks(frames, rows, POSES_PER_SECOND) / link.joints * _for_all_parents(cost, candidates)
 
 
 def meeting_cost(link: Link, candidates: Candidates, frames: ImuFrames) -> Array | float:

@@ -26,6 +26,7 @@ class Link:
         mean, lower, upper: ``(3,)`` radians, of the rotation vector from the parent's bone to the child's: of all
             joints between them, added up.
         information: ``(3, 3)`` per rad², the inverse of the scatter that the pose prior expects.
+        joints: how many of the joints between them move freely, one at least.
         p_parent, p_child: ``(3,)`` metres, from each sensor to a point that both bones share, in the bones' axes at
             rest; None where a free limb lies between them.
     """
@@ -36,6 +37,7 @@ class Link:
     lower: Array
     upper: Array
     information: Array
+    joints: int
     p_parent: Array | None
     p_child: Array | None
 
@@ -78,9 +80,9 @@ def _link(
     at = skeleton.p_pelvis_joint
     p_parent = p_child = None
     between = [joint for joint in under if joint not in over]
-    free = [joint for joint in between if joint not in STIFF]
+    free = [joint for joint in signs if joint not in STIFF]
     if all(joint in under for joint in over) and len(free) <= 1:
         meet = at[free[0]] if free else (at[bones[parent]] + at[bones[child]]) / 2
         p_parent, p_child = (meet - at[bones[s]] - p_bone_sensor[s] for s in (parent, child))
     information = np.asarray(np.linalg.inv(scatter), float)
-    return Link(parent, child, mean, lower, upper, information, p_parent, p_child)
+    return Link(parent, child, mean, lower, upper, information, max(len(free), 1), p_parent, p_child)

@@ -9,6 +9,7 @@ from vip_factors.initialise.calibration import InitialCalibration
 
 GRID = 24  # headings 15° apart: costs are smooth over that
 TURNS = 8  # about its limb, of a sensor that cannot sit as placed
+OUTWARDS = 0.75  # the sensor's z axis stays out of the skin: it is not along the limb
 TILTED = np.deg2rad(40.0)  # on average over a recording, of trunk, thighs and shanks: too much for walking and standing
 
 
@@ -41,11 +42,12 @@ def declared_candidates(usual: InitialCalibration, R_inertial_sensor: Array) -> 
     return Candidates(np.tile(headings, (len(mountings), 1)), tuple(mountings[:, :, None]))
 
 
-def placed_candidates(R_placed: Array, up_sensor: Array) -> tuple[Candidates, tuple[int, ...]]:
+def placed_candidates(R_placed: Array, limbs: Array, up_sensor: Array) -> tuple[Candidates, tuple[int, ...]]:
     """All headings, and with each the mounting as placed and all quarter turns of it that keep bones upright.
 
     Args:
         R_placed: ``(S, 3, 3)``.
+        limbs: ``(S, 3)`` unit vectors along the bones, in their axes.
         up_sensor: ``(S, 3)`` the mean vertical in axes of the sensors on bones that are upright on the whole; NaN of
             others.
 
@@ -54,8 +56,9 @@ def placed_candidates(R_placed: Array, up_sensor: Array) -> tuple[Candidates, tu
         do, nearest to the one as placed and turned about the limb.
     """
     several, tilted = [], []
-    for s, (R, up) in enumerate(zip(R_placed, up_sensor, strict=True)):
+    for s, (R, limb, up) in enumerate(zip(R_placed, limbs, up_sensor, strict=True)):
         turned = quarter_turns(R)
+        turned = turned[np.abs(turned[:, :, 2] @ limb) < OUTWARDS]
         if np.all(np.isfinite(up)):
             lean = _lean(turned, up)
             turned = turned[lean <= TILTED]

@@ -35,12 +35,14 @@ class SensorPrior:
         links: the tree that they make.
         R_placed: ``(S, 3, 3)`` as they were placed.
         sigma: ``(S,)`` radians about each axis.
+        limbs: ``(S, 3)`` unit vectors along the bones, in their axes.
         upright: ``(S,)`` whether their bones are upright on the whole.
     """
 
     links: tuple[Link, ...]
     R_placed: Array
     sigma: Array
+    limbs: Array
     upright: np.ndarray
 
 
@@ -128,7 +130,7 @@ class StartSearch:
         up = np.full((len(R_at_pose), 3), np.nan)
         for s in np.flatnonzero(self.prior.upright & self.frames.orientation_valid.any(axis=0)):
             up[s] = self.frames.R_inertial_sensor[self.frames.orientation_valid[:, s], s][:, 2].mean(axis=0)
-        return placed_candidates(usual.R_bone_sensor, up)
+        return placed_candidates(usual.R_bone_sensor, self.prior.limbs, up)
 
     def _pairs(self, candidates: Candidates) -> dict[int, Array]:
         return {

@@ -16,7 +16,7 @@ class StartSettings:
     # of one make lay within −10° to +4°, eight of another within ±15°, one of them drifting by 30° a minute.
     agree_deg: float = 15.0
     # Chances of a sensor that follows no rule: strapped on anyhow (three of thirteen), or started elsewhere (one).
-    strange_strap: float = 0.2
+    strange_strap: float = 0.1
     strange_frame: float = 0.05
     # Nats by which a start has to be more likely than the next that differs, to be taken for settled: 20 to 1.
     settled: float = 3.0

@@ -6,8 +6,8 @@ import numpy as np
 
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.pose_prior import load_pose_prior
-from vip_factors.body.skeleton import joint_index
-from vip_factors.geometry.rotations import angle_between
+from vip_factors.body.skeleton import PARENTS, Skeleton, joint_index
+from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, orientation_at_start
 from vip_factors.initialise.sensor_tree import sensor_tree
 from vip_factors.initialise.start_search import SensorPrior, Starts, StartSearch, likelier
@@ -46,6 +46,7 @@ def search_start(
         links,
         np.stack([site.R_bone_sensor for site in sites]),
         np.array([site.mounting_sigma for site in sites]),
+        np.stack([_along(body, bone) for bone in bones]),
         np.isin(bones, UPRIGHT),
     )
     search = StartSearch(_brisk_stretch(recording, frames, start.stretch_s, start.rate), prior, start)
@@ -58,6 +59,16 @@ def search_start(
         )
         found = likelier(found, search.best(standing, R_inertial_sensor), start.settled)
     return found
+
+
+def _along(body: Skeleton, bone: int) -> Array:
+    """Unit vector along a bone, in its axes: trunk and head stand upright, feet and hands follow their last joint."""
+    limb = body.limb(bone)
+    if limb is None and bone not in UPRIGHT and bone in PARENTS:
+        limb = body.p_parent_joint[PARENTS.index(bone)]
+    if limb is None or not np.any(limb):
+        return np.array([0.0, 1.0, 0.0])
+    return np.asarray(limb / np.linalg.norm(limb))
 
 
 def _brisk_stretch(recording: Recording, frames: ImuFrames, seconds: float, rate: float) -> ImuFrames:

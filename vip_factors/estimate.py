@@ -127,6 +127,7 @@ class Estimate:
         reports: one per solve, in order.
         settings: the effective settings, flattened to text.
         body: what was found of the body; None if nothing of it was looked for.
+        findings: sentences about what is odd or not settled: to be shown to the user.
     """
 
     name: str
@@ -139,6 +140,7 @@ class Estimate:
     reports: tuple[SolveReport, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     body: BodyEstimate | None = None
+    findings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

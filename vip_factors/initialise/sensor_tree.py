@@ -79,7 +79,6 @@ def _link(
     scatter = weights @ np.linalg.solve(prior.information, weights.T) + 2 * sigma**2 * np.eye(3)
     at = skeleton.p_pelvis_joint
     p_parent = p_child = None
-    between = [joint for joint in under if joint not in over]
     free = [joint for joint in signs if joint not in STIFF]
     if all(joint in under for joint in over) and len(free) <= 1:
         meet = at[free[0]] if free else (at[bones[parent]] + at[bones[child]]) / 2

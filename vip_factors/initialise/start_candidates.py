@@ -62,7 +62,10 @@ def placed_candidates(R_placed: Array, limbs: Array, up_sensor: Array) -> tuple[
         if np.all(np.isfinite(up)):
             lean = _lean(turned, up)
             turned = turned[lean <= TILTED]
-            if not len(turned):
+            if len(turned):  # quarter turns are rough: the vertical knows better, and perhaps than the placement
+                kept = turned[[np.array_equal(one, R) for one in turned]]
+                turned = np.concatenate([kept, np.stack([_righted(one, up) for one in turned])])
+            else:
                 tilted.append(s)
                 turned = rotation_y(np.arange(TURNS) * 2 * np.pi / TURNS) @ _righted(R, up)
         several.append(np.tile(turned, (GRID, 1, 1, 1)))

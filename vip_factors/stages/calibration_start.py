@@ -100,9 +100,10 @@ def start_findings(who: str, sensors: tuple[str, ...], starts: Starts | None) ->
     if starts.doubtful:
         names = _names(sensors, starts.doubtful)
         yield (
-            f"{who}: how {names} sit and which way they point is not settled: that {starts.best.supposition} was taken "
-            f"to be so, and another start, that {starts.rival}, is {np.exp(starts.margin):.1f} times less likely only. "
-            "A T- or N-pose held at the start and declared, or straps as the placement has them, would tell"
+            f"{who}: the recording does not settle how {names} sat and which way the inertial frames point: the start "
+            f"supposes that {starts.best.supposition}, and another, turned by more than 60° (it supposes that "
+            f"{starts.rival}), is only {np.exp(starts.margin):.1f} times less likely: a T- or N-pose held at the start "
+            "and declared, or the straps as they really sat, would tell"
         )
     if starts.tilted:
         yield (

@@ -37,12 +37,14 @@ def declared_candidates(usual: InitialCalibration, R_inertial_sensor: Array) -> 
         R_inertial_sensor: ``(S, 3, 3)`` orientations in it.
     """
     assert usual.R_world_bone is not None
-    headings = _around()
+    headings = _around(float(usual.headings[0]))
     mountings = transpose(usual.R_world_bone)[:, None] @ rotation_z(headings) @ R_inertial_sensor[:, None]
     return Candidates(np.tile(headings, (len(mountings), 1)), tuple(mountings[:, :, None]))
 
 
-def placed_candidates(R_placed: Array, limbs: Array, up_sensor: Array) -> tuple[Candidates, tuple[int, ...]]:
+def placed_candidates(
+    R_placed: Array, limbs: Array, up_sensor: Array, first: float = 0.0
+) -> tuple[Candidates, tuple[int, ...]]:
     """All headings, and with each the mounting as placed and all quarter turns of it that keep bones upright.
 
     Args:
@@ -50,6 +52,7 @@ def placed_candidates(R_placed: Array, limbs: Array, up_sensor: Array) -> tuple[
         limbs: ``(S, 3)`` unit vectors along the bones, in their axes.
         up_sensor: ``(S, 3)`` the mean vertical in axes of the sensors on bones that are upright on the whole; NaN of
             others.
+        first: radians, the heading that the others are counted from.
 
     Returns:
         The candidates, and the numbers of the sensors that no quarter turn keeps upright. They get the mountings that
@@ -69,7 +72,7 @@ def placed_candidates(R_placed: Array, limbs: Array, up_sensor: Array) -> tuple[
                 tilted.append(s)
                 turned = rotation_y(np.arange(TURNS) * 2 * np.pi / TURNS) @ _righted(R, up)
         several.append(np.tile(turned, (GRID, 1, 1, 1)))
-    return Candidates(np.tile(_around(), (len(R_placed), 1)), tuple(several), relative=True), tuple(tilted)
+    return Candidates(np.tile(_around(first), (len(R_placed), 1)), tuple(several), relative=True), tuple(tilted)
 
 
 def quarter_turns(R_placed: Array) -> Array:
@@ -83,8 +86,8 @@ def quarter_turns(R_placed: Array) -> Array:
     return R_placed @ np.stack(found)
 
 
-def _around() -> Array:
-    return np.linspace(0, 2 * np.pi, GRID, endpoint=False)
+def _around(first: float) -> Array:
+    return first + np.linspace(0, 2 * np.pi, GRID, endpoint=False)
 
 
 def _lean(R_bone_sensor: Array, up_sensor: Array) -> Array:

@@ -130,7 +130,11 @@ class StartSearch:
         up = np.full((len(R_at_pose), 3), np.nan)
         for s in np.flatnonzero(self.prior.upright & self.frames.orientation_valid.any(axis=0)):
             up[s] = self.frames.R_inertial_sensor[self.frames.orientation_valid[:, s], s][:, 2].mean(axis=0)
-        return placed_candidates(usual.R_bone_sensor, self.prior.limbs, up)
+        return placed_candidates(usual.R_bone_sensor, self.prior.limbs, up, float(usual.headings[self._root]))
+
+    @property
+    def _root(self) -> int:
+        return self.prior.links[0].parent if self.prior.links else 0
 
     def _pairs(self, candidates: Candidates) -> dict[int, Array]:
         return {
@@ -164,7 +168,7 @@ class StartSearch:
             yield straps
             return
         sigma = np.deg2rad(settings.agree_deg)
-        for common in np.linspace(0, 2 * np.pi, GRID, endpoint=False):
+        for common in candidates.headings[0, 0] + np.linspace(0, 2 * np.pi, GRID, endpoint=False):
             agreed = frame_cost(candidates.headings, common, sigma, settings.strange_frame) + common_cost(S, sigma) / S
             yield [one + agreed[s][:, None] for s, one in enumerate(straps)]
 

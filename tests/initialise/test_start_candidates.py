@@ -1,10 +1,12 @@
 """Candidates of mountings: quarter turns of a strap, and what the vertical says of them."""
 
 import numpy as np
+import pytest
 
+from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import angle_between, exp, rotation_y, transpose
 from vip_factors.initialise.start_candidates import placed_candidates, quarter_turns
-from vip_factors.initialise.suppositions import common_cost, frame_cost, strap_cost
+from vip_factors.initialise.suppositions import StartSettings, common_cost, frame_cost, strap_cost
 
 PLACED = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # x up, z to the right
 UP = np.array([0.0, 1.0, 0.0])
@@ -40,3 +42,10 @@ def test_costs_are_densities_against_no_rule_at_all() -> None:
     turned = rotation_y(angles)
     assert np.isclose(np.sum(haar * np.exp(-strap_cost(turned, np.eye(3), 0.3, 0.1))), 1.0, atol=0.03)
     assert common_cost(10, 0.2) > common_cost(3, 0.2) > 0
+
+
+def test_settings_that_mean_nothing_are_refused() -> None:
+    with pytest.raises(InputError, match="agree_deg is 0"):
+        StartSettings(agree_deg=0.0)
+    with pytest.raises(InputError, match="strange_strap is 1.5"):
+        StartSettings(strange_strap=1.5)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, angle_between, wrap_angle
 
 
@@ -12,8 +13,8 @@ class StartSettings:
     """How the first headings and mountings are looked for."""
 
     search: bool = True  # off: the straps and the low-passed motion alone, as in the papers
-    # Degrees, how well the inertial frames of sensors that were started together agree (where they do at all). Thirteen
-    # of one make lay within −10° to +4°, eight of another within ±15°, one of them drifting by 30° a minute.
+    # Degrees, how well the inertial frames of sensors that were started together agree (where they do at all), unless
+    # factors.agreeing_headings states it. Thirteen of one make lay within −10° to +4°, one of them at −33°.
     agree_deg: float = 15.0
     # Chances of a sensor that follows no rule: strapped on anyhow (three of thirteen), or started elsewhere (one).
     strange_strap: float = 0.1
@@ -23,6 +24,16 @@ class StartSettings:
     stretch_s: float = 30.0  # of the recording that is looked at
     rate: float = 10.0  # Hz: steps and swings are slower
     bone_sigma_deg: float = 10.0  # of a mounting about the bone that carries it, soft tissue included
+
+    def __post_init__(self) -> None:
+        for name in ("agree_deg", "stretch_s", "rate", "bone_sigma_deg"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"calibration.start.{name} is {getattr(self, name):g}: expected a number above 0")
+        for name in ("strange_strap", "strange_frame"):
+            if not 0 < getattr(self, name) < 1:
+                raise InputError(
+                    f"calibration.start.{name} is {getattr(self, name):g}: expected a share between 0 and 1"
+                )
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Which start of headings and mountings a recording asks for: the search of ``initialise`` over a brisk stretch."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,6 +39,9 @@ def search_start(
         return None
     sites = [recording.placement.site(name) for name in frames.sensors]
     bones, body, start = [site.bone_index for site in sites], recording.subject.body(), settings.calibration.start
+    stated = settings.factors.agreeing_headings.sigma_deg
+    if stated is not None:
+        start = replace(start, agree_deg=stated)
     links = sensor_tree(
         bones, np.stack([site.p_bone_sensor for site in sites]), body, load_pose_prior(), load_joint_limits(),
         np.deg2rad(start.bone_sigma_deg),

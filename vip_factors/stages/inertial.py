@@ -1,4 +1,4 @@
-"""The stages that need nothing but IMUs: which way the wearer faced, the inertial tracker, from coarse to fine."""
+"""The stages that need nothing but IMUs: the start of headings and mountings, the inertial tracker."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -47,5 +47,5 @@ def test_costs_are_densities_against_no_rule_at_all() -> None:
 def test_settings_that_mean_nothing_are_refused() -> None:
     with pytest.raises(InputError, match="agree_deg is 0"):
         StartSettings(agree_deg=0.0)
-    with pytest.raises(InputError, match="strange_strap is 1.5"):
+    with pytest.raises(InputError, match="strange_strap"):
         StartSettings(strange_strap=1.5)

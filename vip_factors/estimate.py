@@ -146,6 +146,7 @@ class Estimate:
         settings: the effective settings, flattened to text.
         body: what was found of the body; None if nothing of it was looked for.
         sensor_places: of the sensors used; none if they were taken as told.
+        findings: sentences about what is odd or not settled: to be shown to the user.
     """
 
     name: str
@@ -159,6 +160,7 @@ class Estimate:
     settings: Mapping[str, str] = field(default_factory=dict)
     body: BodyEstimate | None = None
     sensor_places: tuple[SensorPlaceEstimate, ...] = ()
+    findings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

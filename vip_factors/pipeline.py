@@ -3,6 +3,7 @@
 And with cameras: scene → inertial trackers → association → video-inertial fusion, twice → estimate (thesis 4.3).
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
@@ -20,12 +21,14 @@ from vip_factors.settings import Settings, flatten
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.solve.marginals import chain_marginals
 from vip_factors.stages.associated_cameras import of_use, watch, watch_again
+from vip_factors.stages.calibration_start import start_findings
 from vip_factors.stages.decode import decode, motion_of, pose_covariance
 from vip_factors.stages.filming import start_filming
 from vip_factors.stages.fusion import fuse, fuse_finely
-from vip_factors.stages.inertial import at_frames, inertial_tracker, inertial_trackers
+from vip_factors.stages.inertial import Tracked, at_frames, inertial_tracker, inertial_trackers
 from vip_factors.stages.inertial_model import FEW_SENSORS, alone, kept, loosened, with_contacts
 from vip_factors.stages.open_graph import factor_graph
+from vip_factors.stages.posture_findings import posture_findings
 from vip_factors.stages.reporting import scene_estimate, who_is_who
 from vip_factors.stages.scene_frames import scene_frames
 from vip_factors.stages.solver import Progress, Solver
@@ -76,9 +79,12 @@ def smooth(
         model = with_contacts(model, state)
         state = solver.solve_wearer(WearerObjective(model, solver.extra), state, "sparse inertial poser")
     covariance = _covariance(model, state) if settings.covariance else None
-    return decode(
+    estimate = decode(
         recording.name, _method(model, settings), model, state, covariance, tuple(solver.reports), flatten(settings)
     )
+    who = f"wearer '{recording.subject.name}'"
+    odd = posture_findings(who, recording, estimate.motion, estimate.calibration)
+    return replace(estimate, findings=(*start_findings(who, frames.sensors, tracked.starts), *odd))
 
 
 @one_blas_thread
@@ -122,7 +128,13 @@ def smooth_scene(
         if not fused.is_settled():
             fused = fuse(filmed, fused, associated, settings, solver)
     fine = fuse_finely(scene, filmed, fused, associated, frames.fine, settings, solver)
-    return scene_estimate(scene, fused, fine, associated, tuple(solver.reports), settings)
+    estimate = scene_estimate(scene, fused, fine, associated, tuple(solver.reports), settings)
+    return replace(estimate, findings=(*estimate.findings, *_about_starts(names, wearers)))
+
+
+def _about_starts(names: Sequence[str], wearers: Sequence[Tracked]) -> Iterator[str]:
+    for name, one in zip(names, wearers, strict=True):
+        yield from start_findings(f"wearer '{name}'", one.model.frames.sensors, one.starts)
 
 
 def _solver(
@@ -146,6 +158,7 @@ def _inertial(
             "extra factors among several wearers need a camera that sees them: else each is in a world of its own"
         )
     estimates = tuple(smooth(wearer, settings, progress, extra_factors) for wearer in scene.wearers)
+    findings = (*findings, *(sentence for one in estimates for sentence in one.findings))
     if len(estimates) > 1:
         findings = (*findings, "without a camera the wearers are not placed relative to one another")
     return SceneEstimate(scene.name, estimates[0].method, estimates, findings=findings, settings=flatten(settings))

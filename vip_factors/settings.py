@@ -6,6 +6,7 @@ from enum import StrEnum
 from typing import Any
 
 from vip_factors.associate.settings import AssociationSettings
+from vip_factors.initialise.suppositions import StartSettings
 from vip_factors.problem.scene import CameraFactorSettings
 from vip_factors.problem.wearer import FactorSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
@@ -42,6 +43,7 @@ class CalibrationSettings:
     heading_knot_s: float | None = None
     passes: int = 2  # coarse solves: foot contacts found with the first headings are found again with better ones
     from_truth: bool = False  # start from the recording's true calibration: for experiments
+    start: StartSettings = field(default_factory=StartSettings)
 
 
 @dataclass(frozen=True)

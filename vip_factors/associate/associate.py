@@ -94,6 +94,7 @@ def associate(
     )
     confidence = 1 / (1 + np.exp(-np.clip(verdict, -50, 50)))
     sure = confidence >= settings.least_confidence
+    sure &= _seen_again(programme.wearer[chosen], sure, settings.least_choices)
     result = _result(context, odds, rows[chosen][sure], confidence[sure], len(detections))
     return replace(result, findings=find_oddities(detections, context, odds, motions, result.wearer))
 
@@ -210,6 +211,12 @@ def intra_edges(context: Context, rows: np.ndarray, odds: Array) -> list[tuple[n
             if len(a):
                 found.append((a, b, features))
     return found
+
+
+def _seen_again(wearer: np.ndarray, sure: np.ndarray, least: int) -> np.ndarray:
+    """Of choices ``(C,)``, whether their wearer is surely seen ``least`` times."""
+    count = np.bincount(wearer, weights=sure)
+    return np.asarray(count[wearer] >= least) if len(wearer) else np.zeros(0, bool)
 
 
 def _result(context: Context, odds: Array, rows: np.ndarray, confidence: Array, N: int) -> Association:

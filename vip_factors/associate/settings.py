@@ -27,6 +27,8 @@ class AssociationSettings:
     """Seconds decided again by the next window: more than the longest edge."""
     least_confidence: float = 0.9
     """Choices less sure are dropped: a frame without a person costs little, a wrong person much."""
+    least_choices: int = 3
+    """Of a wearer who is surely seen in fewer frames, none is kept: a stranger moves alike for a moment."""
     weights: Path | None = None
     """Weights to use instead of the shipped ones."""
 

@@ -56,7 +56,7 @@ def initial_calibration(
         RecordingError: if a sensor has no orientation in that time.
     """
     R_world_bone = _bones_in_pose(skeleton, pose or nominal_pose("n-pose"))
-    R_inertial_sensor = _at_start(frames, seconds)
+    R_inertial_sensor = orientation_at_start(frames, seconds)
     rough = np.stack([placement.site(name).R_bone_sensor for name in frames.sensors])
     bones = R_world_bone[[placement.site(name).bone_index for name in frames.sensors]]
     sigma = np.array([placement.site(name).mounting_sigma for name in frames.sensors])
@@ -90,8 +90,12 @@ def _bones_in_pose(skeleton: Skeleton, pose: HeldPose) -> Array:
     return forward_kinematics(skeleton, R[None], np.zeros((1, 3))).R_world_bone[0]
 
 
-def _at_start(frames: ImuFrames, seconds: float) -> Array:
-    """Mean orientation ``(S, 3, 3)`` of each sensor over its first ``seconds`` of data."""
+def orientation_at_start(frames: ImuFrames, seconds: float) -> Array:
+    """Mean orientation ``(S, 3, 3)`` of each sensor over its first ``seconds`` of data.
+
+    Raises:
+        RecordingError: if a sensor has none.
+    """
     count = max(1, round(seconds / frames.step))
     means = []
     for s, name in enumerate(frames.sensors):

@@ -9,9 +9,10 @@ from vip_factors.estimate import Estimate
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.associated_cameras import AssociatedCamera
-from vip_factors.stages.body_findings import body_findings, knee_findings
+from vip_factors.stages.body_findings import body_findings
 from vip_factors.stages.fusion import Fused
 from vip_factors.stages.leap_findings import confirmed_leaps
+from vip_factors.stages.posture_findings import posture_findings
 
 UNSURE_HEADING = np.deg2rad(15.0)  # a heading no better known than this came from the straps
 # Scatter of the detections about the skeleton in OKS sigmas: 0.3–0.45 with everything right, OpenPose's own is 0.5; 0.7
@@ -67,7 +68,7 @@ def _wearer_findings(
         )
     if estimate.body is not None:
         yield from body_findings(who, estimate.body, recording.subject.stature_m)
-    yield from knee_findings(who, estimate.motion)
+    yield from posture_findings(who, recording, estimate.motion, estimate.calibration)
     spreads = fine.measured_spreads()
     for index, each in enumerate(associated):
         if views[index].seen.any():

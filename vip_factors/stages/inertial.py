@@ -1,5 +1,6 @@
-"""The stages that need nothing but IMUs: which way the wearer faced, the inertial tracker, from coarse to fine."""
+"""The stages that need nothing but IMUs: the start of headings and mountings, the inertial tracker."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,31 +10,28 @@ from vip_factors.assembly.objective import WearerObjective
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_rotations
-from vip_factors.geometry.rotations import Array, wrap_angle
+from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, known_calibration
 from vip_factors.initialise.pose import first_poses
+from vip_factors.initialise.start_search import Starts
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.sensors.frames import ImuFrames, resample, resample_streams
+from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
-from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
+from vip_factors.stages.calibration_start import search_start
 from vip_factors.stages.inertial_model import alone, gauge_sensor, inertial_model, placed_on_floor, walking
-from vip_factors.stages.solver import Progress, Solver
-
-# Which way the wearer faces at the start, relative to what the straps say.
-FACINGS = np.deg2rad([0, 45, -45, 90, -90, 135, -135, 180])  # the solve itself turns by half a step
-FACING_RATE, FACING_FRAMES, FACING_ITERATIONS = 5.0, 150, 4  # Hz; a choice of eight needs no more
-FACING_SIGMA = np.deg2rad(45.0)  # of a strap put on by eye: decides where the motion does not
+from vip_factors.stages.solver import Solver
 
 
 @dataclass(frozen=True)
 class Tracked:
-    """A wearer's problem and where it stands."""
+    """A wearer's problem and where it stands; and how its start was found, where one was looked for."""
 
     model: WearerProblem
     state: WearerState
+    starts: Starts | None = None
 
 
 def inertial_tracker(
@@ -43,11 +41,12 @@ def inertial_tracker(
 
     A ``known`` calibration, of earlier frames, spares the guess from straps and the declared pose.
     """
-    calibration = known or _facing(recording, first_calibration(recording, frames, settings), settings, solver.tell)
+    starts = None if known else _starts(recording, frames, settings, solver.telling("start"))
+    calibration = known or (starts.best.calibration if starts else first_calibration(recording, frames, settings))
     model = inertial_model(recording, frames, calibration, settings)
     state = solver.solve_wearer(WearerObjective(alone(model)), _start(model, calibration), "inertial tracker")
     model = walking(model, settings.calibration)
-    return Tracked(model, placed_on_floor(model, state).with_knots(len(model.heading_knots)))
+    return Tracked(model, placed_on_floor(model, state).with_knots(len(model.heading_knots)), starts)
 
 
 def inertial_trackers(scene: Scene, time: Array, settings: Settings, solver: Solver) -> tuple[Tracked, ...]:
@@ -72,28 +71,13 @@ def first_calibration(recording: Recording, frames: ImuFrames, settings: Setting
     return initial_calibration(frames, recording.placement, body, pose, declared.seconds, reference)
 
 
-def _facing(
-    recording: Recording, calibration: InitialCalibration, settings: Settings, tell: Progress
-) -> InitialCalibration:
-    """Which way the wearer faced in the declared pose: the way in which the motion bends the joints least badly.
-
-    A sensor strapped on back to front would have the wearer walk backwards on knees that bend forwards.
-    """
-    if calibration.R_world_bone is None:
-        return calibration
-    start, end = recording.interval
-    frames = resample(recording, min(FACING_RATE, FACING_FRAMES / (end - start)))
-    least, best = np.inf, calibration
-    for number, angle in enumerate(FACINGS):
-        tell("facing", number / len(FACINGS))
-        turned = calibration.facing(float(angle))
-        model = replace(alone(inertial_model(recording, frames, turned, settings)), initial_pose=None)
-        solve = replace(settings.solve, max_iterations=FACING_ITERATIONS)
-        _, report = levenberg_marquardt(WearerObjective(model), _start(model, turned), solve, "facing")
-        cost = sum(report.final_cost.values()) + 0.5 * (wrap_angle(angle) / FACING_SIGMA) ** 2
-        if cost < least:
-            least, best = cost, turned
-    return best
+def _starts(
+    recording: Recording, frames: ImuFrames, settings: Settings, tell: Callable[[float], None]
+) -> Starts | None:
+    if settings.calibration.from_truth or not settings.calibration.start.search:
+        return None
+    tell(0.0)
+    return search_start(recording, frames, first_calibration(recording, frames, settings), settings)
 
 
 def _start(model: WearerProblem, calibration: InitialCalibration) -> WearerState:

@@ -1,0 +1,51 @@
+"""Candidates of mountings: quarter turns of a strap, and what the vertical says of them."""
+
+import numpy as np
+import pytest
+
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import angle_between, exp, rotation_y, transpose
+from vip_factors.initialise.start_candidates import placed_candidates, quarter_turns
+from vip_factors.initialise.suppositions import StartSettings, common_cost, frame_cost, strap_cost
+
+PLACED = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # x up, z to the right
+UP = np.array([0.0, 1.0, 0.0])
+
+
+def test_quarter_turns_are_the_24_of_a_cube() -> None:
+    turned = quarter_turns(PLACED)
+    assert len(turned) == 24
+    np.testing.assert_array_equal(turned[0], PLACED)
+    apart = angle_between(turned[:, None], turned[None])[~np.eye(24, dtype=bool)]
+    assert apart.min() > np.deg2rad(89)
+
+
+def test_quarter_turns_that_lay_a_bone_down_are_left_out() -> None:
+    candidates, tilted = placed_candidates(PLACED[None], UP[None], (transpose(PLACED) @ UP)[None])
+    assert tilted == ()
+    np.testing.assert_allclose(candidates.R_bone_sensor[0][0] @ transpose(PLACED) @ UP, np.tile(UP, (5, 1)), atol=1e-9)
+
+
+def test_a_sensor_between_two_quarter_turns_is_righted() -> None:
+    askew = exp([np.pi / 4, 0.0, 0.0]) @ exp([0.0, 0.0, np.pi / 4]) @ PLACED
+    candidates, tilted = placed_candidates(PLACED[None], UP[None], (transpose(askew) @ UP)[None])
+    assert tilted == (0,)
+    np.testing.assert_allclose(candidates.R_bone_sensor[0][0] @ (transpose(askew) @ UP), np.tile(UP, (8, 1)), atol=1e-9)
+
+
+def test_costs_are_densities_against_no_rule_at_all() -> None:
+    """Over all headings, and all rotations, the densities add up to one."""
+    headings = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    assert np.isclose(np.mean(np.exp(-frame_cost(headings, 1.0, 0.2, 0.05))), 1.0, atol=1e-3)
+    angles = (np.arange(1000) + 0.5) * np.pi / 1000
+    haar = (1 - np.cos(angles)) / np.pi * (np.pi / 1000)
+    turned = rotation_y(angles)
+    assert np.isclose(np.sum(haar * np.exp(-strap_cost(turned, np.eye(3), 0.3, 0.1))), 1.0, atol=0.03)
+    assert common_cost(10, 0.2) > common_cost(3, 0.2) > 0
+
+
+def test_settings_that_mean_nothing_are_refused() -> None:
+    with pytest.raises(InputError, match="agree_deg is 0"):
+        StartSettings(agree_deg=0.0)
+    with pytest.raises(InputError, match="strange_strap"):
+        StartSettings(strange_strap=1.5)

@@ -1,0 +1,114 @@
+"""What a pair of linked sensors says of their headings and mountings: the joint between them, and where they meet.
+
+Two bones bend against one another as people's do, and the point that they share is accelerated alike whichever of the
+two sensors tells: its own specific force, carried along its bone. Low-passed accelerations suppose that a standing foot
+shares the pelvis's; here the body is in between. Only where a limb without a sensor lies between two sensors
+do their slow accelerations stand for it, and how differently they run says how little they tell.
+"""
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from vip_factors.geometry.rotations import Array, log, rotation_z, transpose
+from vip_factors.initialise.sensor_tree import Link
+from vip_factors.initialise.start_candidates import Candidates
+from vip_factors.sensors.frames import ImuFrames
+
+LIMIT_SIGMA = np.deg2rad(10.0)  # how far beyond a joint's limits is as odd as one sigma of the pose prior
+FREEDOM = 4.0  # of a Student t: some frames may be odd, and a pose prior's tails are not Gaussian
+# New looks per second: a pose lasts for two, a limb's swing and the wobble of its strap for one.
+POSES_PER_SECOND, SWINGS_PER_SECOND = 0.5, 1.0
+MOST_LOOKS = 20.0  # what is wrong in the same way in every frame does not count more the longer one looks
+POSTURES, FEWER_POSTURES = 40, 12  # frames looked at: more are alike; with several mountings each, fewer do
+# m/s², least misfit of two accelerations that ought to agree: sensor places, soft tissue and the joint's own centre.
+LEAST_MISFIT = 1.5
+SLOW, LEAST_SLOW_MISFIT = 2.0, 0.3  # s that whatever lies between two sensors is averaged over; m/s²
+
+
+def posture_cost(link: Link, candidates: Candidates, frames: ImuFrames) -> Array:
+    """How unlike people's a joint bends, ``(K, M, K, M)`` nats: heading and mounting of parent, then child."""
+    rows = np.flatnonzero(frames.orientation_valid[:, link.parent] & frames.orientation_valid[:, link.child])
+    above, below = (candidates.R_bone_sensor[s] for s in (link.parent, link.child))
+    if not len(rows):
+        return np.zeros((*above.shape[:2], *below.shape[:2]))
+    postures = FEWER_POSTURES if candidates.relative else POSTURES
+    looked = rows[np.unique(np.linspace(0, len(rows) - 1, postures).astype(int))]
+    R_parent, R_child = (
+        _bones(candidates.headings[s, chosen], candidates.R_bone_sensor[s][chosen], frames.R_inertial_sensor[looked, s])
+        for s, chosen in ((link.parent, _parents(candidates)), (link.child, slice(None)))
+    )
+    x = log(transpose(R_parent)[:, :, None, None] @ R_child[None, None])
+    off = x - link.mean
+    beyond = np.maximum(link.lower - x, 0.0) + np.maximum(x - link.upper, 0.0)
+    square = np.sum((off @ link.information) * off, axis=-1) + np.sum((beyond / LIMIT_SIGMA) ** 2, axis=-1)
+    cost = np.mean((FREEDOM + 3) / 2 * np.log1p(square / FREEDOM), axis=-1)
+    # Rotation vectors of several joints add up roughly only: the more of them, the less what they say counts.
+    return _looks(frames, rows, POSES_PER_SECOND) / link.joints * _for_all_parents(cost, candidates)
+
+
+def meeting_cost(link: Link, candidates: Candidates, frames: ImuFrames) -> Array | float:
+    """How differently what two bones share is accelerated, ``(K, M, K, M)`` nats; nought where nothing tells.
+
+    The misfit's own size is unknown, so it is the logarithm of its mean square that counts: where the best choice
+    leaves much, it is not much better than another.
+    """
+    near = link.p_parent is not None and link.p_child is not None
+    arms = (link.p_parent, link.p_child) if near else (None, None)
+    ends = [_carried(candidates, frames, s, p) for s, p in zip((link.parent, link.child), arms, strict=True)]
+    rows = np.flatnonzero(ends[0][1] & ends[1][1])
+    smooth = 1 if near else max(1, round(SLOW / frames.step))
+    if len(rows) < 2 * smooth + 1:
+        return 0.0
+    above, below = ends[0][0][_parents(candidates)][:, :, rows], ends[1][0][:, :, rows]
+    looks, least = _looks(frames, rows, SWINGS_PER_SECOND), LEAST_MISFIT
+    if not near:
+        above, below = (_slow(one, smooth) for one in (above, below))
+        looks, least = looks / SLOW, LEAST_SLOW_MISFIT
+    size = [np.mean(np.sum(one**2, axis=-1), axis=-1) for one in (above, below)]
+    product = np.einsum("kmti,lnti->kmln", above, below, optimize=True) / above.shape[2]
+    square = np.maximum(size[0][:, :, None, None] + size[1][None, None] - 2 * product, 0.0) / 3
+    return 1.5 * looks * _for_all_parents(np.log(square / least**2 + 1.0), candidates)
+
+
+def _looks(frames: ImuFrames, rows: np.ndarray, per_second: float) -> float:
+    return min(max(len(rows) * frames.step * per_second, 1.0), MOST_LOOKS)
+
+
+def _parents(candidates: Candidates) -> slice:
+    return slice(0, 1) if candidates.relative else slice(None)
+
+
+def _for_all_parents(cost: Array, candidates: Candidates) -> Array:
+    """Where only differences matter, of the parent's first heading: of all of them."""
+    if not candidates.relative:
+        return cost
+    return np.stack([np.roll(cost[0], k, axis=1) for k in range(cost.shape[2])])
+
+
+def _bones(headings: Array, R_bone_sensor: Array, R_inertial_sensor: Array) -> Array:
+    """``R_world_bone`` ``(K, M, T, 3, 3)``."""
+    turned = rotation_z(headings)[:, None] @ R_inertial_sensor[None]
+    return turned[:, None] @ transpose(R_bone_sensor)[:, :, None]
+
+
+def _carried(
+    candidates: Candidates, frames: ImuFrames, s: int, p_sensor_point: Array | None
+) -> tuple[Array, np.ndarray]:
+    """Acceleration ``(K, M, T − 2, 3)`` of a point of the sensor's bone, gravity still in it, and where it is known.
+
+    ``p_sensor_point`` ``(3,)`` metres is in the bone's axes; None stands for the sensor itself.
+    """
+    R, seen = frames.R_inertial_sensor[:, s], frames.orientation_valid[:, s]
+    known = seen[:-2] & seen[1:-1] & seen[2:] & frames.acceleration_valid[1:-1, s]
+    mountings = candidates.R_bone_sensor[s]
+    force = np.broadcast_to(frames.specific_force_inertial[1:-1, s], (*mountings.shape[:2], len(R) - 2, 3))
+    if p_sensor_point is not None:
+        bend = (R[:-2] - 2 * R[1:-1] + R[2:]) / frames.step**2
+        force = force + np.einsum("tij,kmj->kmti", bend, transpose(mountings) @ p_sensor_point)
+    return force @ transpose(rotation_z(candidates.headings[s]))[:, None], known
+
+
+def _slow(force: Array, frames: int) -> Array:
+    """Averaged over a few frames, whole windows only; constant parts are gravity and bias, and say nothing."""
+    smooth = uniform_filter1d(force, frames, axis=2)[:, :, frames // 2 : force.shape[2] - frames // 2]
+    return smooth - smooth.mean(axis=2, keepdims=True)

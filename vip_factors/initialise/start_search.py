@@ -1,0 +1,244 @@
+"""The likeliest start of headings and mountings: every sensor's taken together, under several suppositions."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vip_factors.geometry.rotations import Array, angle_between, rotation_z, transpose, wrap_angle
+from vip_factors.initialise.calibration import InitialCalibration
+from vip_factors.initialise.link_costs import meeting_cost, posture_cost
+from vip_factors.initialise.sensor_tree import Link
+from vip_factors.initialise.start_candidates import GRID, Candidates, declared_candidates, placed_candidates
+from vip_factors.initialise.suppositions import (
+    SUPPOSITIONS,
+    StartSettings,
+    Supposition,
+    common_cost,
+    frame_cost,
+    strap_cost,
+)
+from vip_factors.initialise.tree_search import TreeMinimum, least_cost
+from vip_factors.sensors.frames import ImuFrames
+
+FINER = np.deg2rad([-10.0, -5.0, 0.0, 5.0, 10.0])  # about the best of the grid; the solve finds what is left
+DIFFERENT = np.deg2rad(60.0)  # a sensor turned by more starts in another valley than the solution's
+STEP_SIGMA = 2 * np.pi / GRID / np.sqrt(12)  # of what lies between two headings of the grid
+FACINGS = np.deg2rad([0, 45, -45, 90, -90, 135, -135, 180])
+
+
+@dataclass(frozen=True)
+class SensorPrior:
+    """What is known of the sensors beforehand.
+
+    Attributes:
+        links: the tree that they make.
+        R_placed: ``(S, 3, 3)`` as they were placed.
+        sigma: ``(S,)`` radians about each axis.
+        limbs: ``(S, 3)`` unit vectors along the bones, in their axes.
+        upright: ``(S,)`` whether their bones are upright on the whole.
+    """
+
+    links: tuple[Link, ...]
+    R_placed: Array
+    sigma: Array
+    limbs: Array
+    upright: np.ndarray
+
+
+@dataclass(frozen=True)
+class Start:
+    """One start.
+
+    Attributes:
+        supposition: in words.
+        calibration: headings and mountings.
+        cost: nats; a start that is less likely by a factor of e costs one more.
+    """
+
+    supposition: str
+    calibration: InitialCalibration
+    cost: float
+
+
+@dataclass(frozen=True)
+class Starts:
+    """What a search found.
+
+    Attributes:
+        best: the likeliest.
+        rival: what the likeliest start that turns a sensor by more than 60° against it supposes.
+        margin: by how many nats it is less likely; infinite where there is none.
+        doubtful: numbers of the sensors that starts turn which are less likely by ``settled`` nats at most.
+        tilted: numbers of the sensors that cannot sit as placed, nor by a quarter turn otherwise: their bones would
+            not be upright.
+    """
+
+    best: Start
+    rival: str
+    margin: float
+    doubtful: tuple[int, ...]
+    tilted: tuple[int, ...] = ()
+
+
+def likelier(one: Starts, other: Starts, settled: float) -> Starts:
+    """The likelier of two searches over the same frames; where they differ, the other is a rival."""
+    best, less = (one, other) if one.best.cost <= other.best.cost else (other, one)
+    turned = np.flatnonzero(_differences(best.best.calibration, less.best.calibration) > DIFFERENT)
+    behind = less.best.cost - best.best.cost
+    if not len(turned) or behind >= max(best.margin, settled):
+        return best
+    rival, margin = (less.best.supposition, behind) if behind < best.margin else (best.rival, best.margin)
+    doubtful = {*best.doubtful, *(turned.tolist() if behind < settled else ())}
+    return replace(best, rival=rival, margin=margin, doubtful=tuple(sorted(doubtful)))
+
+
+@dataclass(frozen=True)
+class StartSearch:
+    """Costs of starts over some frames.
+
+    Attributes:
+        frames: evenly spaced.
+        prior: of the sensors.
+        settings: of the search.
+    """
+
+    frames: ImuFrames
+    prior: SensorPrior
+    settings: StartSettings
+
+    def best(self, usual: InitialCalibration, R_inertial_at_pose: Array) -> Starts:
+        """The likeliest start.
+
+        Args:
+            usual: of straps and low-passed motion, which competes; with bones in the declared pose, if any.
+            R_inertial_at_pose: ``(S, 3, 3)`` orientations of the sensors in the declared pose.
+        """
+        grid, tilted = self._grid(usual, R_inertial_at_pose)
+        pairs = self._pairs(grid)
+        found = [(one.name, self._minimum(grid, pairs, one)) for one in SUPPOSITIONS]
+        starts = [Start(name, _chosen(grid, one, usual), one.cost) for name, one in found]
+        starts = [self._refined(one) for one in starts] + [self._refined(one) for one in self._usual(usual)]
+        best = min(starts, key=lambda start: start.cost)
+        minima = dict(found)
+        own = minima.get(best.supposition) or min(minima.values(), key=lambda one: one.cost)
+        return self._compared(best, starts, grid, own, tilted)
+
+    def _grid(self, usual: InitialCalibration, R_at_pose: Array) -> tuple[Candidates, tuple[int, ...]]:
+        if usual.R_world_bone is not None:
+            return declared_candidates(usual, R_at_pose), ()
+        up = np.full((len(R_at_pose), 3), np.nan)
+        for s in np.flatnonzero(self.prior.upright & self.frames.orientation_valid.any(axis=0)):
+            up[s] = self.frames.R_inertial_sensor[self.frames.orientation_valid[:, s], s][:, 2].mean(axis=0)
+        return placed_candidates(usual.R_bone_sensor, self.prior.limbs, up, float(usual.headings[self._root]))
+
+    @property
+    def _root(self) -> int:
+        return self.prior.links[0].parent if self.prior.links else 0
+
+    def _pairs(self, candidates: Candidates) -> dict[int, Array]:
+        return {
+            link.child: posture_cost(link, candidates, self.frames) + meeting_cost(link, candidates, self.frames)
+            for link in self.prior.links
+        }
+
+    def _minimum(self, candidates: Candidates, pairs: dict[int, Array], supposed: Supposition) -> TreeMinimum:
+        least: TreeMinimum | None = None
+        for unary in self._unaries(candidates, supposed):
+            one = least_cost(unary, self.prior.links, pairs)
+            if least is None or one.cost < least.cost:
+                least = one
+        assert least is not None
+        return least
+
+    def _unaries(self, candidates: Candidates, supposed: Supposition) -> Iterator[list[Array]]:
+        """Costs of sensors by themselves, for every heading that their frames may have in common."""
+        settings, prior = self.settings, self.prior
+        S = len(prior.R_placed)
+        straps = [
+            strap_cost(R, prior.R_placed[s], prior.sigma[s], settings.strange_strap)
+            if supposed.straps
+            else np.zeros(R.shape[:2])
+            for s, R in enumerate(candidates.R_bone_sensor)
+        ]
+        if candidates.relative:  # the world may turn as it likes: one heading holds it
+            root = prior.links[0].parent if prior.links else 0
+            straps[root] = straps[root] + np.where(np.arange(GRID) == 0, 0.0, np.inf)[:, None]
+        if not supposed.frames:
+            yield straps
+            return
+        sigma = np.deg2rad(settings.agree_deg)
+        for common in candidates.headings[0, 0] + np.linspace(0, 2 * np.pi, GRID, endpoint=False):
+            agreed = frame_cost(candidates.headings, common, sigma, settings.strange_frame) + common_cost(S, sigma) / S
+            yield [one + agreed[s][:, None] for s, one in enumerate(straps)]
+
+    def _usual(self, usual: InitialCalibration) -> list[Start]:
+        """The usual start, whichever way the wearer faced: as likely as under the supposition that suits it best."""
+        turned = [usual.facing(float(angle)) for angle in (FACINGS if usual.R_world_bone is not None else FACINGS[:1])]
+        starts = [Start("straps and slow motion tell", one, 0.0) for one in turned]
+        return [min((self._refined(one, np.zeros(1)) for one in starts), key=lambda one: one.cost)]
+
+    def _refined(self, start: Start, offsets: Array = FINER) -> Start:
+        """The start with headings better than the grid's, under the supposition that suits it best."""
+        own = start.calibration
+        headings = own.headings[:, None] + offsets
+        mountings = np.repeat(own.R_bone_sensor[:, None], len(offsets), axis=1)
+        if own.R_world_bone is not None:  # the declared pose stays as it is: mountings follow
+            bones = own.R_world_bone[:, None]
+            mountings = transpose(bones) @ rotation_z(np.broadcast_to(offsets, headings.shape)) @ bones @ mountings
+        candidates = Candidates(headings, tuple(mountings[:, :, None]))
+        pairs = self._pairs(candidates)
+        best = min((self._minimum(candidates, pairs, one) for one in SUPPOSITIONS), key=lambda one: one.cost)
+        return replace(start, calibration=_chosen(candidates, best, own), cost=best.cost)
+
+    def _compared(
+        self, best: Start, starts: Sequence[Start], grid: Candidates, own: TreeMinimum, tilted: tuple[int, ...]
+    ) -> Starts:
+        """The best start and what is nearly as likely: another supposition's, or its own with some sensors turned."""
+        doubtful: set[int] = set()
+        rival, margin = "", np.inf
+        for other in starts:
+            turned = np.flatnonzero(_differences(best.calibration, other.calibration) > DIFFERENT)
+            if len(turned):
+                behind = other.cost - best.cost
+                doubtful |= set(turned.tolist()) if behind < self.settings.settled else set()
+                rival, margin = (other.supposition, behind) if behind < margin else (rival, margin)
+        for s, costs in enumerate(own.marginals):
+            heading, mounting = own.choice[s]
+            off = _turned(grid, s, heading, mounting)
+            behind = float(np.min(costs[off > DIFFERENT], initial=np.inf)) - own.cost
+            if behind < self.settings.settled:
+                doubtful.add(s)
+            rival, margin = (best.supposition, behind) if behind < margin else (rival, margin)
+        sure = replace(best.calibration, heading_sigma=_heading_sigma(grid, own))
+        best = replace(best, calibration=sure)
+        return Starts(best, rival, float(max(margin, 0.0)), tuple(sorted(doubtful)), tilted)
+
+
+def _chosen(candidates: Candidates, found: TreeMinimum, like: InitialCalibration) -> InitialCalibration:
+    headings = np.array([candidates.headings[s, k] for s, (k, _) in enumerate(found.choice)])
+    mountings = np.stack([candidates.R_bone_sensor[s][k, m] for s, (k, m) in enumerate(found.choice)])
+    return replace(like, headings=headings, R_bone_sensor=mountings)
+
+
+def _differences(one: InitialCalibration, other: InitialCalibration) -> Array:
+    """``(S,)`` radians by which starts turn sensors: on the bone, or about the vertical against the others."""
+    off = wrap_angle(other.headings - one.headings)
+    common = np.angle(np.exp(1j * off).mean())
+    return np.maximum(angle_between(one.R_bone_sensor, other.R_bone_sensor), np.abs(wrap_angle(off - common)))
+
+
+def _turned(grid: Candidates, s: int, heading: int, mounting: int) -> Array:
+    """``(K, M)`` radians by which candidates turn a sensor against one of them."""
+    off = angle_between(grid.R_bone_sensor[s][heading, mounting], grid.R_bone_sensor[s])
+    return np.maximum(off, np.abs(wrap_angle(grid.headings[s] - grid.headings[s, heading]))[:, None])
+
+
+def _heading_sigma(grid: Candidates, found: TreeMinimum) -> Array:
+    """``(S,)`` radians by which headings scatter, each candidate weighing as it is likely."""
+    sigma = np.zeros(len(found.choice))
+    for s, costs in enumerate(found.marginals):
+        likely = np.exp(found.cost - costs).sum(axis=1)
+        off = wrap_angle(grid.headings[s] - grid.headings[s, found.choice[s][0]])
+        sigma[s] = np.sqrt(np.sum(likely * off**2) / likely.sum() + STEP_SIGMA**2)
+    return sigma

@@ -1,0 +1,120 @@
+"""Which start of headings and mountings a recording asks for: the search of ``initialise`` over a brisk stretch."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from vip_factors.body.joint_limits import load_joint_limits
+from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.body.skeleton import PARENTS, Skeleton, joint_index
+from vip_factors.geometry.rotations import Array, angle_between
+from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, orientation_at_start
+from vip_factors.initialise.sensor_tree import sensor_tree
+from vip_factors.initialise.start_search import SensorPrior, Starts, StartSearch, likelier
+from vip_factors.sensors.frames import ImuFrames, resample_streams
+from vip_factors.sensors.recording import Recording
+from vip_factors.settings import Settings
+from vip_factors.stages.inertial_model import gauge_sensor
+
+UPRIGHT = tuple(
+    joint_index(name)
+    for name in (
+        "pelvis", "spine1", "spine2", "spine3", "neck", "head", "left_hip", "right_hip", "left_knee", "right_knee"
+    )
+)  # fmt: skip
+STILL = np.deg2rad(3.0)  # how far sensors turn while somebody stands: breathing and swaying
+BRISK = 0.5  # of the briskest stretch: the first one like that is near the start, and headings have not drifted
+
+
+def search_start(
+    recording: Recording, frames: ImuFrames, usual: InitialCalibration, settings: Settings
+) -> Starts | None:
+    """The likeliest start; None where there is nothing to choose from, one sensor say.
+
+    Where no pose is declared but nobody moves at first, that the wearer stands upright there with hanging arms is
+    tried too.
+    """
+    if len(frames.sensors) < 2:
+        return None
+    sites = [recording.placement.site(name) for name in frames.sensors]
+    bones, body, start = [site.bone_index for site in sites], recording.subject.body(), settings.calibration.start
+    stated = settings.factors.agreeing_headings.sigma_deg
+    if stated is not None:
+        start = replace(start, agree_deg=stated)
+    links = sensor_tree(
+        bones, np.stack([site.p_bone_sensor for site in sites]), body, load_pose_prior(), load_joint_limits(),
+        np.deg2rad(start.bone_sigma_deg),
+    )  # fmt: skip
+    prior = SensorPrior(
+        links,
+        np.stack([site.R_bone_sensor for site in sites]),
+        np.array([site.mounting_sigma for site in sites]),
+        np.stack([_along(body, bone) for bone in bones]),
+        np.isin(bones, UPRIGHT),
+    )
+    search = StartSearch(_brisk_stretch(recording, frames, start.stretch_s, start.rate), prior, start)
+    declared = settings.factors.initial_pose
+    R_inertial_sensor = orientation_at_start(frames, declared.seconds)
+    found = search.best(usual, R_inertial_sensor)
+    if recording.initial_pose == "none" and _still(frames, declared.seconds):
+        standing = initial_calibration(
+            frames, recording.placement, body, declared.pose("n-pose"), declared.seconds, gauge_sensor(bones)
+        )
+        found = likelier(found, search.best(standing, R_inertial_sensor), start.settled)
+    return found
+
+
+def _along(body: Skeleton, bone: int) -> Array:
+    """Unit vector along a bone, in its axes: trunk and head stand upright, feet and hands follow their last joint."""
+    limb = body.limb(bone)
+    if limb is None and bone not in UPRIGHT and bone in PARENTS:
+        limb = body.p_parent_joint[PARENTS.index(bone)]
+    if limb is None or not np.any(limb):
+        return np.array([0.0, 1.0, 0.0])
+    return np.asarray(limb / np.linalg.norm(limb))
+
+
+def _brisk_stretch(recording: Recording, frames: ImuFrames, seconds: float, rate: float) -> ImuFrames:
+    """Frames of the first stretch that is half as brisk as the briskest, or of everything that is shorter."""
+    begin, end = float(frames.time[0]), float(frames.time[-1])
+    if end - begin > seconds:
+        both = frames.orientation_valid[1:] & frames.orientation_valid[:-1]
+        turned = angle_between(frames.R_inertial_sensor[:-1], frames.R_inertial_sensor[1:]) * both
+        sums = np.concatenate([[0.0], np.cumsum(turned.sum(axis=1))])
+        length = round(seconds / frames.step)
+        brisk = sums[length:] - sums[:-length]
+        begin = float(frames.time[int(np.argmax(brisk >= BRISK * brisk.max()))])
+        end = begin + seconds
+    count = max(int(np.floor((end - begin) * rate + 1e-6)) + 1, 2)
+    return resample_streams([recording.imus[name] for name in frames.sensors], begin + np.arange(count) / rate)
+
+
+def _still(frames: ImuFrames, seconds: float) -> bool:
+    count = max(1, round(seconds / frames.step))
+    first = frames.window(slice(0, count))
+    turned = angle_between(first.R_inertial_sensor[:1], first.R_inertial_sensor) * first.orientation_valid
+    return bool(first.orientation_valid[0].all() and turned.max() < STILL)
+
+
+def start_findings(who: str, sensors: tuple[str, ...], starts: Starts | None) -> Iterator[str]:
+    """Sentences about a start that the recording does not settle."""
+    if starts is None:
+        return
+    if starts.doubtful:
+        names = _names(sensors, starts.doubtful)
+        yield (
+            f"{who}: the recording does not settle how {names} sat and which way the inertial frames point: the start "
+            f"supposes that {starts.best.supposition}, and another, turned by more than 60° (it supposes that "
+            f"{starts.rival}), is only {np.exp(starts.margin):.1f} times less likely: a T- or N-pose held at the start "
+            "and declared, or the straps as they really sat, would tell"
+        )
+    if starts.tilted:
+        yield (
+            f"{who}: {_names(sensors, starts.tilted)} cannot sit as the placement says, whichever side up: their bones "
+            "would not be upright on the whole. Declare a pose held at the start, or describe how they were strapped on"
+        )
+
+
+def _names(sensors: tuple[str, ...], numbers: tuple[int, ...]) -> str:
+    return "all sensors" if len(numbers) == len(sensors) else ", ".join(sensors[s] for s in numbers)

@@ -1,0 +1,83 @@
+"""What is odd about a motion that was found: people hardly ever hold themselves so, wrong mountings often do."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from vip_factors.body.joint_limits import load_joint_limits
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.motion import Motion
+from vip_factors.body.pose_prior import joint_vector
+from vip_factors.body.skeleton import joint_index
+from vip_factors.geometry.rotations import angle_between
+from vip_factors.sensors.calibration import Calibration
+from vip_factors.sensors.recording import Recording
+from vip_factors.stages.body_findings import knee_findings
+
+LYING = np.deg2rad(60.0)  # from the vertical, of the chest
+AT_LIMIT = np.deg2rad(3.0)  # beyond what joints do: those of people who stand and walk stay well within
+TURNED = np.deg2rad(60.0)  # on the bone, against the placement
+MOST, MUCH = 0.5, 0.3  # of the frames, or of the sensors
+LEAST_SENSORS = 3  # of which half are odd: of two sensors one is no majority
+CHECK = "check which sensor sits where and, if one was declared, that the pose was held"
+
+
+def posture_findings(who: str, recording: Recording, motion: Motion, calibration: Calibration) -> Iterator[str]:
+    """All that is odd about how a wearer holds himself, one sentence each."""
+    bones = {recording.placement.site(name).bone for name in calibration}
+    yield from knee_findings(who, motion)
+    yield from lying_findings(who, motion)
+    if bones & {"left_knee", "left_ankle"} and bones & {"right_knee", "right_ankle"}:
+        yield from crossed_findings(who, motion)
+    yield from limit_findings(who, motion, bones)
+    if recording.initial_pose == "none":
+        yield from strap_findings(who, recording, calibration)
+
+
+def lying_findings(who: str, motion: Motion) -> Iterator[str]:
+    """A chest that is far from upright most of the time."""
+    body = forward_kinematics(motion.skeleton, motion.R_parent_child, motion.p_world_pelvis)
+    up = body.R_world_bone[:, joint_index("spine3"), 2, 1]
+    share = float(np.mean(up < np.cos(LYING)))
+    if share > MOST:
+        yield f"{who} lies, or bends far over, in {100 * share:.0f} % of the frames: if not, {CHECK}"
+
+
+def crossed_findings(who: str, motion: Motion) -> Iterator[str]:
+    """Legs that are crossed through much of a motion."""
+    body = forward_kinematics(motion.skeleton, motion.R_parent_child, motion.p_world_pelvis)
+    left, right = (body.p_world_joint[:, joint_index(f"{side}_ankle")] for side in ("left", "right"))
+    across = np.einsum("ti,ti->t", left - right, body.R_world_bone[:, 0, :, 0])
+    share = float(np.mean(across < 0))
+    if share > MUCH:
+        yield f"{who}: the legs are crossed in {100 * share:.0f} % of the frames: if they were not, {CHECK}"
+
+
+def limit_findings(who: str, motion: Motion, bones: set[str]) -> Iterator[str]:
+    """Ankles that are bent as far as they go most of the time, under feet that wear sensors."""
+    vectors = joint_vector(motion.R_parent_child).reshape(len(motion.R_parent_child), -1, 3)
+    beyond = np.abs(load_joint_limits().violation(joint_vector(motion.R_parent_child))).reshape(vectors.shape)
+    for side in ("left", "right"):
+        if f"{side}_ankle" not in bones:
+            continue
+        share = float(np.mean(beyond[:, joint_index(f"{side}_ankle") - 1].max(axis=1) > AT_LIMIT))
+        if share > MUCH:
+            yield (
+                f"{who}: the {side} ankle is bent further than ankles go in {100 * share:.0f} % of the frames: does "
+                f"the sensor of that foot sit as the placement has it?"
+            )
+
+
+def strap_findings(who: str, recording: Recording, calibration: Calibration) -> Iterator[str]:
+    """Half of the sensors or more sit otherwise than placed, and no declared pose told of it."""
+    turned = [
+        name
+        for name, one in calibration.items()
+        if float(angle_between(recording.placement.site(name).R_bone_sensor, one.R_bone_sensor)) > TURNED
+    ]
+    if len(calibration) >= LEAST_SENSORS and len(turned) >= MOST * len(calibration):
+        yield (
+            f"{who}: {len(turned)} of {len(calibration)} sensors are found turned by more than "
+            f"{np.rad2deg(TURNED):.0f}° against the placement ({', '.join(turned)}): if they were strapped on as it "
+            "says, do not trust the pose; if not, describe how, or hold a pose at the start and declare it"
+        )

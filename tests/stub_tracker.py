@@ -18,7 +18,7 @@ def tracker_module(scene: Scene) -> types.ModuleType:
     """A stand-in for ``vip_factors.live.tracker``: the truth of a scene, frame by frame as its samples pass."""
 
     class FixedLagTracker:
-        def __init__(self, setup: LiveSetup, settings: object) -> None:
+        def __init__(self, setup: LiveSetup, settings: object, real_time: bool = False) -> None:
             assert [one.name for one in setup.wearers] == [one.subject.name for one in scene.wearers]
             self.settings = settings
             self._left: Iterator[LiveEstimate] = answers(scene)

@@ -17,7 +17,7 @@ def test_quick_run_times_every_part_and_measures_memory() -> None:
     assert speed.vip is not None
     stages = [stage for stage, _, _ in speed.vip.stages]
     assert stages.count("video-inertial fusion") == 2
-    assert stages[0] == "facing"
+    assert stages[0] == "start"
     assert stages[-2].startswith("full rate")
     assert stages[-1] == "how sure, and findings"
     assert sum(seconds for _, seconds, _ in speed.vip.stages) <= speed.vip.seconds

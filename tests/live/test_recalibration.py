@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from filmed_gestures import filmed_gestures
-from tracked import SETTINGS, Tracked, filmed, track, tracked
+from tracked import SETTINGS, Tracked, track
 
 from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.live.recalibration_settings import RecalibrationSettings
@@ -52,11 +52,3 @@ def test_what_is_known_is_not_forgotten(anew: Tracked) -> None:
         assert 0 < after[name].heading_sigma < 0.6
         assert np.all(after[name].mounting_sigma < 1.0)
         assert np.rad2deg(abs(wrap_angle(after[name].heading - before[name].heading))) < 40
-
-
-def test_nothing_is_found_anew_where_that_is_off() -> None:
-    off = replace(SETTINGS, recalibration=RecalibrationSettings(use=False))
-    again = track(filmed(), settings=off)
-    np.testing.assert_array_equal(
-        again.answers[-1].wearers[0].newest.R_parent_child, tracked().answers[-1].wearers[0].newest.R_parent_child
-    )

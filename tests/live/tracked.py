@@ -10,6 +10,7 @@ from filmed_gestures import filmed_gestures
 from vip_factors.body.motion import Motion
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.metrics import mpjpe
+from vip_factors.live.recalibration_settings import RecalibrationSettings
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose
@@ -17,7 +18,8 @@ from vip_factors.sensors.live import LiveSample, LiveSetup, live_samples
 from vip_factors.sensors.scene import Scene
 
 RATE = 30.0  # half the usual: half the time
-SETTINGS = LiveSettings(frame_rate=RATE)
+# Streams are too short for a calibration that is found anew, and tests of that have settings of their own.
+SETTINGS = LiveSettings(frame_rate=RATE, recalibration=RecalibrationSettings(use=False))
 LAG = round(SETTINGS.lag_s * RATE)
 
 

@@ -17,6 +17,7 @@ from vip_factors.live.start import Started
 from vip_factors.live.state import FrameState
 from vip_factors.sensors.live import LiveSetup, VideoFrame
 
+READY = 0.6  # of the data when the process is begun: it takes a second or two before it can do anything
 LONGEST_S = 600.0  # that an answer is waited for: then the process that owes it is gone
 
 
@@ -78,11 +79,14 @@ class Recalibrator:
     def begin(self, newest: FrameState) -> None:
         """Have all that was measured solved, if there is enough; ``newest`` is the last frame as it is tracked."""
         own, rate = self._settings.recalibration, self._settings.frame_rate
-        if self._over or self._job is not None or len(self._measurements) < self._due * rate:
+        measured_s = len(self._measurements) / rate
+        if self._over or self._job is not None or measured_s < READY * self._due:
             return
-        stretch = MeasuredStretch(self._setup, self._measurements, self._video, self._columns)
         if self._pool is None:
             self._pool = get_context("spawn").Pool(1, _step_aside)
+        if measured_s < self._due:
+            return
+        stretch = MeasuredStretch(self._setup, self._measurements, self._video, self._columns)
         self._job = _Job(stretch, newest, self._pool.apply_async(recalibrate, (stretch, self._settings)))
         self._due *= own.growth
 

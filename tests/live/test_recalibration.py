@@ -1,14 +1,21 @@
 """The calibration found anew while tracking: what it knows, how tracking goes on with it."""
 
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from filmed_gestures import filmed_gestures
-from tracked import SETTINGS, Tracked, track
+from tracked import SETTINGS, Tracked, filmed, track
 
+from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import wrap_angle
+from vip_factors.live.buffered import MeasuredStretch
+from vip_factors.live.recalibration_process import RecalibrationProcess
 from vip_factors.live.recalibration_settings import RecalibrationSettings
+from vip_factors.sensors.live import LiveSetup
 from vip_factors.sensors.scene import Scene
 
 OFTEN = replace(SETTINGS, recalibration=RecalibrationSettings(first_s=2.5, delay_s=0.4))
@@ -52,3 +59,37 @@ def test_what_is_known_is_not_forgotten(anew: Tracked) -> None:
         assert 0 < after[name].heading_sigma < 0.6
         assert np.all(after[name].mounting_sigma < 1.0)
         assert np.rad2deg(abs(wrap_angle(after[name].heading - before[name].heading))) < 40
+
+
+def test_a_script_that_tracks_at_its_top_level_ends(tmp_path: Path) -> None:
+    """No process may run a user's script again: it would track, and begin a process, and so on."""
+    script = tmp_path / "session.py"
+    script.write_text(
+        "import sys\n"
+        f"sys.path[:0] = {[str(Path(__file__).parent), str(Path(__file__).parent.parent)]!r}\n"
+        "print('begun')\n"
+        "from filmed_gestures import filmed_gestures\n"
+        "from test_recalibration import OFTEN, track\n"
+        "answers = track(filmed_gestures('fixed', 3.2), settings=OFTEN).answers\n"
+        "print(len(answers), 'answers')\n"
+    )
+    ended = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=120, check=True)
+    assert ended.stdout.split()[:1] == ["begun"]
+    assert ended.stdout.count("begun") == 1
+    assert "answers" in ended.stdout
+
+
+def test_a_process_that_is_gone_is_told() -> None:
+    process = RecalibrationProcess()
+    process.close()
+    answer = process.submit(MeasuredStretch(LiveSetup.of(filmed()), [], [], []), OFTEN)
+    with pytest.raises(SolveError, match="has ended"):
+        answer.result(timeout=30)
+
+
+def test_what_cannot_be_solved_is_told() -> None:
+    process = RecalibrationProcess()
+    answer = process.submit(MeasuredStretch(LiveSetup.of(filmed()), [], [], []), OFTEN)
+    with pytest.raises(SolveError):
+        answer.result(timeout=60)
+    process.close()

@@ -1,24 +1,20 @@
 """When a stream's calibration is found anew: the data of it, the process that does it, the answer."""
 
-import os
-import signal
 import time as clock
 from collections.abc import Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
-from multiprocessing import get_context
-from multiprocessing.pool import AsyncResult, Pool
 
-from vip_factors.errors import RecordingError, SolveError
+from vip_factors.errors import SolveError
 from vip_factors.live.buffered import MeasuredStretch
 from vip_factors.live.measurement import FrameMeasurement
-from vip_factors.live.recalibration import recalibrate
+from vip_factors.live.recalibration_process import RecalibrationProcess
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.start import Started
 from vip_factors.live.state import FrameState
 from vip_factors.sensors.live import LiveSetup, VideoFrame
 
 READY = 0.6  # of the data when the process is begun: it takes a second or two before it can do anything
-LONGEST_S = 600.0  # that an answer is waited for: then the process that owes it is gone
 
 
 @dataclass(frozen=True)
@@ -42,7 +38,7 @@ class Found:
 class _Job:
     stretch: MeasuredStretch
     at_find: FrameState
-    answer: "AsyncResult[Started]"
+    answer: "Future[Started]"
 
 
 class Recalibrator:
@@ -67,7 +63,7 @@ class Recalibrator:
         self._measurements: list[FrameMeasurement] = []
         self._video: list[tuple[int, VideoFrame]] = []
         self.waited_s = 0.0
-        self._pool: Pool | None = None
+        self._process: RecalibrationProcess | None = None
         self._job: _Job | None = None
 
     def remember(self, measured: FrameMeasurement) -> None:
@@ -82,12 +78,12 @@ class Recalibrator:
         measured_s = len(self._measurements) / rate
         if self._over or self._job is not None or measured_s < READY * self._due:
             return
-        if self._pool is None:
-            self._pool = get_context("spawn").Pool(1, _step_aside)
+        if self._process is None:
+            self._process = RecalibrationProcess()
         if measured_s < self._due:
             return
         stretch = MeasuredStretch(self._setup, self._measurements, self._video, self._columns)
-        self._job = _Job(stretch, newest, self._pool.apply_async(recalibrate, (stretch, self._settings)))
+        self._job = _Job(stretch, newest, self._process.submit(stretch, self._settings))
         self._due *= own.growth
 
     def answer(self, newest: int) -> Found | str | None:
@@ -99,13 +95,13 @@ class Recalibrator:
         own, job = self._settings.recalibration, self._job
         if job is None or newest < job.stretch.measurements[-1].frame + own.delay_s * self._settings.frame_rate:
             return None
-        if self._real_time and not job.answer.ready():
+        if self._real_time and not job.answer.done():
             return None
         self._job = None
         begin = clock.perf_counter()
         try:
-            started = job.answer.get(LONGEST_S)
-        except (RecordingError, SolveError, TimeoutError) as error:
+            started = job.answer.result()
+        except SolveError as error:
             return f"the calibration was not found anew: {error}"
         finally:
             self.waited_s += clock.perf_counter() - begin
@@ -118,13 +114,6 @@ class Recalibrator:
         """Nothing is collected or solved from here on."""
         self._over, self._job = True, None
         self._measurements, self._video = [], []
-        if self._pool is not None:
-            self._pool.terminate()
-            self._pool = None
-
-
-def _step_aside() -> None:
-    """The tracker's updates come first where both want a core, and Ctrl-C is for the program that asked."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "nice"):
-        os.nice(10)
+        if self._process is not None:
+            self._process.close()
+            self._process = None

@@ -62,6 +62,7 @@ class FixedLagTracker:
         self._answered = -1  # number of the last frame with an answer
         self._next_try, self._patience = 0, settings.camera_retry_s  # frame, seconds
         self._found: Found | None = None  # a calibration to go on with as soon as the wearers are seen
+        self._next_continuation = 0  # frame
         self._recalibrator = Recalibrator(setup, self._columns, settings, real_time)
         self._threads = ThreadpoolController()  # finding the libraries takes longer than an update: once
 
@@ -122,10 +123,11 @@ class FixedLagTracker:
         answer = self._recalibrator.answer(newest)
         if isinstance(answer, str):
             self._answers.find(answer)
-        elif answer is not None:
-            self._found = answer
-        if self._found is not None and tracking.solved:
+        elif answer is not None and (answer.started.filmed or not smoother.problem.filmed):
+            self._found, self._next_continuation = answer, newest
+        if self._found is not None and tracking.solved and newest >= self._next_continuation:
             again = self._continued(tracking, self._found)
+            self._next_continuation = newest + self._lag
             if again is not None:
                 self._answers.begin_anew()
                 self._answers.find(*corrections(smoother, again.smoother, self._found.seconds))

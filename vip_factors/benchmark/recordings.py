@@ -108,7 +108,7 @@ def _trials(name: str, scene: Scene, with_live: bool) -> tuple[RecordingTrial, .
         trials.append(
             RecordingTrial(
                 name, recording.subject.name, end - start, _errors(own.motion, truth, start), live, late,
-                batch_s, live_s, (*estimate.findings, *own.findings), said,
+                batch_s, live_s, tuple(dict.fromkeys((*estimate.findings, *own.findings))), said,
             )
         )  # fmt: skip
     return tuple(trials)

@@ -100,26 +100,9 @@ class SensorWatch:
             both: ``(S,)`` whether both were measured.
         """
         settings = self._settings
-        turn = log(R_now @ transpose(R_before))
-        limit = np.deg2rad(settings.knock_deg_s2) / self._rate**2
-        knocked = both & self._moving & (np.linalg.norm(turn - self._last_turn, axis=1) > limit)
-        begins = knocked & (self._frames < 0)
-        self._net[begins] = 0.0
-        self._frames[begins] = 0
-        self._quiet[knocked], self._after[knocked] = 0, 0.0
-        ringing = both & (self._frames >= 0)
-        self._net[ringing] += turn[ringing]
-        self._frames[ringing] += 1
-        quiet, steady = ringing & ~knocked, both & ~ringing
-        self._quiet[quiet] += 1
-        self._after[quiet] += turn[quiet]
-        share = 1 - np.exp(-1 / (settings.steady_s * self._rate))
-        # One frame late: the one before a knock may belong to it.
-        self._before[steady] += share * (self._last_turn[steady] - self._before[steady])
-        self._last_turn[both], self._moving = turn[both], both
+        ringing = self._follow(number, log(R_now @ transpose(R_before)), both)
         ended = self._quiet >= settings.quiet_s * self._rate
         over = ringing & (ended | (self._frames > settings.ringing_s * self._rate))
-        self._knock[knocked] = number
         lately = number - self._frames - settings.impact_s * self._rate
         alone = np.sum(self._knock[:, None] >= lately, axis=0) < IMPACT
         far = np.linalg.norm(self._excess(), axis=1) > np.deg2rad(settings.knock_deg)
@@ -128,6 +111,25 @@ class SensorWatch:
         self._since[moved] = number + round(settings.rest_s * self._rate)
         self._mean[moved], self.agreed[moved] = 0.0, False
         return Knocks(np.flatnonzero(ringing & ~over), moved)
+
+    def _follow(self, number: int, turn: Array, both: np.ndarray) -> np.ndarray:
+        """Sum up turns from frame to frame ``(S, 3)``, radians; which sensors ``(S,)`` ring from a knock."""
+        limit = np.deg2rad(self._settings.knock_deg_s2) / self._rate**2
+        knocked = both & self._moving & (np.linalg.norm(turn - self._last_turn, axis=1) > limit)
+        begins = knocked & (self._frames < 0)
+        self._net[begins], self._frames[begins] = 0.0, 0
+        self._quiet[knocked], self._after[knocked], self._knock[knocked] = 0, 0.0, number
+        ringing = both & (self._frames >= 0)
+        self._net[ringing] += turn[ringing]
+        self._frames[ringing] += 1
+        quiet, steady = ringing & ~knocked, both & ~ringing
+        self._quiet[quiet] += 1
+        self._after[quiet] += turn[quiet]
+        share = 1 - np.exp(-1 / (self._settings.steady_s * self._rate))
+        # One frame late: the one before a knock may belong to it.
+        self._before[steady] += share * (self._last_turn[steady] - self._before[steady])
+        self._last_turn[both], self._moving = turn[both], both
+        return ringing
 
     def _excess(self) -> Array:
         """How far each has turned since its knock beyond what its limb did, whose turning went over evenly."""

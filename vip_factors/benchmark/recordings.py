@@ -23,6 +23,7 @@ from vip_factors.sensors.scene import Scene
 
 METRICS = ("mpjpe", "mpjae", "knee_flexion_rmse")
 NOTHING = (np.nan, np.nan, np.nan)
+DEFAULT = LiveSettings()
 
 
 @dataclass(frozen=True)
@@ -96,14 +97,14 @@ def _trials(name: str, scene: Scene, with_live: bool) -> tuple[RecordingTrial, .
     estimate = smooth_scene(scene)
     batch_s = clock.process_time() - begin
     begin = clock.process_time()
-    answers = _answers(scene) if with_live else []
+    answers = streamed(scene) if with_live else []
     live_s = clock.process_time() - begin
     said = tuple(sentence for answer in answers for sentence in answer.findings)
     trials = []
     for wearer, (recording, own) in enumerate(zip(scene.wearers, estimate.wearers, strict=True)):
         truth = None if recording.truth is None else recording.truth.motion
         start, end = recording.interval
-        motion = _smoothed(answers, wearer, scene)
+        motion = smoothed_motion(answers, wearer, scene)
         live, late = (_errors(motion, truth, since) for since in (start, (start + end) / 2))
         trials.append(
             RecordingTrial(
@@ -114,18 +115,19 @@ def _trials(name: str, scene: Scene, with_live: bool) -> tuple[RecordingTrial, .
     return tuple(trials)
 
 
-def _answers(scene: Scene) -> list[LiveEstimate]:
-    tracker = FixedLagTracker(LiveSetup.of(scene), LiveSettings())
+def streamed(scene: Scene, settings: LiveSettings = DEFAULT) -> list[LiveEstimate]:
+    """What the tracker answers to a scene, as fast as it goes."""
+    tracker = FixedLagTracker(LiveSetup.of(scene), settings)
     return [*(answer for sample in live_samples(scene) for answer in tracker.push(sample)), *tracker.finish()]
 
 
-def _smoothed(answers: Sequence[LiveEstimate], wearer: int, scene: Scene) -> Motion | None:
+def smoothed_motion(answers: Sequence[LiveEstimate], wearer: int, scene: Scene) -> Motion | None:
     """The smoothed poses, on the body that was believed at the end."""
     poses = [pose for answer in answers if (pose := answer.wearers[wearer].smoothed) is not None]
     if not poses:
         return None
     body = answers[-1].wearers[wearer].skeleton or scene.wearers[wearer].subject.body()
-    return filled_motion(poses, body, LiveSettings().frame_rate, scene.wearers[wearer].subject.name)
+    return filled_motion(poses, body, DEFAULT.frame_rate, scene.wearers[wearer].subject.name)
 
 
 def _errors(motion: Motion | None, truth: Motion | None, since: float) -> tuple[float, ...]:

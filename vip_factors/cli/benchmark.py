@@ -1,5 +1,6 @@
 """``vip-factors benchmark``: accuracy and speed, measured again on any machine."""
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from vip_factors.cli.benchmark_live_options import KaichiOptions, StreamAccuracy
 from vip_factors.cli.benchmark_options import (
     AssociationOptions,
     ConsistencyOptions,
+    RealOptions,
     RecordingsOptions,
     SipOptions,
     SpeedOptions,
@@ -25,6 +27,7 @@ from vip_factors.cli.options import parse
 from vip_factors.cli.terminal import Tell, progress_bar
 
 if TYPE_CHECKING:
+    from vip_factors.benchmark.recordings import RecordingTrial
     from vip_factors.settings import Settings
 
 Options = (
@@ -41,6 +44,7 @@ Options = (
     | KaichiOptions
     | WalkOptions
     | RecordingsOptions
+    | RealOptions
 )
 Write = Callable[[str], None]
 
@@ -62,7 +66,8 @@ class BenchmarkOptions:
         | Annotated[StreamLatencyOptions, tyro.conf.subcommand("stream-latency")]
         | Annotated[StreamHourOptions, tyro.conf.subcommand("stream-hour")]
         | Annotated[WalkOptions, tyro.conf.subcommand("walk")]
-        | Annotated[RecordingsOptions, tyro.conf.subcommand("recordings")],
+        | Annotated[RecordingsOptions, tyro.conf.subcommand("recordings")]
+        | Annotated[RealOptions, tyro.conf.subcommand("real")],
         tyro.conf.arg(name=""),
     ]
 
@@ -111,19 +116,38 @@ def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
         return benchmark_stream.stream_hour(options, tell, write)
     if isinstance(options, RecordingsOptions):
         return _recordings(options, tell, write)
+    if isinstance(options, RealOptions):
+        return _real(options, tell, write)
     if isinstance(options, StreamFaultsOptions):
         return _stream_faults(options, tell)
     return _speed(options, tell) if isinstance(options, SpeedOptions) else _walk(options, tell)
 
 
 def _recordings(options: RecordingsOptions, tell: Tell, write: Write) -> tuple[str, str]:
-    from vip_factors.benchmark.recordings import RecordingTrial, recordings_json, recordings_table, run_recordings
+    from vip_factors.benchmark.recordings import recordings_json, recordings_table, run_recordings
 
     def keep(so_far: tuple[RecordingTrial, ...]) -> None:
         write(recordings_json(so_far))
 
     results = run_recordings(options.recordings, options.live, tell, keep)
     return recordings_table(results), recordings_json(results)
+
+
+def _real(options: RealOptions, tell: Tell, write: Write) -> tuple[str, str]:
+    from vip_factors.benchmark.real import real_json, real_table, run_real
+    from vip_factors.benchmark.recordings import recordings_json, recordings_table, run_recordings
+
+    real = run_real(options.data, options.named, options.live, tell, lambda so_far: write(real_json(so_far)))
+    table, content = real_table(real), json.loads(real_json(real))
+    if options.scenes:
+
+        def keep(so_far: tuple[RecordingTrial, ...]) -> None:
+            write(json.dumps(content | json.loads(recordings_json(so_far)), indent=2))
+
+        scenes = run_recordings(options.scenes, options.live, tell, keep)
+        table += "\n" + recordings_table(scenes)
+        content |= json.loads(recordings_json(scenes))
+    return table, json.dumps(content, indent=2)
 
 
 def _walk(options: WalkOptions, tell: Tell) -> tuple[str, str]:

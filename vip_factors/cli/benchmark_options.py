@@ -91,6 +91,24 @@ class WalkOptions:
 
 
 @dataclass(frozen=True)
+class RealOptions:
+    """Public recordings of real people, and any scenes beside them: all that was not made by this project."""
+
+    data: Path
+    """Folder with the public recordings: xsens_vicon_walk, xsens_treadmill_optical, opensense, vidimu and so on."""
+    named: str = ""
+    """Only those whose names contain this."""
+    scenes: tuple[Path, ...] = ()
+    """Recordings or scenes (.mcap) with a truth of their own, in a table below."""
+    live: Flag = True
+    """Stream them too."""
+    json: Path | None = None
+    """Also write everything, findings too, to this file, as JSON, after each recording."""
+    overwrite: Flag = False
+    """Replace the JSON file if it exists."""
+
+
+@dataclass(frozen=True)
 class RecordingsOptions:
     """Recordings of your own, smoothed and streamed, one row for each wearer: errors where they have a truth."""
 

@@ -1,4 +1,4 @@
-"""Clinical joint angles: knee flexion, which needs no world frame and is what gait laboratories compare."""
+"""Clinical joint angles of gait: flexion of knees and hips, which needs no world frame."""
 
 import numpy as np
 
@@ -22,6 +22,20 @@ def knee_flexion_of(motion: Motion, side: str) -> Array:
     """Knee flexion ``(T,)`` in degrees of the ``"left"`` or ``"right"`` knee of a motion."""
     R_world_bone = motion.state.R_world_bone
     return knee_flexion_deg(R_world_bone[:, joint_index(f"{side}_hip")], R_world_bone[:, joint_index(f"{side}_knee")])
+
+
+def hip_flexion_deg(R_world_pelvis: Array, R_world_thigh: Array) -> Array:
+    """Hip flexion ``(...)`` in degrees, of pelvis and thigh orientations ``(..., 3, 3)``; forward is positive.
+
+    The convention of :func:`knee_flexion_deg`, but flexion takes the thigh forward, which is a turn about −x.
+    """
+    return -knee_flexion_deg(R_world_pelvis, R_world_thigh)
+
+
+def hip_flexion_of(motion: Motion, side: str) -> Array:
+    """Hip flexion ``(T,)`` in degrees of the ``"left"`` or ``"right"`` hip of a motion."""
+    R_world_bone = motion.state.R_world_bone
+    return hip_flexion_deg(R_world_bone[:, joint_index("pelvis")], R_world_bone[:, joint_index(f"{side}_hip")])
 
 
 def rmse(estimate: Array, truth: Array) -> float:

@@ -1,0 +1,121 @@
+"""The public recordings of real people that accuracy is judged on: where each lies in a folder, and what is known."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from vip_factors.benchmark.leg_angles import LegAngles, opensim_angles, optical_angles, vicon_angles
+from vip_factors.benchmark.walk import SENSORS as WALK
+from vip_factors.io.convert import ImportOptions
+
+STATURE_M = 1.75  # nobody says how tall these wearers were
+# How OpenSense names the sensors' frames; site → what follows it depends on the recording.
+LEGS = {
+    "pelvis": "pelvis_imu", "right_shank": "tibia_r_imu", "right_thigh": "femur_r_imu", "left_shank": "tibia_l_imu",
+    "left_thigh": "femur_l_imu",
+}  # fmt: skip
+ARMS = {
+    "sternum": "torso_imu", "right_upper_arm": "humerus_r_imu", "left_upper_arm": "humerus_l_imu",
+    "right_forearm": "radius_r_imu", "left_forearm": "radius_l_imu",
+}  # fmt: skip
+TREADMILL = {
+    **{site: f"{name}_offset_imu" for site, name in {"sternum": "torso_imu", **LEGS}.items()},
+    "right_foot": "toes_r_imu_offset_imu", "left_foot": "toes_l_imu_offset_imu",
+}  # fmt: skip
+MT = {
+    "sternum": "00B42268", "pelvis": "00B42279", "right_shank": "00B4227D", "right_thigh": "00B4227C",
+    "left_shank": "00B421ED", "left_thigh": "00B421EE", "right_foot": "00B421EF", "left_foot": "00B421E6",
+}  # fmt: skip
+DOT = {
+    "pelvis": "Pelvis", "right_shank": "RTibia", "right_thigh": "RFemur", "left_shank": "LTibia",
+    "left_thigh": "LFemur",
+}  # fmt: skip
+# Degrees, tuned by hand by those who recorded full_body_16imu, good to some 15°.
+FULL_BODY_HEADINGS = {
+    "hip": 0, "lower_back": -30, "upper_back": 15, "head": -45, "upper_arm_left": -89.5, "forearm_left": -95,
+    "hand_left": -85, "upper_arm_right": 60, "forearm_right": 80, "hand_right": 54, "upper_leg_left": -140,
+    "lower_leg_left": 105, "foot_left": -150, "upper_leg_right": 80, "lower_leg_right": -155, "foot_right": -150,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RealRecording:
+    """One recording.
+
+    Attributes:
+        name: of the row.
+        log: what is converted, as a path in the folder of all.
+        options: what is said beside it.
+        agree_deg: how well the sensors' inertial frames are said to agree, if at all.
+        angles: reads the reference of hips and knees from the folder of all, if there is one.
+        other: name and reader of somebody else's result, to be judged by the same reference.
+        headings_deg: reference of headings by sensor name.
+    """
+
+    name: str
+    log: str
+    options: ImportOptions
+    agree_deg: float | None = None
+    angles: Callable[[Path], LegAngles] | None = None
+    other: tuple[str, Callable[[Path], LegAngles]] | None = None
+    headings_deg: Mapping[str, float] = field(default_factory=dict)
+
+
+def real_recordings(folder: Path) -> Iterator[RealRecording]:
+    """All that lie in a folder."""
+    vidimu = sorted(path.relative_to(folder) for path in folder.glob("vidimu/S*/S??_A??_T??.sto"))
+    for one in (*_KNOWN, *(_activity(path) for path in vidimu)):
+        if (folder / one.log).exists():
+            yield one
+
+
+def _activity(path: Path) -> RealRecording:
+    """Of VIDIMU: walking and sitting wear sensors on the legs, the rest on the arms.
+
+    The first row of each is a pose held before, facing elsewhere: not a sample.
+    """
+    legs = path.stem[4:7] in ("A01", "A02", "A03", "A04")
+    return RealRecording(f"vidimu {path.stem}", str(path), _worn(LEGS if legs else ARMS, start_s=0.01))
+
+
+def _worn(placement: Mapping[str, str] | None, pose: str = "none", start_s: float | None = None) -> ImportOptions:
+    return ImportOptions(placement=placement, stature_m=STATURE_M, initial_pose=pose, start_s=start_s)
+
+
+def _treadmill(pose: str) -> RealRecording:
+    where = "xsens_treadmill_optical"
+
+    def optical(folder: Path) -> LegAngles:
+        return optical_angles(folder / where / "optical_joint_centres.csv")
+
+    def opensense(folder: Path) -> LegAngles:
+        return opensim_angles(folder / where / "ik_OpenSim_Sub02_CSBaseline_Orientations.mot")
+
+    return RealRecording(
+        f"{where}, pose {'declared' if pose != 'none' else 'not declared'}",
+        f"{where}/OpenSim_Sub02_CSBaseline_Orientations.sto", _worn(TREADMILL, pose), angles=optical,
+        other=("OpenSense", opensense),
+    )  # fmt: skip
+
+
+_FULL_BODY = "full_body_16imu/full_body_example_data.mat"
+_KNOWN = (
+    RealRecording(
+        "xsens_vicon_walk", "xsens_vicon_walk/raw_mtw", _worn(WALK, "n-pose"),
+        angles=lambda folder: vicon_angles(folder / "xsens_vicon_walk"),
+    ),
+    _treadmill("n-pose"),
+    _treadmill("none"),
+    RealRecording("full_body_16imu", _FULL_BODY, _worn(None), headings_deg=FULL_BODY_HEADINGS),
+    RealRecording(
+        "full_body_16imu, frames said to agree", _FULL_BODY, _worn(None), agree_deg=90.0,
+        headings_deg=FULL_BODY_HEADINGS,
+    ),
+    RealRecording("opensense MT_009", "opensense/example_MT_009-001/IMUData", _worn(MT)),
+    RealRecording(
+        "opensense S07", "opensense/S07/S07_IMU/imu_walking_25s.sto",
+        _worn({"sternum": "torso_imu", **LEGS, "right_foot": "calcn_r_imu", "left_foot": "calcn_l_imu"}),
+    ),
+    RealRecording("xsens_dot", "xsens_dot/Original_XsensDot_Data_Realtime", _worn(DOT)),
+    RealRecording("mvnx upper body", "mvnx/upper_body_60hz_v4.mvnx", _worn(None)),
+)  # fmt: skip

@@ -27,7 +27,6 @@ from vip_factors.cli.options import parse
 from vip_factors.cli.terminal import Tell, progress_bar
 
 if TYPE_CHECKING:
-    from vip_factors.benchmark.recordings import RecordingTrial
     from vip_factors.settings import Settings
 
 Options = (
@@ -124,7 +123,7 @@ def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
 
 
 def _recordings(options: RecordingsOptions, tell: Tell, write: Write) -> tuple[str, str]:
-    from vip_factors.benchmark.recordings import recordings_json, recordings_table, run_recordings
+    from vip_factors.benchmark.recordings import RecordingTrial, recordings_json, recordings_table, run_recordings
 
     def keep(so_far: tuple[RecordingTrial, ...]) -> None:
         write(recordings_json(so_far))
@@ -135,7 +134,7 @@ def _recordings(options: RecordingsOptions, tell: Tell, write: Write) -> tuple[s
 
 def _real(options: RealOptions, tell: Tell, write: Write) -> tuple[str, str]:
     from vip_factors.benchmark.real import real_json, real_table, run_real
-    from vip_factors.benchmark.recordings import recordings_json, recordings_table, run_recordings
+    from vip_factors.benchmark.recordings import RecordingTrial, recordings_json, recordings_table, run_recordings
 
     real = run_real(options.data, options.named, options.live, tell, lambda so_far: write(real_json(so_far)))
     table, content = real_table(real), json.loads(real_json(real))

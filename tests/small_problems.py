@@ -159,7 +159,7 @@ KNOTS = {
 def walking_model(knots: str) -> tuple[WearerProblem, WearerState]:
     model, state = small_model()
     at = model.frames.time[0] + np.array(KNOTS[knots]) * model.frames.step
-    settings = replace(model.settings, heading_walk=replace(model.settings.heading_walk, drift_deg=200.0))
+    settings = replace(model.settings, heading_walk=replace(model.settings.heading_walk, unknown_drift_deg=200.0))
     later = state.headings + 0.3 * np.random.default_rng(8).standard_normal((len(at) - 1, S))
     return replace(model, heading_knots=at, settings=settings), replace(state, later_headings=later)
 

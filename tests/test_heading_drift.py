@@ -25,7 +25,7 @@ SECONDS, KNOT_S = 6.0, 3.0
 SETTINGS = Settings(
     calibration=CalibrationSettings(estimate_mountings=False, acceleration_sigma=0.05, heading_knot_s=KNOT_S),
     coarse_factor=2,
-    factors=replace(EXACT, heading_walk=replace(EXACT.heading_walk, drift_deg=20.0)),
+    factors=replace(EXACT, heading_walk=replace(EXACT.heading_walk, drift_deg=20.0, unknown_drift_deg=20.0)),
 )
 
 

@@ -25,6 +25,7 @@ from vip_factors.stages.calibration_start import start_findings
 from vip_factors.stages.decode import decode, motion_of, pose_covariance
 from vip_factors.stages.filming import start_filming
 from vip_factors.stages.fusion import fuse, fuse_finely
+from vip_factors.stages.heading_drift import drift_findings, with_found_drift
 from vip_factors.stages.inertial import Tracked, at_frames, inertial_tracker, inertial_trackers
 from vip_factors.stages.inertial_model import FEW_SENSORS, alone, kept, loosened, with_contacts
 from vip_factors.stages.open_graph import factor_graph
@@ -74,6 +75,7 @@ def smooth(
         free = loosened(model, settings.calibration)
         for _ in range(settings.calibration.passes):
             state = solver.solve_wearer(WearerObjective(with_contacts(free, state), solver.extra), state, "calibration")
+            free, model = with_found_drift(free, state), with_found_drift(model, state)
         model = kept(model, resample(recording, settings.frame_rate))
         state = at_frames(state, frames.time, model.frames.time)
         model = with_contacts(model, state)
@@ -84,7 +86,8 @@ def smooth(
     )
     who = f"wearer '{recording.subject.name}'"
     odd = posture_findings(who, recording, estimate.motion, estimate.calibration)
-    return replace(estimate, findings=(*start_findings(who, frames.sensors, tracked.starts), *odd))
+    drift = drift_findings(who, estimate.calibration)
+    return replace(estimate, findings=(*start_findings(who, frames.sensors, tracked.starts), *odd, *drift))
 
 
 @one_blas_thread

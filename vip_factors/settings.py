@@ -36,11 +36,10 @@ class CalibrationSettings:
     # How many times looser all that is assumed (contacts, prior, smoothness) is while the calibration is free: it is
     # off in the same way in every frame too, and a mounting is there for the whole recording to lean on.
     loosening: float = 3.0
-    # s between the knots of headings that drift (a random walk of factors.heading_walk.drift_deg, linear from knot to
-    # knot, which leaves 0.4° per degree of drift between knots 60 s apart); none: constant, as in the papers. In six
-    # simulated minutes before a standing camera knots gained a third of the joint error at 10° per √minute, and next
-    # to nothing at 2°.
-    heading_knot_s: float | None = None
+    # s between the knots of headings that drift (a random walk of factors.heading_walk, linear from knot to knot, which
+    # leaves 0.4° per degree of drift between knots 60 s apart); none: constant, as in the papers. Shorter recordings
+    # than half of it have constant headings.
+    heading_knot_s: float | None = 40.0
     passes: int = 2  # coarse solves: foot contacts found with the first headings are found again with better ones
     from_truth: bool = False  # start from the recording's true calibration: for experiments
     start: StartSettings = field(default_factory=StartSettings)

@@ -48,7 +48,7 @@ def heading_walk(at: WearerEvaluation, first: slice) -> Iterator[KnotEquations]:
     problem, knots = at.problem, at.state.heading_knots
     if not (problem.free_headings and problem.headings_walk and _begins(at, first)):
         return
-    root = np.tile(1 / problem.walk_sigmas[:, None], (1, knots.shape[1]))
+    root = 1 / problem.walk_sigmas
     residual = root * heading_walk_residual(knots[:-1], knots[1:])
     yield KnotEquations("heading walk", 0, residual[..., None], 1.0, SQUARE, at.owner, "headings", root)
 

@@ -11,13 +11,21 @@ from vip_factors.geometry.rotations import Array
 class HeadingWalkSettings:
     """How fast headings drift, where they are let drift."""
 
-    # Degrees per √minute: magnetometer-free filters of consumer sensors drift by 1–5. Too small a number holds a
-    # drifting heading back, too large a one only makes it less sure.
+    # Degrees per √minute: magnetometer-free filters of consumer sensors drift by 1–5. What a recording shows of each
+    # sensor's is weighed against this.
     drift_deg: float = 2.0
+    # Degrees per √minute, before the first solution shows how each sensor drifts: too small a number would hold back
+    # one that drifts by tens of degrees in minutes, as gyroscopes do that were never calibrated.
+    unknown_drift_deg: float = 10.0
 
-    def sigma(self, seconds: Array) -> Array:
-        """Standard deviations in radians of what is added to a heading in so many seconds."""
-        return np.deg2rad(self.drift_deg) * np.sqrt(np.asarray(seconds) / 60)
+    def sigma(self, seconds: Array, drift_deg: Array) -> Array:
+        """Standard deviations in radians of what is added in so many seconds to a heading that drifts like that.
+
+        Args:
+            seconds: any shape.
+            drift_deg: degrees per √minute, of a shape that broadcasts.
+        """
+        return np.deg2rad(drift_deg) * np.sqrt(np.asarray(seconds) / 60)
 
 
 def heading_walk_residual(before: Array, after: Array) -> Array:

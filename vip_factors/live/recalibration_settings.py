@@ -20,4 +20,5 @@ class RecalibrationSettings:
     # Standard deviations are taken so many times as large: on foreign scenes mountings are off by 1.4 sigma.
     inflation: float = 2.0
     frames: int = 30  # that tracking goes on from
-    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
+    # Constant headings: the tracker goes on from the last of them, and follows them by itself.
+    calibration: CalibrationSettings = field(default_factory=lambda: CalibrationSettings(heading_knot_s=None))

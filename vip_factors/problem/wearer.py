@@ -103,6 +103,7 @@ class WearerProblem:
         free_places: whether the sensors' places on their bones are variables.
         free_sole: whether the sole's thickness is a variable.
         heading_knots: ``(K,)`` seconds at which headings are variables, linear in between; one or none: constant.
+        heading_drift_deg: ``(S,)`` degrees per √minute by which headings walk; empty before anything shows it.
     """
 
     skeleton: Skeleton
@@ -127,6 +128,7 @@ class WearerProblem:
     is_gauge: bool = True
     is_beginning: bool = True
     heading_knots: Array = field(default_factory=lambda: np.zeros(0))
+    heading_drift_deg: Array = field(default_factory=lambda: np.zeros(0))
     variation: BodyVariation | None = None
     free_body: bool = False
     free_hinges: bool = False
@@ -225,7 +227,7 @@ class WearerProblem:
         prior = self.settings.heading_prior
         sigmas = np.maximum(self.heading_sigma, prior.least_sigma)
         if self.headings_walk:
-            whole = self.settings.heading_walk.sigma(self.heading_knots[-1] - self.heading_knots[0])
+            whole = self._walk_sigma(self.heading_knots[-1] - self.heading_knots[0])
             sigmas = np.hypot(sigmas, np.sqrt(2 / 3) * whole)
         if self.is_gauge:
             sigmas[self.gauge_sensor] = prior.gauge_sigma
@@ -242,8 +244,14 @@ class WearerProblem:
 
     @property
     def walk_sigmas(self) -> Array:
-        """``(K − 1,)`` radians from knot to knot."""
-        return self.settings.heading_walk.sigma(np.diff(self.heading_knots))
+        """``(K − 1, S)`` radians from knot to knot."""
+        return self._walk_sigma(np.diff(self.heading_knots)[:, None])
+
+    def _walk_sigma(self, seconds: Array) -> Array:
+        """Radians by which each sensor's heading walks, ``(..., S)``."""
+        walk = self.settings.heading_walk
+        unknown = np.full(len(self.sensors), walk.unknown_drift_deg)
+        return walk.sigma(seconds, self.heading_drift_deg if len(self.heading_drift_deg) else unknown)
 
     @property
     def initial_pose_sigma(self) -> Array:

@@ -11,6 +11,7 @@ from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.associated_cameras import AssociatedCamera
 from vip_factors.stages.body_findings import body_findings
 from vip_factors.stages.fusion import Fused
+from vip_factors.stages.heading_drift import drift_findings
 from vip_factors.stages.leap_findings import confirmed_leaps
 from vip_factors.stages.posture_findings import posture_findings
 
@@ -69,6 +70,7 @@ def _wearer_findings(
     if estimate.body is not None:
         yield from body_findings(who, estimate.body, recording.subject.stature_m)
     yield from posture_findings(who, recording, estimate.motion, estimate.calibration)
+    yield from drift_findings(who, estimate.calibration)
     spreads = fine.measured_spreads()
     for index, each in enumerate(associated):
         if views[index].seen.any():

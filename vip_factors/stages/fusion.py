@@ -24,6 +24,7 @@ from vip_factors.stages.associated_cameras import AssociatedCamera
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.filming import Filmed, camera_problem
 from vip_factors.stages.ground import seen_standing
+from vip_factors.stages.heading_drift import with_found_drift
 from vip_factors.stages.inertial import at_frames
 from vip_factors.stages.inertial_model import kept, loosened, with_contacts
 from vip_factors.stages.solver import Solver
@@ -123,6 +124,7 @@ def unfused(
     problems = [_with_plain_prior(one.model, settings) for one in filmed.wearers]
     if before is not None:
         problems = [_with_body_of(one, other) for one, other in zip(problems, before.model.wearers, strict=True)]
+        problems = [with_found_drift(one, state) for one, state in zip(problems, start.wearers, strict=True)]
     wearers = tuple(
         with_contacts(one, state, path_known=before is not None)
         for one, state in zip(problems, start.wearers, strict=True)

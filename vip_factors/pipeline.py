@@ -20,14 +20,15 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.solve.marginals import chain_marginals
-from vip_factors.stages.associated_cameras import of_use, watch, watch_again
+from vip_factors.stages.associated_cameras import of_use, watch_again
 from vip_factors.stages.calibration_start import start_findings
-from vip_factors.stages.decode import decode, motion_of, pose_covariance
+from vip_factors.stages.decode import decode, pose_covariance
 from vip_factors.stages.filming import start_filming
+from vip_factors.stages.first_association import first_association
 from vip_factors.stages.fusion import fuse, fuse_finely
-from vip_factors.stages.heading_drift import drift_findings, with_found_drift
-from vip_factors.stages.inertial import Tracked, at_frames, inertial_tracker, inertial_trackers
-from vip_factors.stages.inertial_model import FEW_SENSORS, alone, kept, loosened, with_contacts
+from vip_factors.stages.heading_drift import drift_findings
+from vip_factors.stages.inertial import Tracked, at_frames, calibrated, inertial_tracker, inertial_trackers
+from vip_factors.stages.inertial_model import FEW_SENSORS, alone, kept, with_contacts
 from vip_factors.stages.open_graph import factor_graph
 from vip_factors.stages.posture_findings import posture_findings
 from vip_factors.stages.reporting import scene_estimate, who_is_who
@@ -72,10 +73,8 @@ def smooth(
     if not settings.acceleration:
         model = alone(model)
     else:
-        free = loosened(model, settings.calibration)
-        for _ in range(settings.calibration.passes):
-            state = solver.solve_wearer(WearerObjective(with_contacts(free, state), solver.extra), state, "calibration")
-            free, model = with_found_drift(free, state), with_found_drift(model, state)
+        tracked = calibrated(tracked, settings, solver, solver.extra)
+        model, state = tracked.model, tracked.state
         model = kept(model, resample(recording, settings.frame_rate))
         state = at_frames(state, frames.time, model.frames.time)
         model = with_contacts(model, state)
@@ -113,11 +112,9 @@ def smooth_scene(
     solver = _solver(settings, stiff, progress, extra_factors)
     frames = scene_frames(scene, settings.frame_rate, settings.coarse_factor)
     wearers = inertial_trackers(scene, frames.coarse, settings, solver)
-
     tell = solver.telling("association")
     names = [wearer.subject.name for wearer in scene.wearers]
-    motions = [motion_of(one.model, one.state, name) for one, name in zip(wearers, names, strict=True)]
-    filmed_by = watch(scene, wearers, motions, settings, tell)
+    wearers, filmed_by = first_association(scene, wearers, settings, solver)
     associated = of_use(filmed_by)
     if not associated:
         alone = "no wearer was found in the video: the estimate is of the IMUs alone, without a camera"

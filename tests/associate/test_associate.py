@@ -121,6 +121,39 @@ def test_another_order_of_keypoints_is_named() -> None:
     assert any("'body25b'" in one for one in result.findings)
 
 
+def only(detections: Detections, *joints: str) -> Detections:
+    """The detections of a detector that gives some joints only, on both sides."""
+    given = np.array([name.split("_")[-1] in joints for name in detections.keypoints.keypoints])
+    pixels = np.where(given[:, None], detections.pixels, np.nan)
+    return replace(detections, pixels=pixels, confidence=np.where(given, detections.confidence, 0.0))
+
+
+@pytest.mark.parametrize("joints", [("shoulder", "hip", "knee", "ankle"), ("shoulder", "hip", "knee")], ids=len)
+def test_few_keypoints_are_enough(sample: Sample, joints: tuple[str, ...]) -> None:
+    found = associate(only(sample.detections, *joints), MODEL, sample.motions)
+    given = found.wearer >= 0
+    assert np.mean(found.wearer[given] == sample.wearer[given]) > 0.99
+    assert np.mean(found.wearer[sample.wearer >= 0] >= 0) > (0.8 if len(joints) == 4 else 0.5)
+
+
+def test_too_few_keypoints_are_named_and_the_missing_ones_asked_for(sample: Sample) -> None:
+    found = associate(only(sample.detections, "shoulder", "hip"), MODEL, sample.motions)
+    assert np.all(found.wearer == -1)
+    (told,) = found.findings
+    assert "4 keypoints each" in told
+    assert "left_shoulder, right_shoulder, left_hip, right_hip" in told
+    assert "at least 6" in told
+    assert told.endswith("add knee and ankle")
+    assert "clock" not in told
+
+
+def test_nobody_found_by_few_keypoints_is_not_put_down_to_clocks(sample: Sample) -> None:
+    strangers = only(sample.detections, "shoulder", "hip", "knee").select(sample.wearer < 0)
+    found = associate(strangers, MODEL, sample.motions[:1])
+    assert np.mean(found.wearer >= 0) < 0.05
+    assert all("by the 6 keypoints" in one and "clock" not in one for one in found.findings)
+
+
 def test_gravity_of_another_length_is_refused(sample: Sample) -> None:
     with pytest.raises(InputError, match="gravity"):
         associate(sample.detections, MODEL, sample.motions, gravity_camera=np.ones((3, 3)))

@@ -60,6 +60,19 @@ def test_motion_tells_the_offset(scene: Scene) -> None:
         assert "ms" in found.sentence
 
 
+def test_eight_keypoints_tell_the_offset() -> None:
+    """Within a step: the steps of these gestures are all alike, and the arms that tell them apart are not seen."""
+    scene = filmed(SceneSettings.realistic(camera="fixed", time_offset_s=OFFSET))
+    detections = scene.camera.detections
+    joints = ("shoulder", "hip", "knee", "ankle")
+    given = np.array([name.split("_")[-1] in joints for name in detections.keypoints.keypoints])
+    few = replace(detections, confidence=given * detections.confidence).shifted(OFFSET - 0.1)
+    one_step = ClockSettings(max_offset=0.5)
+    found = find_clock_offset(replace(scene, camera=replace(scene.camera, detections=few)), one_step)
+    assert found.determined
+    assert found.seconds == pytest.approx(0.1, abs=0.04)
+
+
 def test_the_result_follows_the_video_clock(scene: Scene) -> None:
     settings = ClockSettings(max_offset=3.0, method="motion")
     moved = replace(scene, camera=replace(scene.camera, detections=scene.camera.detections.shifted(0.777)))

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from vip_factors.associate.hypothesis import Hypotheses, WearerPoints
+from vip_factors.associate.major_joints import ENOUGH_JOINTS, counts_for, major_joints
 from vip_factors.associate.tracklets import keypoint_distance, person_size
 from vip_factors.geometry.rotations import Array, angle_between, transpose, wrap_angle, yaw_of
 from vip_factors.sensors.camera_path import CameraPath
@@ -23,8 +24,7 @@ LIMB_ENDS = (
     ("right_hip", "right_knee"), ("right_knee", "right_ankle"), ("left_shoulder", "right_shoulder"),
     ("left_hip", "right_hip"),
 )  # fmt: skip
-MAJOR_JOINTS = ("neck", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-ENOUGH_JOINTS = 7  # rightly found, for a detection to count as somebody's (thesis 4.4.3)
+USUAL_KEYPOINTS = 15  # of somebody who is seen whole
 FITTING_M = 0.15  # a head's half, and what an inertial tracker errs
 WINDOWS_S = (0.5, 2.0)  # over which a tracklet's evidence is averaged: half a step, and a few
 NO_RIVAL = 1.5  # how much worse an absent rival counts
@@ -80,7 +80,7 @@ class Context:
 def unary_features(context: Context) -> Array:
     """Features ``(P, len(UNARY))`` of every hypothesis, or ``(P, len(UNARY_CAMERA))`` where the camera is known."""
     h = context.hypotheses
-    log_cost = np.log(h.cost + 0.02)
+    log_cost = np.log(h.cost * _by_freedom(context) + 0.02)
     limbs = _limb_agreement(context)
     tilt = _tilt(context)
     unsteady, seconds = _unsteadiness(context), _track_seconds(context)
@@ -105,14 +105,26 @@ def unary_features(context: Context) -> Array:
     return np.stack(columns, axis=1)
 
 
+def _by_freedom(context: Context) -> Array:
+    """By what to multiply ``(P,)`` mean squared errors: the six numbers of a camera fit to few keypoints anyhow.
+
+    Such errors are too small by the share of their degrees of freedom that the camera takes: of ``2n`` numbers six.
+    """
+    used = np.sum(np.isfinite(context.hypotheses.error[..., 0]), axis=1)
+    return np.asarray((1 - 3 / USUAL_KEYPOINTS) / (1 - 3 / used))
+
+
 def _joint_counts(context: Context) -> tuple[Array, ...]:
-    """How many major joints ``(P,)`` are seen and how many of them fit, and whether these are seven (thesis 4.4.3)."""
-    h = context.hypotheses
-    major = np.array([name.split("_")[-1] in MAJOR_JOINTS for name in context.names])
+    """How many major joints ``(P,)`` are seen and how many of them fit, and whether these are seven (thesis 4.4.3).
+
+    Where the detector gives fewer joints than usual, each of them counts for several.
+    """
+    h, major = context.hypotheses, major_joints(context.names)
+    each = counts_for(context.names, np.sum(context.weight > 0, axis=0))
     sure = np.clip((context.weight[h.detection][:, major] - 0.1) / 0.3, 0, 1)
     error = np.linalg.norm(h.error[:, major], axis=-1)
     fits = np.exp(-0.5 * (np.nan_to_num(error, nan=np.inf) / FITTING_M) ** 2)
-    seen, fitting = sure.sum(axis=1), np.sum(sure * fits, axis=1)
+    seen, fitting = each * sure.sum(axis=1), each * np.sum(sure * fits, axis=1)
     return seen, fitting, *(1 / (1 + np.exp(-2 * (count - ENOUGH_JOINTS + 0.5))) for count in (seen, fitting))
 
 

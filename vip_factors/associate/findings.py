@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vip_factors.associate.camera_fit import fit_cameras
+from vip_factors.associate.camera_fit import FEWEST_KEYPOINTS, fit_cameras
 from vip_factors.associate.features import Context
 from vip_factors.associate.hypothesis import keypoint_sigma, wearer_points
+from vip_factors.associate.major_joints import given_keypoints
 from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet
 from vip_factors.body.motion import Motion
 from vip_factors.geometry.rotations import Array, rotation_z, yaw_of
@@ -16,6 +17,8 @@ SAMPLE = 300  # detections looked at for the order of keypoints
 MUCH_BETTER = 0.6  # of the cost: what another order must reach; another view of the same body reaches 0.9
 ALIKE_M = 0.08  # mean distance between two wearers' keypoints below which nobody could tell them apart
 ALIKE_SHARE = 0.7  # of the frames
+TELLING = ("shoulder", "hip", "knee", "ankle")  # eight keypoints by which people are told apart
+FEW_KEYPOINTS = 8  # with fewer, that nobody is found is no sign of anything being wrong
 REFUSED = 20.0  # cost, in squared sigmas, of a detection that no camera explains
 
 
@@ -32,6 +35,8 @@ def find_oddities(
         return (
             "the video and the sensors do not overlap in time: nobody could be found, check the camera's time offset",
         )
+    if _shown_at_once(context) < FEWEST_KEYPOINTS:
+        return (_too_few(context),)
     found = [*_order_finding(detections, context, motions), *_alike(context, motions)]
     for w, motion in enumerate(motions):
         if not np.any(wearer == w):
@@ -39,10 +44,46 @@ def find_oddities(
     return tuple(found)
 
 
+def _usable(context: Context) -> np.ndarray:
+    """Which keypoints ``(N, K)`` are seen and on our body."""
+    on_body = np.any([np.isfinite(one.p_world_keypoint).any(axis=(0, 2)) for one in context.wearers], axis=0)
+    return np.asarray((context.weight > 0) & on_body)
+
+
+def _shown_at_once(context: Context) -> float:
+    """How many usable keypoints the best tenth of the detections have at least."""
+    return float(np.quantile(_usable(context).sum(axis=1), 0.9))
+
+
+def _given(context: Context) -> list[str]:
+    """The keypoints on our body that the detector gives."""
+    which = given_keypoints(_usable(context).sum(axis=0))
+    return [name for name, given in zip(context.names, which, strict=True) if given]
+
+
+def _too_few(context: Context) -> str:
+    given = _given(context)
+    missing = [joint for joint in TELLING if not any(joint in name for name in given)]
+    return (
+        f"people are visible with {_shown_at_once(context):.0f} keypoints each (the detector gives "
+        f"{', '.join(given) or 'none that is on the body'}), and at least {FEWEST_KEYPOINTS} at once are needed to "
+        f"tell who is who: add {' and '.join(missing) or 'those that are missing'}"
+    )
+
+
 def _never_found(context: Context, odds: Array, w: int, motion: Motion) -> str:
     mine = odds[context.hypotheses.wearer == w]
     if len(mine) == 0:
-        return f"no detection shows enough keypoints to be compared with wearer '{motion.name}'"
+        return (
+            f"no detection shows {FEWEST_KEYPOINTS} keypoints at once while wearer '{motion.name}' is measured: nobody "
+            "can be compared with that wearer"
+        )
+    given = _given(context)
+    if len(given) < FEW_KEYPOINTS:
+        return (
+            f"people are visible, but none is surely wearer '{motion.name}' by the {len(given)} keypoints that the "
+            f"detector gives ({', '.join(given)}): more of them (knees and ankles, elbows and wrists) would tell"
+        )
     return (
         f"people are visible, but none moves as the sensors of wearer '{motion.name}' say: either that wearer is not "
         "in the picture, or the video's clock, its keypoints' order or the sensors' places are wrong"

@@ -104,6 +104,7 @@ class OnlineAssociation:
         if not late:
             self._time = frame.time
             self._begin(frame.time)
+            self._fitter.hear(people)
         odds = self._odds([(frame, bodies, camera, root_sigma)], people).frame(0)
         if late:
             return _assign(np.where(odds.usable, odds.both - self.settings.accept, -NEVER))
@@ -150,6 +151,7 @@ class OnlineAssociation:
             return
         self._time = frame.time
         people = people_of(frame.pixels, frame.confidence, self.model)
+        self._fitter.hear(people)
         row = self._tracks.link(frame.time, people.rays[0], people.weight[0])
         number = self._tracks.number[row]
         self._keep(frame.time, people, number)

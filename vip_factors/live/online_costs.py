@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.associate.features import FITTING_M, MAJOR_JOINTS
+from vip_factors.associate.features import FITTING_M
 from vip_factors.associate.hypothesis import LEAST_CONFIDENCE, keypoint_sigma
+from vip_factors.associate.major_joints import counts_for, major_joints
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Skeleton
@@ -48,7 +49,8 @@ class Fit:
     Attributes:
         shape: robust mean of the keypoints' squared errors in sigmas, the body moved to where it fits.
         fitting: how many major joints are near where they should be.
-        seen: how many are seen; both count keypoints of little confidence in part.
+        seen: how many are seen; both count keypoints of little confidence in part, and each for several where the
+            detector gives few.
         position: squared Mahalanobis distance of that move.
     """
 
@@ -90,14 +92,19 @@ class BodyFitter:
         self, keypoints: KeypointSet, skeletons: Sequence[Skeleton], depth_share: float, side_m: float
     ) -> None:
         places = [keypoints.on_body(skeleton) for skeleton in skeletons]
-        names = keypoints.keypoints
+        self.names = keypoints.keypoints
         self.known = np.array([[place is not None for place in one] for one in places])
         self.bone = np.array([[0 if place is None else place.bone for place in one] for one in places])
         offsets = [[np.zeros(3) if place is None else place.p_bone_point for place in one] for one in places]
         self.offset = np.array(offsets, dtype=float)
         self.precision = 1 / keypoint_sigma(keypoints) ** 2
-        self.major = np.array([name.split("_")[-1] in MAJOR_JOINTS for name in names])
+        self.major = major_joints(self.names)
+        self.found = np.zeros(len(self.names))  # how often each keypoint was
         self.depth_share, self.side_m = depth_share, side_m
+
+    def hear(self, people: People) -> None:
+        """Take in which keypoints the detector gives, of one more video frame."""
+        self.found += np.sum(people.weight > 0, axis=(0, 1))
 
     def points(self, bodies: Sequence[Sequence[BodyState]], R_world_camera: Array, p_world_camera: Array) -> Array:
         """Keypoints ``(F, W, K, 3)`` in the camera's axes, metres.
@@ -126,6 +133,7 @@ class BodyFitter:
             covariance: ``(F, W, 3, 3)`` m², camera axes, of where the wearer is before the camera.
         """
         w = people.weight[:, None] * self.known[:, None]  # (F, W, N, K)
+        each = counts_for(self.names, self.found)
         place = self.middle(points)
         local = (points - place[..., None, :])[:, :, None]  # (F, W, 1, K, 3)
         place[..., 2] = np.maximum(place[..., 2], NEAREST_M)
@@ -138,7 +146,8 @@ class BodyFitter:
         moved = t - place[:, :, None]
         around = (covariance + self._slack(depth))[:, :, None] + doubt
         position = np.sum(moved * np.linalg.solve(around, moved[..., None])[..., 0], axis=-1)
-        return Fit(shape / np.maximum(w.sum(axis=-1), LEAST_WEIGHT), fits, sure.sum(axis=-1), position)
+        shape = shape / np.maximum(w.sum(axis=-1), LEAST_WEIGHT)
+        return Fit(shape, each * fits, each * sure.sum(axis=-1), position)
 
     def _slack(self, depth: Array) -> Array:
         """Covariance ``(F, W, 3, 3)`` of a place found with limbs predicted wrongly."""

@@ -25,14 +25,12 @@ class AssociatedCamera:
         detections: of it, with times on the recording's clock.
         association: who is who in them.
         seen: the hypothesis cameras of each wearer in the wearer's own world, of the first association.
-        wearer_at_first: ``(N,)`` whom that gave each detection to, −1 for nobody.
     """
 
     camera: Camera
     detections: Detections
     association: Association
     seen: tuple[Sightings, ...]
-    wearer_at_first: np.ndarray
 
     @property
     def shows_somebody(self) -> bool:
@@ -53,7 +51,7 @@ def watch(
             gravity_camera=gravity_in_camera(camera, detections.time), progress=_part(tell, number, len(scene.cameras)),
         )  # fmt: skip
         seen = tuple(_sightings(association, number, detections, one) for number, one in enumerate(wearers))
-        associated.append(AssociatedCamera(camera, detections, association, seen, association.wearer))
+        associated.append(AssociatedCamera(camera, detections, association, seen))
     return tuple(associated)
 
 

@@ -14,6 +14,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, known_calibration
 from vip_factors.initialise.pose import first_poses
 from vip_factors.initialise.start_search import Starts
+from vip_factors.problem.extra import ExtraTerms
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames, resample_streams
@@ -21,7 +22,16 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.stages.calibration_start import search_start
-from vip_factors.stages.inertial_model import alone, gauge_sensor, inertial_model, placed_on_floor, walking
+from vip_factors.stages.heading_drift import with_found_drift
+from vip_factors.stages.inertial_model import (
+    alone,
+    gauge_sensor,
+    inertial_model,
+    loosened,
+    placed_on_floor,
+    walking,
+    with_contacts,
+)
 from vip_factors.stages.solver import Solver
 
 
@@ -57,6 +67,15 @@ def inertial_trackers(scene: Scene, time: Array, settings: Settings, solver: Sol
         )
         for wearer in scene.wearers
     )
+
+
+def calibrated(tracked: Tracked, settings: Settings, solver: Solver, extra: ExtraTerms | None = None) -> Tracked:
+    """The sparse inertial poser on the tracker's frames, with headings, mountings and the mean pose free."""
+    free, state = loosened(tracked.model, settings.calibration), tracked.state
+    for _ in range(settings.calibration.passes):
+        state = solver.solve_wearer(WearerObjective(with_contacts(free, state), extra), state, "calibration")
+        free = with_found_drift(free, state)
+    return replace(tracked, model=with_found_drift(tracked.model, state), state=state)
 
 
 def first_calibration(recording: Recording, frames: ImuFrames, settings: Settings) -> InitialCalibration:

@@ -1,0 +1,83 @@
+"""Where trackers' motions do not show who is who, calibrated ones do; whoever looks like the pictures is begun with."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from filmed_gestures import QUICK, filmed_gestures, without_detections
+
+from vip_factors.body.skeleton import joint_index
+from vip_factors.geometry.rotations import exp
+from vip_factors.sensors.scene import Scene
+from vip_factors.stages import first_association as stage
+from vip_factors.stages.inertial import Tracked, inertial_trackers
+from vip_factors.stages.scene_frames import scene_frames
+from vip_factors.stages.solver import Solver
+
+SOLVER = Solver(QUICK.solve, lambda stage, fraction: None)
+
+
+@cache
+def scene() -> Scene:
+    return filmed_gestures(people=("anna", "bob"), backwards=True, azimuth_deg=20.0)
+
+
+def track(scene: Scene) -> tuple[Tracked, ...]:
+    frames = scene_frames(scene, QUICK.frame_rate, QUICK.coarse_factor)
+    return inertial_trackers(scene, frames.coarse, QUICK, SOLVER)
+
+
+@cache
+def tracked() -> tuple[Tracked, ...]:
+    return track(scene())
+
+
+def bent(one: Tracked, degrees: float) -> Tracked:
+    """With limbs that are turned as by a wrong start."""
+    R = one.state.R_parent_child.copy()
+    for number, name in enumerate(("left_hip", "right_hip", "left_knee", "left_shoulder", "right_shoulder", "spine1")):
+        R[:, joint_index(name)] = R[:, joint_index(name)] @ exp(np.deg2rad(degrees) * np.eye(3)[number % 3])
+    return replace(one, state=replace(one.state, R_parent_child=R))
+
+
+def calibrating(to: Tracked, calls: list[Tracked]) -> Callable[..., Tracked]:
+    def calibrated(one: Tracked, *_: object) -> Tracked:
+        calls.append(one)
+        return to
+
+    return calibrated
+
+
+def test_who_is_found_is_left_as_tracked(monkeypatch: pytest.MonkeyPatch) -> None:
+    alone = filmed_gestures(seconds=2.0, azimuth_deg=20.0)
+    before, calls = track(alone), list[Tracked]()
+    monkeypatch.setattr(stage, "calibrated", calibrating(before[0], calls))
+    wearers, associated = stage.first_association(alone, before, QUICK, SOLVER)
+    assert not calls
+    assert wearers == before
+    assert stage.share_seen(associated, 0) > stage.OFTEN_SEEN
+
+
+def test_who_is_not_found_is_calibrated_and_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    (anna, bob), calls = tracked(), list[Tracked]()
+    monkeypatch.setattr(stage, "calibrated", calibrating(anna, calls))
+    wearers, associated = stage.first_association(scene(), (bent(anna, 70.0), bob), QUICK, SOLVER)
+    assert any(np.array_equal(one.state.R_parent_child, bent(anna, 70.0).state.R_parent_child) for one in calls)
+    np.testing.assert_array_equal(wearers[0].state.R_parent_child, anna.state.R_parent_child)
+    assert stage.share_seen(associated, 0) > 0.75  # Bob hides her at times
+    truth = scene().truth
+    assert truth is not None
+    given = associated[0].association.wearer == 0
+    assert np.mean(truth.wearer[given] == 0) > 0.99
+
+
+def test_a_calibration_that_looks_less_alike_is_not_begun_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    anna, bob = tracked()
+    monkeypatch.setattr(stage, "calibrated", calibrating(bent(anna, 12.0), []))
+    hidden = without_detections(scene(), 0.0, 1.0, wearer=0)
+    wearers, associated = stage.first_association(hidden, (anna, bob), QUICK, SOLVER)
+    assert wearers[0] is anna
+    (look,) = [stage._look(each, 0, anna, "anna") for each in associated]
+    np.testing.assert_array_equal(associated[0].seen[0].R_camera_world, look.R_camera_world)

@@ -33,6 +33,7 @@ from vip_factors.stages.open_graph import factor_graph
 from vip_factors.stages.posture_findings import posture_findings
 from vip_factors.stages.reporting import scene_estimate, who_is_who
 from vip_factors.stages.scene_frames import scene_frames
+from vip_factors.stages.sensor_checks import checked, checked_scene
 from vip_factors.stages.solver import Progress, Solver
 
 __all__ = ["factor_graph", "smooth", "smooth_scene"]
@@ -67,6 +68,7 @@ def smooth(
     """
     solver = _solver(settings, settings.solve, progress, extra_factors)
     coarse = settings.coarse_factor if settings.acceleration else 1
+    recording, about_sensors = checked(recording, settings)
     frames = resample(recording, settings.frame_rate / coarse)
     tracked = inertial_tracker(recording, frames, settings, solver)
     model, state = tracked.model, tracked.state
@@ -86,7 +88,8 @@ def smooth(
     who = f"wearer '{recording.subject.name}'"
     odd = posture_findings(who, recording, estimate.motion, estimate.calibration)
     drift = drift_findings(who, estimate.calibration)
-    return replace(estimate, findings=(*start_findings(who, frames.sensors, tracked.starts), *odd, *drift))
+    starts = start_findings(who, frames.sensors, tracked.starts)
+    return replace(estimate, findings=(*about_sensors, *starts, *odd, *drift))
 
 
 @one_blas_thread
@@ -108,6 +111,8 @@ def smooth_scene(
     """
     if scene.camera is None or not settings.fusion.use_camera:
         return _inertial(scene, settings, progress, (), extra_factors)
+    measured = scene
+    scene, about_sensors = checked_scene(measured, settings)
     stiff = replace(settings.solve, relative_decrease=settings.fusion.relative_decrease)
     solver = _solver(settings, stiff, progress, extra_factors)
     frames = scene_frames(scene, settings.frame_rate, settings.coarse_factor)
@@ -118,7 +123,7 @@ def smooth_scene(
     associated = of_use(filmed_by)
     if not associated:
         alone = "no wearer was found in the video: the estimate is of the IMUs alone, without a camera"
-        return _inertial(scene, settings, progress, (*who_is_who(scene, filmed_by), alone), extra_factors)
+        return _inertial(measured, settings, progress, (*who_is_who(scene, filmed_by), alone), extra_factors)
     filmed = start_filming(associated, wearers, settings)
     fused = fuse(filmed, None, associated, settings, solver)
     for _ in range(settings.fusion.rounds - 1):
@@ -129,7 +134,7 @@ def smooth_scene(
             fused = fuse(filmed, fused, associated, settings, solver)
     fine = fuse_finely(scene, filmed, fused, associated, frames.fine, settings, solver)
     estimate = scene_estimate(scene, fused, fine, associated, tuple(solver.reports), settings)
-    return replace(estimate, findings=(*estimate.findings, *_about_starts(names, wearers)))
+    return replace(estimate, findings=(*about_sensors, *estimate.findings, *_about_starts(names, wearers)))
 
 
 def _about_starts(names: Sequence[str], wearers: Sequence[Tracked]) -> Iterator[str]:

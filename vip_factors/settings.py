@@ -6,6 +6,8 @@ from enum import StrEnum
 from typing import Any
 
 from vip_factors.associate.settings import AssociationSettings
+from vip_factors.initialise.accelerometers import AccelerometerSettings
+from vip_factors.initialise.sensor_delays import SensorClockSettings
 from vip_factors.initialise.suppositions import StartSettings
 from vip_factors.problem.scene import CameraFactorSettings
 from vip_factors.problem.wearer import FactorSettings
@@ -79,6 +81,8 @@ class Settings:
     acceleration: bool = True  # off: the inertial tracker alone (IT; SOP with six sensors)
     coarse_factor: int = 4  # the calibration is found on every n-th frame first; 1 solves at the full rate only
     covariance: bool = False  # marginal covariance of every joint and frame: costs about one more iteration a minute
+    accelerometers: AccelerometerSettings = field(default_factory=AccelerometerSettings)
+    sensor_clocks: SensorClockSettings = field(default_factory=SensorClockSettings)
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     factors: FactorSettings = field(default_factory=FactorSettings)
     fusion: FusionSettings = field(default_factory=FusionSettings)

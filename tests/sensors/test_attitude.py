@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vip_factors.errors import RecordingError
-from vip_factors.geometry.rotations import angle_between, exp, log, rotation_z, transpose, yaw_of
+from vip_factors.geometry.rotations import angle_between, exp, log, right_jacobian, rotation_z, transpose, yaw_of
 from vip_factors.io.importers import xsens_txt
 from vip_factors.sensors.attitude import with_orientation
 from vip_factors.sensors.imu_stream import ImuStream
@@ -15,13 +15,13 @@ from vip_factors.sensors.imu_stream import ImuStream
 RATE = 100.0
 
 
-def swinging(seconds: float = 20.0) -> tuple[np.ndarray, ImuStream]:
+def swinging(seconds: float = 20.0, samples_per_second: float = RATE) -> tuple[np.ndarray, ImuStream]:
     """A sensor that swings about changing axes without leaving its place: true orientations and its samples."""
-    time = np.arange(round(seconds * RATE)) / RATE
-    swing = np.stack([np.sin(1.3 * time), 0.8 * np.sin(0.9 * time + 1), 0.6 * np.sin(1.7 * time)], axis=1)
+    time = np.arange(round(seconds * samples_per_second)) / samples_per_second
+    size, speed, phase = np.array([1.0, 0.8, 0.6]), np.array([1.3, 0.9, 1.7]), np.array([0.0, 1.0, 0.0])
+    swing = size * np.sin(speed * time[:, None] + phase)
     R = exp(swing)
-    rate = np.zeros((len(time), 3))
-    rate[1:-1] = log(transpose(R[:-2]) @ R[2:]) * RATE / 2
+    rate = np.einsum("nij,nj->ni", right_jacobian(swing), size * speed * np.cos(speed * time[:, None] + phase))
     force = transpose(R) @ np.array([0.0, 0.0, 9.81])
     return R, ImuStream("s", time, force, None, rate)
 
@@ -37,6 +37,19 @@ def test_a_swinging_sensor_is_followed() -> None:
     assert found.R_inertial_sensor is not None
     assert np.max(error_but_for_heading(R_true, found.R_inertial_sensor)) < 1.0
     np.testing.assert_array_equal(found.time, stream.time)
+
+
+@pytest.mark.parametrize("samples_per_second", [25.0, 50.0])
+def test_orientation_is_of_the_moment_of_the_angular_rate(samples_per_second: float) -> None:
+    """Half a step ahead is what comes of turning by the rate at the step's end: 0.7° rms at 50 Hz here."""
+    R_true, stream = swinging(samples_per_second=samples_per_second)
+    found = with_orientation(stream)
+    assert found.R_inertial_sensor is not None
+    R_true = rotation_z(-np.median(yaw_of(R_true @ transpose(found.R_inertial_sensor)))) @ R_true
+    turn = np.sum(log(transpose(R_true) @ found.R_inertial_sensor) * stream.angular_rate)
+    steps_ahead = turn / np.sum(stream.angular_rate**2) * samples_per_second
+    assert abs(steps_ahead) < 0.02
+    assert np.sqrt(np.mean(error_but_for_heading(R_true, found.R_inertial_sensor) ** 2)) < 5.0 / samples_per_second
 
 
 def test_z_of_the_inertial_frame_is_up() -> None:

@@ -31,7 +31,8 @@ def with_orientation(stream: ImuStream, settings: AttitudeSettings | None = None
 
     Both directions of time are used (offline VQF: Laidig & Seel, Information Fusion 91, 2023) and no magnetometer,
     so the inertial frame has its z up and an arbitrary heading. Samples are laid onto an even grid first, and what
-    short gaps lost is interpolated; the times of the stream stay.
+    short gaps lost is interpolated; the times of the stream stay. Angular rate is taken as measured at its time, as
+    specific force is: where both are means over the step before, the orientation is half a step late with them.
 
     Raises:
         RecordingError: if specific force or angular rate is missing, angular rate is implausible, there is but
@@ -45,7 +46,7 @@ def with_orientation(stream: ImuStream, settings: AttitudeSettings | None = None
     from vqf import offlineVQF
 
     estimate = offlineVQF(
-        _resample(stream.time, angular_rate, grid),
+        _rate_over_step(_resample(stream.time, angular_rate, grid)),
         _resample(stream.time, specific_force, grid),
         None,
         float(grid[1] - grid[0]),
@@ -78,6 +79,14 @@ def _checked(stream: ImuStream, settings: AttitudeSettings) -> tuple[Array, Arra
                 f"carried over more than {settings.longest_gap:g} s; cut the recording there, or export orientations"
             )
     return stream.specific_force, stream.angular_rate
+
+
+def _rate_over_step(angular_rate: Array) -> Array:
+    """Mean rate ``(N, 3)`` over the step before each sample: VQF turns by rate times step from one to the next.
+
+    By the sample's own rate instead, orientation would run half a step ahead of its time.
+    """
+    return np.concatenate([angular_rate[:1], (angular_rate[:-1] + angular_rate[1:]) / 2])
 
 
 def _resample(time: Array, values: Array, grid: Array) -> Array:

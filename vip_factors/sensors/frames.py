@@ -120,7 +120,7 @@ def _resample_stream(stream: ImuStream, time: Array, step: float) -> tuple[Array
     if stream.specific_force is None or len(stream) < 2:
         return R, seen, np.zeros((T, 3)), np.zeros(T, bool)
     force_inertial = np.einsum("nij,nj->ni", stream.R_inertial_sensor, stream.specific_force)
-    whole = _covered(stream, time - step, time + step)
+    whole = _covered(stream, time - step, time + step) & _measured(stream, time, step)
     force = np.zeros((T, 3))
     force[whole] = triangular_average(stream.time, force_inertial, time[whole], step)
     return R, seen, force, whole
@@ -133,6 +133,14 @@ def _covered(stream: ImuStream, start: Array, end: Array) -> np.ndarray:
     for gap_start, gap_end in stream.gaps:
         inside &= (end <= gap_start + slack) | (start >= gap_end - slack)
     return inside
+
+
+def _measured(stream: ImuStream, time: Array, reach: float) -> np.ndarray:
+    """Whether all samples of specific force within the reach of each instant, and those beside, were measured."""
+    missing = np.r_[0, np.cumsum(~stream.force_measured_mask)]
+    first = np.searchsorted(stream.time, time - reach, side="right") - 1
+    last = np.searchsorted(stream.time, time + reach) + 1
+    return np.asarray(missing[np.minimum(last, len(stream))] == missing[np.maximum(first, 0)])
 
 
 def triangular_average(time: Array, values: Array, query: Array, half_width: float) -> Array:

@@ -22,6 +22,8 @@ class ImuStream:
         specific_force: ``(N, 3)`` m/s² in the sensor frame, gravity included (a resting sensor reads +9.81 up).
         R_inertial_sensor: ``(N, 3, 3)`` orientation in this sensor's own inertial frame, whose z is up.
         angular_rate: ``(N, 3)`` rad/s in the sensor frame.
+        force_measured: ``(N,)`` whether specific force was measured, or was beyond the accelerometer's range say; None
+            if it was all along.
     """
 
     name: str
@@ -29,6 +31,7 @@ class ImuStream:
     specific_force: Array | None = None
     R_inertial_sensor: Array | None = None
     angular_rate: Array | None = None
+    force_measured: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         N = len(self.time)
@@ -39,6 +42,7 @@ class ImuStream:
             ("specific force", self.specific_force, (N, 3)),
             ("orientation", self.R_inertial_sensor, (N, 3, 3)),
             ("angular rate", self.angular_rate, (N, 3)),
+            ("whether force was measured", self.force_measured, (N,)),
         ):
             if values is None:
                 continue
@@ -118,6 +122,12 @@ class ImuStream:
         return float(1 / np.median(np.diff(self.time))) if len(self) > 1 else 0.0
 
     @property
+    def force_measured_mask(self) -> np.ndarray:
+        """``(N,)`` whether specific force was measured."""
+        everywhere = np.full(len(self), self.specific_force is not None)
+        return everywhere if self.force_measured is None else everywhere & self.force_measured
+
+    @property
     def gaps(self) -> Array:
         """Start and end ``(G, 2)`` in seconds of the stretches without samples."""
         step = np.diff(self.time)
@@ -137,4 +147,5 @@ class ImuStream:
             specific_force=keep(self.specific_force),
             R_inertial_sensor=keep(self.R_inertial_sensor),
             angular_rate=keep(self.angular_rate),
+            force_measured=keep(self.force_measured),
         )

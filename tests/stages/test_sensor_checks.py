@@ -1,0 +1,112 @@
+"""Sensors that are wrong by themselves or late are found, told and put right; sound ones are left as they are."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from vip_factors.errors import RecordingError
+from vip_factors.initialise.sensor_delays import SensorClockSettings, fewest_delays
+from vip_factors.sensors.frames import resample_streams
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.placement import preset
+from vip_factors.sensors.recording import Recording
+from vip_factors.settings import Settings
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.recording import simulate_recording
+from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.stages.sensor_checks import checked
+
+LEG = ("pelvis", "left_thigh", "left_shank", "left_foot")
+
+
+@cache
+def leg(rigid: bool = False) -> Recording:
+    motion = gestures(12.0)
+    whole = preset("totalcapture13", motion.skeleton)
+    placement = replace(whole, sites=tuple(site for site in whole.sites if site.sensor in LEG))
+    settings = SimulateSettings.noise_free() if rigid else SimulateSettings.realistic()
+    return simulate_recording(motion, placement, settings, seed=1)
+
+
+def with_stream(name: str, stream: ImuStream, rigid: bool = False) -> Recording:
+    return replace(leg(), imus={**leg(rigid).imus, name: stream})
+
+
+def test_sound_sensors_are_left_alone() -> None:
+    recording, findings = checked(leg(), Settings())
+    assert findings == ()
+    assert recording.imus == leg().imus
+
+
+@pytest.mark.parametrize(
+    ("late", "seconds", "rigid"), [("left_shank", 0.035, True), ("left_foot", -0.03, True), ("left_foot", 0.05, False)]
+)
+def test_a_sensor_whose_clock_is_off_is_found_and_put_right(late: str, seconds: float, rigid: bool) -> None:
+    """Sensors that are tied to rigid bones tell it to 5 ms; skin that follows the bone adds some more."""
+    sound = leg(rigid).imus[late]
+    delayed = with_stream(late, replace(sound, time=sound.time + seconds), rigid)
+    recording, findings = checked(delayed, Settings())
+    assert len(findings) == 1
+    assert f"'{late}'" in findings[0]
+    assert ("behind" if seconds > 0 else "ahead of") in findings[0]
+    np.testing.assert_allclose(recording.imus[late].time, sound.time, atol=0.005 if rigid else 0.015)
+
+
+def test_clocks_are_only_told_of_where_asked() -> None:
+    sound = leg().imus["left_foot"]
+    late = with_stream("left_foot", replace(sound, time=sound.time + 0.05))
+    told, findings = checked(late, Settings(sensor_clocks=SensorClockSettings(correct=False)))
+    assert "left so" in findings[0]
+    assert told.imus["left_foot"] is late.imus["left_foot"]
+    assert checked(late, Settings(sensor_clocks=SensorClockSettings(check=False)))[1] == ()
+
+
+def test_the_fewest_clocks_that_explain_it() -> None:
+    """A late one between two others shows on both of its links; of two sensors nobody knows which is off."""
+    settings, sigma = SensorClockSettings(), np.array([0.009, 0.0055, 0.0055])
+    chain = [(0, 1), (1, 2), (2, 3)]
+    (late,) = fewest_delays(4, chain, np.array([0.001, 0.041, -0.039]), sigma, settings)
+    assert (late.sensor, late.rival) == (2, None)
+    assert late.seconds == pytest.approx(0.04, abs=0.001)
+    (one,) = fewest_delays(2, [(0, 1)], np.array([0.05]), sigma[1:2], settings)
+    assert {one.sensor, one.rival} == {0, 1}
+    assert fewest_delays(4, chain, np.array([0.02, -0.01, 0.003]), sigma, settings) == ()
+
+
+def test_gravity_weighs_the_accelerometer() -> None:
+    sound = leg().imus["left_foot"]
+    assert sound.specific_force is not None
+    scaled = with_stream("left_foot", replace(sound, specific_force=1.2 * sound.specific_force))
+    recording, findings = checked(scaled, Settings(sensor_clocks=SensorClockSettings(check=False)))
+    assert len(findings) == 1
+    assert "'left_foot' measures gravity as 11." in findings[0]
+    assert recording.imus["left_foot"].specific_force is not None
+    np.testing.assert_allclose(recording.imus["left_foot"].specific_force, sound.specific_force, rtol=0.03, atol=1e-9)
+
+
+def test_clipped_samples_are_left_out() -> None:
+    sound = leg().imus["left_foot"]
+    assert sound.specific_force is not None
+    force = sound.specific_force.copy()
+    force[200:600, 0] += np.where(np.arange(400) % 100 < 8, 40.0, 0.0)
+    clipped = with_stream("left_foot", replace(sound, specific_force=np.clip(force, -39.24, 39.24)))
+    recording, findings = checked(clipped, Settings(sensor_clocks=SensorClockSettings(check=False)))
+    assert len(findings) == 1
+    assert "end of its range (39 m/s²)" in findings[0]
+    found = recording.imus["left_foot"].force_measured
+    np.testing.assert_array_equal(found, ~(np.abs(clipped.imus["left_foot"].specific_force[:, 0]) >= 39.24))
+
+
+def test_frames_know_what_was_not_measured() -> None:
+    time = np.arange(100) / 100.0
+    measured = np.ones(100, bool)
+    measured[50] = False
+    R, force = np.tile(np.eye(3), (100, 1, 1)), np.tile([0.0, 0, 9.81], (100, 1))
+    stream = ImuStream("s", time, force, R, force_measured=measured)
+    frames = resample_streams([stream], np.arange(1, 9) / 10)
+    np.testing.assert_array_equal(frames.acceleration_valid[:, 0], [True, True, True, False, False, False, True, True])
+    assert frames.orientation_valid.all()
+    with pytest.raises(RecordingError, match="whether force was measured"):
+        replace(stream, force_measured=measured[:50])

@@ -1,0 +1,79 @@
+"""What is wrong with an accelerometer by itself: a wrong scale, and a range that motion exceeds."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.sensors.imu_stream import ImuStream
+
+GRAVITY = 9.81
+STILL_TURN, STILL_CHANGE, STILL_S = 0.3, 0.5, 0.5  # rad/s; m/s² about the mean; s on end
+LEAST_RANGE = 15.0  # m/s²: accelerometers of bodies measure 2 g at least, and what rests at 1 g is constant too
+SAME = 1e-3  # of the range: a clipped axis repeats one number; converting from its own unit rounds the last digit
+
+
+@dataclass(frozen=True)
+class AccelerometerSettings:
+    """What accelerometers are looked over for, and what is done."""
+
+    check: bool = True  # off: they are taken as they are
+    # Of gravity, told from here on and corrected: sound ones are off by up to 1.5 %, some by 3 where nobody calibrated.
+    scale_error: float = 0.04
+    deviations: float = 4.0  # standard deviations that a scale is off one by
+    # m/s that a sensor's vertical speed may differ between start and end: with it gravity is weighed in motion, over
+    # the whole recording.
+    speed_change: float = 2.0
+    # Of gravity, least standard deviation: zero offsets are as much, and no scale.
+    least_sigma: float = 0.005
+    clipped_samples: int = 2  # on end at either end of the range, which no motion does by itself
+    clipped_runs: int = 2  # of those: once may be chance
+
+
+@dataclass(frozen=True)
+class AccelerometerScale:
+    """What gravity measures, of what it is, and the standard deviation of that."""
+
+    scale: float
+    sigma: float
+
+
+def accelerometer_scale(stream: ImuStream, settings: AccelerometerSettings) -> AccelerometerScale | None:
+    """From the mean specific force along the vertical: over a long time nobody accelerates.
+
+    Up and down cancel out, so no rest is needed: on a treadmill there may be none. None without orientation.
+    """
+    if stream.specific_force is None or stream.R_inertial_sensor is None or len(stream) < 2:
+        return None
+    vertical = np.einsum("nj,nj->n", stream.R_inertial_sensor[:, 2], stream.specific_force)
+    step = np.diff(stream.time)
+    measured = step < 2 / stream.rate  # lost samples say nothing
+    seconds = float(step[measured].sum())
+    if seconds <= 0:
+        return None
+    mean = float(np.sum((step * (vertical[1:] + vertical[:-1]) / 2)[measured]) / seconds)
+    return AccelerometerScale(
+        mean / GRAVITY, float(np.hypot(settings.speed_change / (seconds * GRAVITY), settings.least_sigma))
+    )
+
+
+def clipped_samples(stream: ImuStream, settings: AccelerometerSettings) -> np.ndarray:
+    """Which samples ``(N,)`` stand at the end of an axis's range, runs of equal extremes that is."""
+    clipped = np.zeros(len(stream), bool)
+    if stream.specific_force is None:
+        return clipped
+    largest = float(np.max(np.abs(stream.specific_force)))
+    for axis in stream.specific_force.T:
+        for end in (float(axis.max()), float(axis.min())):
+            if abs(end) > LEAST_RANGE and abs(end) > 0.9 * largest:
+                clipped |= _runs(np.abs(axis - end) < SAME * abs(end), settings)
+    return clipped
+
+
+def _runs(at_end: np.ndarray, settings: AccelerometerSettings) -> np.ndarray:
+    edges = np.flatnonzero(np.diff(np.r_[0, at_end.astype(int), 0]))
+    runs = [(a, b) for a, b in edges.reshape(-1, 2) if b - a >= settings.clipped_samples]
+    found = np.zeros(len(at_end), bool)
+    if len(runs) >= settings.clipped_runs:
+        for a, b in runs:
+            found[a:b] = True
+    return found

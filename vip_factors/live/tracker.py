@@ -26,6 +26,7 @@ from vip_factors.sensors.live import LiveSample, LiveSetup, VideoFrame
 DEFAULT = LiveSettings()
 SOME_VIDEO = 10  # frames with people in them, within the time that tracking begins with
 MEASURES = 0.9  # of the frames: a sensor that measured in so many is there
+BODY_S = 9.0  # of data: a body found from so much is kept over a pause
 
 
 class FixedLagTracker:
@@ -63,6 +64,7 @@ class FixedLagTracker:
         self._next_try, self._patience = 0, settings.camera_retry_s  # frame, seconds
         self._found: Found | None = None  # a calibration to go on with as soon as the wearers are seen
         self._next_continuation = 0  # frame
+        self._body_s = 0.0  # of data that the wearers' bodies were found from
         self._recalibrator = Recalibrator(setup, self._columns, settings, real_time)
         self._threads = ThreadpoolController()  # finding the libraries takes longer than an update: once
 
@@ -97,7 +99,7 @@ class FixedLagTracker:
             self._lose("the stream has paused")
             self._recent.clear()
             self._video.clear()
-            self._recalibrator.close()
+            self._recalibrator.restart(self._known)
         self._remember(measured)
         if self._tracking is None:
             return self._begin(begin)
@@ -105,6 +107,9 @@ class FixedLagTracker:
         try:
             covariance = self._answers.root_covariance(len(self.setup.wearers))
             self._answers.find(*tracking.step(measured, self._lag, covariance))
+            if tracking.moved:
+                self._recalibrator.leave_out(tracking.moved, measured.frame)
+                self._found = None  # as they sat before
             if self._is_worth_another_start(tracking, measured.frame):
                 tracking = self._tracking = self._started_again(tracking)
             tracking = self._tracking = self._recalibrated(tracking)
@@ -131,6 +136,7 @@ class FixedLagTracker:
             if again is not None:
                 self._answers.begin_anew()
                 self._answers.find(*corrections(smoother, again.smoother, self._found.seconds))
+                self._body_s = max(self._body_s, self._found.seconds)
                 tracking, self._found = again, None
         self._recalibrator.begin(tracking.smoother.state(newest))
         return tracking
@@ -153,11 +159,18 @@ class FixedLagTracker:
         while self._video and self._video[0][0] < self._recent[0].frame:
             self._video.popleft()
 
+    def _learnt(self, tracking: Tracking, p_world_pelvis: Array) -> Known:
+        """What tracking has taught, of wearers at ``(W, 3)`` metres."""
+        problem = tracking.smoother.problem
+        names = [one.name for one in self.setup.wearers] if self._body_s >= BODY_S else []
+        bodies = {name: wearer.skeleton for name, wearer in zip(names, problem.wearers, strict=False)}
+        return Known(self._answers.calibrations(tracking.smoother), p_world_pelvis, bodies)
+
     def _lose(self, why: str) -> None:
         """Give up what is tracked, but not what has been learnt of the sensors."""
         self._found = None
         if self._tracking is not None:
-            self._known = Known(self._answers.calibrations(self._tracking.smoother), self._paths[-1][1])
+            self._known = self._learnt(self._tracking, self._paths[-1][1])
             self._answers.find(f"{why}: tracking starts again")
         self._tracking = None
         self._next_try = 0
@@ -208,7 +221,7 @@ class FixedLagTracker:
         path = dict(self._paths).get(self._recent[0].frame)
         if path is None:
             return tracking
-        known = Known(self._answers.calibrations(tracking.smoother), path)
+        known = self._learnt(tracking, path)
         try:
             again = self._track(start(self._stretch(), self.settings, known))
         except (RecordingError, SolveError):

@@ -16,14 +16,17 @@ from vip_factors.live.measurement import FrameMeasurement
 from vip_factors.live.predict import predicted
 from vip_factors.live.problem import LagFrame, lag_frame
 from vip_factors.live.settings import LiveSettings
+from vip_factors.live.slip_test import SlipTest
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.standing import standing_feet
 from vip_factors.live.start import Started
 from vip_factors.live.watch import SensorWatch
 from vip_factors.problem.blocks import CAMERA
+from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.sensors.live import LiveSetup, VideoFrame
 
 SURE_ROOT = 0.04 * np.eye(3)  # m², of where a wearer is when tracking goes on from a calibration found anew
+CALIBRATION = 4  # columns of a sensor's heading and mounting
 CONTACT_FRAMES = 8  # frames over which a foot is watched to tell whether it stands
 
 
@@ -44,6 +47,7 @@ class Tracking:
         smoother: where all variables stand.
         observers: one for each camera that is of use.
         solved: whether the newest frame is more than predicted.
+        moved: columns of the sensors that were found to have moved in the last step.
     """
 
     def __init__(
@@ -75,14 +79,27 @@ class Tracking:
         anew = settings.recalibration
         if anew.use and started.information is None:  # a start of a second is too rough to judge sensors by
             begin += round((anew.first_s + anew.delay_s) * rate)
-        self._watches = [
-            SensorWatch(one, settings.watch, rate, settings.solve_every, begin) for one in started.problem.wearers
-        ]
+        self._watches = [SensorWatch(len(one.sensors), settings.watch, rate, begin) for one in started.problem.wearers]
+        self._slips = self._slip_test(begin)
+        self._next_test = 0  # frame
         self._measured = started.frames[-1].orientation_valid  # which sensors were, in the last frame
-        self.solved = True
+        self.solved, self.moved = True, list[int]()
         self._unsolved = 0  # frames that are predicted only, so far
         self._changed: list[int] = []  # frames with something new since the last update
         self._was_seen = True  # whether the last update had something new of a camera
+
+    def _slip_test(self, begin: int) -> SlipTest | None:
+        """Of all wearers' sensors, one wearer after the other; None where calibrations are kept."""
+        layout, blocks = self.smoother.problem.layout, ("headings", "R_bone_sensor")
+        columns = [
+            np.concatenate([layout.item_columns(OwnerId(Owner.WEARER, number), block, sensor) for block in blocks])
+            for number, wearer in enumerate(self.smoother.problem.wearers)
+            for sensor in range(len(wearer.sensors))
+        ]
+        if any(len(own) < CALIBRATION for own in columns):
+            return None
+        wander = layout.per_column("wander")[columns[0]]
+        return SlipTest(np.stack(columns), wander, self._settings.slip, self._settings.frame_rate, begin)
 
     def _gathered(self, started: Started, video: Sequence[tuple[int, VideoFrame]]) -> list[CameraObserver]:
         """The observers, told who is who in the frames of the start."""
@@ -127,7 +144,7 @@ class Tracking:
             SolveError: if the frames do not determine all variables.
         """
         smoother, problem = self.smoother, self.smoother.problem
-        numbers = smoother.numbers
+        numbers, self.moved = smoother.numbers, []
         smoother.frame(numbers[-1]).take_accelerations(measured)
         frame = lag_frame(measured, [None] * (1 + len(problem.further)))
         frame.contacts = [np.zeros(len(wearer.contacts)) for wearer in problem.wearers]
@@ -147,7 +164,8 @@ class Tracking:
         self.solved = self._unsolved >= self._settings.solve_every or bool(changed and not self._was_seen)
         if self.solved:
             smoother.update(min(self._changed, default=None))
-            findings += self._learn()
+            self._learn()
+            findings += self._notice_slips()
             self._changed, self._unsolved, self._was_seen = [], 0, bool(changed)
         smoother.forget(measured.frame - lag - 1)  # the frame told last stays for its successor to follow
         return findings
@@ -174,6 +192,11 @@ class Tracking:
         """Let a sensor sit anew behind the newest frame, and say so."""
         settings = self._settings.watch
         self.smoother.loosen_sensor(wearer, sensor, settings.heading_sigma_deg, settings.mounting_sigma_deg)
+        self.moved.append(int(self.smoother.problem.sensors[wearer][sensor]))
+        if self._slips is not None:  # what it gave the others' calibrations goes as well
+            before = sum(len(one.sensors) for one in self.smoother.problem.wearers[:wearer])
+            own = range(before, before + len(self.smoother.problem.wearers[wearer].sensors))
+            self._slips.forget(own, self.smoother.numbers[-1])
         return (
             f"sensor '{name}' of '{self._setup.wearers[wearer].name}' no longer sits as it did: its heading and "
             "mounting are estimated anew"
@@ -262,19 +285,29 @@ class Tracking:
         state = problem.further[camera - 1].state if camera else self.smoother.shared.camera
         return state.poses.R_world_camera[0], state.poses.p_world_camera[0]
 
-    def _learn(self) -> list[str]:
-        """What the smoothed frame teaches of the sensors and of the detectors."""
-        smoother, findings = self.smoother, []
+    def _notice_slips(self) -> list[str]:
+        """Sensors that sit as they did no longer, by the last seconds: sentences."""
+        smoother, newest = self.smoother, self.smoother.numbers[-1]
+        if self._slips is None or newest < self._next_test:
+            return []
+        self._next_test = newest + self._settings.covariance_every
+        slipped = self._slips.slipped(newest, smoother.shared_coordinates, smoother.shared_covariance())
+        if slipped is None:
+            return []
+        sensors = [(w, s) for w, wearer in enumerate(smoother.problem.wearers) for s in range(len(wearer.sensors))]
+        number, sensor = sensors[slipped]
+        return [self._loosen(number, sensor, smoother.problem.wearers[number].frames.sensors[sensor])]
+
+    def _learn(self) -> None:
+        """What the smoothed frame teaches of the detectors."""
+        smoother = self.smoother
         oldest = smoother.numbers[0]
         model, state = smoother.scene(oldest)
         for number, (wearer, own) in enumerate(zip(model.wearers, state.wearers, strict=True)):
             body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
-            for sensor in self._watches[number].moved(oldest, wearer, own, body):
-                findings.append(self._loosen(number, sensor, wearer.frames.sensors[sensor]))
             for observer, one in zip(self.observers, model.viewpoints(state.camera), strict=False):
                 view = one.views[number]
                 if view.seen.any():
                     at = WearerEvaluation(number, wearer, own, body)
                     residual = reprojection_residuals(ViewEvaluation(at, CAMERA, one.problem, one.state, view))
                     observer.learn_spread(number, residual[view.seen], self._settings.spread_share)
-        return findings

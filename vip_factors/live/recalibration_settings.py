@@ -15,9 +15,6 @@ class RecalibrationSettings:
     growth: float = 2.0  # each time with so many times as much data: what is left to learn halves with it
     # of data, the most recent: headings of a minute ago are no longer today's. So often it is found anew from then on.
     longest_s: float = 40.0
-    # After a sensor has moved, data of so many times the time since: less than a third of it without that sensor would
-    # leave it out.
-    reach: float = 2.5
     # s of the stream between the last of that data and the first answer that has it, at least: on a core of its own the
     # batch stages need about as long for the first of it. A replay waits, and gives the same answers on any machine.
     delay_s: float = 2.0

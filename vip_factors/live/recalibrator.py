@@ -110,14 +110,16 @@ class Recalibrator:
             self._process = RecalibrationProcess()
         if unchanged_s < self._due_s:
             return
-        stretch = self._stretch(round(own.reach * unchanged_s * rate))
+        stretch = self._stretch()
         known = self._known if stretch.first <= self._began else None  # older than all that is forgotten: so is it
         answer = self._process.submit(stretch, self._settings, known)
         self._job, self._is_stale = _Job(stretch, newest, answer), False
         self._due_s += min((own.growth - 1) * self._due_s, own.longest_s)
 
-    def _stretch(self, frames: int) -> MeasuredStretch:
-        measurements = [self._without_moved(one) for one in list(self._measurements)[-frames:]]
+    def _stretch(self) -> MeasuredStretch:
+        measurements = [self._without_moved(one) for one in self._measurements]
+        if measurements[0].frame == 0 and self._usable_from:
+            measurements = measurements[1:]  # sensors that have moved did not sit so while the declared pose was held
         video = [(number, one) for number, one in self._video if number >= measurements[0].frame]
         return MeasuredStretch(self._setup, measurements, video, self._columns)
 

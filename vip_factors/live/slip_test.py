@@ -24,9 +24,13 @@ class SlipSettings:
     # Directions in which the last seconds say less than this share of what is known by now are not judged.
     share: float = 0.2
     # Squared standard deviations: four are expected of independent errors; those of limbs and cameras last for seconds.
-    # Without a slip up to 36 were seen of turns as large; after one of 40°, 43 where little was known, else 400 and more.
+    # Without a slip up to 36 were seen of turns as large; after one of 40°, 43 where little was known, else 400.
     evidence: float = 40.0
     angle_deg: float = 20.0  # of the mounting or heading, by the last seconds alone
+    # A sensor that was knocked is estimated anew at once, and has moved if it is elsewhere by then.
+    confirmed_s: float = 1.0
+    confirming: float = 16.0  # squared standard deviations: it was suspected already; steps of feet reach 4
+    rest_s: float = 1.0  # after which a sensor that is estimated anew can be judged again
 
 
 class _Estimate(NamedTuple):
@@ -49,22 +53,41 @@ class SlipTest:
     def __init__(self, columns: np.ndarray, wander: Array, settings: SlipSettings, rate: float, begin: int) -> None:
         self._columns, self._wander, self._settings, self._rate = columns, np.diag(wander**2), settings, rate
         self._past: deque[_Estimate] = deque()
+        self._suspects: dict[int, tuple[int, _Estimate]] = {}  # by sensor: since which frame; what was known by then
         self._since = np.full(len(columns), begin)
 
     def forget(self, sensors: Sequence[int], number: int) -> None:
-        """These sensors' calibrations have been loosened at a frame: they may go anywhere from there."""
-        self._since[list(sensors)] = number + 1
+        """These sensors' calibrations are estimated anew from a frame on, or depend on one that is."""
+        self._since[list(sensors)] = number + round(self._settings.rest_s * self._rate)
 
-    def slipped(self, number: int, shared: Array, covariance: Array) -> int | None:
-        """The sensor that has slipped, if there is one: the surest of them.
+    def suspect(self, sensor: int, number: int) -> None:
+        """A sensor may have moved in a frame, and is estimated anew: see where it goes."""
+        if self._past and sensor not in self._suspects:
+            self._suspects[sensor] = number, self._past[-1]
+
+    def confirmed(self, number: int, shared: Array, covariance: Array) -> list[int]:
+        """Suspects that have moved; those whose time is over are not suspected any more.
 
         Args:
             number: of the newest frame.
             shared: ``(s,)`` what all frames share, as estimated now.
             covariance: ``(s, s)`` of it.
         """
-        blocks = covariance[self._columns[:, :, None], self._columns[:, None, :]]
-        newest = _Estimate(number, shared[self._columns], blocks)
+        found, now = list[int](), self._estimate(number, shared, covariance)
+        for sensor, (since, before) in list(self._suspects.items()):
+            if number < since + self._settings.confirmed_s * self._rate:
+                continue
+            del self._suspects[sensor]
+            turn, both = now.value[sensor] - before.value[sensor], now.covariance[sensor] + before.covariance[sensor]
+            angle = max(abs(turn[0]), float(np.linalg.norm(turn[1:])))
+            evidence = turn @ np.linalg.solve(both, turn)
+            if angle > np.deg2rad(self._settings.angle_deg) and evidence > self._settings.confirming:
+                found.append(sensor)
+        return found
+
+    def slipped(self, number: int, shared: Array, covariance: Array) -> int | None:
+        """The sensor that has slipped, if there is one: the surest of them. Arguments as above."""
+        newest = self._estimate(number, shared, covariance)
         evidence = np.zeros(len(self._columns))
         for seconds in self._settings.windows_s:
             begin = number - round(seconds * self._rate)
@@ -77,6 +100,10 @@ class SlipTest:
             self._past.popleft()
         surest = int(np.argmax(evidence))
         return surest if evidence[surest] > self._settings.evidence else None
+
+    def _estimate(self, number: int, shared: Array, covariance: Array) -> _Estimate:
+        blocks = covariance[self._columns[:, :, None], self._columns[:, None, :]]
+        return _Estimate(number, shared[self._columns], blocks)
 
     def _evidence(self, past: _Estimate, newest: _Estimate) -> Array:
         """Squared standard deviations ``(n,)`` between two estimates; 0 of turns too small to be a slip's."""

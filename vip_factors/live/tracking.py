@@ -80,6 +80,7 @@ class Tracking:
         if anew.use and started.information is None:  # a start of a second is too rough to judge sensors by
             begin += round((anew.first_s + anew.delay_s) * rate)
         self._watches = [SensorWatch(len(one.sensors), settings.watch, rate, begin) for one in started.problem.wearers]
+        self._sensors = [(w, s) for w, one in enumerate(started.problem.wearers) for s in range(len(one.sensors))]
         self._slips = self._slip_test(begin)
         self._next_test = 0  # frame
         self._measured = started.frames[-1].orientation_valid  # which sensors were, in the last frame
@@ -92,9 +93,8 @@ class Tracking:
         """Of all wearers' sensors, one wearer after the other; None where calibrations are kept."""
         layout, blocks = self.smoother.problem.layout, ("headings", "R_bone_sensor")
         columns = [
-            np.concatenate([layout.item_columns(OwnerId(Owner.WEARER, number), block, sensor) for block in blocks])
-            for number, wearer in enumerate(self.smoother.problem.wearers)
-            for sensor in range(len(wearer.sensors))
+            np.concatenate([layout.item_columns(OwnerId(Owner.WEARER, wearer), block, sensor) for block in blocks])
+            for wearer, sensor in self._sensors
         ]
         if any(len(own) < CALIBRATION for own in columns):
             return None
@@ -174,29 +174,34 @@ class Tracking:
         """Sensors that have turned on their bone just now: sentences, and their columns."""
         findings, knocked = [], []
         measured = frame.orientation_valid.copy()
-        for number, (wearer, columns) in enumerate(
-            zip(self.smoother.problem.wearers, self.smoother.problem.sensors, strict=False)
-        ):
+        for number, columns in enumerate(self.smoother.problem.sensors[: len(self._watches)]):
             both = self._measured[columns] & measured[columns]
             R_before, R_now = last.R_inertial_sensor[columns], frame.R_inertial_sensor[columns]
             knocks = self._watches[number].knocked(frame.number, R_before, R_now, both)
             frame.orientation_valid[columns[knocks.ringing]] = False
             knocked += columns[knocks.ringing].tolist()
-            for sensor in knocks.moved:
-                findings.append(self._loosen(number, int(sensor), wearer.frames.sensors[sensor]))
+            for sensor in knocks.moved.tolist():
+                self._loosen(number, sensor)
                 knocked.append(int(columns[sensor]))
+                if self._slips is None:
+                    findings.append(self._told(number, sensor))
+                else:
+                    self._slips.suspect(self._sensors.index((number, sensor)), frame.number)
         self._measured = measured
         return findings, knocked
 
-    def _loosen(self, wearer: int, sensor: int, name: str) -> str:
-        """Let a sensor sit anew behind the newest frame, and say so."""
-        settings = self._settings.watch
+    def _loosen(self, wearer: int, sensor: int) -> None:
+        """Let a sensor sit anew behind the newest frame."""
+        settings, newest = self._settings.watch, self.smoother.numbers[-1]
         self.smoother.loosen_sensor(wearer, sensor, settings.heading_sigma_deg, settings.mounting_sigma_deg)
-        self.moved.append(int(self.smoother.problem.sensors[wearer][sensor]))
-        if self._slips is not None:  # what it gave the others' calibrations goes as well
-            before = sum(len(one.sensors) for one in self.smoother.problem.wearers[:wearer])
-            own = range(before, before + len(self.smoother.problem.wearers[wearer].sensors))
-            self._slips.forget(own, self.smoother.numbers[-1])
+        if self._slips is not None:
+            self._slips.forget([self._sensors.index((wearer, sensor))], newest)
+
+    def _told(self, wearer: int, sensor: int) -> str:
+        """A sensor has moved: what to say."""
+        problem = self.smoother.problem
+        self.moved.append(int(problem.sensors[wearer][sensor]))
+        name = problem.wearers[wearer].frames.sensors[sensor]
         return (
             f"sensor '{name}' of '{self._setup.wearers[wearer].name}' no longer sits as it did: its heading and "
             "mounting are estimated anew"
@@ -291,12 +296,15 @@ class Tracking:
         if self._slips is None or newest < self._next_test:
             return []
         self._next_test = newest + self._settings.covariance_every
-        slipped = self._slips.slipped(newest, smoother.shared_coordinates, smoother.shared_covariance())
-        if slipped is None:
-            return []
-        sensors = [(w, s) for w, wearer in enumerate(smoother.problem.wearers) for s in range(len(wearer.sensors))]
-        number, sensor = sensors[slipped]
-        return [self._loosen(number, sensor, smoother.problem.wearers[number].frames.sensors[sensor])]
+        estimate = newest, smoother.shared_coordinates, smoother.shared_covariance()
+        found = [self._sensors[at] for at in self._slips.confirmed(*estimate)]
+        slipped = self._slips.slipped(*estimate)
+        if slipped is not None:
+            wearer, sensor = self._sensors[slipped]
+            self._slips.forget([at for at, (owner, _) in enumerate(self._sensors) if owner == wearer], newest)
+            self._loosen(wearer, sensor)  # and what it taught of the others may be wrong as well
+            found.append(self._sensors[slipped])
+        return [self._told(*one) for one in dict.fromkeys(found)]
 
     def _learn(self) -> None:
         """What the smoothed frame teaches of the detectors."""

@@ -28,12 +28,14 @@ class Found:
         at_find: the last frame of its data, as it was tracked.
         seconds: of data.
         video: of the frames of ``started``.
+        moved: columns of sensors that have moved since.
     """
 
     started: Started
     at_find: FrameState
     seconds: float
     video: list[tuple[int, VideoFrame]]
+    moved: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,9 @@ class Recalibrator:
         self._process: RecalibrationProcess | None = None
         self._job: _Job | None = None
         self._known: Known | None = None
-        self._is_stale = False  # whether the job is about what is over
+        self._is_stale = False  # whether the job is about what was before a pause
+        self._moved: set[int] = set()  # since its data
+        self._is_urgent = False  # whether a sensor has moved and nothing was found anew since
 
     def remember(self, measured: FrameMeasurement) -> None:
         """One frame more."""
@@ -90,13 +94,15 @@ class Recalibrator:
         self._measurements.clear()
         self._video.clear()
         self._usable_from.clear()
-        self._due_s, self._is_stale = self._settings.recalibration.first_s, True
+        self._due_s, self._is_stale, self._is_urgent = self._settings.recalibration.first_s, True, False
 
     def leave_out(self, columns: Sequence[int], number: int) -> None:
         """What these sensors measured up to a frame does not count any more: they have moved."""
         own = self._settings.recalibration
         self._usable_from.update((column, number + 1) for column in columns)
-        self._since, self._due_s, self._is_stale = number, own.first_s * own.growth, True
+        self._moved.update(columns)
+        if not self._is_urgent:  # else one that moves ever again would keep the calibration from being found
+            self._since, self._due_s, self._is_urgent = number, own.first_s * own.growth, True
 
     def begin(self, newest: FrameState) -> None:
         """Have what was measured solved, if it is time; ``newest`` is the last frame as it is tracked."""
@@ -113,7 +119,7 @@ class Recalibrator:
         stretch = self._stretch()
         known = self._known if stretch.first <= self._began else None  # older than all that is forgotten: so is it
         answer = self._process.submit(stretch, self._settings, known)
-        self._job, self._is_stale = _Job(stretch, newest, answer), False
+        self._job, self._is_stale, self._is_urgent, self._moved = _Job(stretch, newest, answer), False, False, set()
         self._due_s += min((own.growth - 1) * self._due_s, own.longest_s)
 
     def _stretch(self) -> MeasuredStretch:
@@ -153,7 +159,8 @@ class Recalibrator:
         if self._is_stale:
             return None
         video = job.stretch.tail(own.frames).video
-        return Found(started, job.at_find, float(job.stretch.time[-1] - job.stretch.time[0]), video)
+        seconds = float(job.stretch.time[-1] - job.stretch.time[0])
+        return Found(started, job.at_find, seconds, video, tuple(self._moved))
 
     def close(self) -> None:
         """Nothing is collected or solved from here on."""

@@ -3,6 +3,7 @@
 import gc
 import time as clock
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -64,7 +65,7 @@ class FixedLagTracker:
         self._next_try, self._patience = 0, settings.camera_retry_s  # frame, seconds
         self._found: Found | None = None  # a calibration to go on with as soon as the wearers are seen
         self._next_continuation = 0  # frame
-        self._body_s = 0.0  # of data that the wearers' bodies were found from
+        self._learnt_s = 0.0  # of data that calibration and bodies were found from
         self._recalibrator = Recalibrator(setup, self._columns, settings, real_time)
         self._threads = ThreadpoolController()  # finding the libraries takes longer than an update: once
 
@@ -109,7 +110,8 @@ class FixedLagTracker:
             self._answers.find(*tracking.step(measured, self._lag, covariance))
             if tracking.moved:
                 self._recalibrator.leave_out(tracking.moved, measured.frame)
-                self._found = None  # as they sat before
+                if self._found is not None:
+                    self._found = replace(self._found, moved=(*self._found.moved, *tracking.moved))
             if self._is_worth_another_start(tracking, measured.frame):
                 tracking = self._tracking = self._started_again(tracking)
             tracking = self._tracking = self._recalibrated(tracking)
@@ -136,7 +138,7 @@ class FixedLagTracker:
             if again is not None:
                 self._answers.begin_anew()
                 self._answers.find(*corrections(smoother, again.smoother, self._found.seconds))
-                self._body_s = max(self._body_s, self._found.seconds)
+                self._learnt_s = max(self._learnt_s, self._found.seconds)
                 tracking, self._found = again, None
         self._recalibrator.begin(tracking.smoother.state(newest))
         return tracking
@@ -148,9 +150,12 @@ class FixedLagTracker:
         if started is None:
             return None
         try:
-            return Tracking(self.setup, self.settings, started, found.video, self._extra, video)
+            learnt_s = max(found.seconds, self._learnt_s)
+            tracking = Tracking(self.setup, self.settings, started, found.video, self._extra, video, learnt_s)
         except SolveError:
             return None
+        tracking.let_go(found.moved)
+        return tracking
 
     def _remember(self, measured: FrameMeasurement) -> None:
         self._recalibrator.remember(measured)
@@ -162,7 +167,7 @@ class FixedLagTracker:
     def _learnt(self, tracking: Tracking, p_world_pelvis: Array) -> Known:
         """What tracking has taught, of wearers at ``(W, 3)`` metres."""
         problem = tracking.smoother.problem
-        names = [one.name for one in self.setup.wearers] if self._body_s >= BODY_S else []
+        names = [one.name for one in self.setup.wearers] if self._learnt_s >= BODY_S else []
         bodies = {name: wearer.skeleton for name, wearer in zip(names, problem.wearers, strict=False)}
         return Known(self._answers.calibrations(tracking.smoother), p_world_pelvis, bodies)
 

@@ -53,6 +53,7 @@ class Tracking:
     def __init__(
         self, setup: LiveSetup, settings: LiveSettings, started: Started, video: Sequence[tuple[int, VideoFrame]],
         extra: ExtraFactors | None = None, unseen: Sequence[tuple[int, VideoFrame]] = (),
+        learnt_s: float = 0.0,
     ) -> None:  # fmt: skip
         """Begin.
 
@@ -63,6 +64,7 @@ class Tracking:
             video: frames of all cameras in that time, each with the number of its frame.
             extra: makes GTSAM factors of a user's own.
             unseen: video of the frames that tracking begins with in which nobody has looked for wearers yet.
+            learnt_s: seconds of data that the calibration was found from.
 
         Raises:
             SolveError: if the frames do not determine all variables.
@@ -81,7 +83,7 @@ class Tracking:
             begin += round((anew.first_s + anew.delay_s) * rate)
         self._watches = [SensorWatch(len(one.sensors), settings.watch, rate, begin) for one in started.problem.wearers]
         self._sensors = [(w, s) for w, one in enumerate(started.problem.wearers) for s in range(len(one.sensors))]
-        self._slips = self._slip_test(begin)
+        self._slips = None if anew.use and learnt_s < settings.slip.learnt_s else self._slip_test(begin)
         self._next_test = 0  # frame
         self._measured = started.frames[-1].orientation_valid  # which sensors were, in the last frame
         self.solved, self.moved = True, list[int]()
@@ -144,12 +146,12 @@ class Tracking:
             SolveError: if the frames do not determine all variables.
         """
         smoother, problem = self.smoother, self.smoother.problem
-        numbers, self.moved = smoother.numbers, []
+        numbers, findings, self.moved = smoother.numbers, list[str](), []
         smoother.frame(numbers[-1]).take_accelerations(measured)
         frame = lag_frame(measured, [None] * (1 + len(problem.further)))
         frame.contacts = [np.zeros(len(wearer.contacts)) for wearer in problem.wearers]
         before = [(smoother.frame(n), smoother.state(n)) for n in numbers[-2:]]
-        findings, knocked = self._notice_jumps(smoother.frame(numbers[-1]), frame)
+        knocked = self._notice_jumps(smoother.frame(numbers[-1]), frame)
         smoother.append(frame, predicted(problem, before, frame, smoother.shared, knocked))
         news = [one for one in measured.video if one.frame in smoother.numbers]
         window = self._window(smoother.numbers[0] if news else measured.frame - CONTACT_FRAMES)
@@ -165,14 +167,14 @@ class Tracking:
         if self.solved:
             smoother.update(min(self._changed, default=None))
             self._learn()
-            findings += self._notice_slips()
+            findings = self._notice_slips()
             self._changed, self._unsolved, self._was_seen = [], 0, bool(changed)
         smoother.forget(measured.frame - lag - 1)  # the frame told last stays for its successor to follow
         return findings
 
-    def _notice_jumps(self, last: LagFrame, frame: LagFrame) -> tuple[list[str], list[int]]:
-        """Sensors that have turned on their bone just now: sentences, and their columns."""
-        findings, knocked = [], []
+    def _notice_jumps(self, last: LagFrame, frame: LagFrame) -> list[int]:
+        """Columns of sensors not to be listened to: they turn on their bone just now, or have done so."""
+        knocked = list[int]()
         measured = frame.orientation_valid.copy()
         for number, columns in enumerate(self.smoother.problem.sensors[: len(self._watches)]):
             both = self._measured[columns] & measured[columns]
@@ -183,12 +185,10 @@ class Tracking:
             for sensor in knocks.moved.tolist():
                 self._loosen(number, sensor)
                 knocked.append(int(columns[sensor]))
-                if self._slips is None:
-                    findings.append(self._told(number, sensor))
-                else:
+                if self._slips is not None:
                     self._slips.suspect(self._sensors.index((number, sensor)), frame.number)
         self._measured = measured
-        return findings, knocked
+        return knocked
 
     def _loosen(self, wearer: int, sensor: int) -> None:
         """Let a sensor sit anew behind the newest frame."""
@@ -196,6 +196,12 @@ class Tracking:
         self.smoother.loosen_sensor(wearer, sensor, settings.heading_sigma_deg, settings.mounting_sigma_deg)
         if self._slips is not None:
             self._slips.forget([self._sensors.index((wearer, sensor))], newest)
+
+    def let_go(self, columns: Sequence[int]) -> None:
+        """Estimate the sensors of these columns anew: they have moved since the calibration was found."""
+        for wearer, sensor in self._sensors:
+            if self.smoother.problem.sensors[wearer][sensor] in columns:
+                self._loosen(wearer, sensor)
 
     def _told(self, wearer: int, sensor: int) -> str:
         """A sensor has moved: what to say."""

@@ -15,6 +15,8 @@ from vip_factors.sensors.scene import Camera, CameraMount, Scene
 
 MEASURES = 0.3  # of the frames: a third of its packets is enough to start with a sensor
 
+LATELY_S = 2.0  # of a long stretch: a sensor that came late, or has moved, is of use as well
+
 
 class MeasuredStretch:
     """Consecutive frames of a stream.
@@ -48,9 +50,10 @@ class MeasuredStretch:
         return MeasuredStretch(self.setup, measurements, video, self.columns)
 
     def alive(self, carrier: str) -> list[str]:
-        """Names of a carrier's sensors that measured orientations throughout, or nearly so."""
+        """Names of a carrier's sensors that measured orientations throughout, or of late, or nearly so."""
         seen = np.stack([one.orientation_valid for one in self.measurements])
-        share = seen.mean(axis=0)
+        lately = seen[self.time > self.time[-1] - LATELY_S]
+        share = np.maximum(seen.mean(axis=0), lately.mean(axis=0))
         return [
             sensor
             for (who, sensor), part in zip(self.columns, share, strict=True)

@@ -1,11 +1,12 @@
 """A stretch of a stream solved by the stages of the batch pipeline, as they would solve a short scene."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from vip_factors.assembly.objective import WearerObjective
+from vip_factors.body.skeleton import Skeleton
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.live.buffered import MeasuredStretch
@@ -34,10 +35,17 @@ class Known:
     Attributes:
         calibration: of each wearer's sensors, with standard deviations.
         p_world_pelvis: ``(W, 3)`` metres, of the wearers at the first frame of the new start, or where they were lost.
+        bodies: of wearers whose lengths have been found.
     """
 
     calibration: Mapping[str, Calibration]
     p_world_pelvis: Array
+    bodies: Mapping[str, Skeleton] = field(default_factory=dict)
+
+    def embodied(self, wearer: Recording) -> Recording:
+        """A wearer with the body that was found."""
+        found = self.bodies.get(wearer.subject.name)
+        return wearer if found is None else replace(wearer, subject=replace(wearer.subject, skeleton=found))
 
 
 @dataclass(frozen=True)
@@ -89,6 +97,8 @@ def solve_coarsely(stretch: MeasuredStretch, settings: LiveSettings, known: Know
         SolveError: if the problem is not determined.
     """
     scene, solver = stretch.scene(), Solver(settings.solve, lambda stage, fraction: None)
+    if known is not None:
+        scene = replace(scene, wearers=tuple(known.embodied(one) for one in scene.wearers))
     wearers = tuple(_tracked(stretch, one, settings, solver, known) for one in scene.wearers)
     if scene.cameras and settings.fusion.use_camera:
         filmed = _filmed(scene, wearers, settings, solver)

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.buffered import MeasuredStretch
-from vip_factors.live.coarse import solve_coarsely
+from vip_factors.live.coarse import Known, solve_coarsely
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.start import Started, started
 from vip_factors.problem.layout import Layout
@@ -26,8 +26,13 @@ from vip_factors.stages.inertial_model import loosened
 NO_PRIOR = np.pi  # radians, of headings and mountings: what is known of them, the information says
 
 
-def recalibrate(stretch: MeasuredStretch, settings: LiveSettings) -> Started:
+def recalibrate(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None = None) -> Started:
     """The last frames of a stretch, with all that the whole of it teaches of what frames share.
+
+    Args:
+        stretch: all that is to be learnt from.
+        settings: of all.
+        known: from before a pause.
 
     Raises:
         RecordingError: if the sensors say too little.
@@ -36,7 +41,7 @@ def recalibrate(stretch: MeasuredStretch, settings: LiveSettings) -> Started:
     own = settings.recalibration
     batch = replace(settings, calibration=own.calibration)
     with threadpool_limits(limits=1, user_api="blas"):
-        coarse, end = solve_coarsely(stretch, batch), stretch.tail(own.frames)
+        coarse, end = solve_coarsely(stretch, batch, known), stretch.tail(own.frames)
         model, state, spreads = coarse.at_full_rate(end, batch)
         wearers = tuple(_freed(*each, settings) for each in zip(model.wearers, state.wearers, strict=True))
         found = started(end, coarse, replace(model, wearers=wearers), state, spreads, settings)

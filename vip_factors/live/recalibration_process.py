@@ -15,6 +15,7 @@ from concurrent.futures import Future
 
 from vip_factors.errors import SolveError, VipFactorsError
 from vip_factors.live.buffered import MeasuredStretch
+from vip_factors.live.coarse import Known
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.start import Started
 
@@ -34,10 +35,10 @@ class RecalibrationProcess:
         )
         self._end = weakref.finalize(self, _ended, self._process)
 
-    def submit(self, stretch: MeasuredStretch, settings: LiveSettings) -> "Future[Started]":
+    def submit(self, stretch: MeasuredStretch, settings: LiveSettings, known: Known | None = None) -> "Future[Started]":
         """Have a stretch solved; one at a time. The answer raises :class:`SolveError` where there is none."""
         answer: Future[Started] = Future()
-        work = (self._process, pickle.dumps((stretch, settings), pickle.HIGHEST_PROTOCOL), answer)
+        work = (self._process, pickle.dumps((stretch, settings, known), pickle.HIGHEST_PROTOCOL), answer)
         threading.Thread(target=_exchange, args=work, daemon=True).start()
         return answer
 
@@ -81,12 +82,12 @@ def main() -> None:
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no answer
     while True:
         try:
-            stretch, settings = pickle.load(sys.stdin.buffer)
+            stretch, settings, known = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
         found: Started | str
         try:
-            found = recalibrate(stretch, settings)
+            found = recalibrate(stretch, settings, known)
         except VipFactorsError as error:
             found = str(error)
         except Exception as error:  # the stream goes on with what it has, and says so

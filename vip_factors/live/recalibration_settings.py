@@ -13,7 +13,8 @@ class RecalibrationSettings:
     # s of data: a start of one second is 60–120 mm off on foreign scenes, and with two it is half as wrong.
     first_s: float = 2.5
     growth: float = 2.0  # each time with so many times as much data: what is left to learn halves with it
-    longest_s: float = 40.0  # of data, the most recent: headings of a minute ago are no longer today's
+    # of data, the most recent: headings of a minute ago are no longer today's. So often it is found anew from then on.
+    longest_s: float = 40.0
     # s of the stream between the last of that data and the first answer that has it, at least: on a core of its own the
     # batch stages need about as long for the first of it. A replay waits, and gives the same answers on any machine.
     delay_s: float = 2.0

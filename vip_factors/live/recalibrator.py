@@ -1,12 +1,14 @@
 """When a stream's calibration is found anew: the data of it, the process that does it, the answer."""
 
 import time as clock
+from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vip_factors.errors import SolveError
 from vip_factors.live.buffered import MeasuredStretch
+from vip_factors.live.coarse import Known
 from vip_factors.live.measurement import FrameMeasurement
 from vip_factors.live.recalibration_process import RecalibrationProcess
 from vip_factors.live.settings import LiveSettings
@@ -26,12 +28,14 @@ class Found:
         at_find: the last frame of its data, as it was tracked.
         seconds: of data.
         video: of the frames of ``started``.
+        moved: columns of sensors that have moved since.
     """
 
     started: Started
     at_find: FrameState
     seconds: float
     video: list[tuple[int, VideoFrame]]
+    moved: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -42,7 +46,7 @@ class _Job:
 
 
 class Recalibrator:
-    """Collects what is measured from the first frame on, and has it solved when there is twice as much.
+    """Collects what is measured, and has it solved when there is twice as much, and ever again.
 
     Args:
         setup: of the stream.
@@ -59,32 +63,79 @@ class Recalibrator:
     ) -> None:
         self._setup, self._columns, self._settings, self._real_time = setup, list(columns), settings, real_time
         own = settings.recalibration
-        self._due, self._over = own.first_s, not own.use
-        self._measurements: list[FrameMeasurement] = []
-        self._video: list[tuple[int, VideoFrame]] = []
+        self._measurements: deque[FrameMeasurement] = deque(maxlen=round(own.longest_s * settings.frame_rate))
+        self._video: deque[tuple[int, VideoFrame]] = deque()
+        self._due_s, self._over = own.first_s, not own.use
+        self._began = 0  # number of the first frame, of the stream or after a pause
+        self._since = 0  # number of the frame from which on nothing has changed
+        self._usable_from: dict[int, int] = {}  # by column of sensors that have moved: the frame after
         self.waited_s = 0.0
         self._process: RecalibrationProcess | None = None
         self._job: _Job | None = None
+        self._known: Known | None = None
+        self._is_stale = False  # whether the job is about what was before a pause
+        self._moved: set[int] = set()  # since its data
+        self._is_urgent = False  # whether a sensor has moved and nothing was found anew since
 
     def remember(self, measured: FrameMeasurement) -> None:
         """One frame more."""
-        if not self._over:
-            self._measurements.append(measured)
-            self._video += [(one.frame, one.video) for one in measured.video]
+        if self._over:
+            return
+        if not self._measurements:
+            self._since = self._began = measured.frame
+        self._measurements.append(measured)
+        self._video += [(one.frame, one.video) for one in measured.video]
+        while self._video and self._video[0][0] < self._measurements[0].frame:
+            self._video.popleft()
+
+    def restart(self, known: Known | None) -> None:
+        """The stream has paused: of before it nothing counts but what is ``known``."""
+        self._known = known
+        self._measurements.clear()
+        self._video.clear()
+        self._usable_from.clear()
+        self._due_s, self._is_stale, self._is_urgent = self._settings.recalibration.first_s, True, False
+
+    def leave_out(self, columns: Sequence[int], number: int) -> None:
+        """What these sensors measured up to a frame does not count any more: they have moved."""
+        own = self._settings.recalibration
+        self._usable_from.update((column, number + 1) for column in columns)
+        self._moved.update(columns)
+        if not self._is_urgent:  # else one that moves ever again would keep the calibration from being found
+            self._since, self._due_s, self._is_urgent = number, own.first_s * own.growth, True
 
     def begin(self, newest: FrameState) -> None:
-        """Have all that was measured solved, if there is enough; ``newest`` is the last frame as it is tracked."""
+        """Have what was measured solved, if it is time; ``newest`` is the last frame as it is tracked."""
         own, rate = self._settings.recalibration, self._settings.frame_rate
-        measured_s = len(self._measurements) / rate
-        if self._over or self._job is not None or measured_s < READY * self._due:
+        if self._over or self._job is not None or not self._measurements:
+            return
+        unchanged_s = (self._measurements[-1].frame + 1 - self._since) / rate
+        if unchanged_s < READY * self._due_s:
             return
         if self._process is None:
             self._process = RecalibrationProcess()
-        if measured_s < self._due:
+        if unchanged_s < self._due_s:
             return
-        stretch = MeasuredStretch(self._setup, self._measurements, self._video, self._columns)
-        self._job = _Job(stretch, newest, self._process.submit(stretch, self._settings))
-        self._due *= own.growth
+        stretch = self._stretch()
+        known = self._known if stretch.first <= self._began else None  # older than all that is forgotten: so is it
+        answer = self._process.submit(stretch, self._settings, known)
+        self._job, self._is_stale, self._is_urgent, self._moved = _Job(stretch, newest, answer), False, False, set()
+        self._due_s += min((own.growth - 1) * self._due_s, own.longest_s)
+
+    def _stretch(self) -> MeasuredStretch:
+        measurements = [self._without_moved(one) for one in self._measurements]
+        if measurements[0].frame == 0 and self._usable_from:
+            measurements = measurements[1:]  # sensors that have moved did not sit so while the declared pose was held
+        video = [(number, one) for number, one in self._video if number >= measurements[0].frame]
+        return MeasuredStretch(self._setup, measurements, video, self._columns)
+
+    def _without_moved(self, measured: FrameMeasurement) -> FrameMeasurement:
+        moved = [column for column, first in self._usable_from.items() if measured.frame < first]
+        if not moved:
+            return measured
+        seen, whole = measured.orientation_valid.copy(), measured.acceleration_valid.copy()
+        seen[moved] = whole[moved] = False
+        return replace(measured, orientation_valid=seen, acceleration_valid=whole)
 
     def answer(self, newest: int) -> Found | str | None:
         """The calibration found anew, or why there is none; None as long as it is not time.
@@ -102,18 +153,20 @@ class Recalibrator:
         try:
             started = job.answer.result()
         except SolveError as error:
-            return f"the calibration was not found anew: {error}"
+            return None if self._is_stale else f"the calibration was not found anew: {error}"
         finally:
             self.waited_s += clock.perf_counter() - begin
-            if self._due > own.longest_s:
-                self.close()
+        if self._is_stale:
+            return None
         video = job.stretch.tail(own.frames).video
-        return Found(started, job.at_find, float(job.stretch.time[-1] - job.stretch.time[0]), video)
+        seconds = float(job.stretch.time[-1] - job.stretch.time[0])
+        return Found(started, job.at_find, seconds, video, tuple(self._moved))
 
     def close(self) -> None:
         """Nothing is collected or solved from here on."""
         self._over, self._job = True, None
-        self._measurements, self._video = [], []
+        self._measurements.clear()
+        self._video.clear()
         if self._process is not None:
             self._process.close()
             self._process = None

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from vip_factors.live.assembly_settings import AssemblySettings
 from vip_factors.live.association import OnlineAssociationSettings
 from vip_factors.live.recalibration_settings import RecalibrationSettings
+from vip_factors.live.slip_test import SlipSettings
 from vip_factors.live.watch import WatchSettings
 from vip_factors.problem.blocks import RELINEARISE_DEG, WanderSettings
 from vip_factors.settings import CalibrationSettings, Settings
@@ -51,4 +52,5 @@ class LiveSettings(Settings):
     recalibration: RecalibrationSettings = field(default_factory=RecalibrationSettings)
     walk: WanderSettings = field(default_factory=WanderSettings)
     watch: WatchSettings = field(default_factory=WatchSettings)
+    slip: SlipSettings = field(default_factory=SlipSettings)
     relinearisation: RelinearisationSettings = field(default_factory=RelinearisationSettings)

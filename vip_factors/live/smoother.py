@@ -174,6 +174,11 @@ class LagSmoother:
         assert self._solution is not None
         return self._solution.covariance(slice_key(number))
 
+    @property
+    def shared_coordinates(self) -> Array:
+        """What all frames share ``(s,)``, from where tracking began with it."""
+        return self._coordinates
+
     def shared_covariance(self) -> Array:
         """Marginal covariance ``(s, s)`` of what all frames share."""
         assert self._solution is not None

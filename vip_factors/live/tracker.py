@@ -3,6 +3,7 @@
 import gc
 import time as clock
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -26,6 +27,7 @@ from vip_factors.sensors.live import LiveSample, LiveSetup, VideoFrame
 DEFAULT = LiveSettings()
 SOME_VIDEO = 10  # frames with people in them, within the time that tracking begins with
 MEASURES = 0.9  # of the frames: a sensor that measured in so many is there
+BODY_S = 9.0  # of data: a body found from so much is kept over a pause
 
 
 class FixedLagTracker:
@@ -63,6 +65,7 @@ class FixedLagTracker:
         self._next_try, self._patience = 0, settings.camera_retry_s  # frame, seconds
         self._found: Found | None = None  # a calibration to go on with as soon as the wearers are seen
         self._next_continuation = 0  # frame
+        self._learnt_s = 0.0  # of data that calibration and bodies were found from
         self._recalibrator = Recalibrator(setup, self._columns, settings, real_time)
         self._threads = ThreadpoolController()  # finding the libraries takes longer than an update: once
 
@@ -97,7 +100,7 @@ class FixedLagTracker:
             self._lose("the stream has paused")
             self._recent.clear()
             self._video.clear()
-            self._recalibrator.close()
+            self._recalibrator.restart(self._known)
         self._remember(measured)
         if self._tracking is None:
             return self._begin(begin)
@@ -105,6 +108,10 @@ class FixedLagTracker:
         try:
             covariance = self._answers.root_covariance(len(self.setup.wearers))
             self._answers.find(*tracking.step(measured, self._lag, covariance))
+            if tracking.moved:
+                self._recalibrator.leave_out(tracking.moved, measured.frame)
+                if self._found is not None:
+                    self._found = replace(self._found, moved=(*self._found.moved, *tracking.moved))
             if self._is_worth_another_start(tracking, measured.frame):
                 tracking = self._tracking = self._started_again(tracking)
             tracking = self._tracking = self._recalibrated(tracking)
@@ -131,6 +138,7 @@ class FixedLagTracker:
             if again is not None:
                 self._answers.begin_anew()
                 self._answers.find(*corrections(smoother, again.smoother, self._found.seconds))
+                self._learnt_s = max(self._learnt_s, self._found.seconds)
                 tracking, self._found = again, None
         self._recalibrator.begin(tracking.smoother.state(newest))
         return tracking
@@ -142,9 +150,12 @@ class FixedLagTracker:
         if started is None:
             return None
         try:
-            return Tracking(self.setup, self.settings, started, found.video, self._extra, video)
+            learnt_s = max(found.seconds, self._learnt_s)
+            tracking = Tracking(self.setup, self.settings, started, found.video, self._extra, video, learnt_s)
         except SolveError:
             return None
+        tracking.let_go(found.moved)
+        return tracking
 
     def _remember(self, measured: FrameMeasurement) -> None:
         self._recalibrator.remember(measured)
@@ -153,11 +164,18 @@ class FixedLagTracker:
         while self._video and self._video[0][0] < self._recent[0].frame:
             self._video.popleft()
 
+    def _learnt(self, tracking: Tracking, p_world_pelvis: Array) -> Known:
+        """What tracking has taught, of wearers at ``(W, 3)`` metres."""
+        problem = tracking.smoother.problem
+        names = [one.name for one in self.setup.wearers] if self._learnt_s >= BODY_S else []
+        bodies = {name: wearer.skeleton for name, wearer in zip(names, problem.wearers, strict=False)}
+        return Known(self._answers.calibrations(tracking.smoother), p_world_pelvis, bodies)
+
     def _lose(self, why: str) -> None:
         """Give up what is tracked, but not what has been learnt of the sensors."""
         self._found = None
         if self._tracking is not None:
-            self._known = Known(self._answers.calibrations(self._tracking.smoother), self._paths[-1][1])
+            self._known = self._learnt(self._tracking, self._paths[-1][1])
             self._answers.find(f"{why}: tracking starts again")
         self._tracking = None
         self._next_try = 0
@@ -208,7 +226,7 @@ class FixedLagTracker:
         path = dict(self._paths).get(self._recent[0].frame)
         if path is None:
             return tracking
-        known = Known(self._answers.calibrations(tracking.smoother), path)
+        known = self._learnt(tracking, path)
         try:
             again = self._track(start(self._stretch(), self.settings, known))
         except (RecordingError, SolveError):

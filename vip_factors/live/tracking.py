@@ -16,14 +16,17 @@ from vip_factors.live.measurement import FrameMeasurement
 from vip_factors.live.predict import predicted
 from vip_factors.live.problem import LagFrame, lag_frame
 from vip_factors.live.settings import LiveSettings
+from vip_factors.live.slip_test import SlipTest
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.standing import standing_feet
 from vip_factors.live.start import Started
 from vip_factors.live.watch import SensorWatch
 from vip_factors.problem.blocks import CAMERA
+from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.sensors.live import LiveSetup, VideoFrame
 
 SURE_ROOT = 0.04 * np.eye(3)  # m², of where a wearer is when tracking goes on from a calibration found anew
+CALIBRATION = 4  # columns of a sensor's heading and mounting
 CONTACT_FRAMES = 8  # frames over which a foot is watched to tell whether it stands
 
 
@@ -44,11 +47,13 @@ class Tracking:
         smoother: where all variables stand.
         observers: one for each camera that is of use.
         solved: whether the newest frame is more than predicted.
+        moved: columns of the sensors that were found to have moved in the last step.
     """
 
     def __init__(
         self, setup: LiveSetup, settings: LiveSettings, started: Started, video: Sequence[tuple[int, VideoFrame]],
         extra: ExtraFactors | None = None, unseen: Sequence[tuple[int, VideoFrame]] = (),
+        learnt_s: float = 0.0,
     ) -> None:  # fmt: skip
         """Begin.
 
@@ -59,6 +64,7 @@ class Tracking:
             video: frames of all cameras in that time, each with the number of its frame.
             extra: makes GTSAM factors of a user's own.
             unseen: video of the frames that tracking begins with in which nobody has looked for wearers yet.
+            learnt_s: seconds of data that the calibration was found from.
 
         Raises:
             SolveError: if the frames do not determine all variables.
@@ -75,14 +81,27 @@ class Tracking:
         anew = settings.recalibration
         if anew.use and started.information is None:  # a start of a second is too rough to judge sensors by
             begin += round((anew.first_s + anew.delay_s) * rate)
-        self._watches = [
-            SensorWatch(one, settings.watch, rate, settings.solve_every, begin) for one in started.problem.wearers
-        ]
+        self._watches = [SensorWatch(len(one.sensors), settings.watch, rate, begin) for one in started.problem.wearers]
+        self._sensors = [(w, s) for w, one in enumerate(started.problem.wearers) for s in range(len(one.sensors))]
+        self._slips = None if anew.use and learnt_s < settings.slip.learnt_s else self._slip_test(begin)
+        self._next_test = 0  # frame
         self._measured = started.frames[-1].orientation_valid  # which sensors were, in the last frame
-        self.solved = True
+        self.solved, self.moved = True, list[int]()
         self._unsolved = 0  # frames that are predicted only, so far
         self._changed: list[int] = []  # frames with something new since the last update
         self._was_seen = True  # whether the last update had something new of a camera
+
+    def _slip_test(self, begin: int) -> SlipTest | None:
+        """Of all wearers' sensors, one wearer after the other; None where calibrations are kept."""
+        layout, blocks = self.smoother.problem.layout, ("headings", "R_bone_sensor")
+        columns = [
+            np.concatenate([layout.item_columns(OwnerId(Owner.WEARER, wearer), block, sensor) for block in blocks])
+            for wearer, sensor in self._sensors
+        ]
+        if any(len(own) < CALIBRATION for own in columns):
+            return None
+        wander = layout.per_column("wander")[columns[0]]
+        return SlipTest(np.stack(columns), wander, self._settings.slip, self._settings.frame_rate, begin)
 
     def _gathered(self, started: Started, video: Sequence[tuple[int, VideoFrame]]) -> list[CameraObserver]:
         """The observers, told who is who in the frames of the start."""
@@ -127,12 +146,12 @@ class Tracking:
             SolveError: if the frames do not determine all variables.
         """
         smoother, problem = self.smoother, self.smoother.problem
-        numbers = smoother.numbers
+        numbers, findings, self.moved = smoother.numbers, list[str](), []
         smoother.frame(numbers[-1]).take_accelerations(measured)
         frame = lag_frame(measured, [None] * (1 + len(problem.further)))
         frame.contacts = [np.zeros(len(wearer.contacts)) for wearer in problem.wearers]
         before = [(smoother.frame(n), smoother.state(n)) for n in numbers[-2:]]
-        findings, knocked = self._notice_jumps(smoother.frame(numbers[-1]), frame)
+        knocked = self._notice_jumps(smoother.frame(numbers[-1]), frame)
         smoother.append(frame, predicted(problem, before, frame, smoother.shared, knocked))
         news = [one for one in measured.video if one.frame in smoother.numbers]
         window = self._window(smoother.numbers[0] if news else measured.frame - CONTACT_FRAMES)
@@ -147,33 +166,48 @@ class Tracking:
         self.solved = self._unsolved >= self._settings.solve_every or bool(changed and not self._was_seen)
         if self.solved:
             smoother.update(min(self._changed, default=None))
-            findings += self._learn()
+            self._learn()
+            findings = self._notice_slips()
             self._changed, self._unsolved, self._was_seen = [], 0, bool(changed)
         smoother.forget(measured.frame - lag - 1)  # the frame told last stays for its successor to follow
         return findings
 
-    def _notice_jumps(self, last: LagFrame, frame: LagFrame) -> tuple[list[str], list[int]]:
-        """Sensors that have turned on their bone just now: sentences, and their columns."""
-        findings, knocked = [], []
+    def _notice_jumps(self, last: LagFrame, frame: LagFrame) -> list[int]:
+        """Columns of sensors not to be listened to: they turn on their bone just now, or have done so."""
+        knocked = list[int]()
         measured = frame.orientation_valid.copy()
-        for number, (wearer, columns) in enumerate(
-            zip(self.smoother.problem.wearers, self.smoother.problem.sensors, strict=False)
-        ):
+        for number, columns in enumerate(self.smoother.problem.sensors[: len(self._watches)]):
             both = self._measured[columns] & measured[columns]
             R_before, R_now = last.R_inertial_sensor[columns], frame.R_inertial_sensor[columns]
             knocks = self._watches[number].knocked(frame.number, R_before, R_now, both)
             frame.orientation_valid[columns[knocks.ringing]] = False
             knocked += columns[knocks.ringing].tolist()
-            for sensor in knocks.moved:
-                findings.append(self._loosen(number, int(sensor), wearer.frames.sensors[sensor]))
+            for sensor in knocks.moved.tolist():
+                self._loosen(number, sensor)
                 knocked.append(int(columns[sensor]))
+                if self._slips is not None:
+                    self._slips.suspect(self._sensors.index((number, sensor)), frame.number)
         self._measured = measured
-        return findings, knocked
+        return knocked
 
-    def _loosen(self, wearer: int, sensor: int, name: str) -> str:
-        """Let a sensor sit anew behind the newest frame, and say so."""
-        settings = self._settings.watch
+    def _loosen(self, wearer: int, sensor: int) -> None:
+        """Let a sensor sit anew behind the newest frame."""
+        settings, newest = self._settings.watch, self.smoother.numbers[-1]
         self.smoother.loosen_sensor(wearer, sensor, settings.heading_sigma_deg, settings.mounting_sigma_deg)
+        if self._slips is not None:
+            self._slips.forget([self._sensors.index((wearer, sensor))], newest)
+
+    def let_go(self, columns: Sequence[int]) -> None:
+        """Estimate the sensors of these columns anew: they have moved since the calibration was found."""
+        for wearer, sensor in self._sensors:
+            if self.smoother.problem.sensors[wearer][sensor] in columns:
+                self._loosen(wearer, sensor)
+
+    def _told(self, wearer: int, sensor: int) -> str:
+        """A sensor has moved: what to say."""
+        problem = self.smoother.problem
+        self.moved.append(int(problem.sensors[wearer][sensor]))
+        name = problem.wearers[wearer].frames.sensors[sensor]
         return (
             f"sensor '{name}' of '{self._setup.wearers[wearer].name}' no longer sits as it did: its heading and "
             "mounting are estimated anew"
@@ -262,19 +296,32 @@ class Tracking:
         state = problem.further[camera - 1].state if camera else self.smoother.shared.camera
         return state.poses.R_world_camera[0], state.poses.p_world_camera[0]
 
-    def _learn(self) -> list[str]:
-        """What the smoothed frame teaches of the sensors and of the detectors."""
-        smoother, findings = self.smoother, []
+    def _notice_slips(self) -> list[str]:
+        """Sensors that sit as they did no longer, by the last seconds: sentences."""
+        smoother, newest = self.smoother, self.smoother.numbers[-1]
+        if self._slips is None or newest < self._next_test:
+            return []
+        self._next_test = newest + self._settings.covariance_every
+        estimate = newest, smoother.shared_coordinates, smoother.shared_covariance()
+        found = [self._sensors[at] for at in self._slips.confirmed(*estimate)]
+        slipped = self._slips.slipped(*estimate)
+        if slipped is not None:
+            wearer, sensor = self._sensors[slipped]
+            self._slips.forget([at for at, (owner, _) in enumerate(self._sensors) if owner == wearer], newest)
+            self._loosen(wearer, sensor)  # and what it taught of the others may be wrong as well
+            found.append(self._sensors[slipped])
+        return [self._told(*one) for one in dict.fromkeys(found)]
+
+    def _learn(self) -> None:
+        """What the smoothed frame teaches of the detectors."""
+        smoother = self.smoother
         oldest = smoother.numbers[0]
         model, state = smoother.scene(oldest)
         for number, (wearer, own) in enumerate(zip(model.wearers, state.wearers, strict=True)):
             body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
-            for sensor in self._watches[number].moved(oldest, wearer, own, body):
-                findings.append(self._loosen(number, sensor, wearer.frames.sensors[sensor]))
             for observer, one in zip(self.observers, model.viewpoints(state.camera), strict=False):
                 view = one.views[number]
                 if view.seen.any():
                     at = WearerEvaluation(number, wearer, own, body)
                     residual = reprojection_residuals(ViewEvaluation(at, CAMERA, one.problem, one.state, view))
                     observer.learn_spread(number, residual[view.seen], self._settings.spread_share)
-        return findings

@@ -1,20 +1,13 @@
-"""Sensors that are no longer where they were: re-attached, knocked round their bone, or with a heading set anew."""
+"""Sensors knocked round their bone, or with a heading set anew: they turn as no limb can."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from vip_factors.assembly.evaluation import WearerEvaluation
-from vip_factors.assembly.wearer_terms import orientation
-from vip_factors.body.kinematics import BodyState
 from vip_factors.geometry.rotations import Array, log, transpose
-from vip_factors.problem.state import WearerState
-from vip_factors.problem.wearer import WearerProblem
 
 IMPACT = 3  # sensors knocked together: a landing
-AGREES = 0.5  # of the angle from which on a sensor does not
 
 
 @dataclass(frozen=True)
@@ -29,8 +22,6 @@ class WatchSettings:
     quiet_s: float = 0.07  # without a knock: tissue rings at 8 Hz and more
     ringing_s: float = 0.5  # and no longer than that
     steady_s: float = 0.05  # over which a limb's turning is averaged: what it would have gone on with
-    angle_deg: float = 15.0  # of a sensor against its bone: four times what tissue and filters do
-    memory_s: float = 0.4  # over which that is averaged: a knock passes, a strap that has turned stays
     rest_s: float = 3.0  # after which the same sensor may be judged again: that long re-estimating takes
     settle_s: float = 2.0  # after a start nothing is judged: mountings are still being found
     heading_sigma_deg: float = 40.0  # how far a sensor set anew may point elsewhere
@@ -48,45 +39,20 @@ class SensorWatch:
     """Watches one wearer's sensors.
 
     Args:
-        model: the wearer's problem.
+        sensors: how many.
         settings: of the watch.
         rate: frames per second.
-        every: how many frames lie between those that are judged.
         begin: number of the frame that tracking began with.
-
-    Attributes:
-        agreed: ``(S,)`` whether each ever sat as it is believed to.
     """
 
-    def __init__(self, model: WearerProblem, settings: WatchSettings, rate: float, every: int, begin: int) -> None:
-        self._settings, self._rate, self._every = settings, rate, every
-        self._mean = np.zeros((len(model.sensors), 3))
-        self._since = np.full(len(model.sensors), begin + round(settings.settle_s * rate))
-        S = len(model.sensors)
-        self.agreed = np.zeros(S, bool)
+    def __init__(self, sensors: int, settings: WatchSettings, rate: float, begin: int) -> None:
+        self._settings, self._rate, S = settings, rate, sensors
+        self._since = np.full(S, begin + round(settings.settle_s * rate))
         self._last_turn, self._moving = np.zeros((S, 3)), np.zeros(S, bool)  # from frame to frame; whether it is known
         # Turning before a knock and in quiet frames after it, and in all frames since; frames since, −1: no knock.
         self._before, self._after, self._net = np.zeros((S, 3)), np.zeros((S, 3)), np.zeros((S, 3))
         self._frames, self._quiet = np.full(S, -1), np.zeros(S, int)
         self._knock = np.full(S, -(10**9))  # number of the last frame in which each was knocked
-        self._sigma = model.settings.orientation.sigma
-
-    def moved(self, number: int, model: WearerProblem, state: WearerState, body: BodyState) -> Sequence[int]:
-        """Sensors that have moved, judged at a frame: ``model``, ``state`` and ``body`` hold it alone."""
-        at = WearerEvaluation(0, model, state, body)
-        residual = next(orientation(at, slice(0, 1))).residual[0] * self._sigma
-        share = 1 - np.exp(-self._every / (self._settings.memory_s * self._rate))
-        valid = model.frames.orientation_valid[0]
-        self._mean[valid] += share * (residual[valid] - self._mean[valid])
-        angle = np.linalg.norm(self._mean, axis=1)
-        limit, judged = np.deg2rad(self._settings.angle_deg), number >= self._since
-        # A sensor that never agreed with its bone has not moved: its calibration was not found yet.
-        self.agreed |= judged & (angle < AGREES * limit)
-        found = np.flatnonzero(judged & self.agreed & (angle > limit))
-        self.agreed[found] = False
-        self._since[found] = number + round(self._settings.rest_s * self._rate)
-        self._mean[found] = 0.0
-        return [int(sensor) for sensor in found]
 
     def knocked(self, number: int, R_before: Array, R_now: Array, both: np.ndarray) -> Knocks:
         """Sensors that turn as no limb can, from the last frame to the newest one or a moment ago.
@@ -109,7 +75,6 @@ class SensorWatch:
         moved = np.flatnonzero(over & far & alone & (number >= self._since))
         self._frames[over] = -1
         self._since[moved] = number + round(settings.rest_s * self._rate)
-        self._mean[moved], self.agreed[moved] = 0.0, False
         return Knocks(np.flatnonzero(ringing & ~over), moved)
 
     def _follow(self, number: int, turn: Array, both: np.ndarray) -> np.ndarray:

@@ -1,0 +1,108 @@
+"""When a calibration is found anew, and from which data: after pauses, and after sensors have moved."""
+
+from concurrent.futures import Future
+from typing import Any
+
+import numpy as np
+import pytest
+from tracked import filmed
+
+from vip_factors.errors import SolveError
+from vip_factors.geometry.rotations import Array
+from vip_factors.live import recalibrator
+from vip_factors.live.buffered import MeasuredStretch
+from vip_factors.live.coarse import Known
+from vip_factors.live.measurement import FrameMeasurement
+from vip_factors.live.recalibrator import Recalibrator
+from vip_factors.live.settings import LiveSettings
+from vip_factors.live.state import FrameState
+from vip_factors.sensors.live import LiveSetup
+
+SETTINGS = LiveSettings()
+SENSORS, RATE = 3, 60
+NEWEST = FrameState(np.zeros((1, 24, 3, 3)), np.zeros((1, 3)), np.eye(3), np.zeros(3))
+KNOWN = Known({}, np.zeros((1, 3)))
+
+
+class Asked:
+    """Stands for the process: keeps what it is asked, and finds nothing."""
+
+    asked: list[tuple[MeasuredStretch, Known | None]]
+
+    def submit(self, stretch: MeasuredStretch, settings: Any, known: Known | None) -> "Future[Any]":
+        self.asked.append((stretch, known))
+        answer: Future[Any] = Future()
+        answer.set_exception(SolveError("nothing"))
+        return answer
+
+    def close(self) -> None: ...
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[MeasuredStretch, Known | None]]:
+    monkeypatch.setattr(recalibrator, "RecalibrationProcess", Asked)
+    Asked.asked = []
+    return Asked.asked
+
+
+def recalibrating() -> Recalibrator:
+    return Recalibrator(LiveSetup.of(filmed()), [("w", str(n)) for n in range(SENSORS)], SETTINGS, real_time=False)
+
+
+def feed(one: Recalibrator, first: int, frames: int) -> list[str]:
+    told, R = list[str](), np.broadcast_to(np.eye(3), (SENSORS, 3, 3))
+    force: Array = np.zeros((SENSORS, 3))
+    for number in range(first, first + frames):
+        every = np.ones(SENSORS, bool)
+        one.remember(FrameMeasurement(number, number / RATE, R, every, force, every.copy()))
+        answer = one.answer(number)
+        assert answer is None or isinstance(answer, str)
+        told += [answer] if answer else []
+        one.begin(NEWEST)
+    return told
+
+
+def test_it_is_found_anew_with_twice_the_data_and_then_again_and_again(asked: list[Any]) -> None:
+    assert len(feed(recalibrating(), 0, 85 * RATE)) == 6
+    assert [len(stretch.measurements) / RATE for stretch, _ in asked] == [2.5, 5, 10, 20, 40, 40]
+    assert [stretch.measurements[-1].frame + 1 for stretch, _ in asked[-2:]] == [40 * RATE, 80 * RATE]
+
+
+def test_after_a_pause_it_begins_with_what_is_known(asked: list[Any]) -> None:
+    one = recalibrating()
+    feed(one, 0, 4 * RATE)
+    one.restart(KNOWN)
+    feed(one, 4 * RATE, 3 * RATE)
+    assert [len(stretch.measurements) / RATE for stretch, _ in asked] == [2.5, 2.5]
+    assert asked[-1][0].first == 4 * RATE
+    assert [known for _, known in asked] == [None, KNOWN]
+
+
+def test_what_is_known_from_before_a_pause_grows_old(asked: list[Any]) -> None:
+    one = recalibrating()
+    feed(one, 0, 4 * RATE)
+    one.restart(KNOWN)
+    feed(one, 4 * RATE, 81 * RATE)
+    assert [known for _, known in asked[1:]] == [KNOWN] * 5 + [None]
+
+
+def test_a_sensor_that_has_moved_is_used_from_then_on(asked: list[Any]) -> None:
+    one = recalibrating()
+    feed(one, 0, 12 * RATE)
+    one.leave_out([1], 12 * RATE - 1)
+    feed(one, 12 * RATE, 6 * RATE)
+    stretch, _ = asked[-1]
+    seen = np.stack([measured.orientation_valid for measured in stretch.measurements])
+    number = np.array([measured.frame for measured in stretch.measurements])
+    assert number[-1] == 17 * RATE - 2
+    assert number[0] == 1  # a pose that was declared was held before
+    assert np.array_equal(seen[:, 1], number >= 12 * RATE)
+    assert seen[:, [0, 2]].all()
+
+
+def test_a_sensor_that_moves_ever_again_does_not_keep_it_from_being_found(asked: list[Any]) -> None:
+    one = recalibrating()
+    for second in range(12):
+        feed(one, second * RATE, RATE)
+        one.leave_out([0], second * RATE + RATE - 1)
+    assert len(asked) >= 2

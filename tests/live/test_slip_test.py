@@ -1,0 +1,60 @@
+"""Slips are told from noise, from drift and from calibrations that are still being found."""
+
+import numpy as np
+
+from vip_factors.geometry.rotations import Array
+from vip_factors.live.slip_test import SlipSettings, SlipTest
+
+RATE, EVERY, SENSORS = 60.0, 12, 3
+WANDER = np.deg2rad(np.full(4, 0.3))
+COLUMNS = np.arange(4 * SENSORS).reshape(SENSORS, 4)
+
+
+def slips(truth: Array, first_deg: float = 5.0, begin: int = 0) -> list[tuple[float, int]]:
+    """Seconds and sensors found, where a filter estimates ``truth`` ``(T, 12)`` radians five times a second."""
+    rng, noise = np.random.default_rng(0), np.deg2rad(8.0)
+    test = SlipTest(COLUMNS, WANDER, SlipSettings(), RATE, begin)
+    value, covariance, found = np.zeros(12), np.deg2rad(first_deg) ** 2 * np.eye(12), list[tuple[float, int]]()
+    for index, true in enumerate(truth):
+        covariance = covariance + np.diag(np.tile(WANDER**2, SENSORS)) * EVERY / RATE
+        gain = covariance @ np.linalg.inv(covariance + noise**2 * np.eye(12))
+        value = value + gain @ (true + noise * rng.standard_normal(12) - value)
+        covariance = covariance - gain @ covariance
+        sensor = test.slipped(EVERY * index, value, covariance)
+        if sensor is not None:
+            found.append((EVERY * index / RATE, sensor))
+            test.forget([sensor], EVERY * index)
+            loosened = COLUMNS[sensor]
+            covariance[loosened, loosened] += np.deg2rad(40.0) ** 2
+    return found
+
+
+def test_a_slip_is_found_once() -> None:
+    truth = np.zeros((75, 12))
+    truth[40:, COLUMNS[1, 2]] = np.deg2rad(40.0)
+    found = slips(truth)
+    assert [sensor for _, sensor in found] == [1]
+    assert 8.0 < found[0][0] < 10.0
+
+
+def test_a_heading_set_anew_is_found() -> None:
+    truth = np.zeros((75, 12))
+    truth[40:, COLUMNS[2, 0]] = np.deg2rad(-60.0)
+    assert [sensor for _, sensor in slips(truth)] == [2]
+
+
+def test_drift_is_no_slip() -> None:
+    truth = np.deg2rad(0.1) * np.arange(300)[:, None] * EVERY / RATE * np.ones(12)
+    assert slips(truth) == []
+
+
+def test_what_was_not_known_has_not_slipped() -> None:
+    truth = np.broadcast_to(np.deg2rad(40.0), (75, 12))
+    assert slips(truth, first_deg=40.0) == []
+
+
+def test_nothing_is_judged_before_it_is_time() -> None:
+    truth = np.zeros((75, 12))
+    truth[10:, COLUMNS[0, 1]] = np.deg2rad(40.0)
+    assert slips(truth, begin=0) != []
+    assert slips(truth, begin=20 * 60) == []

@@ -1,5 +1,6 @@
 """What the estimators return: motion, calibration, how sure they are, and how the solve went. Plain data."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -130,6 +131,23 @@ class DetectorEstimate:
 
 
 @dataclass(frozen=True)
+class StartChoice:
+    """Which start of headings and mountings was chosen.
+
+    Attributes:
+        supposition: what it supposes, in words.
+        rival: what the likeliest start supposes that turns a sensor by more than 60° against it; empty without one.
+        margin: nats by which that is less likely; infinite without one.
+        doubtful: names of the sensors that starts turn which are nearly as likely.
+    """
+
+    supposition: str
+    rival: str = ""
+    margin: float = math.inf
+    doubtful: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Estimate:
     """A reconstructed recording.
 
@@ -147,6 +165,7 @@ class Estimate:
         body: what was found of the body; None if nothing of it was looked for.
         sensor_places: of the sensors used; none if they were taken as told.
         findings: sentences about what is odd or not settled: to be shown to the user.
+        start: how the first headings and mountings were chosen; None if they were not looked for.
     """
 
     name: str
@@ -161,6 +180,7 @@ class Estimate:
     body: BodyEstimate | None = None
     sensor_places: tuple[SensorPlaceEstimate, ...] = ()
     findings: tuple[str, ...] = ()
+    start: StartChoice | None = None
 
 
 @dataclass(frozen=True)

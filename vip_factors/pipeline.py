@@ -21,7 +21,7 @@ from vip_factors.settings import Settings, flatten
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.solve.marginals import chain_marginals
 from vip_factors.stages.associated_cameras import of_use, watch_again
-from vip_factors.stages.calibration_start import start_findings
+from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.decode import decode, pose_covariance
 from vip_factors.stages.filming import start_filming
 from vip_factors.stages.first_association import first_association
@@ -88,8 +88,8 @@ def smooth(
     who = f"wearer '{recording.subject.name}'"
     odd = posture_findings(who, recording, estimate.motion, estimate.calibration)
     drift = drift_findings(who, estimate.calibration)
-    starts = start_findings(who, frames.sensors, tracked.starts)
-    return replace(estimate, findings=(*about_sensors, *starts, *odd, *drift))
+    found = (*about_sensors, *start_findings(who, frames.sensors, tracked.starts), *odd, *drift)
+    return replace(estimate, findings=found, start=start_choice(frames.sensors, tracked.starts))
 
 
 @one_blas_thread
@@ -134,7 +134,12 @@ def smooth_scene(
             fused = fuse(filmed, fused, associated, settings, solver)
     fine = fuse_finely(scene, filmed, fused, associated, frames.fine, settings, solver)
     estimate = scene_estimate(scene, fused, fine, associated, tuple(solver.reports), settings)
-    return replace(estimate, findings=(*about_sensors, *estimate.findings, *_about_starts(names, wearers)))
+    told = tuple(
+        replace(one, start=start_choice(tracked.model.frames.sensors, tracked.starts))
+        for one, tracked in zip(estimate.wearers, wearers, strict=True)
+    )
+    findings = (*about_sensors, *estimate.findings, *_about_starts(names, wearers))
+    return replace(estimate, wearers=told, findings=findings)
 
 
 def _about_starts(names: Sequence[str], wearers: Sequence[Tracked]) -> Iterator[str]:

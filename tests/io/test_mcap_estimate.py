@@ -14,8 +14,9 @@ from mcap_protobuf.decoder import DecoderFactory
 from mcap_samples import assert_same, calibration, estimates, motion, walk
 
 from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.cli.info_recording import estimate_text
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import Estimate, SolveReport
+from vip_factors.estimate import Estimate, SolveReport, StartChoice
 from vip_factors.io.mcap_contents import McapWarning
 from vip_factors.io.mcap_estimate import read_estimate, write_estimate
 from vip_factors.io.mcap_recording import read_recording, write_recording
@@ -176,3 +177,15 @@ def test_an_existing_file_is_refused(tmp_path: Path) -> None:
     write_estimate(example(3), tmp_path / "e.mcap")
     with pytest.raises(InputError, match="exists already"):
         write_estimate(example(3), tmp_path / "e.mcap")
+
+
+@pytest.mark.parametrize("margin", [1.5, np.inf])
+def test_findings_and_the_choice_of_the_start_come_back(tmp_path: Path, margin: float) -> None:
+    choice = StartChoice("sensors sit as placed", "frames agree" if margin < 2 else "", margin, ("head",))
+    estimate = replace(example(), findings=("one thing", "another"), start=choice)
+    write_estimate(estimate, tmp_path / "e.mcap")
+    assert_same(estimate, read_estimate(tmp_path / "e.mcap"))
+    told = estimate_text(estimate)
+    assert "  finding: another" in told
+    assert "  start: sensors sit as placed" in told
+    assert ("4.5 times less likely" in told) == (margin < 2)

@@ -1,5 +1,7 @@
 """What ``vip-factors info`` says of a recording, a motion and an estimate of one wearer."""
 
+import math
+
 import numpy as np
 
 from vip_factors.body.motion import Motion
@@ -7,10 +9,12 @@ from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.cli.info_body import body_lines
 from vip_factors.cli.info_places import sensor_place_lines
 from vip_factors.cli.text_table import aligned
-from vip_factors.estimate import Estimate, SolveReport
+from vip_factors.estimate import Estimate, SolveReport, StartChoice
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
+
+MANY = 7.0  # nats: a thousand times
 
 
 def motion_text(motion: Motion) -> str:
@@ -69,9 +73,24 @@ def stream_words(imu: ImuStream) -> tuple[str, str, str, str]:
     return str(len(imu)), f"{imu.rate:.1f} Hz", missing, ", ".join(gives)
 
 
+def start_lines(start: StartChoice | None) -> list[str]:
+    """Which start was chosen, the next that differs, and how much less likely that is."""
+    if start is None:
+        return []
+    lines = [f"  start: {start.supposition}"]
+    if start.rival:
+        times = f"{math.exp(start.margin):.1f}" if start.margin < MANY else f"{math.exp(MANY):.0f} or more"
+        lines.append(f"    next (a sensor turned by more than 60°): {start.rival}: {times} times less likely")
+    if start.doubtful:
+        lines.append(f"    not settled: {', '.join(start.doubtful)}")
+    return lines
+
+
 def estimate_text(estimate: Estimate) -> str:
     """How it was made, how the solves went, and how large the residuals are."""
     lines = [f"estimate '{estimate.name}', method {estimate.method}", motion_text(estimate.motion)]
+    lines += [f"  finding: {one}" for one in estimate.findings]
+    lines += start_lines(estimate.start)
     lines.append(f"  covariance: {'yes' if estimate.covariance is not None else 'no'}")
     lines += [f"  {report_text(report)}" for report in estimate.reports]
     for kind, values in estimate.residuals.items():

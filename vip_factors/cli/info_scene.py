@@ -1,5 +1,7 @@
 """What ``vip-factors info`` says of a scene and of its estimate."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from vip_factors.cli.info_places import detector_lines
@@ -98,7 +100,7 @@ def scene_estimate_text(estimate: SceneEstimate) -> str:
         lines.append(f"  detections: {', '.join(of)}, {np.sum(given < 0)} to nobody")
     if estimate.detector is not None:
         lines += [f"  {line}" for line in detector_lines(estimate.detector)]
-    return "\n\n".join(["\n".join(lines), *(estimate_text(one) for one in estimate.wearers)])
+    return "\n\n".join(["\n".join(lines), *(estimate_text(replace(one, findings=())) for one in estimate.wearers)])
 
 
 def _camera_estimate_lines(camera: CameraEstimate, names: list[str]) -> list[str]:

@@ -9,7 +9,8 @@ do their slow accelerations stand for it, and how differently they run says how 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from vip_factors.geometry.rotations import Array, log, rotation_z, transpose
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array, rotation_z, transpose
 from vip_factors.initialise.sensor_tree import Link
 from vip_factors.initialise.start_candidates import Candidates
 from vip_factors.sensors.frames import ImuFrames
@@ -33,15 +34,17 @@ def posture_cost(link: Link, candidates: Candidates, frames: ImuFrames) -> Array
         return np.zeros((*above.shape[:2], *below.shape[:2]))
     postures = FEWER_POSTURES if candidates.relative else POSTURES
     looked = rows[np.unique(np.linspace(0, len(rows) - 1, postures).astype(int))]
+    chosen = [(link.parent, _parents(candidates)), (link.child, slice(None))]
     R_parent, R_child = (
-        _bones(candidates.headings[s, chosen], candidates.R_bone_sensor[s][chosen], frames.R_inertial_sensor[looked, s])
-        for s, chosen in ((link.parent, _parents(candidates)), (link.child, slice(None)))
+        _bones(candidates.headings[s, k], candidates.R_bone_sensor[s][k], frames.R_inertial_sensor[looked, s])
+        for s, k in chosen
     )
-    x = log(transpose(R_parent)[:, :, None, None] @ R_child[None, None])
-    off = x - link.mean
-    beyond = np.maximum(link.lower - x, 0.0) + np.maximum(x - link.upper, 0.0)
-    square = np.sum((off @ link.information) * off, axis=-1) + np.sum((beyond / LIMIT_SIGMA) ** 2, axis=-1)
-    cost = np.mean((FREEDOM + 3) / 2 * np.log1p(square / FREEDOM), axis=-1)
+    x = _bends(R_parent.reshape(-1, *R_parent.shape[2:]), R_child.reshape(-1, *R_child.shape[2:]))
+    off = np.linalg.cholesky(link.information).T @ (x - link.mean[:, None])
+    beyond = np.maximum(link.lower[:, None] - x, 0.0) + np.maximum(x - link.upper[:, None], 0.0)
+    square = np.sum(off**2 + (beyond / LIMIT_SIGMA) ** 2, axis=2)
+    cost = np.mean((FREEDOM + 3) / 2 * np.log1p(square / FREEDOM), axis=0)
+    cost = cost.reshape(*R_parent.shape[:2], *R_child.shape[:2])
     # Rotation vectors of several joints add up roughly only: the more of them, the less what they say counts.
     return _looks(frames, rows, POSES_PER_SECOND) / link.joints * _for_all_parents(cost, candidates)
 
@@ -65,7 +68,8 @@ def meeting_cost(link: Link, candidates: Candidates, frames: ImuFrames) -> Array
         above, below = (_slow(one, smooth) for one in (above, below))
         looks, least = looks / SLOW, LEAST_SLOW_MISFIT
     size = [np.mean(np.sum(one**2, axis=-1), axis=-1) for one in (above, below)]
-    product = np.einsum("kmti,lnti->kmln", above, below, optimize=True) / above.shape[2]
+    flat = [one.reshape(one.shape[0] * one.shape[1], -1) for one in (above, below)]
+    product = (flat[0] @ flat[1].T).reshape(*above.shape[:2], *below.shape[:2]) / above.shape[2]
     square = np.maximum(size[0][:, :, None, None] + size[1][None, None] - 2 * product, 0.0) / 3
     return 1.5 * looks * _for_all_parents(np.log(square / least**2 + 1.0), candidates)
 
@@ -91,6 +95,21 @@ def _bones(headings: Array, R_bone_sensor: Array, R_inertial_sensor: Array) -> A
     return turned[:, None] @ transpose(R_bone_sensor)[:, :, None]
 
 
+def _bends(R_parent: Array, R_child: Array) -> Array:
+    """Rotation vectors ``(T, N, 3, M)`` from the one bones ``(N, T, 3, 3)`` to the other ones ``(M, T, 3, 3)``."""
+    parent, child = (quaternion_from_matrix(R.swapaxes(0, 1), Order.WXYZ) for R in (R_parent, R_child))
+    T, N = parent.shape[:2]
+    w, x, y, z = np.moveaxis(parent, -1, 0)
+    inverse = np.stack([[w, x, y, z], [-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]])  # product from the left
+    q = np.moveaxis(inverse, (2, 3), (0, 1)).reshape(T, N * 4, 4) @ child.swapaxes(1, 2)
+    q = q.reshape(T, N, 4, -1)
+    scalar, vector = q[:, :, 0], q[:, :, 1:]
+    sine = np.sqrt(np.sum(vector**2, axis=2))
+    angle = 2 * np.arctan2(sine, np.abs(scalar))
+    scale = np.copysign(np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 2.0), scalar)
+    return np.asarray(vector * scale[:, :, None])
+
+
 def _carried(
     candidates: Candidates, frames: ImuFrames, s: int, p_sensor_point: Array | None
 ) -> tuple[Array, np.ndarray]:
@@ -104,7 +123,8 @@ def _carried(
     force = np.broadcast_to(frames.specific_force_inertial[1:-1, s], (*mountings.shape[:2], len(R) - 2, 3))
     if p_sensor_point is not None:
         bend = (R[:-2] - 2 * R[1:-1] + R[2:]) / frames.step**2
-        force = force + np.einsum("tij,kmj->kmti", bend, transpose(mountings) @ p_sensor_point)
+        arms = (transpose(mountings) @ p_sensor_point).reshape(-1, 3)
+        force = force + (arms @ bend.reshape(-1, 3).T).reshape(force.shape)
     return force @ transpose(rotation_z(candidates.headings[s]))[:, None], known
 
 

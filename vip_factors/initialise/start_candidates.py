@@ -22,11 +22,13 @@ class Candidates:
         R_bone_sensor: by sensor ``(K, M, 3, 3)``.
         relative: whether all sensors have the same headings, evenly around the circle, and mountings do not depend on
             them: then headings matter by their differences alone.
+        declared: whether the mountings are those that a declared pose asks for.
     """
 
     headings: Array
     R_bone_sensor: tuple[Array, ...]
     relative: bool = False
+    declared: bool = False
 
 
 def declared_candidates(usual: InitialCalibration, R_inertial_sensor: Array) -> Candidates:
@@ -39,7 +41,7 @@ def declared_candidates(usual: InitialCalibration, R_inertial_sensor: Array) -> 
     assert usual.R_world_bone is not None
     headings = _around(float(usual.headings[0]))
     mountings = transpose(usual.R_world_bone)[:, None] @ rotation_z(headings) @ R_inertial_sensor[:, None]
-    return Candidates(np.tile(headings, (len(mountings), 1)), tuple(mountings[:, :, None]))
+    return Candidates(np.tile(headings, (len(mountings), 1)), tuple(mountings[:, :, None]), declared=True)
 
 
 def placed_candidates(

@@ -10,6 +10,7 @@ from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.link_costs import meeting_cost, posture_cost
 from vip_factors.initialise.sensor_tree import Link
 from vip_factors.initialise.start_candidates import GRID, Candidates, declared_candidates, placed_candidates
+from vip_factors.initialise.start_particles import about_best, likely_particles, wander
 from vip_factors.initialise.suppositions import (
     SUPPOSITIONS,
     StartSettings,
@@ -17,6 +18,7 @@ from vip_factors.initialise.suppositions import (
     common_cost,
     frame_cost,
     strap_cost,
+    upright_cost,
 )
 from vip_factors.initialise.tree_search import TreeMinimum, least_cost
 from vip_factors.sensors.frames import ImuFrames
@@ -81,18 +83,6 @@ class Starts:
     tilted: tuple[int, ...] = ()
 
 
-def likelier(one: Starts, other: Starts, settled: float) -> Starts:
-    """The likelier of two searches over the same frames; where they differ, the other is a rival."""
-    best, less = (one, other) if one.best.cost <= other.best.cost else (other, one)
-    turned = np.flatnonzero(_differences(best.best.calibration, less.best.calibration) > DIFFERENT)
-    behind = less.best.cost - best.best.cost
-    if not len(turned) or behind >= max(best.margin, settled):
-        return best
-    rival, margin = (less.best.supposition, behind) if behind < best.margin else (best.rival, best.margin)
-    doubtful = {*best.doubtful, *(turned.tolist() if behind < settled else ())}
-    return replace(best, rival=rival, margin=margin, doubtful=tuple(sorted(doubtful)))
-
-
 @dataclass(frozen=True)
 class StartSearch:
     """Costs of starts over some frames.
@@ -107,14 +97,19 @@ class StartSearch:
     prior: SensorPrior
     settings: StartSettings
 
-    def best(self, usual: InitialCalibration, R_inertial_at_pose: Array) -> Starts:
+    def best(
+        self, usual: InitialCalibration, R_inertial_at_pose: Array, others: Sequence[InitialCalibration] = ()
+    ) -> Starts:
         """The likeliest start.
 
         Args:
             usual: of straps and low-passed motion, which competes; with bones in the declared pose, if any.
             R_inertial_at_pose: ``(S, 3, 3)`` orientations of the sensors in the declared pose.
+            others: starts that compete too, where no pose is declared.
         """
-        grid, tilted = self._grid(usual, R_inertial_at_pose)
+        if usual.R_world_bone is None:
+            return self._undeclared(usual, others)
+        grid = declared_candidates(usual, R_inertial_at_pose)
         pairs = self._pairs(grid)
         found = [(one.name, self._minimum(grid, pairs, one)) for one in SUPPOSITIONS]
         starts = [Start(name, _chosen(grid, one, usual), one.cost) for name, one in found]
@@ -122,15 +117,36 @@ class StartSearch:
         best = min(starts, key=lambda start: start.cost)
         minima = dict(found)
         own = minima.get(best.supposition) or min(minima.values(), key=lambda one: one.cost)
-        return self._compared(best, starts, grid, own, tilted)
+        return self._compared(best, starts, grid, own)
 
-    def _grid(self, usual: InitialCalibration, R_at_pose: Array) -> tuple[Candidates, tuple[int, ...]]:
-        if usual.R_world_bone is not None:
-            return declared_candidates(usual, R_at_pose), ()
-        up = np.full((len(R_at_pose), 3), np.nan)
-        for s in np.flatnonzero(self.prior.upright & self.frames.orientation_valid.any(axis=0)):
-            up[s] = self.frames.R_inertial_sensor[self.frames.orientation_valid[:, s], s][:, 2].mean(axis=0)
-        return placed_candidates(usual.R_bone_sensor, self.prior.limbs, up, float(usual.headings[self._root]))
+    def _undeclared(self, usual: InitialCalibration, others: Sequence[InitialCalibration]) -> Starts:
+        root, up = self._root, self._up_sensor()
+        facing = float(usual.headings[root])
+        grid, tilted = placed_candidates(usual.R_bone_sensor, self.prior.limbs, up, facing)
+        particles = likely_particles(grid, self._least(grid))
+        starts = [replace(one, headings=one.headings + facing - one.headings[root]) for one in (usual, *others)]
+        particles = wander(particles.and_starts(starts), self._least, root)
+        candidates = about_best(likely_particles(particles.candidates(), self._least(particles.candidates())), root)
+        pairs = self._pairs(candidates)
+        found = {one.name: self._minimum(candidates, pairs, one) for one in SUPPOSITIONS}
+        name, own = min(found.items(), key=lambda one: one[1].cost)
+        best = Start(name, replace(_chosen(candidates, own, usual), R_world_bone=None), own.cost)
+        rivals = [Start(other, _chosen(candidates, one, usual), one.cost) for other, one in found.items()]
+        return replace(self._compared(best, rivals, candidates, own), tilted=tilted)
+
+    def _least(self, candidates: Candidates) -> list[Array]:
+        """By sensor ``(K, M)``, the least cost with each candidate, whatever is supposed."""
+        pairs = self._pairs(candidates)
+        found = [self._minimum(candidates, pairs, one).marginals for one in SUPPOSITIONS]
+        return [np.min(costs, axis=0) for costs in zip(*found, strict=True)]
+
+    def _up_sensor(self) -> Array:
+        """``(S, 3)`` the mean vertical in axes of the sensors on bones that are upright on the whole; NaN of others."""
+        frames = self.frames
+        up = np.full((len(frames.sensors), 3), np.nan)
+        for s in np.flatnonzero(self.prior.upright & frames.orientation_valid.any(axis=0)):
+            up[s] = frames.R_inertial_sensor[frames.orientation_valid[:, s], s][:, 2].mean(axis=0)
+        return up
 
     @property
     def _root(self) -> int:
@@ -143,13 +159,9 @@ class StartSearch:
         }
 
     def _minimum(self, candidates: Candidates, pairs: dict[int, Array], supposed: Supposition) -> TreeMinimum:
-        least: TreeMinimum | None = None
-        for unary in self._unaries(candidates, supposed):
-            one = least_cost(unary, self.prior.links, pairs)
-            if least is None or one.cost < least.cost:
-                least = one
-        assert least is not None
-        return least
+        found = [least_cost(unary, self.prior.links, pairs) for unary in self._unaries(candidates, supposed)]
+        marginals = tuple(np.min(costs, axis=0) for costs in zip(*(one.marginals for one in found), strict=True))
+        return replace(min(found, key=lambda one: one.cost), marginals=marginals)
 
     def _unaries(self, candidates: Candidates, supposed: Supposition) -> Iterator[list[Array]]:
         """Costs of sensors by themselves, for every heading that their frames may have in common."""
@@ -161,6 +173,12 @@ class StartSearch:
             else np.zeros(R.shape[:2])
             for s, R in enumerate(candidates.R_bone_sensor)
         ]
+        if not candidates.declared:
+            up = self._up_sensor()
+            straps = [
+                one + upright_cost(R, up[s])
+                for s, (one, R) in enumerate(zip(straps, candidates.R_bone_sensor, strict=True))
+            ]
         if candidates.relative:  # the world may turn as it likes: one heading holds it
             root = prior.links[0].parent if prior.links else 0
             straps[root] = straps[root] + np.where(np.arange(GRID) == 0, 0.0, np.inf)[:, None]
@@ -186,14 +204,12 @@ class StartSearch:
         if own.R_world_bone is not None:  # the declared pose stays as it is: mountings follow
             bones = own.R_world_bone[:, None]
             mountings = transpose(bones) @ rotation_z(np.broadcast_to(offsets, headings.shape)) @ bones @ mountings
-        candidates = Candidates(headings, tuple(mountings[:, :, None]))
+        candidates = Candidates(headings, tuple(mountings[:, :, None]), declared=True)
         pairs = self._pairs(candidates)
         best = min((self._minimum(candidates, pairs, one) for one in SUPPOSITIONS), key=lambda one: one.cost)
         return replace(start, calibration=_chosen(candidates, best, own), cost=best.cost)
 
-    def _compared(
-        self, best: Start, starts: Sequence[Start], grid: Candidates, own: TreeMinimum, tilted: tuple[int, ...]
-    ) -> Starts:
+    def _compared(self, best: Start, starts: Sequence[Start], grid: Candidates, own: TreeMinimum) -> Starts:
         """The best start and what is nearly as likely: another supposition's, or its own with some sensors turned."""
         doubtful: set[int] = set()
         rival, margin = "", np.inf
@@ -212,7 +228,7 @@ class StartSearch:
             rival, margin = (best.supposition, behind) if behind < margin else (rival, margin)
         sure = replace(best.calibration, heading_sigma=_heading_sigma(grid, own))
         best = replace(best, calibration=sure)
-        return Starts(best, rival, float(max(margin, 0.0)), tuple(sorted(doubtful)), tilted)
+        return Starts(best, rival, float(max(margin, 0.0)), tuple(sorted(doubtful)))
 
 
 def _chosen(candidates: Candidates, found: TreeMinimum, like: InitialCalibration) -> InitialCalibration:

@@ -7,6 +7,10 @@ import numpy as np
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, angle_between, wrap_angle
 
+# Of the mean lean of trunk, thighs and shanks over a recording: walkers' and standers' are within 10°, sitters' not.
+UPRIGHT_SIGMA = np.deg2rad(15.0)
+UPRIGHT_FREEDOM = 4.0  # of a Student t: some sit
+
 
 @dataclass(frozen=True)
 class StartSettings:
@@ -80,3 +84,15 @@ def frame_cost(headings: Array, common: float, sigma: float, strange: float) -> 
 def common_cost(sensors: int, sigma: float) -> float:
     """What not knowing the common heading costs, in nats: the width of the circle over that of what sensors leave."""
     return float(np.log(max(np.sqrt(2 * np.pi * sensors) / sigma, 1.0)))
+
+
+def upright_cost(R_bone_sensor: Array, up_sensor: Array) -> Array:
+    """How unlikely mountings ``(..., 3, 3)`` are on a bone that is upright on the whole, in nats; nought of others.
+
+    ``up_sensor`` ``(3,)`` is the mean vertical in the sensor's axes; NaN where the bone is not.
+    """
+    if not np.all(np.isfinite(up_sensor)):
+        return np.zeros(R_bone_sensor.shape[:-2])
+    up_bone = R_bone_sensor @ (up_sensor / np.linalg.norm(up_sensor))
+    lean = np.arccos(np.clip(up_bone[..., 1], -1.0, 1.0)) / UPRIGHT_SIGMA
+    return (UPRIGHT_FREEDOM + 1) / 2 * np.log1p(lean**2 / UPRIGHT_FREEDOM)

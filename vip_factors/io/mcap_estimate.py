@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import Estimate, Iteration, SolveReport
+from vip_factors.estimate import Estimate, Iteration, SolveReport, StartChoice
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.atomic import atomic_open, check_target
 from vip_factors.io.mcap_body import body_message, body_of
@@ -34,6 +34,7 @@ from vip_factors.io.schemas.body_estimate_pb2 import BodyEstimate as BodyEstimat
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
 from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo
+from vip_factors.io.schemas.estimate_info_pb2 import StartChoice as StartChoiceMessage
 from vip_factors.io.schemas.place_estimates_pb2 import SensorPlaceEstimates
 from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
 from vip_factors.io.schemas.residuals_pb2 import Residuals
@@ -164,7 +165,13 @@ def info_message(estimate: Estimate, start_ns: int) -> EstimateInfo:
         sensors=estimate.sensors,
         settings=dict(estimate.settings),
         residual_kinds=list(estimate.residuals),
+        findings=estimate.findings,
     )
+    if estimate.start is not None:
+        one = estimate.start
+        message.start_choice.CopyFrom(
+            StartChoiceMessage(supposition=one.supposition, rival=one.rival, margin=one.margin, doubtful=one.doubtful)
+        )
     set_timestamp(message.start, start_ns)
     return message
 
@@ -245,9 +252,18 @@ def estimate_of(contents: McapContents, messages: Iterable[McapMessages], prefix
         sensors=tuple(info.sensors),
         reports=tuple(report_of(one) for one in of_topic(path, ours, prefix + REPORT, SolveReportMessage)),
         settings=dict(info.settings),
+        findings=tuple(info.findings),
+        start=_start_choice(info),
         body=body_of(bodies[-1]) if bodies else None,
         sensor_places=sensor_places_of(places[-1]) if places else (),
     )
+
+
+def _start_choice(info: EstimateInfo) -> StartChoice | None:
+    if not info.HasField("start_choice"):
+        return None
+    one = info.start_choice
+    return StartChoice(one.supposition, one.rival, one.margin, tuple(one.doubtful))
 
 
 def _residuals(info: EstimateInfo, messages: Sequence[Residuals], frames: int) -> dict[str, Array]:

@@ -1,6 +1,6 @@
 """How tracking begins, and begins again: the stages of the batch pipeline over the last second or so."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from vip_factors.problem.scene import KeypointView, SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.stages.associated_cameras import AssociatedCamera
+from vip_factors.stages.calibration_start import start_findings
 from vip_factors.stages.inertial_model import loosened
 
 
@@ -31,6 +32,7 @@ class Started:
         associated: of the cameras that are of use: who is who in each of their video frames.
         spreads: by camera and wearer, scatter of the detections in OKS sigmas.
         information: ``(s, s)`` about ``shared``, from frames that are not here; None without any.
+        findings: sentences about a start that the stretch does not settle.
     """
 
     problem: LagProblem
@@ -40,6 +42,7 @@ class Started:
     associated: tuple[AssociatedCamera, ...]
     spreads: tuple[tuple[float, ...], ...]
     information: Array | None = None
+    findings: tuple[str, ...] = ()
 
     @property
     def filmed(self) -> bool:
@@ -71,7 +74,13 @@ def start(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None 
         _freed(one, tracked.model, settings, own.p_world_pelvis[0])
         for one, tracked, own in zip(model.wearers, coarse.wearers, state.wearers, strict=True)
     )
-    return started(stretch, coarse, replace(model, wearers=freed), state, spreads, settings)
+    begun = started(stretch, coarse, replace(model, wearers=freed), state, spreads, settings)
+    return replace(begun, findings=tuple(_unsettled(coarse)))
+
+
+def _unsettled(coarse: CoarseSolution) -> Iterator[str]:
+    for recording, one in zip(coarse.scene.wearers, coarse.wearers, strict=True):
+        yield from start_findings(f"wearer '{recording.subject.name}'", one.model.frames.sensors, one.starts)
 
 
 def _freed(model: WearerProblem, tracked: WearerProblem, settings: LiveSettings, p_start: Array) -> WearerProblem:

@@ -63,6 +63,7 @@ class FixedLagTracker:
         self._answers = Answers(setup, settings, self._lag)
         self._answered = -1  # number of the last frame with an answer
         self._next_try, self._patience = 0, settings.camera_retry_s  # frame, seconds
+        self._told: set[str] = set()  # findings about starts
         self._found: Found | None = None  # a calibration to go on with as soon as the wearers are seen
         self._next_continuation = 0  # frame
         self._learnt_s = 0.0  # of data that calibration and bodies were found from
@@ -187,12 +188,15 @@ class FixedLagTracker:
         if len(self._recent) < self._start_frames or newest < self._next_try:
             return []
         try:
-            tracking = self._track(start(self._stretch(), self.settings, self._known))
+            started = start(self._stretch(), self.settings, self._known)
+            tracking = self._track(started)
         except (RecordingError, SolveError) as error:
             self._answers.find(f"tracking cannot start at {self._recent[-1].time:.1f} s: {error}")
             self._next_try = newest + self._lag
             return []
         self._tracking = tracking
+        self._answers.find(*(one for one in started.findings if one not in self._told))
+        self._told.update(started.findings)
         gc.freeze()  # what is there stays: the collector need not look at it again in the midst of an update
         answers = self._answers.of_start(tracking, begin, self._answered + 1)
         self._paths.clear()

@@ -8,10 +8,11 @@ import numpy as np
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.body.skeleton import PARENTS, Skeleton, joint_index
+from vip_factors.estimate import StartChoice
 from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, orientation_at_start
 from vip_factors.initialise.sensor_tree import sensor_tree
-from vip_factors.initialise.start_search import SensorPrior, Starts, StartSearch, likelier
+from vip_factors.initialise.start_search import SensorPrior, Starts, StartSearch
 from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.recording import Recording
 from vip_factors.settings import Settings
@@ -56,13 +57,13 @@ def search_start(
     search = StartSearch(_brisk_stretch(recording, frames, start.stretch_s, start.rate), prior, start)
     declared = settings.factors.initial_pose
     R_inertial_sensor = orientation_at_start(frames, declared.seconds)
-    found = search.best(usual, R_inertial_sensor)
-    if recording.initial_pose == "none" and _still(frames, declared.seconds):
-        standing = initial_calibration(
-            frames, recording.placement, body, declared.pose("n-pose"), declared.seconds, gauge_sensor(bones)
-        )
-        found = likelier(found, search.best(standing, R_inertial_sensor), start.settled)
-    return found
+    if recording.initial_pose != "none" or not _still(frames, declared.seconds):
+        return search.best(usual, R_inertial_sensor)
+    standing = initial_calibration(
+        frames, recording.placement, body, declared.pose("n-pose"), declared.seconds, gauge_sensor(bones)
+    )
+    as_standing = search.best(standing, R_inertial_sensor).best.calibration
+    return search.best(usual, R_inertial_sensor, (as_standing,))
 
 
 def _along(body: Skeleton, bone: int) -> Array:
@@ -95,6 +96,13 @@ def _still(frames: ImuFrames, seconds: float) -> bool:
     first = frames.window(slice(0, count))
     turned = angle_between(first.R_inertial_sensor[:1], first.R_inertial_sensor) * first.orientation_valid
     return bool(first.orientation_valid[0].all() and turned.max() < STILL)
+
+
+def start_choice(sensors: tuple[str, ...], starts: Starts | None) -> StartChoice | None:
+    """What an estimate tells of its start."""
+    if starts is None:
+        return None
+    return StartChoice(starts.best.supposition, starts.rival, starts.margin, tuple(sensors[s] for s in starts.doubtful))
 
 
 def start_findings(who: str, sensors: tuple[str, ...], starts: Starts | None) -> Iterator[str]:

@@ -7,7 +7,7 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class EstimateInfo(_message.Message):
-    __slots__ = ("name", "method", "sensors", "settings", "start", "residual_kinds")
+    __slots__ = ("name", "method", "sensors", "settings", "start", "residual_kinds", "findings", "start_choice")
     class SettingsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -21,10 +21,26 @@ class EstimateInfo(_message.Message):
     SETTINGS_FIELD_NUMBER: _ClassVar[int]
     START_FIELD_NUMBER: _ClassVar[int]
     RESIDUAL_KINDS_FIELD_NUMBER: _ClassVar[int]
+    FINDINGS_FIELD_NUMBER: _ClassVar[int]
+    START_CHOICE_FIELD_NUMBER: _ClassVar[int]
     name: str
     method: str
     sensors: _containers.RepeatedScalarFieldContainer[str]
     settings: _containers.ScalarMap[str, str]
     start: _timestamp_pb2.Timestamp
     residual_kinds: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, name: _Optional[str] = ..., method: _Optional[str] = ..., sensors: _Optional[_Iterable[str]] = ..., settings: _Optional[_Mapping[str, str]] = ..., start: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., residual_kinds: _Optional[_Iterable[str]] = ...) -> None: ...
+    findings: _containers.RepeatedScalarFieldContainer[str]
+    start_choice: StartChoice
+    def __init__(self, name: _Optional[str] = ..., method: _Optional[str] = ..., sensors: _Optional[_Iterable[str]] = ..., settings: _Optional[_Mapping[str, str]] = ..., start: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., residual_kinds: _Optional[_Iterable[str]] = ..., findings: _Optional[_Iterable[str]] = ..., start_choice: _Optional[_Union[StartChoice, _Mapping]] = ...) -> None: ...
+
+class StartChoice(_message.Message):
+    __slots__ = ("supposition", "rival", "margin", "doubtful")
+    SUPPOSITION_FIELD_NUMBER: _ClassVar[int]
+    RIVAL_FIELD_NUMBER: _ClassVar[int]
+    MARGIN_FIELD_NUMBER: _ClassVar[int]
+    DOUBTFUL_FIELD_NUMBER: _ClassVar[int]
+    supposition: str
+    rival: str
+    margin: float
+    doubtful: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, supposition: _Optional[str] = ..., rival: _Optional[str] = ..., margin: _Optional[float] = ..., doubtful: _Optional[_Iterable[str]] = ...) -> None: ...

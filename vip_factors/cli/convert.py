@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 class ConvertOptions:
     """Bring a sensor log of any known format into a recording (MCAP): a file, a folder, or how its files' names begin.
 
-    Say where the sensors sit with --placement; without it their names must tell.
+    Say where the sensors sit with --placement; without it their names must tell. For tables of any other make say what
+    the columns mean with --columns. First guesses of both files come from --template.
 
     With --detections and --camera the recording also holds what a 2D pose detector saw in a video. Several wearers:
     convert each log on its own, then join the recordings: convert a.mcap both.mcap --join b.mcap --detections …
@@ -28,8 +29,14 @@ class ConvertOptions:
 
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
     """File or folder: Xsens .txt, .mvnx, DOT .csv, OpenSense .sto, TotalCapture .sensors, ROS 2 .mcap …"""
-    out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
+    out: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")] = None
     """Recording (.mcap) to write."""
+    template: Annotated[Path | None, tyro.conf.arg(metavar="NAME")] = None
+    """Write no recording, but first guesses to correct: NAME_placement.toml, where the sensors sit, and for a table of
+    no known format NAME_columns.toml, what its columns mean."""
+    columns: Path | None = None
+    """Column map (.toml) of a log that is a table, or tables, of no known format: which columns hold what, of which
+    sensor, in which unit."""
     placement: str | None = None
     """Name of a preset (sip6, tnt10, totalcapture13, mvn17) or a placement file (.toml, .json)."""
     stature_m: float | None = None
@@ -97,12 +104,18 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.cli.info_recording import recording_text
     from vip_factors.cli.info_scene import scene_text
     from vip_factors.cli.terminal import waiting
+    from vip_factors.errors import InputError
     from vip_factors.io.atomic import check_target
     from vip_factors.io.convert import ImportOptions
     from vip_factors.io.mcap_recording import write_recording
     from vip_factors.io.mcap_scene_recording import write_scene
     from vip_factors.io.scene_building import add_camera, add_further_camera, join_wearers, read_log_as_scene
 
+    if options.template is not None:
+        _write_templates(options)
+        return
+    if options.out is None:
+        raise InputError("no RECORDING.mcap to write is named: convert LOG RECORDING.mcap, or LOG --template NAME")
     check_target(options.out, options.overwrite)
     camera = _camera_options(options)
     further = [_further_options(options, *one) for one in options.further_camera]
@@ -124,6 +137,24 @@ def main(prog: str, arguments: Sequence[str]) -> None:
             text = scene_text(scene)
     print(text)
     print(options.out)
+
+
+def _write_templates(options: ConvertOptions) -> None:
+    from vip_factors.cli.terminal import waiting
+    from vip_factors.errors import InputError
+    from vip_factors.io.convert_template import write_templates
+
+    assert options.template is not None
+    if options.out is not None:
+        raise InputError(f"{options.out} given beside --template, which writes no recording: leave one of them out")
+    with waiting(f"reading {options.log}"):
+        files = write_templates(options.log, options.template, options.overwrite)
+    columns = f" --columns {files.columns}" if files.columns is not None else ""
+    print("first guesses; check them, then:")
+    print(f"  vip-factors convert {options.log} RECORDING.mcap{columns} --placement {files.placement}")
+    for path in (files.columns, files.placement):
+        if path is not None:
+            print(path)
 
 
 def _camera_options(options: ConvertOptions) -> "CameraOptions | None":

@@ -78,7 +78,7 @@ def read_log_as_scene(path: Path, options: ImportOptions) -> Scene:
         InputError, FileFormatError, RecordingError: as :func:`~vip_factors.io.convert.import_recording`; InputError
             also for a body file of none of several wearers.
     """
-    if (options.format or detect_format(path)) != "recording":
+    if options.columns is not None or (options.format or detect_format(path)) != "recording":
         recording = import_recording(path, options)
         return Scene(recording.name, (recording,))
     if replace(options, name=None, body=None) != ImportOptions(format=options.format):

@@ -191,7 +191,7 @@ def _common(
         return time, {**values, quantity: numbers}
     ticks, other_ticks = np.round(time / SAME_TIME_S), np.round(other / SAME_TIME_S)
     _, a, b = np.intersect1d(ticks, other_ticks, return_indices=True)
-    if len(a) < min(len(time), len(other)) / 2:
+    if len(a) < max(len(time), len(other)) / 2:
         raise FileFormatError(
             f"{path}: its times from {other[0]:g} to {other[-1]:g} s are not those of the sensor's other file, "
             f"{time[0]:g} to {time[-1]:g} s: expected one table of times for all quantities"

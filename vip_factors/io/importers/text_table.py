@@ -21,6 +21,7 @@ SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": 
 COMMENTS = ("#", "//", "%")
 MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
 LOOKED_AT = 200  # lines, to tell the dialect: preambles of loggers are shorter
+RUN = 3  # rows of numbers in a row: a line of settings may look like one
 HEADER_LINES = 3  # names, axes and units in lines of their own; more have not been seen
 COMPONENTS = {3: "xyz", 4: "wxyz"}
 
@@ -174,13 +175,14 @@ def _read_plain(path: Path, kept: list[tuple[int, str]], lines: list[str], diale
         kept = [(line, row) for line, row in kept if line > max(dialect.header)]
     told = SEPARATORS[dialect.separator] if dialect.separator else None
     separator, width = _separator(path, [row for _, row in kept[:LOOKED_AT]], told)
-    start = next((i for i, (_, row) in enumerate(kept) if _is_data(row, separator, width)), None)
+    data = [_is_data(row, separator, width) for _, row in kept[: LOOKED_AT + RUN]]
+    start = next((i for i in range(len(data)) if all(data[i : i + RUN])), None)
     if start is None:
         raise FileFormatError(f"{path}: holds no row of numbers: expected a table with a line of column names above it")
     if dialect.header is not None:
         header = [split(lines[line - 1], separator) for line in dialect.header]
     else:
-        header = _header_above([row for _, row in kept[:start]], separator, width)
+        header = _header_above(kept[: start + 1], separator, width)
         header = header or _header_in_comment(lines[: kept[start][0] - 1], separator, width)
     names = _joined(header, width)
     return _checked(path, names, [row for _, row in kept[start:]], [line for line, _ in kept[start:]], separator)
@@ -212,13 +214,15 @@ def _is_data(row: str, separator: str, width: int) -> bool:
     return len(cells) == width and known > 0 and sum(value is not None for value in values) >= len(values) / 2
 
 
-def _header_above(rows: list[str], separator: str, width: int) -> list[list[str]]:
-    """The lines right above the first row that have as many cells; a line of units is left out."""
+def _header_above(kept: list[tuple[int, str]], separator: str, width: int) -> list[list[str]]:
+    """The lines right above the last one given that have as many cells; a line of units is left out."""
     header: list[list[str]] = []
-    for row in reversed(rows[-HEADER_LINES:]):
+    below = kept[-1][0]
+    for line, row in reversed(kept[-1 - HEADER_LINES : -1]):
         cells = split(row, separator)
-        if len(cells) != width:
+        if len(cells) != width or (header and (below != line + 1 or _is_data(row, separator, width))):
             break
+        below = line
         header.insert(0, cells)
     if len(header) > 1 and all(_is_unit(cell) for cell in header[-1]):
         header.pop()
@@ -234,7 +238,9 @@ def _header_in_comment(lines: list[str], separator: str, width: int) -> list[lis
 
 def _is_unit(cell: str) -> bool:
     return bool(
-        re.fullmatch(r"[\[(]?(m/s\^?[2²]|m?g|(rad|deg|°)/s|dps|[mµun]?s|uT|µT|°C|hz|-|)[\])]?", cell.strip(), re.I)
+        re.fullmatch(
+            r"[\[(]?(m/s\^?[2²]|[mc]?m|m?g|(rad|deg|°)/s|dps|[mµun]?s|uT|µT|°C|hz|-|)[\])]?", cell.strip(), re.I
+        )
     )
 
 

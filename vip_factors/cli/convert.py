@@ -38,7 +38,8 @@ class ConvertOptions:
     """Column map (.toml) of a log that is a table, or tables, of no known format: which columns hold what, of which
     sensor, in which unit."""
     placement: str | None = None
-    """Name of a preset (sip6, tnt10, totalcapture13, mvn17) or a placement file (.toml, .json)."""
+    """Name of a preset (sip6, tnt10, totalcapture13, mvn17) or a placement file (.toml, .json; or
+    OpenSense's mapping of sensors to a model's frames, .xml)."""
     stature_m: float | None = None
     """Height of the wearer in metres, without shoes; if absent, an adult's stands for it, and a note says so."""
     mass_kg: float | None = None
@@ -72,7 +73,8 @@ class ConvertOptions:
     first_frame: int | None = None
     """Number of the video's first frame among the 2D poses; the format's usual one if absent."""
     camera: Path | None = None
-    """Camera file (.toml) with the intrinsics; vip-factors calibrate-camera makes one."""
+    """Camera file (.toml) with the intrinsics; vip-factors calibrate-camera makes one. Of Pose2Sim's calibration:
+    Calib.toml:cam_01."""
     static_camera: Flag = False
     """The camera stands still: one pose for the whole recording."""
     known_camera_pose: Flag = False
@@ -201,7 +203,7 @@ def _further_options(options: ConvertOptions, camera: Path, detections: Path, ti
 
     return CameraOptions(
         detections, camera, options.keypoints, options.video_rate, options.first_frame, time_offset=time_offset,
-        name=camera.stem,
+        name=camera.name.rpartition(":")[2] if ":" in camera.name else camera.stem,
     )  # fmt: skip
 
 

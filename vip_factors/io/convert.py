@@ -240,7 +240,7 @@ def _preset_name(options: ImportOptions) -> str | None:
 
 
 def _is_file(placement: str | Path) -> bool:
-    return isinstance(placement, Path) or placement.lower().endswith((".toml", ".json"))
+    return isinstance(placement, Path) or placement.lower().endswith((".toml", ".json", ".xml"))
 
 
 def _given(options: ImportOptions) -> PlacementFile:

@@ -6,6 +6,7 @@ the same sensors in all of them, m/s² with gravity and rad/s, quaternions from 
 """
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 from vip_factors.errors import FileFormatError
@@ -13,7 +14,7 @@ from vip_factors.io.imported import ImportedLog
 from vip_factors.io.importers import table
 from vip_factors.io.importers.column_map import QUANTITIES, ColumnMap, Columns, SensorColumns
 from vip_factors.io.importers.sensor_files import candidates
-from vip_factors.io.importers.text_table import COMPONENTS, read_text_table
+from vip_factors.io.importers.text_table import COMPONENTS, TextTable, read_text_table
 
 FORMAT = "opensim_export"
 SUFFIXES = (".trc", ".sto")
@@ -42,7 +43,8 @@ def read(path: Path) -> ImportedLog:
         FileFormatError: for several exports, or tables that are malformed.
         InputError: for a quantity that lacks one of the sensors.
     """
-    found = table.read(path, column_map(path))
+    tables = _tables(path)
+    found = table.read(path, _columns(path, tables), {one.path: one for one in tables.values()})
     return ImportedLog(FORMAT, found.imus, found.default_sites, start_ns=found.start_ns, notes=found.notes)
 
 
@@ -52,18 +54,26 @@ def column_map(path: Path) -> ColumnMap:
     Raises:
         FileFormatError: for several exports, or tables that are malformed.
     """
+    return _columns(path, _tables(path))
+
+
+def _tables(path: Path) -> dict[str, TextTable]:
+    """By quantity, the table of the one export at a path."""
     exports = {prefix: files for prefix, files in _exports(path).items() if len(files) > 1}
     if len(exports) != 1:
         found = ", ".join(exports) or "none"
         raise FileFormatError(f"{path}: expected the tables of one recording, found {found}: name the one you mean")
     (files,) = exports.values()
-    tables = {quantity: read_text_table(file) for quantity, file in files.items()}
+    return {quantity: read_text_table(file) for quantity, file in files.items()}
+
+
+def _columns(path: Path, tables: Mapping[str, TextTable]) -> ColumnMap:
     sensors: dict[str, dict[str, Columns]] = {}
     for quantity, one in tables.items():
         for name in dict.fromkeys(_sensor(column, quantity) for column in one.names):
             if name:
                 columns = tuple(f"{name}_{letter}" for letter in COMPONENTS[QUANTITIES[quantity]])
-                sensors.setdefault(name, {})[quantity] = Columns(columns, files[quantity].name)
+                sensors.setdefault(name, {})[quantity] = Columns(columns, one.path.name)
     time = next((name for name in next(iter(tables.values())).names if name in _TIMES), "time")
     entries = {}
     for name, quantities in sensors.items():

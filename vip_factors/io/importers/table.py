@@ -46,14 +46,19 @@ R_UP = {
 }  # from the quaternions' world to one whose z is up
 
 
-def read(path: Path, columns: ColumnMap) -> ImportedLog:
+def read(path: Path, columns: ColumnMap, tables: dict[Path, TextTable] | None = None) -> ImportedLog:
     """The sensors that a column map names in the tables at ``path``: a file, a folder, or how their names begin.
+
+    Args:
+        path: of the log.
+        columns: what the columns mean.
+        tables: by path, those that have been read already.
 
     Raises:
         FileFormatError: for tables that are malformed, or whose numbers cannot be what the map says.
         InputError: for files and columns that are not there; the nearest names are told.
     """
-    tables: dict[Path, TextTable] = {}
+    tables = {} if tables is None else dict(tables)
     samples: dict[str, ImuStream] = {}
     notes: list[str] = []
     for name, entry, rows in _entries(path, columns, tables):

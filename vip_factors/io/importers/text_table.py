@@ -326,5 +326,11 @@ def _filled(
     """A table of OpenSim's, whose lines may end in blank cells."""
     if not kept:
         raise FileFormatError(f"{path}: no rows below its header")
-    rows = ["\t".join(cell.strip() or "nan" for cell in cells(line)[: len(names)]) for _, line in kept]
+    blanks = len(names) - 1
+    rows = [
+        line
+        if line.count("\t") == blanks and "\t\t" not in line and "," not in line
+        else "\t".join(cell.strip() or "nan" for cell in cells(line)[: len(names)])
+        for _, line in kept
+    ]
     return _checked(path, names, rows, [line for line, _ in kept], "\t")

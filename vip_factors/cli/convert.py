@@ -54,6 +54,9 @@ class ConvertOptions:
     """Body file (.toml) that vip-factors body wrote of the wearer before, instead of stature, sex and lengths."""
     initial_pose: Literal["t-pose", "n-pose", "none"] | None = None
     """What the wearer held at the first moment kept."""
+    pose_from: Annotated[str | None, tyro.conf.arg(metavar="LOG[:SAMPLE]")] = None
+    """The initial pose was held in another log of the same sensors, or in one sample (1 is the first) of that log or of
+    this one, facing anywhere; it is put before the recording."""
     start_s: float | None = None
     """Seconds of the log to leave out before."""
     end_s: float | None = None

@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from vip_factors.body.calibration_pose import POSES
 from vip_factors.errors import FileFormatError, InputError, RecordingError
+from vip_factors.geometry.rotations import Array
 from vip_factors.io.body_file import read_body_file
+from vip_factors.io.held_pose import LEAD_S, after_pose, held_orientations, later, pose_source, without_sample
 from vip_factors.io.import_notes import coverage_notes
 from vip_factors.io.import_placement import place_sensors
 from vip_factors.io.imported import ImportedLog
@@ -55,6 +58,8 @@ class ImportOptions:
             :class:`~vip_factors.sensors.recording.Subject`.
         subject: the wearer's name.
         initial_pose: ``"t-pose"``, ``"n-pose"`` or ``"none"``: what was held at the first moment kept.
+        pose_from: ``LOG`` or ``LOG:SAMPLE`` of the same sensors: the initial pose was held there instead
+            (:mod:`~vip_factors.io.held_pose`), and how the wearer faced then does not matter.
         start_s, end_s: seconds of the log to keep; the recording's time 0 is at ``start_s``.
         name: of the recording; the path's own if None.
         body: body file of the wearer, as ``vip-factors body`` writes it: in the place of stature, sex and lengths.
@@ -69,6 +74,7 @@ class ImportOptions:
     segment_lengths_m: Mapping[str, float] = field(default_factory=dict)
     subject: str | None = None
     initial_pose: str | None = None
+    pose_from: str | None = None
     start_s: float | None = None
     end_s: float | None = None
     name: str | None = None
@@ -192,27 +198,46 @@ def import_recording(path: str | Path, options: ImportOptions | None = None) -> 
     log = read_log(path, format_name, options.columns)
     given, body = _given(options), read_body_file(options.body) if options.body is not None else None
     notes = [f"imported from {path.name} ({log.format})", *log.notes]
-    log = replace(log, imus=_cut(log.imus, options, notes))
+    held, imus = _held(path, format_name, log, options, given.initial_pose)
+    log = replace(log, imus=_cut(imus, options, notes))
     notes += coverage_notes(log.imus)
     if body is None:
         subject = _subject(given, log, notes)
     else:
         subject = subject_with(body, given)
         notes.append(f"body of '{body.name}' from {options.body}, whatever stature and lengths were told")
-    log = replace(log, imus=_oriented(log.imus, notes))
+    log = replace(log, imus=after_pose(log.imus, held, notes) if held else _oriented(log.imus, notes))
     rule = options.placement if isinstance(options.placement, Mapping) else given.sensors or _preset_name(options)
     placement = place_sensors(log, subject.body(), rule, notes)
-    start = options.start_s or 0.0
+    start = (options.start_s or 0.0) - (LEAD_S if held else 0.0)
+    truth = _truth(log, options)
     return Recording(
         name=options.name or path.stem,
         subject=subject,
         imus=log.imus,
         placement=placement,
         initial_pose=given.initial_pose or "none",
-        truth=_truth(log, options),
+        truth=replace(truth, motion=later(truth.motion)) if truth is not None and held else truth,
         notes="\n".join(notes),
         start_ns=log.start_ns + round(start * 1e9) if log.start_ns else 0,
     )
+
+
+def _held(
+    path: Path, format_name: str, log: ImportedLog, options: ImportOptions, pose: str | None
+) -> tuple[dict[str, Array], Mapping[str, ImuStream]]:
+    """Orientations in a pose that was held elsewhere, by sensor, and the log's streams without it."""
+    if options.pose_from is None:
+        return {}, log.imus
+    if pose not in POSES:
+        raise InputError(f"pose from {options.pose_from}: say which it was, initial pose {' or '.join(POSES)}")
+    source = pose_source(options.pose_from)
+    if not source.path.exists():
+        raise InputError(f"pose from {options.pose_from}: there is no file or folder {source.path}")
+    same = path.exists() and source.path.samefile(path)
+    where = log if same else read_log(source.path, format_name, options.columns)
+    held = held_orientations(where.imus, source)
+    return held, without_sample(log.imus, source.sample) if same and source.sample else log.imus
 
 
 def _subject(given: PlacementFile, log: ImportedLog, notes: list[str]) -> Subject:

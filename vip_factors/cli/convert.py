@@ -84,6 +84,12 @@ class ConvertOptions:
     """Believe the static camera's pose over the floor that the camera file tells."""
     camera_imu: str | None = None
     """Name of the sensor that is on the camera, among those of the logs."""
+    camera_imu_log: Path | None = None
+    """Log of the sensor on the camera, if it has one of its own; --camera-imu names the sensor if it has several."""
+    camera_imu_columns: Path | None = None
+    """Column map (.toml) of that log, if it is a table of no known format."""
+    camera_imu_offset_s: float | None = None
+    """Seconds to add to that log's times to get the wearers' sensors'; told by absolute times if absent."""
     camera_imu_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     """Rough turn of that sensor's axes in the camera's (x right, y down, z forward), as a quaternion."""
     time_offset_s: float = 0.0
@@ -195,6 +201,9 @@ def _camera_options(options: ConvertOptions) -> "CameraOptions | None":
         video=options.video,
         embed=options.embed_video,
         imu=options.camera_imu,
+        imu_log=options.camera_imu_log,
+        imu_columns=options.camera_imu_columns,
+        imu_offset=options.camera_imu_offset_s,
         R_camera_imu=matrix_from_quaternion(np.array(options.camera_imu_wxyz), Order.WXYZ),
         known_pose=options.known_camera_pose,
         time_offset=options.time_offset_s,
@@ -212,6 +221,7 @@ def _further_options(options: ConvertOptions, camera: Path, detections: Path, ti
 
 _OF_CAMERA = (
     "detections", "camera", "keypoints", "video_rate", "first_frame", "static_camera", "known_camera_pose",
-    "camera_imu", "time_offset_s", "video", "embed_video",
+    "camera_imu", "camera_imu_log", "camera_imu_columns", "camera_imu_offset_s", "time_offset_s", "video",
+    "embed_video",
 )  # fmt: skip
 _OF_DETECTOR = {"keypoints", "video_rate", "first_frame"}  # these may be said for further cameras alone

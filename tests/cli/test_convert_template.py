@@ -9,6 +9,7 @@ from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.io.mcap_recording import read_recording
+from vip_factors.sensors.placement import SITES
 
 SENSORS = ("LF", "RS", "TR")
 
@@ -142,3 +143,11 @@ def test_real_logs_from_guesses_left_as_they_are(run, data_folder: Path, tmp_pat
         assert len(recording.placed) == count
         assert {site.bone for site in recording.placement.sites} <= set(JOINT_NAMES)
         assert all(one.specific_force is not None and len(one) > 300 for one in recording.imus.values())
+
+
+def test_sites_are_explained(run) -> None:
+    told = run("info", "--sites")
+    assert told.code == 0
+    assert all(site in told.out for site in SITES)
+    assert run("info").code == 2
+    assert "either a FILE or --sites" in run("info", "a.mcap", "--sites").err

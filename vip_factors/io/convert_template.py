@@ -1,5 +1,6 @@
 """First guesses for somebody to correct: what a log's columns mean, and where its sensors sit."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -110,12 +111,23 @@ def guess(path: Path) -> tuple[ColumnMap, Mapping[str, list[str]]]:
             "pelvis_quat_w; write the column map by hand"
         )
     sensors, reasons = {}, {}
+    shared = _shared_start([file.stem for file in guessed])
     for file, one in guessed.items():
         for sensor, entry in one.sensors.items():
             own = file.name if len(files) > 1 or not path.is_file() else None
-            name = sensor if sensor and len(guessed) == 1 else "_".join(part for part in (file.stem, sensor) if part)
+            name = (
+                sensor
+                if sensor and len(guessed) == 1
+                else "_".join(part for part in (file.stem[shared:], sensor) if part)
+            )
             sensors[name], reasons[name] = replace(entry, file=own), one.reasons[sensor]
     return ColumnMap(str(path), sensors=sensors), reasons
+
+
+def _shared_start(stems: list[str]) -> int:
+    """How many letters of the files' names name the recording: those that all have, up to a separator."""
+    ends = [found.end() for found in re.finditer(r"[-_ .]+", stems[0])] if len(stems) > 1 else []
+    return max((end for end in ends if all(stem.startswith(stems[0][:end]) for stem in stems)), default=0)
 
 
 def _sensor_column(table: TextTable) -> int | None:

@@ -29,6 +29,7 @@ _UNITS = {"g", "mg", "ms2", "mps2", "dps", "degs", "rads", "radps", "deg", "rad"
 _TIMES = ("time", "timestamp", "t", "seconds", "sec", "elapsed", "sampletimefine", "epoch", "unixtime", "clock")
 _AXES = {3: ("x", "y", "z"), 4: ("w", "x", "y", "z")}
 _STEPS = {"s": (5e-4, 0.25), "ms": (0.5, 250.0), "us": (500.0, 2.5e5), "ns": (5e5, 2.5e8)}  # 4 to 2000 Hz
+GROWING = 0.1  # of the steps of time, at least: where rows of many sensors take turns, most have the one before
 USED_ROWS = 20000  # enough to tell units; a day's log need not be read twice
 DEGREES_SLOPE = 0.13  # between 1 and π/180, in the geometric middle
 SLOWEST_TOLD = 0.004  # a slope below it is that of a sensor that hardly moved
@@ -140,7 +141,7 @@ def _time(table: TextTable) -> tuple[str | None, str]:
             continue
         steps = np.diff(values[np.isfinite(values[:, 0]), 0])
         growing = steps[steps > 0]
-        if len(growing) < max(1, len(steps) / 2) or np.any(steps < 0):
+        if len(growing) < max(1, GROWING * len(steps)) or np.any(steps < 0):
             continue
         usual = float(np.median(growing))
         for unit, (low, high) in _STEPS.items():

@@ -314,7 +314,9 @@ def test_opensims_tables_side_by_side_need_no_map(tmp_path: Path) -> None:
             np.testing.assert_allclose(one.specific_force, stream.specific_force)
             np.testing.assert_allclose(one.angular_rate, stream.angular_rate)
             np.testing.assert_allclose(one.R_inertial_sensor, stream.R_inertial_sensor, atol=1e-9)
-    assert read_log(folder / "walk_Orientations.sto").format == "opensense_sto"  # asked for alone
+    alone = read_log(folder / "walk_Orientations.sto")
+    assert alone.format == "opensense_sto"
+    assert any("walk_Accel.trc stands beside it" in note for note in alone.notes)
 
 
 def test_files_of_one_sensor_that_do_not_belong_together(tmp_path: Path) -> None:

@@ -98,6 +98,12 @@ def _exports(path: Path) -> dict[str, dict[str, Path]]:
     return exports
 
 
+def others_beside(path: Path) -> list[Path]:
+    """The tables of other quantities in the export that a table is one of."""
+    files = _exports(path).get(_split(path)[0], {})
+    return [file for file in files.values() if file != path] if path in files.values() else []
+
+
 def _split(file: Path) -> tuple[str, str]:
     """What a file's name begins with, and which quantity its ending names, if any."""
     for quantity, ending in _ENDINGS.items():

@@ -131,6 +131,7 @@ SITES: dict[str, NamedSite] = {
     **_both_sides("thigh", NamedSite("left_hip", "left_knee", 0.6, "left", 0.045, "up")),
     **_both_sides("thigh_front", NamedSite("left_hip", "left_knee", 0.6, "front", 0.050, "up")),
     **_both_sides("shank", NamedSite("left_knee", "left_ankle", 0.3, "front", 0.030, "up")),
+    **_both_sides("shank_side", NamedSite("left_knee", "left_ankle", 0.4, "left", 0.040, "up")),
     **_both_sides("ankle", NamedSite("left_knee", "left_ankle", 0.85, "left", 0.022, "up")),
     **_both_sides("foot", NamedSite("left_ankle", "left_foot", 0.55, "up", 0.020, "back")),
 }

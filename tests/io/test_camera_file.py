@@ -131,3 +131,62 @@ def test_files_of_ros_and_plain_json(tmp_path: Path) -> None:
     plain.write_text(f'{{"camera_matrix": {K.tolist()}}}')
     with pytest.raises(InputError, match=r"plain\.json: .*size"):
         read_camera_file(plain)
+
+
+POSE2SIM = """[left]
+name = "left"
+size = [1088.0, 1920.0]
+matrix = [[1681.2, 0.0, 532.9], [0.0, 1681.0, 948.1], [0.0, 0.0, 1.0]]
+distortions = [-0.05, 0.1, 0.0, 0.0]
+rotation = [1.5707963267948966, 0.0, 0.0]
+translation = [0.5, 1.5, 4.0]
+fisheye = false
+
+[right]
+size = [640, 480]
+matrix = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]
+distortions = []
+rotation = [0, 0, 0]
+translation = [0, 0, 0]
+
+[metadata]
+adjusted = false
+"""
+
+
+def test_one_of_the_cameras_of_pose2sim(tmp_path: Path) -> None:
+    (tmp_path / "Calib.toml").write_text(POSE2SIM)
+    left = tmp_path / "Calib.toml:left"
+    assert read_camera_file(left) == CameraModel(1088, 1920, (1681.2, 1681.0), (532.9, 948.1), (-0.05, 0.1, 0.0, 0.0))
+    floor = read_floor(left)
+    assert floor is not None
+    R, p = floor
+    np.testing.assert_allclose(R @ [0, -1, 0], [0, 0, 1], atol=1e-12)  # the image's upward axis is the world's
+    np.testing.assert_allclose(R.T @ (np.zeros(3) - p), [0.5, 1.5, 4.0], atol=1e-12)
+    assert read_camera_file(tmp_path / "Calib.toml:right").focal == (500, 500)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [
+        ("", "", "", "holds the cameras left, right: name the one you mean, such as"),
+        (":lft", "", "", "no camera 'lft'; did you mean 'left'"),
+        (":left", "size = [1088.0, 1920.0]", "", "left.size is missing"),
+        (":left", "fisheye = false", "fisheye = true", "fisheye camera"),
+        (":left", "translation = [0.5, 1.5, 4.0]", "translation = 3", "left.translation is 3"),
+        (":left", "[0.0, 1681.0, 948.1], [0.0, 0.0, 1.0]]", "[0.0, 1681.0, 948.1]]", "three rows of three numbers"),
+        (":left", "1681.2, 0.0", "-3.0, 0.0", "left: "),
+        (":left", "distortions = [-0.05, 0.1, 0.0, 0.0]", "distortions = 1", "left.distortions is 1"),
+    ],
+)
+def test_mistakes_in_files_of_pose2sim_are_named(tmp_path: Path, name: str, old: str, new: str, words: str) -> None:
+    assert old in POSE2SIM
+    (tmp_path / "Calib.toml").write_text(POSE2SIM.replace(old, new))
+    with pytest.raises(InputError, match=words):
+        read_camera_file(tmp_path / f"Calib.toml{name}")
+
+
+def test_our_own_files_hold_one_camera(tmp_path: Path) -> None:
+    write_camera_file(tmp_path / "a.toml", CameraModel(640, 480, (500, 500), (320, 240)))
+    with pytest.raises(InputError, match="holds a single camera: leave out ':left'"):
+        read_camera_file(tmp_path / "a.toml:left")

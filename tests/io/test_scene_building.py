@@ -60,6 +60,28 @@ def test_the_camera_s_sensor_leaves_its_wearer(given: CameraOptions) -> None:
         add_camera(Scene("s", (of("Ada"), of("Bea"))), replace(given, imu="head"))
 
 
+def test_the_camera_s_sensor_may_have_a_log_of_its_own(given: CameraOptions, tmp_path: Path) -> None:
+    rows = ["t,ax,ay,az,gx,gy,gz", *(f"{100 + i / 50},0,0,9.81,0,0,0.1" for i in range(200))]
+    (tmp_path / "phone.csv").write_text("\n".join(rows) + "\n")
+    columns = tmp_path / "columns.toml"
+    columns.write_text('time = "t"\nacceleration = ["ax", "ay", "az"]\nangular_rate = ["gx", "gy", "gz"]\n')
+    told = replace(given, imu_log=tmp_path / "phone.csv", imu_columns=columns, imu_offset=0.5)
+    scene = add_camera(Scene("s", (of("Ada"),)), told)
+    assert scene.camera is not None
+    assert scene.camera.mount is not None
+    stream = scene.camera.mount.imu
+    assert (stream.name, len(stream), stream.time[0]) == ("phone", 200, 0.5)
+    assert stream.R_inertial_sensor is not None
+    assert scene.wearers[0].imus.keys() == of("Ada").imus.keys()
+    with pytest.warns(SceneWarning, match="no absolute time in common"):
+        add_camera(Scene("s", (of("Ada"),)), replace(told, imu_offset=None))
+    with pytest.raises(InputError, match="has no sensor 'fone'; did you mean 'phone'"):
+        add_camera(Scene("s", (of("Ada"),)), replace(told, imu="fone"))
+    columns.write_text(columns.read_text() + "[sensors.a]\n[sensors.b]\n")
+    with pytest.raises(InputError, match="has the sensors a, b: say which"):
+        add_camera(Scene("s", (of("Ada"),)), told)
+
+
 def test_a_known_pose_is_that_of_the_camera_file(given: CameraOptions) -> None:
     scene = Scene("s", (of("Ada"),))
     with pytest.raises(InputError, match=r"camera\.toml: its pose cannot be taken as known: it tells no pose"):

@@ -87,7 +87,9 @@ def test_two_files_of_one_sensor_are_an_error(tmp_path: Path) -> None:
         ("calcn_l_imu", "left_foot"), ("torso_imu", "sternum"), ("humerus_r_imu", "right_upper_arm"),
         ("radius_l", "left_forearm"), ("Right Ankle", "right_ankle"), ("upper_arm_left", "left_upper_arm"),
         ("hip", "pelvis"), ("lower_back", "lower_back"), ("L_LowArm", "left_forearm"), ("Lumbar", "lower_back"),
-        ("upper_back", None), ("Upper", None), ("00B40B91", None), ("Left", None), ("LeftUpperLeg", "left_thigh"),
+        ("upper_back", "upper_back"), ("belly_imu", "belly"), ("LeftHandBack", "left_hand"),
+        ("toes_l_imu_offset", "left_foot"), ("Upper", None), ("00B40B91", None), ("Left", None),
+        ("LeftUpperLeg", "left_thigh"),
     ],
 )  # fmt: skip
 def test_names_tell_sites(name: str, site: str | None) -> None:

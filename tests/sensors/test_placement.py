@@ -6,7 +6,7 @@ import pytest
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.errors import InputError
-from vip_factors.sensors.placement import SITES, Placement, SensorSite, place, preset, stature_of
+from vip_factors.sensors.placement import SITES, Placement, SensorSite, place, preset, site_axes, stature_of
 
 BODY = skeleton_from_stature(1.75)
 MIRROR = np.diag([-1.0, 1.0, 1.0])
@@ -89,3 +89,14 @@ def test_impossible_sites_are_refused(position: np.ndarray, mounting: np.ndarray
 def test_stature_of_a_skeleton_without_landmarks_comes_from_its_legs() -> None:
     assert stature_of(BODY) == BODY.stature
     assert np.isclose(stature_of(Skeleton(BODY.p_parent_joint)), BODY.stature, atol=0.01)
+
+
+AXES = {
+    "left": [1, 0, 0], "right": [-1, 0, 0], "up": [0, 1, 0], "down": [0, -1, 0], "front": [0, 0, 1], "back": [0, 0, -1]
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SITES)
+def test_axes_in_words_are_those_of_the_mounting(name: str) -> None:
+    words = [one.split()[1] for one in site_axes(name).split("; ")[1].split(", ")]
+    np.testing.assert_allclose(place(name, BODY).R_bone_sensor.T, [AXES[word] for word in words], atol=1e-12)

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 class ConvertOptions:
     """Bring a sensor log of any known format into a recording (MCAP): a file, a folder, or how its files' names begin.
 
-    Say where the sensors sit with --placement; without it their names must tell.
+    Say where the sensors sit with --placement; without it their names must tell. For tables of any other make say what
+    the columns mean with --columns. First guesses of both files come from --template.
 
     With --detections and --camera the recording also holds what a 2D pose detector saw in a video. Several wearers:
     convert each log on its own, then join the recordings: convert a.mcap both.mcap --join b.mcap --detections …
@@ -28,10 +29,17 @@ class ConvertOptions:
 
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
     """File or folder: Xsens .txt, .mvnx, DOT .csv, OpenSense .sto, TotalCapture .sensors, ROS 2 .mcap …"""
-    out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
+    out: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")] = None
     """Recording (.mcap) to write."""
+    template: Annotated[Path | None, tyro.conf.arg(metavar="NAME")] = None
+    """Write no recording, but first guesses to correct: NAME_placement.toml, where the sensors sit, and for a table of
+    no known format NAME_columns.toml, what its columns mean."""
+    columns: Path | None = None
+    """Column map (.toml) of a log that is a table, or tables, of no known format: which columns hold what, of which
+    sensor, in which unit."""
     placement: str | None = None
-    """Name of a preset (sip6, tnt10, totalcapture13, mvn17) or a placement file (.toml, .json)."""
+    """Name of a preset (sip6, tnt10, totalcapture13, mvn17) or a placement file (.toml, .json; or
+    OpenSense's mapping of sensors to a model's frames, .xml)."""
     stature_m: float | None = None
     """Height of the wearer in metres, without shoes; if absent, an adult's stands for it, and a note says so."""
     mass_kg: float | None = None
@@ -46,6 +54,9 @@ class ConvertOptions:
     """Body file (.toml) that vip-factors body wrote of the wearer before, instead of stature, sex and lengths."""
     initial_pose: Literal["t-pose", "n-pose", "none"] | None = None
     """What the wearer held at the first moment kept."""
+    pose_from: Annotated[str | None, tyro.conf.arg(metavar="LOG[:SAMPLE]")] = None
+    """The initial pose was held in another log of the same sensors, or in one sample (1 is the first) of that log or of
+    this one, facing anywhere; it is put before the recording."""
     start_s: float | None = None
     """Seconds of the log to leave out before."""
     end_s: float | None = None
@@ -65,13 +76,20 @@ class ConvertOptions:
     first_frame: int | None = None
     """Number of the video's first frame among the 2D poses; the format's usual one if absent."""
     camera: Path | None = None
-    """Camera file (.toml) with the intrinsics; vip-factors calibrate-camera makes one."""
+    """Camera file (.toml) with the intrinsics; vip-factors calibrate-camera makes one. Of Pose2Sim's calibration:
+    Calib.toml:cam_01."""
     static_camera: Flag = False
     """The camera stands still: one pose for the whole recording."""
     known_camera_pose: Flag = False
     """Believe the static camera's pose over the floor that the camera file tells."""
     camera_imu: str | None = None
     """Name of the sensor that is on the camera, among those of the logs."""
+    camera_imu_log: Path | None = None
+    """Log of the sensor on the camera, if it has one of its own; --camera-imu names the sensor if it has several."""
+    camera_imu_columns: Path | None = None
+    """Column map (.toml) of that log, if it is a table of no known format."""
+    camera_imu_offset_s: float | None = None
+    """Seconds to add to that log's times to get the wearers' sensors'; told by absolute times if absent."""
     camera_imu_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     """Rough turn of that sensor's axes in the camera's (x right, y down, z forward), as a quaternion."""
     time_offset_s: float = 0.0
@@ -97,12 +115,18 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.cli.info_recording import recording_text
     from vip_factors.cli.info_scene import scene_text
     from vip_factors.cli.terminal import waiting
+    from vip_factors.errors import InputError
     from vip_factors.io.atomic import check_target
     from vip_factors.io.convert import ImportOptions
     from vip_factors.io.mcap_recording import write_recording
     from vip_factors.io.mcap_scene_recording import write_scene
     from vip_factors.io.scene_building import add_camera, add_further_camera, join_wearers, read_log_as_scene
 
+    if options.template is not None:
+        _write_templates(options)
+        return
+    if options.out is None:
+        raise InputError("no RECORDING.mcap to write is named: convert LOG RECORDING.mcap, or LOG --template NAME")
     check_target(options.out, options.overwrite)
     camera = _camera_options(options)
     further = [_further_options(options, *one) for one in options.further_camera]
@@ -124,6 +148,24 @@ def main(prog: str, arguments: Sequence[str]) -> None:
             text = scene_text(scene)
     print(text)
     print(options.out)
+
+
+def _write_templates(options: ConvertOptions) -> None:
+    from vip_factors.cli.terminal import waiting
+    from vip_factors.errors import InputError
+    from vip_factors.io.convert_template import write_templates
+
+    assert options.template is not None
+    if options.out is not None:
+        raise InputError(f"{options.out} given beside --template, which writes no recording: leave one of them out")
+    with waiting(f"reading {options.log}"):
+        files = write_templates(options.log, options.template, options.overwrite)
+    columns = f" --columns {files.columns}" if files.columns is not None else ""
+    print("first guesses; check them, then:")
+    print(f"  vip-factors convert {options.log} RECORDING.mcap{columns} --placement {files.placement}")
+    for path in (files.columns, files.placement):
+        if path is not None:
+            print(path)
 
 
 def _camera_options(options: ConvertOptions) -> "CameraOptions | None":
@@ -159,6 +201,9 @@ def _camera_options(options: ConvertOptions) -> "CameraOptions | None":
         video=options.video,
         embed=options.embed_video,
         imu=options.camera_imu,
+        imu_log=options.camera_imu_log,
+        imu_columns=options.camera_imu_columns,
+        imu_offset=options.camera_imu_offset_s,
         R_camera_imu=matrix_from_quaternion(np.array(options.camera_imu_wxyz), Order.WXYZ),
         known_pose=options.known_camera_pose,
         time_offset=options.time_offset_s,
@@ -170,12 +215,13 @@ def _further_options(options: ConvertOptions, camera: Path, detections: Path, ti
 
     return CameraOptions(
         detections, camera, options.keypoints, options.video_rate, options.first_frame, time_offset=time_offset,
-        name=camera.stem,
+        name=camera.name.rpartition(":")[2] if ":" in camera.name else camera.stem,
     )  # fmt: skip
 
 
 _OF_CAMERA = (
     "detections", "camera", "keypoints", "video_rate", "first_frame", "static_camera", "known_camera_pose",
-    "camera_imu", "time_offset_s", "video", "embed_video",
+    "camera_imu", "camera_imu_log", "camera_imu_columns", "camera_imu_offset_s", "time_offset_s", "video",
+    "embed_video",
 )  # fmt: skip
 _OF_DETECTOR = {"keypoints", "video_rate", "first_frame"}  # these may be said for further cameras alone

@@ -8,9 +8,11 @@ from typing import Annotated
 import tyro
 
 from vip_factors.cli.files import open_one
+from vip_factors.cli.info_places import sites_text
 from vip_factors.cli.info_recording import estimate_text, motion_text, recording_text
 from vip_factors.cli.info_scene import scene_estimate_text, scene_text
-from vip_factors.cli.options import parse
+from vip_factors.cli.options import Flag, parse
+from vip_factors.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -20,13 +22,20 @@ class InfoOptions:
     Of a scene also what filmed it, and how much of whom a detector saw there.
     """
 
-    file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+    file: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")] = None
     """Recording or estimate (.mcap), or motion (.bvh …)."""
+    sites: Flag = False
+    """Instead of a file, say where on the body sensors may be placed by name, and how their axes are taken to lie."""
 
 
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(InfoOptions, prog, arguments)
+    if options.sites and options.file is None:
+        print(sites_text())
+        return
+    if options.file is None or options.sites:
+        raise InputError("info takes either a FILE or --sites")
     opened = open_one(options.file)
     parts = []
     if opened.recording is not None:

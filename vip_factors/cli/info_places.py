@@ -7,6 +7,7 @@ import numpy as np
 from vip_factors.cli.text_table import aligned, with_sigma
 from vip_factors.estimate import DetectorEstimate, SensorPlaceEstimate
 from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.placement import SITES, site_axes
 
 MM = 1e3
 FORWARD, UP, LEFT = 2, 1, 0  # bone axes
@@ -19,6 +20,16 @@ def sensor_place_lines(places: Sequence[SensorPlaceEstimate]) -> list[str]:
         cells = _cells((one.found, one.sigma), (one.prior, one.prior_sigma), (LEFT, UP, FORWARD))
         rows.append((one.sensor, one.bone, *cells))
     return aligned(rows, left=2) if places else []
+
+
+def sites_text() -> str:
+    """A table: every site by name, where it is, and the axes of a sensor there."""
+    rows: list[tuple[str, ...]] = [("site", "where (from one joint to the next)", "x", "y", "z, out of the skin")]
+    for name in SITES:
+        where, axes = site_axes(name).split("; ")
+        rows.append((name, where, *(one.partition(" ")[2] for one in axes.split(", "))))
+    said = "left, right, up, down, front and back are the wearer's own, in a T-pose with the palms down"
+    return "\n".join([*aligned(rows, left=5), said])
 
 
 def detector_lines(detector: DetectorEstimate) -> list[str]:

@@ -18,7 +18,8 @@
     rms_px = 0.21
 
 The floor's frame has its z axis up, against gravity; the camera's axes are OpenCV's. The table ``[calibration]`` says
-how the numbers were found and is read by people only. OpenCV's own files (``camera_matrix``) are read too.
+how the numbers were found and is read by people only. OpenCV's own files (``camera_matrix``) are read too, and of
+Pose2Sim's calibration the camera that is named after a colon: ``Calib.toml:cam_01``.
 """
 
 from collections.abc import Mapping
@@ -31,6 +32,7 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, nearest_rotation
 from vip_factors.io.atomic import atomic_open
 from vip_factors.io.opencv_camera_file import OPENCV_SUFFIXES, read_opencv_camera
+from vip_factors.io.pose2sim_camera import cameras_in, read_pose2sim_camera
 from vip_factors.io.toml_values import known_keys, number_at, read_toml, toml_text
 from vip_factors.sensors.camera_model import CameraModel
 
@@ -41,7 +43,7 @@ ROTATION_TOLERANCE = 1e-2  # of RᵀR from the identity: numbers rounded by hand
 
 
 def read_camera_file(path: str | Path) -> CameraModel:
-    """Intrinsics from a camera file: TOML, or one of OpenCV's by its suffix (.yaml, .yml, .xml, .json).
+    """Intrinsics from a camera file: TOML, one of OpenCV's by its suffix (.yaml, .yml, .xml, .json), or Pose2Sim's.
 
     Raises:
         FileFormatError: if it cannot be read or parsed.
@@ -50,6 +52,8 @@ def read_camera_file(path: str | Path) -> CameraModel:
     path = Path(path)
     if path.suffix.lower() in OPENCV_SUFFIXES:
         return read_opencv_camera(path)
+    if (several := _pose2sim(path)) is not None:
+        return several[0]
     content = _content(path)
     for name in NUMBERS:
         if name not in content:
@@ -76,6 +80,8 @@ def read_floor(path: str | Path) -> tuple[Array, Array] | None:
     path = Path(path)
     if path.suffix.lower() in OPENCV_SUFFIXES:
         return None
+    if (several := _pose2sim(path)) is not None:
+        return several[1]
     floor = _content(path).get("floor")
     if floor is None:
         return None
@@ -121,6 +127,18 @@ def write_camera_file(
         lines += ["", "[calibration]", *(f"{name} = {toml_text(value)}" for name, value in calibration.items())]
     with atomic_open(path, "w", overwrite) as file:
         file.write("\n".join(lines) + "\n")
+
+
+def _pose2sim(path: Path) -> tuple[CameraModel, tuple[Array, Array]] | None:
+    """The camera of one of Pose2Sim's files; None of a file of our own."""
+    name: str | None = None
+    if not path.is_file() and ":" in path.name:
+        stem, _, name = path.name.rpartition(":")
+        path = path.with_name(stem)
+    content = read_toml(path, "a camera file (TOML with fx, fy, cx, cy …)")
+    if name is not None and not cameras_in(content):
+        raise InputError(f"{path} holds a single camera: leave out ':{name}'")
+    return read_pose2sim_camera(path, content, name) if cameras_in(content) else None
 
 
 def _content(path: Path) -> Mapping[str, Any]:

@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from vip_factors.body.calibration_pose import POSES
 from vip_factors.errors import FileFormatError, InputError, RecordingError
+from vip_factors.geometry.rotations import Array
 from vip_factors.io.body_file import read_body_file
+from vip_factors.io.held_pose import LEAD_S, after_pose, held_orientations, later, pose_source, without_sample
 from vip_factors.io.import_notes import coverage_notes
 from vip_factors.io.import_placement import place_sensors
 from vip_factors.io.imported import ImportedLog
@@ -29,14 +32,17 @@ FORMATS: dict[str, str] = {
     "ros2": "vip_factors.io.ros2",
     "mvnx": "vip_factors.io.importers.mvnx",
     "qmt_mat": "vip_factors.io.importers.qmt_mat",
+    "opensim_export": "vip_factors.io.importers.opensim_export",
     "opensense_sto": "vip_factors.io.importers.opensense_sto",
     "dip_imu": "vip_factors.io.importers.dip_imu",
     "totalcapture": "vip_factors.io.importers.totalcapture",
     "apdm": "vip_factors.io.importers.apdm",
     "xsens_dot": "vip_factors.io.importers.xsens_dot",
     "xsens_txt": "vip_factors.io.importers.xsens_txt",
+    "table": "vip_factors.io.importers.table",
 }
 _MCAP_FORMATS = ("recording", "ros2")  # told apart by their channels, and read by functions of their own
+_TOLD_FORMATS = ("table",)  # known by a column map alone
 
 
 @dataclass(frozen=True)
@@ -45,17 +51,22 @@ class ImportOptions:
 
     Attributes:
         format: one of :data:`FORMATS`; found by content if None.
+        columns: column map of a log that is a table, or tables, of no known format
+            (:mod:`~vip_factors.io.importers.column_map`).
         placement: name of a preset, path of a placement file, or site → sensor name.
         stature_m, mass_kg, sex, segment_lengths_m: of the wearer, as in
             :class:`~vip_factors.sensors.recording.Subject`.
         subject: the wearer's name.
         initial_pose: ``"t-pose"``, ``"n-pose"`` or ``"none"``: what was held at the first moment kept.
+        pose_from: ``LOG`` or ``LOG:SAMPLE`` of the same sensors: the initial pose was held there instead
+            (:mod:`~vip_factors.io.held_pose`), and how the wearer faced then does not matter.
         start_s, end_s: seconds of the log to keep; the recording's time 0 is at ``start_s``.
         name: of the recording; the path's own if None.
         body: body file of the wearer, as ``vip-factors body`` writes it: in the place of stature, sex and lengths.
     """
 
     format: str | None = None
+    columns: str | Path | None = None
     placement: str | Path | Mapping[str, str] | None = None
     stature_m: float | None = None
     mass_kg: float | None = None
@@ -63,6 +74,7 @@ class ImportOptions:
     segment_lengths_m: Mapping[str, float] = field(default_factory=dict)
     subject: str | None = None
     initial_pose: str | None = None
+    pose_from: str | None = None
     start_s: float | None = None
     end_s: float | None = None
     name: str | None = None
@@ -71,6 +83,8 @@ class ImportOptions:
     def __post_init__(self) -> None:
         if self.format is not None and self.format not in FORMATS:
             raise InputError(f"unknown format '{self.format}'{nearest(self.format, FORMATS)}")
+        if self.columns is not None and self.format not in (None, "table"):
+            raise InputError(f"column map {self.columns} for format '{self.format}': only format 'table' takes one")
         if self.initial_pose is not None and self.initial_pose not in INITIAL_POSES:
             raise InputError(f"initial pose '{self.initial_pose}'{nearest(self.initial_pose, INITIAL_POSES)}")
         if self.start_s is not None and self.end_s is not None and not self.start_s < self.end_s:
@@ -98,9 +112,16 @@ def detect_format(path: str | Path) -> str:
         if start == MAGIC:
             return _mcap_format(path)
     for name in FORMATS:
-        if name not in _MCAP_FORMATS and (module := _reader(name)) is not None and module.matches(path):
+        if (
+            name not in (*_MCAP_FORMATS, *_TOLD_FORMATS)
+            and (module := _reader(name)) is not None
+            and module.matches(path)
+        ):
             return name
-    raise FileFormatError(f"{path}: not a sensor log of a known format; known are {', '.join(FORMATS)}")
+    raise FileFormatError(
+        f"{path}: not a sensor log of a known format; known are {', '.join(FORMATS)}; of a table of another make say "
+        "what its columns mean with --columns MAP.toml, of which --template NAME writes a first guess"
+    )
 
 
 def _mcap_format(path: Path) -> str:
@@ -121,14 +142,16 @@ def _reader(name: str) -> Any:
         return None
 
 
-def read_log(path: str | Path, format_name: str | None = None) -> ImportedLog:
-    """Read a log of any format except our own recordings.
+def read_log(path: str | Path, format_name: str | None = None, columns: str | Path | None = None) -> ImportedLog:
+    """Read a log of any format except our own recordings; a table of another make as its column map says.
 
     Raises:
-        InputError: as :func:`detect_format` and the format's reader.
+        InputError: as :func:`detect_format` and the format's reader, and for a table without a column map.
     """
     path = Path(path)
-    format_name = format_name or detect_format(path)
+    format_name = "table" if columns is not None else format_name or detect_format(path)
+    if format_name == "table":
+        return _read_table(path, columns)
     if format_name == "ros2":
         from vip_factors.io.importers.site_names import default_sites
         from vip_factors.io.ros2 import read_ros2_recording
@@ -143,6 +166,20 @@ def read_log(path: str | Path, format_name: str | None = None) -> ImportedLog:
     return log
 
 
+def _read_table(path: Path, columns: str | Path | None) -> ImportedLog:
+    from vip_factors.io.importers.column_map import read_column_map
+    from vip_factors.io.importers.table import read
+
+    if columns is None:
+        raise InputError(
+            f"{path}: format 'table' needs --columns MAP.toml, which says what the columns mean; --template NAME "
+            "writes a first guess"
+        )
+    if not path.exists() and not (path.name and path.parent.is_dir() and list(path.parent.glob(f"{path.name}*"))):
+        raise InputError(f"{path}: no such file or folder, and no file whose name begins so")
+    return read(path, read_column_map(columns))
+
+
 def import_recording(path: str | Path, options: ImportOptions | None = None) -> Recording:
     """A recording from a sensor log of any known format; one of ours comes back as it is, cut if asked.
 
@@ -155,33 +192,52 @@ def import_recording(path: str | Path, options: ImportOptions | None = None) -> 
         RecordingError: if its samples are unusable.
     """
     path, options = Path(path), options or ImportOptions()
-    format_name = options.format or detect_format(path)
+    format_name = options.format or ("table" if options.columns is not None else detect_format(path))
     if format_name == "recording":
         return _own(path, options)
-    log = read_log(path, format_name)
+    log = read_log(path, format_name, options.columns)
     given, body = _given(options), read_body_file(options.body) if options.body is not None else None
     notes = [f"imported from {path.name} ({log.format})", *log.notes]
-    log = replace(log, imus=_cut(log.imus, options, notes))
+    held, imus = _held(path, format_name, log, options, given.initial_pose)
+    log = replace(log, imus=_cut(imus, options, notes))
     notes += coverage_notes(log.imus)
     if body is None:
         subject = _subject(given, log, notes)
     else:
         subject = subject_with(body, given)
         notes.append(f"body of '{body.name}' from {options.body}, whatever stature and lengths were told")
-    log = replace(log, imus=_oriented(log.imus, notes))
+    log = replace(log, imus=after_pose(log.imus, held, notes) if held else _oriented(log.imus, notes))
     rule = options.placement if isinstance(options.placement, Mapping) else given.sensors or _preset_name(options)
     placement = place_sensors(log, subject.body(), rule, notes)
-    start = options.start_s or 0.0
+    start = (options.start_s or 0.0) - (LEAD_S if held else 0.0)
+    truth = _truth(log, options)
     return Recording(
         name=options.name or path.stem,
         subject=subject,
         imus=log.imus,
         placement=placement,
         initial_pose=given.initial_pose or "none",
-        truth=_truth(log, options),
+        truth=replace(truth, motion=later(truth.motion)) if truth is not None and held else truth,
         notes="\n".join(notes),
         start_ns=log.start_ns + round(start * 1e9) if log.start_ns else 0,
     )
+
+
+def _held(
+    path: Path, format_name: str, log: ImportedLog, options: ImportOptions, pose: str | None
+) -> tuple[dict[str, Array], Mapping[str, ImuStream]]:
+    """Orientations in a pose that was held elsewhere, by sensor, and the log's streams without it."""
+    if options.pose_from is None:
+        return {}, log.imus
+    if pose not in POSES:
+        raise InputError(f"pose from {options.pose_from}: say which it was, initial pose {' or '.join(POSES)}")
+    source = pose_source(options.pose_from)
+    if not source.path.exists():
+        raise InputError(f"pose from {options.pose_from}: there is no file or folder {source.path}")
+    same = path.exists() and source.path.samefile(path)
+    where = log if same else read_log(source.path, format_name, options.columns)
+    held = held_orientations(where.imus, source)
+    return held, without_sample(log.imus, source.sample) if same and source.sample else log.imus
 
 
 def _subject(given: PlacementFile, log: ImportedLog, notes: list[str]) -> Subject:
@@ -209,7 +265,7 @@ def _preset_name(options: ImportOptions) -> str | None:
 
 
 def _is_file(placement: str | Path) -> bool:
-    return isinstance(placement, Path) or placement.lower().endswith((".toml", ".json"))
+    return isinstance(placement, Path) or placement.lower().endswith((".toml", ".json", ".xml"))
 
 
 def _given(options: ImportOptions) -> PlacementFile:

@@ -122,6 +122,7 @@ def _nothing_placed(log: ImportedLog, sites: list[SensorSite]) -> str:
         )
     example = next(iter(log.imus), "sensor")
     return (
-        f"nothing tells where the sensors {', '.join(log.imus)} sit on the body: name them in a placement file, "
-        f'such as\n  [sensors]\n  "{example}" = "pelvis"\nwith the sites {", ".join(SITES)}'
+        f"nothing tells where the sensors {', '.join(log.imus)} sit on the body: name them in a placement file (begun "
+        f'by convert LOG --template NAME), such as\n  [sensors]\n  "{example}" = "pelvis"\n'
+        f"with the sites {', '.join(SITES)}"
     )

@@ -28,6 +28,7 @@ from vip_factors.body.skeleton import BONE_ALIASES, JOINT_NAMES, Skeleton
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
+from vip_factors.io.sensor_mappings import sites_of_mappings
 from vip_factors.io.toml_values import known_keys, nearest, number_at, numbers_at, table_at, text_at
 from vip_factors.sensors.placement import CARELESS_MOUNTING_SIGMA, SITES, STRAPPED_MOUNTING_SIGMA, SensorSite, place
 
@@ -85,13 +86,15 @@ class PlacementFile:
 
 
 def placement_from_file(path: str | Path) -> PlacementFile:
-    """Read a placement file, TOML or (by its suffix) JSON.
+    """Read a placement file, TOML or (by its suffix) JSON, or OpenSense's mapping of sensors to a model's frames (XML).
 
     Raises:
         FileFormatError: if it cannot be read or parsed.
         InputError: for an unknown key, site or bone (the nearest known one is named) or a value of the wrong kind.
     """
     path = Path(path)
+    if path.suffix.lower() == ".xml":
+        return PlacementFile(sensors={name: SensorEntry(site) for name, site in sites_of_mappings(path).items()})
     try:
         text = path.read_text(encoding="utf-8-sig")
         content = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)

@@ -11,11 +11,13 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.body_file import read_body_file
 from vip_factors.io.camera_file import read_camera_file, read_floor
-from vip_factors.io.convert import ImportOptions, detect_format, import_recording
+from vip_factors.io.convert import ImportOptions, detect_format, import_recording, read_log
 from vip_factors.io.detections.read import read_detections
 from vip_factors.io.known_body import scene_with_body
 from vip_factors.io.mcap_scene_recording import read_scene
+from vip_factors.io.toml_values import nearest
 from vip_factors.io.video import check_video, embed_video, video_facts
+from vip_factors.sensors.attitude import with_orientation
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
@@ -47,7 +49,10 @@ class CameraOptions:
         static: whether the camera stands still.
         video: file to look at.
         embed: whether to put small images of it into the recording.
-        imu: name of the sensor on the camera, among those of the recordings.
+        imu: name of the sensor on the camera, among those of the recordings, or of ``imu_log`` if that has several.
+        imu_log: log of that sensor alone, in any known format.
+        imu_columns: column map of that log, if it is a table of no known format.
+        imu_offset: seconds to add to that log's times to get the recordings'; by its absolute start if None, else 0.
         R_camera_imu: ``(3, 3)`` rough mounting of that sensor; its axes along the camera's if None.
         mounting_sigma: radians, of that rough mounting about each axis.
         known_pose: believe the pose over the floor that the camera file tells; only for a camera that stands still.
@@ -64,6 +69,9 @@ class CameraOptions:
     video: Path | None = None
     embed: bool = False
     imu: str | None = None
+    imu_log: Path | None = None
+    imu_columns: Path | None = None
+    imu_offset: float | None = None
     R_camera_imu: Array | None = None
     mounting_sigma: float = CAMERA_MOUNTING_SIGMA
     known_pose: bool = False
@@ -78,7 +86,7 @@ def read_log_as_scene(path: Path, options: ImportOptions) -> Scene:
         InputError, FileFormatError, RecordingError: as :func:`~vip_factors.io.convert.import_recording`; InputError
             also for a body file of none of several wearers.
     """
-    if (options.format or detect_format(path)) != "recording":
+    if options.columns is not None or (options.format or detect_format(path)) != "recording":
         recording = import_recording(path, options)
         return Scene(recording.name, (recording,))
     if replace(options, name=None, body=None) != ImportOptions(format=options.format):
@@ -223,7 +231,9 @@ def _known_path(options: CameraOptions) -> CameraPath | None:
 
 
 def _with_mount(scene: Scene, options: CameraOptions) -> tuple[Scene, CameraMount | None]:
-    """The camera's own sensor taken from the wearer among whose streams it came."""
+    """The camera's own sensor from its log, or taken from the wearer among whose streams it came."""
+    if options.imu_log is not None:
+        return scene, _mount(_logged_imu(options.imu_log, options, scene.wearers[0].start_ns), options)
     if options.imu is None:
         return scene, None
     owners = [wearer for wearer in scene.wearers if options.imu in wearer.imus]
@@ -237,9 +247,31 @@ def _with_mount(scene: Scene, options: CameraOptions) -> tuple[Scene, CameraMoun
     rest = {name: one for name, one in owner.imus.items() if name != options.imu}
     without = replace(owner, imus=rest, placement=replace(owner.placement, sites=sites))
     wearers = tuple(without if one is owner else one for one in scene.wearers)
+    return replace(scene, wearers=wearers), _mount(stream, options)
+
+
+def _mount(stream: ImuStream, options: CameraOptions) -> CameraMount:
     R_camera_imu = np.eye(3) if options.R_camera_imu is None else options.R_camera_imu
-    mount = CameraMount(stream, R_camera_imu, mounting_sigma=options.mounting_sigma)
-    return replace(scene, wearers=wearers), mount
+    return CameraMount(stream, R_camera_imu, mounting_sigma=options.mounting_sigma)
+
+
+def _logged_imu(path: Path, options: CameraOptions, start_ns: int) -> ImuStream:
+    """The camera's sensor from a log of its own, on the recordings' clock, which begins at ``start_ns``."""
+    log = read_log(path, columns=options.imu_columns)
+    if options.imu is None and len(log.imus) > 1:
+        raise InputError(f"{path} has the sensors {', '.join(log.imus)}: say which of them was on the camera")
+    name = next(iter(log.imus)) if options.imu is None else options.imu
+    if name not in log.imus:
+        raise InputError(f"{path} has no sensor '{name}'{nearest(name, log.imus)}")
+    offset = options.imu_offset
+    if offset is None:
+        offset = (log.start_ns - start_ns) / 1e9 if log.start_ns and start_ns else 0.0
+        if not (log.start_ns and start_ns):
+            _warn(
+                f"{path} has no absolute time in common with the wearers' logs: their first samples are taken as one "
+                "instant; say otherwise in seconds"
+            )
+    return _later(with_orientation(log.imus[name]), offset)
 
 
 def check_detections(

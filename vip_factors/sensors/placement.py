@@ -17,6 +17,10 @@ STRAPPED_MOUNTING_SIGMA = np.deg2rad(40.0)  # of "strapped on roughly like this"
 _DIRECTIONS = {
     "left": (1, 0, 0), "right": (-1, 0, 0), "up": (0, 1, 0), "down": (0, -1, 0), "front": (0, 0, 1), "back": (0, 0, -1)
 }  # fmt: skip
+_SIDES = {
+    "left": "left side", "right": "right side", "up": "upper side", "down": "lower side", "front": "front",
+    "back": "back",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -116,7 +120,9 @@ def _both_sides(name: str, site: NamedSite) -> dict[str, NamedSite]:
 SITES: dict[str, NamedSite] = {
     "head": NamedSite("head", None, 0.0, "back", 0.055, "up", lift=0.050),
     "sternum": NamedSite("spine3", "neck", 0.35, "front", 0.065, "up"),
+    "upper_back": NamedSite("spine3", "neck", 0.20, "back", 0.065, "up"),
     "pelvis": NamedSite("pelvis", None, 0.0, "back", 0.060, "up"),
+    "belly": NamedSite("pelvis", None, 0.0, "front", 0.060, "up"),
     "lower_back": NamedSite("spine1", "spine2", 0.5, "back", 0.055, "up"),
     **_both_sides("shoulder", NamedSite("left_collar", "left_shoulder", 0.6, "back", 0.045, "up")),
     **_both_sides("upper_arm", NamedSite("left_shoulder", "left_elbow", 0.6, "back", 0.027, "right")),
@@ -125,9 +131,32 @@ SITES: dict[str, NamedSite] = {
     **_both_sides("thigh", NamedSite("left_hip", "left_knee", 0.6, "left", 0.045, "up")),
     **_both_sides("thigh_front", NamedSite("left_hip", "left_knee", 0.6, "front", 0.050, "up")),
     **_both_sides("shank", NamedSite("left_knee", "left_ankle", 0.3, "front", 0.030, "up")),
+    **_both_sides("shank_side", NamedSite("left_knee", "left_ankle", 0.4, "left", 0.040, "up")),
     **_both_sides("ankle", NamedSite("left_knee", "left_ankle", 0.85, "left", 0.022, "up")),
     **_both_sides("foot", NamedSite("left_ankle", "left_foot", 0.55, "up", 0.020, "back")),
 }
+
+
+def site_axes(name: str) -> str:
+    """Where a site is and how a sensor there is taken to be turned, in words: for tables and templates.
+
+    Raises:
+        InputError: for an unknown site.
+    """
+    site = _known_site(name)
+    words = {tuple(direction): word for word, direction in _DIRECTIONS.items()}
+    y_axis = np.cross(_DIRECTIONS[site.outward], _DIRECTIONS[site.x_axis])
+    where = f"{_SIDES[site.outward]} of {site.bone}"
+    if site.child is not None:
+        where = f"{_SIDES[site.outward]}, {100 * site.along:.0f} % of the way from {site.bone} to {site.child}"
+    return f"{where}; x {site.x_axis}, y {words[tuple(int(one) for one in y_axis)]}, z {site.outward}"
+
+
+def _known_site(name: str) -> NamedSite:
+    if name not in SITES:
+        raise InputError(f"unknown site '{name}': expected one of {', '.join(SITES)}")
+    return SITES[name]
+
 
 _SIX = ("head", "pelvis", "left_forearm", "right_forearm", "left_shank", "right_shank")
 _TEN = (
@@ -160,9 +189,7 @@ def place(
     Raises:
         InputError: for an unknown site.
     """
-    if site_name not in SITES:
-        raise InputError(f"unknown site '{site_name}': expected one of {', '.join(SITES)}")
-    site = SITES[site_name]
+    site = _known_site(site_name)
     outward, x_axis = np.array(_DIRECTIONS[site.outward], float), np.array(_DIRECTIONS[site.x_axis], float)
     along = skeleton.p_parent_joint[joint_index(site.child)] if site.child else np.zeros(3)
     p_bone_sensor = site.along * along + stature_of(skeleton) * (site.depth * outward + np.array([0, site.lift, 0]))

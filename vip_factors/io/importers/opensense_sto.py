@@ -9,6 +9,7 @@ from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.imported import ImportedLog
+from vip_factors.io.importers.opensim_export import others_beside
 from vip_factors.io.importers.packet_clock import SAME_RATE
 from vip_factors.io.importers.sensor_files import candidates, merge_notes
 from vip_factors.io.importers.sensor_table import peek
@@ -54,6 +55,8 @@ def read(path: Path) -> ImportedLog:
         "if OpenSim axes (y up) were applied already, convert the raw recording instead",
         f"{path.name}: orientation only, no acceleration: translation will be unobservable from the sensors",
     ]
+    if beside := others_beside(path):
+        notes.append(f"{path.name}: {beside[0].name} stands beside it: name that one, and both are read together")
     time, quaternions = _cells(path, lines, at, len(names), notes)
     order = np.unique(time, return_index=True)[1]
     if len(order) < len(time):

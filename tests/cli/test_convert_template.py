@@ -1,0 +1,153 @@
+"""A log of any make: first guesses of its columns and sensors' places, and a recording made with them as they are."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array, exp
+from vip_factors.io.mcap_recording import read_recording
+from vip_factors.sensors.placement import SITES
+
+SENSORS = ("LF", "RS", "TR")
+
+
+def motion(count: int = 150, rate: float = 50.0) -> tuple[Array, Array, Array, Array]:
+    """Time, orientation, specific force and angular rate of somebody who moves gently."""
+    time = np.arange(count) / rate
+    R = exp(np.stack([0.4 * np.sin(3 * time), 0.3 * np.cos(2 * time), 0.2 * time], axis=1))
+    rate_rads = np.stack([1.2 * np.cos(3 * time), -0.6 * np.sin(2 * time), np.full(count, 0.2)], axis=1)
+    return time, R, np.einsum("nji,j->ni", R, [0, 0, 9.81]), rate_rads
+
+
+def write_raw(path: Path, force_unit: float, rate_unit: float, names: str = "{0}_{1}_{2}") -> Path:
+    time, _, force, rate = motion()
+    columns = {"time_ms": 1000 * time}
+    for sensor in SENSORS:
+        for quantity, values in (("acc", force / force_unit), ("gyr", rate / rate_unit)):
+            columns.update({names.format(sensor, quantity, axis): values[:, i] for i, axis in enumerate("xyz")})
+    lines = [",".join(columns)]
+    lines += [",".join(f"{one:.5f}" for one in row) for row in np.stack(list(columns.values()), axis=1)]
+    path.write_text("\r\n".join(lines) + "\r\n", encoding="utf-8-sig")
+    return path
+
+
+@pytest.mark.parametrize("units", [(1.0, 1.0), (9.80665, np.pi / 180), (9.80665e-3, 1.0)])
+@pytest.mark.parametrize("names", ["{0}_{1}_{2}", "{1}_{0}_{2}", "{0} {1} {2} (raw)", "{0}.{1}[{2}]"])
+def test_a_recording_from_guesses_left_as_they_are(run, tmp_path: Path, units: tuple[float, float], names: str) -> None:
+    log = write_raw(tmp_path / "log.csv", *units, names)
+    told = run("convert", log, "--template", tmp_path / "guess.toml")
+    assert told.code == 0, told.err
+    columns, placement = tmp_path / "guess_columns.toml", tmp_path / "guess_placement.toml"
+    assert f"--columns {columns} --placement {placement}" in told.out
+    told = run("convert", log, tmp_path / "a.mcap", "--columns", columns, "--placement", placement)
+    assert told.code == 0, told.err
+    recording = read_recording(tmp_path / "a.mcap")
+    bones = {site.sensor: site.bone for site in recording.placement.sites}
+    assert bones == {"LF": "left_ankle", "RS": "right_knee", "TR": "spine3"}
+    _, _, force, rate = motion()
+    for stream in recording.imus.values():
+        assert stream.rate == pytest.approx(50)
+        np.testing.assert_allclose(stream.specific_force, force, atol=0.02)
+        np.testing.assert_allclose(stream.angular_rate, rate, atol=0.02)
+
+
+def test_orientations_are_read_as_gravity_has_them(run, tmp_path: Path) -> None:
+    time, R, force, _ = motion()
+    quaternions = quaternion_from_matrix(np.swapaxes(R, 1, 2), Order.XYZW)  # from world to sensor, w last
+    folder = tmp_path / "log"
+    folder.mkdir()
+    for sensor in ("pelvis", "thigh_l"):
+        rows = np.column_stack([time, force, quaternions])
+        header = "Timestamp;AccX;AccY;AccZ;q1;q2;q3;q4"
+        lines = [header, *(";".join(f"{one:.6f}".replace(".", ",") for one in row) for row in rows)]
+        (folder / f"{sensor}.csv").write_text("\n".join(lines) + "\n")
+    assert run("convert", folder, "--template", tmp_path / "g").code == 0
+    text = (tmp_path / "g_columns.toml").read_text()
+    assert 'quaternion_order = "xyzw"' in text
+    assert 'quaternion_sense = "world_to_sensor"' in text
+    options = ("--columns", tmp_path / "g_columns.toml", "--placement", tmp_path / "g_placement.toml")
+    told = run("convert", folder, tmp_path / "a.mcap", *options)
+    assert told.code == 0, told.err
+    recording = read_recording(tmp_path / "a.mcap")
+    assert recording.placed == ["pelvis", "thigh_l"]
+    for stream in recording.imus.values():
+        np.testing.assert_allclose(stream.R_inertial_sensor, R, atol=1e-5)
+
+
+def test_a_known_format_gets_a_placement_alone(run, tmp_path: Path) -> None:
+    log = tmp_path / "a.sto"
+    rows = [f"{i / 50}\t1,0,0,0\t1,0,0,0" for i in range(9)]
+    log.write_text("\n".join(["DataType=Quaternion", "endheader", "time\tpelvis_imu\tS7", *rows]) + "\n")
+    assert run("convert", log, "--template", tmp_path / "g").code == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.sto", "g_placement.toml"]
+    text = (tmp_path / "g_placement.toml").read_text()
+    assert '"pelvis_imu" = "pelvis"' in text
+    assert '# "S7"' in text
+    assert run("convert", log, tmp_path / "a.mcap", "--placement", tmp_path / "g_placement.toml").code == 0
+    told = run("convert", tmp_path / "a.mcap", "--template", tmp_path / "h")
+    assert told.code == 2
+    assert "already" in told.err
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a,b\n1,2\n3,4\n", "no column's name tells acceleration, angular rate or orientation (log.csv: a, b)"),
+        ("hello\n", "no table of numbers there"),
+        ("acc_x,acc_y\n1,2\n3,4\n", "expected names such as pelvis_acc_x"),
+    ],
+)
+def test_nothing_to_guess(run, tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "log.csv").write_text(text)
+    told = run("convert", tmp_path / "log.csv", "--template", tmp_path / "g")
+    assert (told.code, told.err.count("\n")) == (2, 1)
+    assert words in told.err
+    assert [path.name for path in tmp_path.iterdir()] == ["log.csv"]
+
+
+def test_what_a_guess_cannot_know_is_asked_for(run, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("acc_x,acc_y,acc_z\n" + "0,0,9.81\n" * 9)
+    assert run("convert", tmp_path / "log.csv", "--template", tmp_path / "g").code == 0
+    told = run("convert", tmp_path / "log.csv", tmp_path / "a.mcap", "--columns", tmp_path / "g_columns.toml")
+    assert told.code == 2
+    assert "neither time nor rate_hz" in told.err
+    (tmp_path / "g_columns.toml").write_text("rate_hz = 50\n" + (tmp_path / "g_columns.toml").read_text())
+    told = run("convert", tmp_path / "log.csv", tmp_path / "a.mcap", "--columns", tmp_path / "g_columns.toml")
+    assert "nothing tells where the sensors" in told.err
+
+
+def test_existing_files_are_kept_and_one_thing_is_asked_at_a_time(run, tmp_path: Path) -> None:
+    log = write_raw(tmp_path / "log.csv", 1.0, 1.0)
+    (tmp_path / "g_placement.toml").write_text("precious")
+    told = run("convert", log, "--template", tmp_path / "g")
+    assert (told.code, (tmp_path / "g_placement.toml").read_text()) == (2, "precious")
+    assert not (tmp_path / "g_columns.toml").exists()
+    assert "leave one of them out" in run("convert", log, tmp_path / "a.mcap", "--template", tmp_path / "h").err
+    assert "no RECORDING.mcap" in run("convert", log).err
+
+
+@pytest.mark.data
+def test_real_logs_from_guesses_left_as_they_are(run, data_folder: Path, tmp_path: Path) -> None:
+    for log, count in (
+        (data_folder / "geneva_gait" / "P01_Gait_04" / "imu.csv", 8),
+        (data_folder / "xsens_treadmill_optical" / "OpenSim_Sub02_CSBaseline_Accel.trc", 8),
+    ):
+        assert run("convert", log, "--template", tmp_path / "g", "--overwrite").code == 0
+        options = ("--columns", tmp_path / "g_columns.toml", "--placement", tmp_path / "g_placement.toml")
+        told = run("convert", log, tmp_path / "a.mcap", *options, "--overwrite")
+        assert told.code == 0, told.err
+        recording = read_recording(tmp_path / "a.mcap")
+        assert len(recording.placed) == count
+        assert {site.bone for site in recording.placement.sites} <= set(JOINT_NAMES)
+        assert all(one.specific_force is not None and len(one) > 300 for one in recording.imus.values())
+
+
+def test_sites_are_explained(run) -> None:
+    told = run("info", "--sites")
+    assert told.code == 0
+    assert all(site in told.out for site in SITES)
+    assert run("info").code == 2
+    assert "either a FILE or --sites" in run("info", "a.mcap", "--sites").err

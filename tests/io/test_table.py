@@ -1,0 +1,338 @@
+"""Tables of any make: what is written comes back, and each mistake is told in one sentence."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vip_factors.errors import InputError
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array, exp, transpose
+from vip_factors.io.convert import ImportOptions, import_recording, read_log
+from vip_factors.io.importers.column_map import ACCELERATION_UNITS, ANGULAR_RATE_UNITS, TIME_UNITS, read_column_map
+from vip_factors.io.importers.table import R_UP, best_reading
+from vip_factors.io.importers.text_table import SEPARATORS, Dialect, read_text_table
+from vip_factors.sensors.imu_stream import ImuStream
+
+SENSORS = ("pelvis", "left shank")
+
+
+def made_up(seed: int, count: int = 40, rate: float = 50.0) -> dict[str, ImuStream]:
+    """Streams whose specific force is gravity and a little more."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(count) / rate
+    streams = {}
+    for name in SENSORS:
+        R = exp(rng.normal(size=3) + np.cumsum(rng.normal(scale=0.1, size=(count, 3)), axis=0))
+        force = np.einsum("nji,j->ni", R, [0, 0, 9.81]) + rng.normal(scale=0.5, size=(count, 3))
+        streams[name] = ImuStream(name, time, force, R, rng.normal(size=(count, 3)))
+    return streams
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a table is written."""
+
+    separator: str = "comma"
+    ending: str = "\n"
+    mark: bool = False
+    comments: int = 0
+    time_unit: str = "s"
+    acceleration_unit: str = "m/s2"
+    angular_rate_unit: str = "rad/s"
+    order: str = "wxyz"
+    sense: str = "sensor_to_world"
+    up: str = "z"
+    per_sensor: bool = False
+    start: float = 0.0
+
+
+layouts = st.builds(
+    Layout,
+    separator=st.sampled_from(list(SEPARATORS)),
+    ending=st.sampled_from(["\n", "\r\n"]),
+    mark=st.booleans(),
+    comments=st.integers(0, 3),
+    time_unit=st.sampled_from(list(TIME_UNITS)),
+    acceleration_unit=st.sampled_from(list(ACCELERATION_UNITS)),
+    angular_rate_unit=st.sampled_from(list(ANGULAR_RATE_UNITS)),
+    order=st.sampled_from([order.value for order in Order]),
+    sense=st.sampled_from(["sensor_to_world", "world_to_sensor"]),
+    up=st.sampled_from(list(R_UP)),
+    per_sensor=st.booleans(),
+    start=st.sampled_from([0.0, -3.5, 1.7e9]),
+)
+
+
+def columns_of(stream: ImuStream, layout: Layout) -> dict[str, Array]:
+    """The numbers of one sensor by quantity, as the layout has them."""
+    assert stream.R_inertial_sensor is not None
+    R = transpose(R_UP[layout.up]) @ stream.R_inertial_sensor
+    R = R if layout.sense == "sensor_to_world" else transpose(R)
+    return {
+        "acceleration": stream.specific_force / ACCELERATION_UNITS[layout.acceleration_unit],
+        "angular_rate": stream.angular_rate / ANGULAR_RATE_UNITS[layout.angular_rate_unit],
+        "quaternion": quaternion_from_matrix(R, Order(layout.order)),
+    }
+
+
+def write_log(folder: Path, streams: dict[str, ImuStream], layout: Layout) -> tuple[Path, Path]:
+    """The log (a file, or a folder with one for each sensor) and its column map."""
+    folder.mkdir(exist_ok=True)
+    separator = SEPARATORS[layout.separator]
+    tables: dict[str, dict[str, Array]] = {}
+    text = [
+        'time = "t"', f'time_unit = "{layout.time_unit}"', f'acceleration_unit = "{layout.acceleration_unit}"',
+        f'angular_rate_unit = "{layout.angular_rate_unit}"', f'quaternion_order = "{layout.order}"',
+        f'quaternion_sense = "{layout.sense}"', f'world_up = "{layout.up}"',
+    ]  # fmt: skip
+    for number, (name, stream) in enumerate(streams.items()):
+        file = f"{number}.csv" if layout.per_sensor else "log.csv"
+        table = tables.setdefault(file, {"t": (stream.time + layout.start) / TIME_UNITS[layout.time_unit]})
+        text += [f'[sensors."{name}"]', f'file = "{file}"']
+        for quantity, values in columns_of(stream, layout).items():
+            names = [f"{number}_{quantity}_{axis}" for axis in range(values.shape[1])]
+            table.update(dict(zip(names, values.T, strict=True)))
+            text.append(f"{quantity} = {names}")
+    for file, table in tables.items():
+        lines = ["# made by a logger"] * layout.comments + [separator.join(table)]
+        lines += [separator.join(repr(float(one)) for one in row) for row in np.stack(list(table.values()), axis=1)]
+        content = layout.ending.join(lines) + layout.ending
+        (folder / file).write_bytes(("\ufeff" * layout.mark + content).encode())
+    columns = folder / "map.toml"
+    columns.write_text("\n".join(text), encoding="utf-8")
+    return (folder if layout.per_sensor else folder / "log.csv"), columns
+
+
+@settings(max_examples=30)
+@given(layout=layouts, seed=st.integers(0, 100))
+def test_what_is_written_comes_back(tmp_path_factory: pytest.TempPathFactory, layout: Layout, seed: int) -> None:
+    streams = made_up(seed)
+    log, columns = write_log(tmp_path_factory.mktemp("table"), streams, layout)
+    found = read_log(log, columns=columns)
+    assert list(found.imus) == list(SENSORS)
+    for name, stream in streams.items():
+        one = found.imus[name]
+        np.testing.assert_allclose(one.time, stream.time, atol=1e-6)
+        np.testing.assert_allclose(one.specific_force, stream.specific_force, atol=1e-9)
+        np.testing.assert_allclose(one.angular_rate, stream.angular_rate, atol=1e-9)
+        np.testing.assert_allclose(one.R_inertial_sensor, stream.R_inertial_sensor, atol=1e-9)
+    assert found.start_ns == pytest.approx(1.7e18 if layout.start > 1e9 else 0, abs=1000)
+    assert found.default_sites == {"pelvis": "pelvis", "left shank": "left_shank"}
+
+
+@settings(max_examples=20)
+@given(layout=layouts, seed=st.integers(0, 20))
+def test_the_reading_that_points_gravity_upward_is_found(layout: Layout, seed: int) -> None:
+    stream = made_up(seed)["pelvis"]
+    numbers = columns_of(stream, layout)
+    reading, off = best_reading(numbers["quaternion"], numbers["acceleration"])
+    assert reading == (layout.order, layout.sense, layout.up)
+    assert off < 10
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> tuple[Path, Path]:
+    return write_log(tmp_path / "log", made_up(1), Layout())
+
+
+def edited(columns: Path, old: str, new: str) -> Path:
+    text = columns.read_text(encoding="utf-8")
+    assert old in text
+    columns.write_text(text.replace(old, new), encoding="utf-8")
+    return columns
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ('time = "t"', 'tiem = "t"', "unknown key 'tiem'; did you mean 'time'"),
+        ('time = "t"', "", "neither time nor rate_hz is given"),
+        ('time = "t"', 'time = "t"\nrate_hz = 50', "both time and rate_hz are given"),
+        ('time = "t"', "rate_hz = 0", "expected 1 to 20000 samples a second"),
+        ('time = "t"', 'time = "time_s"', "no column 'time_s'"),
+        ('time = "t"', "time = true", "expected the name of a column"),
+        ('time = "t"', "time = 99", "has no column 99: expected 1 to 21"),
+        ('time_unit = "s"', 'time_unit = "sec"', "time_unit 'sec'; did you mean 's'"),
+        ('"m/s2"', '"mm/s2"', "acceleration_unit 'mm/s2'; did you mean 'm/s2'"),
+        ('"m/s2"', '"g"', r"acceleration is 9\.\d+ g long on the median: expected about 1, .*'m/s2' would fit"),
+        ("'0_acceleration_0', ", "", "expected a list of 3 columns"),
+        ("0_acceleration_0", "0_acceleration_1", "each named once"),
+        ("0_acceleration_0", "0_acc_0", "no column '0_acc_0'; did you mean '0_acceleration_0'"),
+        ('"wxyz"', '"xyzw"', "quaternion_order 'wxyz' it would stand 0° off|acceleration stands"),
+        ('"wxyz"', '"wxzy"', "quaternion_order 'wxzy'; did you mean 'wxyz'"),
+        ('world_up = "z"', 'world_up = "-z"', "with world_up 'z' it would stand"),
+        ('"sensor_to_world"', '"sensor_world"', "did you mean 'sensor_to_world'"),
+        ('file = "log.csv"', 'file = "lag.csv"', "'lag.csv' is not in .*did you mean 'log.csv'"),
+        ('[sensors."pelvis"]', "[sensors.a]\n[sensors.pelvis]", "sensor 'a': no columns named"),
+        ('[sensors."pelvis"]', 'separator = "dot"\n[sensors.pelvis]', "separator 'dot'.*expected one of tab"),
+        ('[sensors."pelvis"]', "header = 900\n[sensors.pelvis]", "no header line 900"),
+        ('[sensors."pelvis"]', "header = 'a'\n[sensors.pelvis]", "expected a line's number"),
+        ('[sensors."pelvis"]', "sensor_column = 't'\n[sensors.pelvis]", "no row of .* is of sensor 'pelvis'"),
+        ('[sensors."pelvis"]', "[sensors.pelvis", "expected a column map"),
+        ("acceleration = ['0", "acceleration = ['t', '0", "expected a list of 3"),
+    ],
+)
+def test_each_mistake_in_a_map_is_told(log: tuple[Path, Path], old: str, new: str, match: str) -> None:
+    with pytest.raises(InputError, match=match) as caught:
+        read_log(log[0], columns=edited(log[1], old, new))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("line", "change", "match"),
+    [
+        (5, lambda row: row.rsplit(",", 3)[0], "line 5: 18 cells where the header has 21 columns"),
+        (5, lambda row: "oops," + row.split(",", 1)[1], "line 5: column 't' is 'oops': expected a number"),
+        (5, lambda row: "-1," + row.split(",", 1)[1], "time 't' falls from .* expected it to grow"),
+    ],
+)
+def test_each_mistake_in_a_table_is_told(log: tuple[Path, Path], line: int, change, match: str) -> None:
+    lines = log[0].read_text().splitlines()
+    lines[line - 1] = change(lines[line - 1])
+    log[0].write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match=match):
+        read_log(log[0], columns=log[1])
+
+
+def test_blanks_and_a_broken_last_line_cost_their_samples_only(log: tuple[Path, Path]) -> None:
+    lines = log[0].read_text().splitlines()
+    cells = lines[9].split(",")
+    cells[1], cells[2], cells[3] = "", "NaN", "n/a"
+    lines[9] = ",".join(cells)
+    log[0].write_text("\n".join([*lines, "0.8,1,2"]))
+    found = read_log(log[0], columns=log[1])
+    assert [len(one) for one in found.imus.values()] == [39, 40]
+    assert any("1 of 40 samples with missing values" in note for note in found.notes)
+    assert any("the last line 42 breaks off" in note for note in found.notes)
+
+
+def test_times_that_repeat(log: tuple[Path, Path]) -> None:
+    lines = log[0].read_text().splitlines()
+    log[0].write_text("\n".join([lines[0], *(row for row in lines[1:] for _ in range(3))]))
+    with pytest.raises(InputError, match=r"80 of 120 times in 't' repeat .* give rate_hz"):
+        read_log(log[0], columns=log[1])
+    log[0].write_text("\n".join([*lines[:10], lines[9], *lines[10:]]))
+    found = read_log(log[0], columns=log[1])
+    assert len(found.imus["pelvis"]) == 40
+    assert any("repeated time" in note for note in found.notes)
+
+
+def test_a_folder_without_named_sensors_is_a_sensor_a_file(tmp_path: Path) -> None:
+    streams = made_up(3)
+    for name, stream in streams.items():
+        folder = tmp_path / "one"
+        write_log(folder, {name: stream}, Layout())
+        (tmp_path / f"{name}.csv").write_bytes((folder / "log.csv").read_bytes())
+    text = "rate_hz = 50\nacceleration = [2, 3, 4]\nangular_rate = [5, 6, 7]\nquaternion = [8, 9, 10, 11]\n"
+    (tmp_path / "map.toml").write_text(text)
+    found = read_log(tmp_path, columns=tmp_path / "map.toml")
+    assert sorted(found.imus) == sorted(SENSORS)
+    np.testing.assert_allclose(found.imus["pelvis"].specific_force, streams["pelvis"].specific_force)
+
+
+def test_rows_of_all_sensors_in_one_table(tmp_path: Path) -> None:
+    streams = made_up(4)
+    lines = ["when,who,w,x,y,z"]
+    for i in range(40):
+        for name, stream in streams.items():
+            quaternion = quaternion_from_matrix(stream.R_inertial_sensor[i], Order.WXYZ)
+            lines.append(",".join([repr(float(stream.time[i])), name, *(repr(float(q)) for q in quaternion)]))
+    (tmp_path / "log.raw").write_text("\n".join(lines))
+    (tmp_path / "m.toml").write_text('time = "when"\nsensor_column = "who"\nquaternion = ["w", "x", "y", "z"]\n')
+    found = read_log(tmp_path / "log.raw", columns=tmp_path / "m.toml")
+    for name, stream in streams.items():
+        np.testing.assert_allclose(found.imus[name].R_inertial_sensor, stream.R_inertial_sensor, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("t;a b\n1,5;2\n3;4,25\n", ("t", "a b")),
+        ("Device: 7\nFirmware, 1.2\n\ntime,acc x\n1.5,2\n3,4.25\n", ("time", "acc x")),
+        ("# logger\n# t, a\n1.5,2\n3,4.25\n", ("t", "a")),
+        ("s,s\nx,y\nm,m/s^2\n1.5,2\n3,4.25\n", ("s_x", "s_y")),
+        ("left,\nx,y\n1.5,2\n3,4.25\n", ("left_x", "left_y")),
+        ("1.5,2\n3,4.25\n", ("1", "2")),
+        ('"a, b",c\n"1.5",2\n3,4.25\n', ("a, b", "c")),
+        ("a\tb\t\n1.5\t2\t\n3\t4.25\t\n", ("a", "b", "3")),
+        ("  a   b\n 1.5   2\n 3  4.25\n", ("a", "b")),
+    ],
+)
+def test_dialects_are_found(tmp_path: Path, text: str, names: tuple[str, ...]) -> None:
+    (tmp_path / "a.txt").write_text(text)
+    table = read_text_table(tmp_path / "a.txt")
+    assert table.names == names
+    np.testing.assert_allclose(table.numbers([0, 1]), [[1.5, 2], [3, 4.25]])
+
+
+def test_a_dialect_that_is_told_wins(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("!no\nx|y\nu|v\n1|2\n")
+    assert read_text_table(tmp_path / "a.txt", Dialect("bar", "!", (2,))).names == ("x", "y")
+
+
+@pytest.mark.parametrize("content", [b"", b"hello\nworld\n", b"\x00\x01\x02", b"PathFileType\t4\n", b"a,b\n"])
+@pytest.mark.parametrize("suffix", [".csv", ".sto", ".trc"])
+def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=f"a{suffix}"):
+        read_text_table(path)
+
+
+def write_export(folder: Path, stream_of: dict[str, ImuStream]) -> Path:
+    """OpenSim's three tables side by side, in the form of its exports."""
+    folder.mkdir(exist_ok=True)
+    streams = list(stream_of.values())
+    for ending, quantity in (("Accel", "specific_force"), ("Gyro", "angular_rate")):
+        names = "\t".join(stream_of)
+        lines = [f"PathFileType\t4\t(X/Y/Z)\t{ending}", "DataRate\tUnits", "50\tm", f"Frame#\tTime\t{names}"]
+        lines.append("\t\t" + "\t".join(f"X{i + 1}\tY{i + 1}\tZ{i + 1}" for i in range(len(streams))) + "\n")
+        for i, time in enumerate(streams[0].time):
+            values = np.concatenate([getattr(one, quantity)[i] for one in streams])
+            lines.append("\t".join([str(i + 1), repr(float(time)), *(repr(float(v)) for v in values)]))
+        (folder / f"walk_{ending}.trc").write_text("\n".join(lines) + "\n")
+    lines = ["DataRate=50", "DataType=Quaternion", "version=3", "endheader", "\t".join(["time", *stream_of])]
+    for i, time in enumerate(streams[0].time):
+        quaternions = [quaternion_from_matrix(one.R_inertial_sensor[i], Order.WXYZ) for one in streams]
+        lines.append("\t".join([repr(float(time)), *(",".join(repr(float(q)) for q in one) for one in quaternions)]))
+    (folder / "walk_Orientations.sto").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def test_opensims_tables_side_by_side_need_no_map(tmp_path: Path) -> None:
+    streams = {f"{name}_imu": replace(one, name=f"{name}_imu") for name, one in made_up(5).items()}
+    folder = write_export(tmp_path / "export", streams)
+    for path in (folder, folder / "walk", folder / "walk_Accel.trc"):
+        found = read_log(path)
+        assert found.format == "opensim_export"
+        for name, stream in streams.items():
+            one = found.imus[name]
+            np.testing.assert_allclose(one.specific_force, stream.specific_force)
+            np.testing.assert_allclose(one.angular_rate, stream.angular_rate)
+            np.testing.assert_allclose(one.R_inertial_sensor, stream.R_inertial_sensor, atol=1e-9)
+    alone = read_log(folder / "walk_Orientations.sto")
+    assert alone.format == "opensense_sto"
+    assert any("walk_Accel.trc stands beside it" in note for note in alone.notes)
+
+
+def test_files_of_one_sensor_that_do_not_belong_together(tmp_path: Path) -> None:
+    folder = write_export(tmp_path, made_up(6))
+    path = folder / "walk_Gyro.trc"
+    path.write_text("\n".join(path.read_text().splitlines()[:20]) + "\n")
+    with pytest.raises(InputError, match="are not those of the sensor's other file"):
+        read_log(folder)
+
+
+def test_a_table_needs_its_map(log: tuple[Path, Path]) -> None:
+    with pytest.raises(InputError, match=r"--columns MAP\.toml, of which --template NAME"):
+        read_log(log[0])
+    with pytest.raises(InputError, match="needs --columns"):
+        import_recording(log[0], ImportOptions(format="table"))
+    with pytest.raises(InputError, match="only format 'table' takes one"):
+        ImportOptions(format="mvnx", columns=log[1])
+    assert read_column_map(log[1]).common.acceleration is None
+    assert import_recording(log[0], ImportOptions(columns=log[1])).placed == list(SENSORS)

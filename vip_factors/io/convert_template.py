@@ -1,0 +1,249 @@
+"""First guesses for somebody to correct: what a log's columns mean, and where its sensors sit."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.io.atomic import atomic_open, check_target
+from vip_factors.io.convert import detect_format, read_log
+from vip_factors.io.importers.column_guess import GuessedTable, guess_columns
+from vip_factors.io.importers.column_map import QUANTITIES, ColumnMap, Columns, SensorColumns
+from vip_factors.io.importers.opensim_export import column_map
+from vip_factors.io.importers.sensor_files import candidates
+from vip_factors.io.importers.site_names import likely_sites
+from vip_factors.io.importers.text_table import SUFFIXES, TextTable, number, read_text_table, split
+from vip_factors.io.toml_values import toml_text
+from vip_factors.sensors.placement import SITES, site_axes
+
+MOST_SENSORS = 64  # of different words in a column that is to name sensors
+
+
+@dataclass(frozen=True)
+class Templates:
+    """Paths of what was written.
+
+    Attributes:
+        placement: where the sensors sit.
+        columns: what the columns mean; None for a log whose format is known.
+    """
+
+    placement: Path
+    columns: Path | None = None
+
+
+def write_templates(path: str | Path, name: Path, overwrite: bool = False) -> Templates:
+    """Write ``NAME_placement.toml`` and, unless the log's format says it all, ``NAME_columns.toml``.
+
+    Args:
+        path: the log: a file, a folder, or how the names of its files begin.
+        name: what the names of the files begin with; a suffix ``.toml`` is dropped.
+        overwrite: whether existing files may be replaced.
+
+    Raises:
+        InputError: if nothing is at the path, it is a recording of ours, or a file exists.
+        FileFormatError: if neither is its format known nor do the names of its columns tell anything.
+    """
+    path = Path(path)
+    stem = name.with_suffix("") if name.suffix.lower() == ".toml" else name
+    files = Templates(*(stem.with_name(f"{stem.name}_{what}.toml") for what in ("placement", "columns")))
+    assert files.columns is not None
+    for file in (files.placement, files.columns):
+        check_target(file, overwrite)
+    found = _format(path)
+    if found == "recording":
+        raise InputError(f"{path} is a recording of this package already: it needs neither columns nor places")
+    text = None
+    if found == "opensim_export":
+        columns = column_map(path)
+        sensors, text = list(columns.sensors), columns_text(path, columns, {})
+    elif found is not None:
+        sensors = list(read_log(path, found).imus)
+    else:
+        columns, reasons = guess(path)
+        sensors, text = _names(path, columns), columns_text(path, columns, reasons)
+    if text is None:
+        files = replace(files, columns=None)
+    elif files.columns is not None:
+        _write(files.columns, text, overwrite)
+    _write(files.placement, placement_text(path, sensors, files), overwrite)
+    return files
+
+
+def _format(path: Path) -> str | None:
+    try:
+        return detect_format(path)
+    except FileFormatError:
+        return None
+
+
+def _write(path: Path, text: str, overwrite: bool) -> None:
+    with atomic_open(path, "w", overwrite) as file:
+        file.write(text)
+
+
+def guess(path: Path) -> tuple[ColumnMap, Mapping[str, list[str]]]:
+    """A column map for the tables at a path, and by sensor what it was guessed from.
+
+    Raises:
+        FileFormatError: if the names of the columns tell nothing.
+    """
+    files = candidates(path, SUFFIXES)
+    guessed: dict[Path, GuessedTable] = {}
+    seen: list[str] = []
+    for file in files:
+        try:
+            table = read_text_table(file)
+        except FileFormatError:
+            continue
+        seen = seen or [f"{file.name}: {', '.join(table.names[:12])}"]
+        one = guess_columns(table)
+        if "" in one.sensors and len(files) == 1 and (at := _sensor_column(table)) is not None:
+            common = one.sensors[""]
+            return ColumnMap(str(path), common, sensor_column=table.names[at]), one.reasons
+        if one.sensors:
+            guessed[file] = one
+    if not guessed:
+        raise FileFormatError(
+            f"{path}: no column's name tells acceleration, angular rate or orientation ("
+            f"{'; '.join(seen) or 'no table of numbers there'}): expected names such as pelvis_acc_x, pelvis_gyr_x, "
+            "pelvis_quat_w; write the column map by hand"
+        )
+    sensors, reasons = {}, {}
+    shared = _shared_start([file.stem for file in guessed])
+    for file, one in guessed.items():
+        for sensor, entry in one.sensors.items():
+            own = file.name if len(files) > 1 or not path.is_file() else None
+            name = (
+                sensor
+                if sensor and len(guessed) == 1
+                else "_".join(part for part in (file.stem[shared:], sensor) if part)
+            )
+            sensors[name], reasons[name] = replace(entry, file=own), one.reasons[sensor]
+    return ColumnMap(str(path), sensors=sensors), reasons
+
+
+def _shared_start(stems: list[str]) -> int:
+    """How many letters of the files' names name the recording: those that all have, up to a separator."""
+    ends = [found.end() for found in re.finditer(r"[-_ .]+", stems[0])] if len(stems) > 1 else []
+    return max((end for end in ends if all(stem.startswith(stems[0][:end]) for stem in stems)), default=0)
+
+
+def _sensor_column(table: TextTable) -> int | None:
+    """The first column of a few different words, each in many rows."""
+    cells = split(table.rows[0], table.separator)
+    for at in range(len(table.names)):
+        if number(cells[at]) is None:
+            words = set(table.texts(at))
+            return at if 1 < len(words) <= min(MOST_SENSORS, len(table) / 2) else None
+    return None
+
+
+def _names(path: Path, columns: ColumnMap) -> list[str]:
+    if columns.sensor_column is None:
+        return list(columns.sensors)
+    table = read_text_table(candidates(path, SUFFIXES)[0])
+    return sorted(set(table.texts(table.index(columns.sensor_column, "sensor_column"))))
+
+
+def columns_text(path: Path, columns: ColumnMap, reasons: Mapping[str, list[str]]) -> str:
+    """A column map as TOML, what all sensors share above them."""
+    entries = dict(columns.sensors) or {"": columns.common}
+    first = next(iter(entries.values()))
+    shared = [
+        one.name
+        for one in fields(SensorColumns)
+        if one.name not in ("file", "rate_hz", *QUANTITIES)
+        and all(getattr(entry, one.name) == getattr(first, one.name) for entry in entries.values())
+    ]
+    told = [key for key in shared if key in _CHOICES and not _idle(key, list(entries.values()))]
+    lines = [
+        f"# What the columns of {path} mean: a first guess from their names and numbers. Please check every line.",
+        "",
+        *_time_lines(first, shared),
+        *(f"{key} = {toml_text(getattr(first, key))}  # {_CHOICES[key]}" for key in told),
+    ]
+    if columns.sensor_column is not None:
+        lines.append(f"sensor_column = {toml_text(columns.sensor_column)}  # names the sensor of each row")
+    for name, entry in entries.items():
+        lines += ["", *(f"# {reason}" for reason in reasons.get(name, ()))]
+        if name:
+            lines.append(f"[sensors.{toml_text(name)}]")
+        lines += [f"{key} = {_cell(getattr(entry, key))}" for key in _own_keys(entry, shared)]
+    return "\n".join(lines) + "\n"
+
+
+_CHOICES = {
+    "acceleration_unit": "m/s2, g or mg; gravity included",
+    "angular_rate_unit": "rad/s or deg/s",
+    "quaternion_order": "wxyz or xyzw: of the columns as they are listed",
+    "quaternion_sense": "sensor_to_world or world_to_sensor",
+    "world_up": "z, y or -z: the axis of the quaternions' world that points up",
+}
+
+
+def _time_lines(first: SensorColumns, shared: list[str]) -> list[str]:
+    if "time" not in shared:
+        return []
+    if first.time is None:
+        return ["# No column looks like the times of the samples. Name it, or say how many samples a second there are:",
+                "# time = \"…\"", "# rate_hz = 100"]  # fmt: skip
+    return [f"time = {_cell(first.time)}", f'time_unit = "{first.time_unit}"  # s, ms, us or ns']
+
+
+def _own_keys(entry: SensorColumns, shared: list[str]) -> list[str]:
+    """What is to be said of a sensor by itself."""
+    keys = [one.name for one in fields(SensorColumns) if one.name not in shared]
+    return [key for key in keys if getattr(entry, key) is not None and not _idle(key, [entry])]
+
+
+def _idle(key: str, entries: list[SensorColumns]) -> bool:
+    """Whether a key says something of a quantity that none of the sensors has."""
+    of = {"world_up": "quaternion"}.get(key, key.rpartition("_")[0])
+    return of in QUANTITIES and all(getattr(entry, of) is None for entry in entries)
+
+
+def _cell(value: object) -> str:
+    if not isinstance(value, Columns):
+        return toml_text(value)
+    listed = toml_text(value.columns)
+    return listed if value.file is None else f"{{ file = {toml_text(value.file)}, columns = {listed} }}"
+
+
+def placement_text(path: Path, sensors: list[str], files: Templates) -> str:
+    """A placement file with the sites that the sensors' names suggest, and all sites explained."""
+    command = f"vip-factors convert {path} RECORDING.mcap"
+    command += f" --columns {files.columns}" if files.columns is not None else ""
+    sites = likely_sites(sensors)
+    width = max((len(toml_text(name)) for name in sensors), default=0)
+    lines = [
+        f"# Where the sensors of {path} sat: a first guess from their names. Please check every line, then:",
+        f"# {command} --placement {files.placement}",
+        "",
+        "# Of the wearer; remove the # of what you know. Stature tells most of the body.",
+        '# subject = "S01"',
+        "# stature_m = 1.75",
+        "# mass_kg = 70",
+        '# sex = "female"',
+        '# initial_pose = "n-pose"  # held at the first moment: n-pose (arms hanging) or t-pose (arms sideways)',
+        "",
+        "[sensors]",
+    ]
+    for name in sensors:
+        key = toml_text(name).ljust(width)
+        told = sites.get(name)
+        lines.append(f"{key} = {toml_text(told)}  # {site_axes(told)}" if told else f'# {key} = "…"  # not told')
+    return "\n".join([*lines, "", *_explained(), ""])
+
+
+def _explained() -> list[str]:
+    table = [f"#   {name.ljust(max(map(len, SITES)))}  {site_axes(name)}" for name in SITES]
+    return [
+        "# A sensor's axes are taken as the site's, within 40° or so; quarter turns are found from the motion, and",
+        "# standing still at first or a declared pose tells the rest. Left, right, up, down, front and back are the",
+        "# wearer's in a T-pose (arms sideways, palms down). If you know the sensor's axes well, give the rotation:",
+        '#   "…" = { site = "left_thigh", mounting_wxyz = [1, 0, 0, 0], sigma_deg = 15 }',
+        "# Sites:",
+        *table,
+    ]

@@ -1,0 +1,123 @@
+"""A calibration pose that was held before the recording: its orientations, from another log or a row, put before it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.body.motion import Motion
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array, mean_rotation
+from vip_factors.io.importers.inertial_frame import GRAVITY, UP
+from vip_factors.io.toml_values import nearest
+from vip_factors.sensors.imu_stream import ImuStream
+
+MEAN_S = 1.0  # of the other log's start: people hold a pose for longer, and sway within it
+HOLD_S = 1.0  # that the pose is held in the recording: as long as a declared pose is believed
+TURN_S = 2.0  # without samples, to turn around in and begin: any way of facing is reached in it
+LEAD_S = HOLD_S + TURN_S
+
+
+@dataclass(frozen=True)
+class PoseSource:
+    """Where a pose was held: in a log, there in one sample of each sensor, or on average over its first second.
+
+    Attributes:
+        path: of the log.
+        sample: number of that sample, from 1 on; None for the average.
+    """
+
+    path: Path
+    sample: int | None = None
+
+
+def pose_source(text: str) -> PoseSource:
+    """``LOG`` or ``LOG:SAMPLE``.
+
+    Raises:
+        InputError: for a sample that is no number from 1 on.
+    """
+    path, colon, sample = text.rpartition(":")
+    if not colon or Path(text).exists():
+        return PoseSource(Path(text))
+    if not sample.isdecimal() or int(sample) < 1:
+        raise InputError(f"pose from '{text}': sample '{sample}': expected LOG, or LOG:SAMPLE with a number from 1 on")
+    return PoseSource(Path(path), int(sample))
+
+
+def held_orientations(imus: Mapping[str, ImuStream], source: PoseSource) -> dict[str, Array]:
+    """``R_inertial_sensor (3, 3)`` of each sensor in the pose.
+
+    Raises:
+        InputError: if a sensor has no orientation of its own, or not that many samples.
+    """
+    held = {}
+    for name, stream in imus.items():
+        R = stream.R_inertial_sensor
+        if R is None:
+            raise InputError(
+                f"{source.path}: sensor '{name}' has no orientation: a pose held in another log needs the sensors' own "
+                "orientations, since one found from their other samples has another heading in every log"
+            )
+        if source.sample is None:
+            held[name] = mean_rotation(R[stream.time <= stream.time[0] + MEAN_S])
+        elif source.sample > len(R):
+            raise InputError(f"{source.path}: sensor '{name}' has {len(R)} samples: there is no sample {source.sample}")
+        else:
+            held[name] = R[source.sample - 1]
+    return held
+
+
+def without_sample(imus: Mapping[str, ImuStream], sample: int) -> dict[str, ImuStream]:
+    """The streams without the samples up to the one in which the pose was held, and time 0 at the first that is left.
+
+    Raises:
+        InputError: if a sensor has no other samples.
+    """
+    rest = {}
+    for name, stream in imus.items():
+        if len(stream) <= sample:
+            raise InputError(f"sensor '{name}' has {len(stream)} samples: none is left after the pose's, {sample}")
+        rest[name] = stream.cut(stream.time[sample], np.inf)
+    start = min(one.time[0] for one in rest.values())
+    return {name: replace(one, time=one.time - start) for name, one in rest.items()}
+
+
+def after_pose(imus: Mapping[str, ImuStream], held: Mapping[str, Array], notes: list[str]) -> dict[str, ImuStream]:
+    """The streams :data:`LEAD_S` later, each with the pose before it; sensors whose pose is unknown are left out.
+
+    Raises:
+        InputError: if no sensor's pose is known.
+    """
+    joined = {}
+    for name, stream in imus.items():
+        if name not in held:
+            notes.append(f"sensor '{name}' is not in the log of the held pose{nearest(name, held)}: left out")
+            continue
+        if stream.R_inertial_sensor is None:
+            notes.append(f"sensor '{name}' has no orientation of its own to compare with the held pose: left out")
+            continue
+        R, step = held[name], 1 / stream.rate if stream.rate else HOLD_S
+        time = np.arange(0.0, HOLD_S + step / 2, step)
+        count = len(time)
+        force, rate = stream.specific_force, stream.angular_rate
+        joined[name] = replace(
+            stream,
+            time=np.concatenate([time, stream.time + LEAD_S]),
+            R_inertial_sensor=np.concatenate([np.tile(R, (count, 1, 1)), stream.R_inertial_sensor]),
+            specific_force=None if force is None else np.concatenate([np.tile(GRAVITY * R.T @ UP, (count, 1)), force]),
+            angular_rate=None if rate is None else np.concatenate([np.zeros((count, 3)), rate]),
+        )
+    if not joined:
+        raise InputError(f"none of the sensors {', '.join(imus)} is in the held pose, which has {', '.join(held)}")
+    notes.append(
+        f"the pose held before stands at 0 to {HOLD_S:g} s; what was recorded begins at {LEAD_S:g} s (add that to a "
+        "video's times too), and how the wearer got from one to the other is made up"
+    )
+    return joined
+
+
+def later(motion: Motion) -> Motion:
+    """A motion on the clock of a recording whose pose was put before it."""
+    return replace(motion, start=motion.start + LEAD_S)

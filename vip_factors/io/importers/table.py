@@ -1,0 +1,309 @@
+"""Sensor logs that are tables of any make, read as a column map says."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order
+from vip_factors.geometry.rotations import Array, transpose
+from vip_factors.io.imported import ImportedLog
+from vip_factors.io.importers.column_map import (
+    ACCELERATION_UNITS,
+    ANGULAR_RATE_UNITS,
+    QUANTITIES,
+    SENSES,
+    TIME_UNITS,
+    UPS,
+    ColumnMap,
+    Columns,
+    SensorColumns,
+)
+from vip_factors.io.importers.inertial_frame import GRAVITY, TILT_LIMIT_DEG, tilt_of_up
+from vip_factors.io.importers.sensor_files import candidates, merge_notes
+from vip_factors.io.importers.site_names import default_sites
+from vip_factors.io.importers.text_table import SUFFIXES, TextTable, read_text_table
+from vip_factors.io.importers.xsens_channels import rotations_or_nan
+from vip_factors.io.toml_values import nearest
+from vip_factors.sensors.attitude import RATE_LIMIT
+from vip_factors.sensors.imu_stream import ImuStream
+
+FORMAT = "table"
+# A worn sensor's specific force is 9.8 m/s² on the median, within the worst scale errors seen (22 %) and brisk motion.
+GRAVITY_RANGE = (5.0, 20.0)
+IMPOSSIBLE_TILT_DEG = 60.0  # of mean specific force from the vertical: mis-scaled and moving sensors stay within 5°
+SINCE_1970_S = 1e8  # times above it are no seconds since a recording's start, but Unix time
+SAME_TIME_S = 1e-4  # times of one sample in two files: they are printed with four decimals and more
+MOST_REPEATED = 0.5  # of the samples: clocks that count in whole milliseconds repeat fewer
+
+R_UP = {
+    "z": np.eye(3),
+    "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+    "-z": np.diag([1.0, -1.0, -1.0]),
+}  # from the quaternions' world to one whose z is up
+
+
+def read(path: Path, columns: ColumnMap, tables: dict[Path, TextTable] | None = None) -> ImportedLog:
+    """The sensors that a column map names in the tables at ``path``: a file, a folder, or how their names begin.
+
+    Args:
+        path: of the log.
+        columns: what the columns mean.
+        tables: by path, those that have been read already.
+
+    Raises:
+        FileFormatError: for tables that are malformed, or whose numbers cannot be what the map says.
+        InputError: for files and columns that are not there; the nearest names are told.
+    """
+    tables = {} if tables is None else dict(tables)
+    samples: dict[str, ImuStream] = {}
+    notes: list[str] = []
+    for name, entry, rows in _entries(path, columns, tables):
+        samples[name] = _samples(path, columns, name, entry, rows, tables, notes)
+    notes = [note for table in tables.values() for note in table.notes] + notes
+    start = min(one.time[0] for one in samples.values())
+    since_1970 = start > SINCE_1970_S
+    imus = {name: replace(one, time=one.time - start) for name, one in samples.items()}
+    return ImportedLog(
+        FORMAT,
+        imus,
+        default_sites(list(imus)),
+        start_ns=round(start * 1e9) if since_1970 else 0,
+        notes=merge_notes(notes),
+    )
+
+
+Rows = np.ndarray | None  # indices of the rows of one sensor, where all share a table
+
+
+def _entries(
+    path: Path, columns: ColumnMap, tables: dict[Path, TextTable]
+) -> Iterator[tuple[str, SensorColumns, Rows]]:
+    """Name, columns and rows of each sensor."""
+    if columns.sensor_column is not None:
+        table = _table(_file(path, columns.common.file, columns.source, "file"), columns, tables)
+        at = table.index(columns.sensor_column, f"{columns.source}: sensor_column")
+        names = np.array(table.texts(at))
+        found = sorted(set(names))
+        for name in columns.sensors or found:
+            if name not in found:
+                raise InputError(
+                    f"{columns.source}: no row of {table.path} is of sensor '{name}'{nearest(name, found)}"
+                )
+            yield name, columns.sensors.get(name, columns.common), np.flatnonzero(names == name)
+    elif columns.sensors:
+        for name, entry in columns.sensors.items():
+            yield name, entry, None
+    else:
+        files = candidates(path, SUFFIXES)
+        if not files:
+            raise FileFormatError(f"{path}: holds no table: expected files that end in {', '.join(SUFFIXES)}")
+        for file in files:
+            yield file.stem, replace(columns.common, file=file.name), None
+
+
+def _file(path: Path, name: str | None, source: str, key: str) -> Path:
+    """The file of a name in the log's folder, or the log itself if none is told."""
+    if name is not None:
+        folder = path if path.is_dir() else path.parent
+        if (folder / name).is_file():
+            return folder / name
+        there = [file.name for file in candidates(folder, SUFFIXES)]
+        found = nearest(name, there) if there else ""
+        raise InputError(f"{source}: {key} '{name}' is not in {folder}{found}")
+    if path.is_file():
+        return path
+    files = candidates(path, SUFFIXES)
+    if len(files) == 1:
+        return files[0]
+    found = ", ".join(file.name for file in files[:4]) or "none"
+    raise InputError(f"{source}: {key} is missing, and {path} is not one table: expected its name; there are {found}")
+
+
+def _table(path: Path, columns: ColumnMap, tables: dict[Path, TextTable]) -> TextTable:
+    if path not in tables:
+        tables[path] = read_text_table(path, columns.dialect)
+    return tables[path]
+
+
+def _samples(
+    path: Path, columns: ColumnMap, name: str, entry: SensorColumns, rows: Rows, tables: dict[Path, TextTable],
+    notes: list[str],
+) -> ImuStream:  # fmt: skip
+    """One sensor's stream, its times as in the file, in seconds."""
+    where = f"{columns.source}: sensor '{name}'"
+    time: Array | None = None
+    values: dict[str, Array] = {}
+    for quantity in QUANTITIES:
+        at: Columns | None = getattr(entry, quantity)
+        if at is None:
+            continue
+        table = _table(_file(path, at.file or entry.file, where, "file"), columns, tables)
+        numbers = table.numbers([table.index(one, f"{where}, {quantity}") for one in at.columns])
+        its_time = _time(table, entry, where)
+        numbers, its_time = (numbers, its_time) if rows is None else (numbers[rows], its_time[rows])
+        its_time, numbers = _increasing(table, entry, name, its_time, numbers, notes)
+        if time is None:
+            time, values[quantity] = its_time, numbers
+        else:
+            time, values = _common(time, values, its_time, quantity, numbers, table.path, notes)
+    assert time is not None  # the column map has at least one quantity
+    return _stream(where, name, entry, time, values, notes)
+
+
+def _time(table: TextTable, entry: SensorColumns, where: str) -> Array:
+    if entry.rate_hz is not None:
+        return np.arange(len(table)) / entry.rate_hz
+    assert entry.time is not None
+    return TIME_UNITS[entry.time_unit] * table.numbers([table.index(entry.time, f"{where}, time")])[:, 0]
+
+
+def _increasing(
+    table: TextTable, entry: SensorColumns, name: str, time: Array, values: Array, notes: list[str]
+) -> tuple[Array, Array]:
+    """Samples with a time, without those that repeat one."""
+    where = f"{table.path}, sensor '{name}'"
+    known = np.flatnonzero(np.isfinite(time))
+    if not len(known):
+        raise FileFormatError(f"{where}: column '{entry.time}' holds no time: expected numbers in {entry.time_unit}")
+    time, values = time[known], values[known]
+    back = np.flatnonzero(np.diff(time) < 0)
+    if len(back):
+        raise FileFormatError(
+            f"{where}: time '{entry.time}' falls from {time[back[0]]:g} s to {time[back[0] + 1]:g} s at its sample "
+            f"{back[0] + 2}: expected it to grow; split the file there, or name another column"
+        )
+    new = np.concatenate([[True], np.diff(time) > 0])
+    repeated = int(np.sum(~new))
+    if repeated > MOST_REPEATED * len(time):
+        raise FileFormatError(
+            f"{where}: {repeated} of {len(time)} times in '{entry.time}' repeat the one before: expected a time for "
+            "each sample; give rate_hz instead of time"
+        )
+    if repeated:
+        notes.append(f"{table.path.name}: {repeated} samples with a repeated time dropped")
+    return time[new], values[new]
+
+
+def _common(
+    time: Array, values: dict[str, Array], other: Array, quantity: str, numbers: Array, path: Path, notes: list[str]
+) -> tuple[Array, dict[str, Array]]:
+    """The samples whose times are in both files."""
+    if len(time) == len(other) and np.allclose(time, other, rtol=0, atol=SAME_TIME_S):
+        return time, {**values, quantity: numbers}
+    ticks, other_ticks = np.round(time / SAME_TIME_S), np.round(other / SAME_TIME_S)
+    _, a, b = np.intersect1d(ticks, other_ticks, return_indices=True)
+    if len(a) < max(len(time), len(other)) / 2:
+        raise FileFormatError(
+            f"{path}: its times from {other[0]:g} to {other[-1]:g} s are not those of the sensor's other file, "
+            f"{time[0]:g} to {time[-1]:g} s: expected one table of times for all quantities"
+        )
+    notes.append(
+        f"{path.name}: {max(len(time), len(other)) - len(a)} samples are not in the sensor's other file: dropped"
+    )
+    return time[a], {**{key: one[a] for key, one in values.items()}, quantity: numbers[b]}
+
+
+def _stream(
+    where: str, name: str, entry: SensorColumns, time: Array, values: Mapping[str, Array], notes: list[str]
+) -> ImuStream:
+    """The quantities in our units and frames, if they can be what the map says."""
+    force, rate, quaternion = (values.get(key) for key in QUANTITIES)
+    if force is not None:
+        force = ACCELERATION_UNITS[entry.acceleration_unit] * force
+        _check_force(where, entry, force)
+    if rate is not None:
+        rate = ANGULAR_RATE_UNITS[entry.angular_rate_unit] * rate
+        _check_rate(where, entry, rate)
+    R = None
+    if quaternion is not None:
+        _check_length(where, entry, quaternion)
+        R = upright_rotations(quaternion, entry.quaternion_order, entry.quaternion_sense, entry.world_up, where, notes)
+        if force is not None:
+            _check_tilt(where, entry, quaternion, R, force, notes)
+    stream = ImuStream.from_samples(name, time, force, R, rate)
+    if lost := len(time) - len(stream):
+        notes.append(f"sensor '{name}': {lost} of {len(time)} samples with missing values dropped")
+    return stream
+
+
+def upright_rotations(
+    quaternion: Array, order: str, sense: str, up: str, where: str = "", notes: list[str] | None = None
+) -> Array:
+    """Orientations ``(N, 3, 3)`` in a world whose z is up, of quaternions ``(N, 4)``; NaN where one is missing.
+
+    Raises:
+        FileFormatError: if hardly any is of unit length.
+    """
+    R = rotations_or_nan(quaternion, Order(order), where, [] if notes is None else notes)
+    return R_UP[up] @ (R if sense == SENSES[0] else transpose(R))
+
+
+def _check_force(where: str, entry: SensorColumns, force: Array) -> None:
+    known = np.all(np.isfinite(force), axis=1)
+    if not np.any(known):
+        raise FileFormatError(f"{where}: acceleration holds no sample without a blank: expected numbers in its columns")
+    usual = float(np.median(np.linalg.norm(force[known], axis=1)))
+    if GRAVITY_RANGE[0] <= usual <= GRAVITY_RANGE[1]:
+        return
+    raw = usual / ACCELERATION_UNITS[entry.acceleration_unit]
+    fits = [one for one, factor in ACCELERATION_UNITS.items() if GRAVITY_RANGE[0] <= raw * factor <= GRAVITY_RANGE[1]]
+    hint = f"acceleration_unit '{fits[0]}' would fit" if fits else "is gravity left out, or is this no acceleration?"
+    raise FileFormatError(
+        f"{where}: acceleration is {raw:.3g} {entry.acceleration_unit} long on the median: expected about "
+        f"{GRAVITY / ACCELERATION_UNITS[entry.acceleration_unit]:.3g}, gravity included; {hint}"
+    )
+
+
+def _check_rate(where: str, entry: SensorColumns, rate: Array) -> None:
+    fastest = float(np.nanmax(np.abs(rate), initial=0.0))
+    if fastest > RATE_LIMIT:
+        raise FileFormatError(
+            f"{where}: angular_rate reaches {fastest / ANGULAR_RATE_UNITS[entry.angular_rate_unit]:.3g} "
+            f"{entry.angular_rate_unit}: expected at most {RATE_LIMIT:g} rad/s (4000 deg/s); check angular_rate_unit"
+        )
+
+
+def _check_length(where: str, entry: SensorColumns, quaternion: Array) -> None:
+    length = np.linalg.norm(quaternion[np.all(np.isfinite(quaternion), axis=1)], axis=1)
+    if not len(length):
+        raise FileFormatError(f"{where}: quaternion holds no sample without a blank: expected numbers in its columns")
+    usual = float(np.median(length))
+    if abs(usual - 1) > UNIT_TOLERANCE:
+        raise FileFormatError(f"{where}: quaternion is {usual:.3g} long on the median: expected 1; check its columns")
+
+
+def _check_tilt(where: str, entry: SensorColumns, quaternion: Array, R: Array, force: Array, notes: list[str]) -> None:
+    """Specific force has to point up in the quaternions' world on the whole."""
+    tilt = tilt_of_up(R, force)
+    if not tilt > TILT_LIMIT_DEG:
+        return
+    said = (entry.quaternion_order, entry.quaternion_sense, entry.world_up)
+    best, others = best_reading(quaternion, force)
+    keys = ("quaternion_order", "quaternion_sense", "world_up")
+    fits = ", ".join(f"{key} '{one}'" for key, one, told in zip(keys, best, said, strict=True) if one != told)
+    hint = f"with {fits} it would stand {others:.0f}° off" if fits and others < tilt / 2 else "is its sign turned?"
+    sentence = f"averaged acceleration stands {tilt:.0f}° off the vertical of the quaternion's world: {hint}"
+    if tilt > IMPOSSIBLE_TILT_DEG:
+        raise FileFormatError(f"{where}: {sentence}")
+    notes.append(f"{where}: {sentence}")
+
+
+def best_reading(quaternion: Array, force: Array) -> tuple[tuple[str, str, str], float]:
+    """Order, sense and upward axis under which specific force points up most steadily, and by how many degrees not.
+
+    Args:
+        quaternion: ``(N, 4)``; rows with NaN do not count.
+        force: ``(N, 3)`` specific force in the sensor, in any unit.
+    """
+    known = np.all(np.isfinite(quaternion), axis=1) & np.all(np.isfinite(force), axis=1)
+    direction = force[known] / np.linalg.norm(force[known], axis=1, keepdims=True).clip(1e-9)
+    found: dict[tuple[str, str, str], float] = {}
+    for reading in product((order.value for order in Order), SENSES, UPS):
+        upward = np.einsum("nij,nj->ni", upright_rotations(quaternion[known], *reading), direction)[:, 2]
+        found[reading] = float(np.rad2deg(np.mean(np.arccos(np.clip(upward, -1, 1)))))
+    best = min(found, key=found.__getitem__)
+    return best, found[best]

@@ -1,0 +1,336 @@
+"""A table of numbers as text, of any usual dialect: CSV, TSV, OpenSim's TRC and STO; named columns, numbers on demand.
+
+Separator, comment lines and header lines are told or found. A TRC marker ``knee`` is the columns ``knee_x``,
+``knee_y``, ``knee_z``; an STO column ``knee`` with cells ``w,x,y,z`` is ``knee_w``, ``knee_x``, ``knee_y``, ``knee_z``.
+"""
+
+import csv
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.toml_values import nearest
+
+SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".trc", ".sto", ".mot", ".raw", ".log")
+SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": " "}
+COMMENTS = ("#", "//", "%")
+MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
+LOOKED_AT = 200  # lines, to tell the dialect: preambles of loggers are shorter
+RUN = 3  # rows of numbers in a row: a line of settings may look like one
+HEADER_LINES = 3  # names, axes and units in lines of their own; more have not been seen
+COMPONENTS = {3: "xyz", 4: "wxyz"}
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a file is laid out, as far as somebody told; None is found by looking.
+
+    Attributes:
+        separator: one of :data:`SEPARATORS`.
+        comment: what lines begin with that are to be skipped.
+        header: numbers of the lines with the names of the columns, the first line being 1; names are joined by ``_``.
+    """
+
+    separator: str | None = None
+    comment: str | None = None
+    header: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Rows of text below named columns.
+
+    Attributes:
+        path: of the file.
+        names: of the columns; by their numbers from 1 on where the file names none.
+        rows: a line each, without those to be skipped.
+        lines: numbers of those lines in the file.
+        separator: between their cells.
+        notes: what was dropped.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    rows: list[str]
+    lines: Sequence[int]
+    separator: str
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def index(self, column: str | int, where: str) -> int:
+        """Which column it is, by its name or its number from 1 on; ``where`` it was asked for, for the complaint.
+
+        A name may be written with other capitals, if only one column fits: TRC has ``Time``, STO has ``time``.
+
+        Raises:
+            InputError: if there is none, or the name is that of several.
+        """
+        if isinstance(column, int):
+            if not 1 <= column <= len(self.names):
+                raise InputError(f"{where}: {self.path} has no column {column}: expected 1 to {len(self.names)}")
+            return column - 1
+        alike = [name for name in self.names if name.lower() == column.lower()]
+        if column not in self.names and len(alike) == 1:
+            column = alike[0]
+        if column not in self.names:
+            raise InputError(f"{where}: {self.path} has no column '{column}'{nearest(column, self.names)}")
+        if self.names.count(column) > 1:
+            at = ", ".join(str(i + 1) for i, name in enumerate(self.names) if name == column)
+            raise InputError(f"{where}: {self.path} has several columns '{column}': give the number of one of {at}")
+        return self.names.index(column)
+
+    def numbers(self, columns: Sequence[int]) -> Array:
+        """The columns of these indices ``(N, len(columns))``; blank cells are NaN.
+
+        Raises:
+            FileFormatError: for a cell that is not a number; line and column are named.
+        """
+        rows = self.rows
+        if self.separator != "," and any("," in row for row in rows[:LOOKED_AT]):
+            rows = [row.replace(",", ".") for row in rows]  # a decimal comma
+        delimiter = None if self.separator == " " else self.separator
+        try:
+            return np.loadtxt(rows, delimiter=delimiter, usecols=columns, comments=None, quotechar='"', ndmin=2)
+        except ValueError:
+            return np.array([self._row(row, line, columns) for row, line in zip(rows, self.lines, strict=True)])
+
+    def texts(self, column: int) -> list[str]:
+        """The cells of a column."""
+        return [split(row, self.separator)[column].strip() for row in self.rows]
+
+    def _row(self, row: str, line: int, columns: Sequence[int]) -> list[float]:
+        cells, values = split(row, self.separator), []
+        for column in columns:
+            value = number(cells[column])
+            if value is None:
+                raise FileFormatError(
+                    f"{self.path}, line {line}: column '{self.names[column]}' is '{cells[column].strip()[:40]}': "
+                    "expected a number"
+                )
+            values.append(value)
+        return values
+
+
+def number(cell: str) -> float | None:
+    """The number in a cell, NaN where it is blank or says that it is missing, None where it holds anything else."""
+    cell = cell.strip().strip('"')
+    if cell.lower() in MISSING:
+        return float("nan")
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def split(row: str, separator: str) -> list[str]:
+    """The cells of a line."""
+    if separator == " ":
+        return row.split()
+    return next(csv.reader([row], delimiter=separator), []) if '"' in row else row.split(separator)
+
+
+def read_text_table(path: Path, dialect: Dialect | None = None) -> TextTable:
+    """Read a file.
+
+    Raises:
+        FileFormatError: if it cannot be read, is no text, holds no rows of numbers, or a row has too few cells.
+        InputError: for a header line that the file does not have.
+    """
+    dialect = dialect or Dialect()
+    lines = _lines(path)
+    first = lines[0] if lines else ""
+    if first.startswith("PathFileType"):
+        return _read_trc(path, lines)
+    if path.suffix.lower() in (".sto", ".mot"):
+        return _read_sto(path, lines)
+    comments = (dialect.comment,) if dialect.comment else COMMENTS
+    kept = [(i + 1, line) for i, line in enumerate(lines) if line.strip() and not line.startswith(comments)]
+    return _read_plain(path, kept, lines, dialect)
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read ({error.strerror}): expected a table of numbers") from error
+    encoding = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    if encoding != "utf-16" and b"\0" in content[:4096]:
+        raise FileFormatError(f"{path}: is not text: expected a table of numbers")
+    return content.decode(encoding, errors="replace").splitlines()
+
+
+def _read_plain(path: Path, kept: list[tuple[int, str]], lines: list[str], dialect: Dialect) -> TextTable:
+    """A table whose header stands right above its first row of numbers, or where it is told."""
+    if dialect.header is not None:
+        wrong = next((one for one in dialect.header if not 1 <= one <= len(lines)), None)
+        if wrong is not None:
+            raise InputError(f"{path} has no header line {wrong}: expected 1 to {len(lines)}")
+        kept = [(line, row) for line, row in kept if line > max(dialect.header)]
+    told = SEPARATORS[dialect.separator] if dialect.separator else None
+    separator, width = _separator(path, [row for _, row in kept[:LOOKED_AT]], told)
+    data = [_is_data(row, separator, width) for _, row in kept[: LOOKED_AT + RUN]]
+    start = next((i for i in range(len(data)) if all(data[i : i + RUN])), None)
+    if start is None:
+        raise FileFormatError(f"{path}: holds no row of numbers: expected a table with a line of column names above it")
+    if dialect.header is not None:
+        header = [split(lines[line - 1], separator) for line in dialect.header]
+    else:
+        header = _header_above(kept[: start + 1], separator, width)
+        header = header or _header_in_comment(lines[: kept[start][0] - 1], separator, width)
+    names = _joined(header, width)
+    return _checked(path, names, [row for _, row in kept[start:]], [line for line, _ in kept[start:]], separator)
+
+
+def _separator(path: Path, rows: list[str], told: str | None) -> tuple[str, int]:
+    """The separator that makes the widest rows, and their usual width."""
+    best = ("", 0)
+    for separator in (told,) if told else SEPARATORS.values():
+        widths = [
+            width for row in rows if (width := len(split(row, separator))) > 1 and _is_data(row, separator, width)
+        ]
+        if not widths:
+            continue
+        usual = max(set(widths), key=widths.count)
+        if usual > best[1] and widths.count(usual) >= len(widths) / 2:
+            best = (separator, usual)
+    if not best[0]:
+        how = "that separator" if told else "tab, semicolon, comma, bar or spaces"
+        raise FileFormatError(f"{path}: holds no row of two numbers or more between {how}: expected a table of numbers")
+    return best
+
+
+def _is_data(row: str, separator: str, width: int) -> bool:
+    """Whether most cells are numbers, and at least one is: names of sensors and units are not."""
+    cells = [cell.replace(",", ".") if separator != "," else cell for cell in split(row, separator)]
+    values = [number(cell) for cell in cells]
+    known = sum(value is not None and value == value for value in values)
+    return len(cells) == width and known > 0 and sum(value is not None for value in values) >= len(values) / 2
+
+
+def _header_above(kept: list[tuple[int, str]], separator: str, width: int) -> list[list[str]]:
+    """The lines right above the last one given that have as many cells; a line of units is left out."""
+    header: list[list[str]] = []
+    below = kept[-1][0]
+    for line, row in reversed(kept[-1 - HEADER_LINES : -1]):
+        cells = split(row, separator)
+        if len(cells) != width or (header and (below != line + 1 or _is_data(row, separator, width))):
+            break
+        below = line
+        header.insert(0, cells)
+    if len(header) > 1 and all(_is_unit(cell) for cell in header[-1]):
+        header.pop()
+    return header
+
+
+def _header_in_comment(lines: list[str], separator: str, width: int) -> list[list[str]]:
+    """The names in the last comment line above the first row, if it has as many."""
+    last = next((line for line in reversed(lines) if line.strip()), "")
+    cells = split(last.lstrip("#/% "), separator)
+    return [cells] if last.startswith(COMMENTS) and len(cells) == width else []
+
+
+def _is_unit(cell: str) -> bool:
+    return bool(
+        re.fullmatch(
+            r"[\[(]?(m/s\^?[2²]|[mc]?m|m?g|(rad|deg|°)/s|dps|[mµun]?s|uT|µT|°C|hz|-|)[\])]?", cell.strip(), re.I
+        )
+    )
+
+
+def _joined(header: list[list[str]], width: int) -> tuple[str, ...]:
+    """One name for each column; a blank in an upper line stands for the cell to its left."""
+    if not header:
+        return tuple(str(i + 1) for i in range(width))
+    filled = []
+    for number_of_line, cells in enumerate(header):
+        cells = [cell.strip().strip('"') for cell in cells]
+        if number_of_line < len(header) - 1:
+            for i in range(1, len(cells)):
+                cells[i] = cells[i] or cells[i - 1]
+        filled.append([*cells, *[""] * (width - len(cells))])
+    names = ["_".join(cell for cell in column if cell) for column in zip(*filled, strict=True)]
+    return tuple(name or str(i + 1) for i, name in enumerate(names[:width]))
+
+
+def _checked(path: Path, names: tuple[str, ...], rows: list[str], lines: list[int], separator: str) -> TextTable:
+    """The table, if every row is wide enough; a last line that breaks off is dropped.
+
+    Raises:
+        FileFormatError: for a row that is not.
+    """
+    widths = [_width(row, separator) for row in rows]
+    notes = []
+    if len(rows) > 1 and widths[-1] < len(names):
+        notes.append(f"{path.name}: the last line {lines[-1]} breaks off and was dropped")
+        rows, lines, widths = rows[:-1], lines[:-1], widths[:-1]
+    short = next((i for i, width in enumerate(widths) if width < len(names)), None)
+    if short is not None:
+        raise FileFormatError(
+            f"{path}, line {lines[short]}: {widths[short]} cells where the header has {len(names)} columns; repair or "
+            "delete the line"
+        )
+    return TextTable(path, names, rows, lines, separator, tuple(notes))
+
+
+def _width(row: str, separator: str) -> int:
+    return len(split(row, separator)) if separator == " " or '"' in row else row.count(separator) + 1
+
+
+def _read_trc(path: Path, lines: list[str]) -> TextTable:
+    """OpenSim's table of triples: five lines of header, the fourth with the names."""
+    at = next((i for i, line in enumerate(lines[:LOOKED_AT]) if line.startswith("Frame#")), None)
+    if at is None:
+        raise FileFormatError(f"{path}: no line 'Frame#  Time  name …': expected OpenSim's TRC")
+    found = [cell.strip() for cell in lines[at].split("\t") if cell.strip()]
+    names = (*found[:2], *(f"{name}_{axis}" for name in found[2:] for axis in "xyz"))
+    kept = [(i + 1, line) for i, line in enumerate(lines) if i > at + 1 and line.strip()]
+    return _filled(path, names, kept, lambda line: line.split("\t"))
+
+
+def _read_sto(path: Path, lines: list[str]) -> TextTable:
+    """OpenSim's storage: a header up to ``endheader``, a line of names, cells of one number or of several."""
+    at = next((i for i, line in enumerate(lines[:LOOKED_AT]) if line.strip().lower() == "endheader"), None)
+    if at is None or at + 1 >= len(lines):
+        raise FileFormatError(f"{path}: no 'endheader' line followed by column names: expected OpenSim's STO")
+    labels = [cell.strip() for cell in lines[at + 1].split("\t")]
+    kept = [(i + 1, line) for i, line in enumerate(lines) if i > at + 1 and line.strip()]
+    widest = [1] * len(labels)
+    for _, line in kept[:LOOKED_AT]:
+        for i, cell in enumerate(line.split("\t")[: len(labels)]):
+            widest[i] = max(widest[i], cell.count(",") + 1)
+    names: list[str] = []
+    for label, count in zip(labels, widest, strict=True):
+        letters = COMPONENTS.get(count, [str(i) for i in range(count)])
+        names += [label] if count == 1 else [f"{label}_{letter}" for letter in letters]
+
+    def cells(line: str) -> list[str]:
+        found: list[str] = []
+        for cell, count in zip(line.split("\t"), widest, strict=False):
+            parts = cell.strip("()~[] ").split(",")
+            found += parts if len(parts) == count else ["nan"] * count if not cell.strip() else parts
+        return found
+
+    return _filled(path, tuple(names), kept, cells)
+
+
+def _filled(
+    path: Path, names: tuple[str, ...], kept: list[tuple[int, str]], cells: Callable[[str], list[str]]
+) -> TextTable:
+    """A table of OpenSim's, whose lines may end in blank cells."""
+    if not kept:
+        raise FileFormatError(f"{path}: no rows below its header")
+    blanks = len(names) - 1
+    rows = [
+        line
+        if line.count("\t") == blanks and "\t\t" not in line and "," not in line
+        else "\t".join(cell.strip() or "nan" for cell in cells(line)[: len(names)])
+        for _, line in kept
+    ]
+    return _checked(path, names, rows, [line for line, _ in kept], "\t")

@@ -8,9 +8,9 @@ import pytest
 
 from vip_factors.benchmark.leg_angles import (
     AngleError,
-    LegAngles,
+    LegMotion,
     angle_errors,
-    angles_of,
+    legs_of,
     opensim_angles,
     optical_angles,
 )
@@ -28,15 +28,15 @@ def test_a_bent_leg_has_the_angles_it_was_bent_by() -> None:
     R = np.tile(np.eye(3), (2, 24, 1, 1))
     R[1, joint_index("left_hip")] = rotation_x(np.deg2rad(-30.0))  # the thigh goes forward
     R[1, joint_index("left_knee")] = rotation_x(np.deg2rad(50.0))  # the shank goes back
-    found = angles_of(Motion(skeleton_from_stature(1.75), R, np.zeros((2, 3)), 1.0))
+    found = legs_of(Motion(skeleton_from_stature(1.75), R, np.zeros((2, 3)), 1.0))
     assert found.flexion["left_hip"] == pytest.approx([0.0, 30.0])
     assert found.flexion["left_knee"] == pytest.approx([0.0, 50.0])
     assert found.flexion["right_knee"] == pytest.approx([0.0, 0.0])
 
 
 def test_errors_are_over_the_time_that_both_have() -> None:
-    ours = LegAngles(np.arange(5.0), {"left_knee": np.array([0.0, 4.0, 8.0, 12.0, 16.0])})
-    theirs = LegAngles(np.array([0.5, 1.5, 9.0]), {"left_knee": np.array([1.0, 3.0, 99.0])})
+    ours = LegMotion(np.arange(5.0), {"left_knee": np.array([0.0, 4.0, 8.0, 12.0, 16.0])})
+    theirs = LegMotion(np.array([0.5, 1.5, 9.0]), {"left_knee": np.array([1.0, 3.0, 99.0])})
     (error,) = angle_errors(ours, theirs).values()
     assert error.rmse == pytest.approx(np.sqrt((1**2 + 3**2) / 2))
     assert error.without_offset == pytest.approx(1.0)
@@ -69,10 +69,12 @@ def test_a_row_says_what_was_measured() -> None:
         for side, error in (("left", 4.0), ("right", 6.0))
         for joint in ("knee", "hip")
     }
-    one = RealTrial("a walk", 20.0, legs, {}, ("OpenSense", legs), (7.0, 9.0), 1.0, 2.0, ("crossed legs",), ())
+    one = RealTrial(
+        "a walk", 20.0, legs, {}, ("OpenSense", legs), (12.0, np.nan), (7.0, 9.0), 1.0, 2.0, ("crossed legs",), ()
+    )
     table = real_table([one])
-    assert "| a walk | 20 | 5.0 (2.0) | 5.0 (2.0) | n/a | n/a | 7, at most 9 | 1, 0 |" in table
-    assert "| — OpenSense | | 5.0 (2.0) | 5.0 (2.0) | | | | |" in table
+    assert "| a walk | 20 | 5.0 (2.0) | 5.0 (2.0) | 12.00 | n/a | n/a | n/a | 7, at most 9 | 1, 0 |" in table
+    assert "| — OpenSense | | 5.0 (2.0) | 5.0 (2.0) | | | | | | |" in table
     assert json.loads(real_json([one]))["a walk"]["batch"]["left_knee"]["rmse"] == 4.0
 
 

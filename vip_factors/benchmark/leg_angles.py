@@ -1,30 +1,41 @@
-"""Flexion of hips and knees that somebody else measured, and how far ours is from it."""
+"""How legs moved as somebody else measured it, and how far ours is from it: flexion, and joint centres."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
-from vip_factors.benchmark.walk import R_VICON_BONE, TRIAL, read_vicon
+from vip_factors.benchmark.walk import CENTRES, R_VICON_BONE, TRIAL, read_vicon
 from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
 from vip_factors.evaluate.joint_angle import hip_flexion_deg, hip_flexion_of, knee_flexion_deg, knee_flexion_of, rmse
 from vip_factors.evaluate.joint_angle import rmse_without_offset as without_offset
+from vip_factors.geometry.alignment import align_rigid
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 
 SIDES = ("left", "right")
+JOINTS = ("hip", "knee", "ankle")
 # OpenSim's segment axes (x forward, y up, z to the right) as columns of ours (x left, y up, z forward).
 R_OPENSIM_BONE = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 
 @dataclass(frozen=True)
-class LegAngles:
-    """Flexion in degrees ``(T,)`` of joints by name (``left_knee``, …) at times ``(T,)`` in seconds."""
+class LegMotion:
+    """How two legs move.
+
+    Attributes:
+        time: ``(T,)`` seconds.
+        flexion: degrees ``(T,)`` of joints by name (``left_knee``, …).
+        p_world_joint: ``(T, 3)`` metres of joint centres by name, where they are known.
+    """
 
     time: Array
     flexion: Mapping[str, Array]
+    p_world_joint: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -35,7 +46,7 @@ class AngleError:
     without_offset: float
 
 
-def vicon_angles(folder: Path) -> LegAngles:
+def vicon_angles(folder: Path) -> LegMotion:
     """Of ``xsens_vicon_walk``: segments by optical markers."""
     vicon = read_vicon(folder / "vicon" / f"{TRIAL}.csv")
     bones = {name: R @ R_VICON_BONE for name, R in vicon.R_world_segment.items()}
@@ -44,38 +55,58 @@ def vicon_angles(folder: Path) -> LegAngles:
         letter = side[0].upper()
         flexion[f"{side}_knee"] = knee_flexion_deg(bones[f"{letter}TH"], bones[f"{letter}SK"])
         flexion[f"{side}_hip"] = hip_flexion_deg(bones["RPV"], bones[f"{letter}TH"])
-    return LegAngles(vicon.time, flexion)
+    return LegMotion(vicon.time, flexion, {name: vicon.centres[own] for name, own in CENTRES.items()})
 
 
-def optical_angles(path: Path) -> LegAngles:
-    """Of ``optical_joint_centres.csv``: segment orientations, in OpenSim's axes, by inverse kinematics of markers.
+def optical_angles(path: Path) -> LegMotion:
+    """Of ``optical_joint_centres.csv``: segments in OpenSim's axes and joint centres, by inverse kinematics of markers.
 
     Raises:
         FileFormatError: if a column is missing.
     """
     table = np.genfromtxt(path, delimiter=",", names=True)
-    names = table.dtype.names or ()
 
     def bone(segment: str) -> Array:
-        columns = [f"{segment}_q{letter}" for letter in "wxyz"]
-        if missing := [one for one in columns if one not in names]:
-            raise FileFormatError(
-                f"{path}: no column '{missing[0]}'; expected segment quaternions of an optical system"
-            )
-        quaternions = np.stack([table[one] for one in columns], axis=-1)
+        quaternions = _columns(table, [f"{segment}_q{letter}" for letter in "wxyz"], path)
         return matrix_from_quaternion(quaternions, Order.WXYZ) @ R_OPENSIM_BONE
 
-    flexion = {}
+    flexion, centres = dict[str, Array](), dict[str, Array]()
     for side in SIDES:
         thigh, shank = bone(f"femur_{side[0]}"), bone(f"tibia_{side[0]}")
-        flexion[f"{side}_knee"], flexion[f"{side}_hip"] = (
-            knee_flexion_deg(thigh, shank),
-            hip_flexion_deg(bone("pelvis"), thigh),
+        flexion[f"{side}_knee"] = knee_flexion_deg(thigh, shank)
+        flexion[f"{side}_hip"] = hip_flexion_deg(bone("pelvis"), thigh)
+        for joint in JOINTS:
+            centres[f"{side}_{joint}"] = _columns(table, [f"{joint}_{side[0]}_{axis}" for axis in "xyz"], path)
+    return LegMotion(_columns(table, ["time_s"], path)[:, 0], flexion, centres)
+
+
+def marker_legs(path: Path) -> LegMotion:
+    """Of ``optical.csv`` of geneva_gait: joint centres from markers, and knees bent as the lines between these are.
+
+    Raises:
+        FileFormatError: if a column is missing.
+    """
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    flexion, centres = dict[str, Array](), dict[str, Array]()
+    for side in SIDES:
+        hip, knee, ankle = (
+            _columns(table, [f"{side[0].upper()}{letter}JC_{axis}" for axis in "xyz"], path) / 1000 for letter in "HKA"
         )
-    return LegAngles(table["time_s"], flexion)
+        cosine = np.sum((knee - hip) * (ankle - knee), axis=1)
+        cosine /= np.linalg.norm(knee - hip, axis=1) * np.linalg.norm(ankle - knee, axis=1)
+        flexion[f"{side}_knee"] = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        centres |= {f"{side}_{name}": p for name, p in zip(JOINTS, (hip, knee, ankle), strict=True)}
+    return LegMotion(_columns(table, ["time_s"], path)[:, 0], flexion, centres)
 
 
-def opensim_angles(path: Path) -> LegAngles:
+def _columns(table: np.ndarray, names: list[str], path: Path) -> Array:
+    known = table.dtype.names or ()
+    if missing := [one for one in names if one not in known]:
+        raise FileFormatError(f"{path}: no column '{missing[0]}'; expected legs as an optical system saw them")
+    return np.stack([table[one] for one in names], axis=-1)
+
+
+def opensim_angles(path: Path) -> LegMotion:
     """Of a motion file of OpenSim, in degrees; a gait model of which knees bend by ``knee_angle_r``, ``_l``.
 
     Raises:
@@ -93,20 +124,37 @@ def opensim_angles(path: Path) -> LegAngles:
             if name not in names:
                 raise FileFormatError(f"{path}: no column '{name}'; expected joint angles of OpenSim's gait model")
             flexion[f"{side}_{joint}"] = table[:, names.index(name)]
-    return LegAngles(table[:, names.index("time")], flexion)
+    return LegMotion(table[:, names.index("time")], flexion)
 
 
-def angles_of(motion: Motion) -> LegAngles:
+def legs_of(motion: Motion) -> LegMotion:
     """Of an estimate."""
     flexion = {f"{side}_knee": knee_flexion_of(motion, side) for side in SIDES}
-    return LegAngles(motion.time, flexion | {f"{side}_hip": hip_flexion_of(motion, side) for side in SIDES})
+    flexion |= {f"{side}_hip": hip_flexion_of(motion, side) for side in SIDES}
+    p = motion.state.p_world_joint
+    return LegMotion(motion.time, flexion, {name: p[:, joint_index(name)] for name in CENTRES})
 
 
-def angle_errors(found: LegAngles, reference: LegAngles) -> dict[str, AngleError]:
+def angle_errors(found: LegMotion, reference: LegMotion) -> dict[str, AngleError]:
     """By joint name, over the reference's time that both have."""
-    both = (reference.time >= found.time[0]) & (reference.time <= found.time[-1])
+    both = _shared(found, reference)
     errors = {}
     for name, true in reference.flexion.items():
         ours = np.interp(reference.time[both], found.time, found.flexion[name])
         errors[name] = AngleError(rmse(ours, true[both]), without_offset(ours, true[both]))
     return errors
+
+
+def centres_error_mm(found: LegMotion, reference: LegMotion) -> float:
+    """Mean distance of the joint centres after a rigid motion of every frame; NaN where none are known."""
+    names, both = list(reference.p_world_joint), _shared(found, reference)
+    if not names or not both.any():
+        return float("nan")
+    time = reference.time[both]
+    true = np.stack([reference.p_world_joint[name][both] for name in names], axis=1)
+    ours = make_interp_spline(found.time, np.stack([found.p_world_joint[name] for name in names], axis=1), k=1)(time)
+    return float(1000 * np.linalg.norm(align_rigid(ours, true).apply(ours) - true, axis=-1).mean())
+
+
+def _shared(found: LegMotion, reference: LegMotion) -> np.ndarray:
+    return (reference.time >= found.time[0]) & (reference.time <= found.time[-1])

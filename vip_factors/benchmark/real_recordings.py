@@ -1,10 +1,11 @@
 """The public recordings of real people that accuracy is judged on: where each lies in a folder, and what is known."""
 
+import csv
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from vip_factors.benchmark.leg_angles import LegAngles, opensim_angles, optical_angles, vicon_angles
+from vip_factors.benchmark.leg_angles import LegMotion, marker_legs, opensim_angles, optical_angles, vicon_angles
 from vip_factors.benchmark.walk import SENSORS as WALK
 from vip_factors.io.convert import ImportOptions
 
@@ -30,6 +31,10 @@ DOT = {
     "pelvis": "Pelvis", "right_shank": "RTibia", "right_thigh": "RFemur", "left_shank": "LTibia",
     "left_thigh": "LFemur",
 }  # fmt: skip
+GENEVA = {
+    "left_foot": "LF", "left_shank_side": "LS", "left_thigh": "LT", "right_foot": "RF", "right_shank_side": "RS",
+    "right_thigh": "RT", "pelvis": "SA", "sternum": "TR",
+}  # fmt: skip
 # Degrees, tuned by hand by those who recorded full_body_16imu, good to some 15°.
 FULL_BODY_HEADINGS = {
     "hip": 0, "lower_back": -30, "upper_back": 15, "head": -45, "upper_arm_left": -89.5, "forearm_left": -95,
@@ -47,7 +52,8 @@ class RealRecording:
         log: what is converted, as a path in the folder of all.
         options: what is said beside it.
         agree_deg: how well the sensors' inertial frames are said to agree, if at all.
-        angles: reads the reference of hips and knees from the folder of all, if there is one.
+        angles: reads how the legs moved from the folder of all, if there is a reference.
+        columns: column map of a log of no known format, as TOML.
         other: name and reader of somebody else's result, to be judged by the same reference.
         headings_deg: reference of headings by sensor name.
     """
@@ -56,15 +62,17 @@ class RealRecording:
     log: str
     options: ImportOptions
     agree_deg: float | None = None
-    angles: Callable[[Path], LegAngles] | None = None
-    other: tuple[str, Callable[[Path], LegAngles]] | None = None
+    angles: Callable[[Path], LegMotion] | None = None
+    other: tuple[str, Callable[[Path], LegMotion]] | None = None
     headings_deg: Mapping[str, float] = field(default_factory=dict)
+    columns: str = ""
 
 
 def real_recordings(folder: Path) -> Iterator[RealRecording]:
     """All that lie in a folder."""
     vidimu = sorted(path.relative_to(folder) for path in folder.glob("vidimu/S*/S??_A??_T??.sto"))
-    for one in (*_KNOWN, *(_activity(path) for path in vidimu)):
+    geneva = sorted(path.relative_to(folder) for path in folder.glob("geneva_gait/P*/imu.csv"))
+    for one in (*_KNOWN, *(_walk(path, folder) for path in geneva), *(_activity(path) for path in vidimu)):
         if (folder / one.log).exists():
             yield one
 
@@ -78,6 +86,27 @@ def _activity(path: Path) -> RealRecording:
     return RealRecording(f"vidimu {path.stem}", str(path), _worn(LEGS if legs else ARMS, start_s=0.01))
 
 
+def _walk(path: Path, folder: Path) -> RealRecording:
+    """Of geneva_gait: raw samples at 29–47 Hz, begun in quiet standing; the participants' heights are known."""
+    with (folder / "geneva_gait" / "participants.csv").open(encoding="utf-8") as file:
+        height_mm = {row["participant"]: float(row["height_mm"]) for row in csv.DictReader(file)}
+    trial = path.parent.name
+    options = ImportOptions(placement=GENEVA, stature_m=height_mm[trial[:3]] / 1000, initial_pose="n-pose")
+    return RealRecording(
+        f"geneva_gait {trial}", str(path), options, columns=_geneva_columns(),
+        angles=lambda folder: marker_legs(folder / path.parent / "optical.csv"),
+    )  # fmt: skip
+
+
+def _geneva_columns() -> str:
+    lines = ['time = "time_s"', 'time_unit = "s"']
+    for name in GENEVA.values():
+        for quantity, column, unit in (("acceleration", "acc", "g"), ("angular_rate", "gyr", "deg/s")):
+            lines += [] if quantity != "acceleration" else [f'[sensors."{name}"]', 'file = "imu.csv"']
+            lines += [f"{quantity} = {[f'{name}_{column}_{axis}' for axis in 'xyz']}", f'{quantity}_unit = "{unit}"']
+    return "\n".join(lines) + "\n"
+
+
 def _worn(placement: Mapping[str, str] | None, pose: str = "none", start_s: float | None = None) -> ImportOptions:
     return ImportOptions(placement=placement, stature_m=STATURE_M, initial_pose=pose, start_s=start_s)
 
@@ -85,10 +114,10 @@ def _worn(placement: Mapping[str, str] | None, pose: str = "none", start_s: floa
 def _treadmill(pose: str) -> RealRecording:
     where = "xsens_treadmill_optical"
 
-    def optical(folder: Path) -> LegAngles:
+    def optical(folder: Path) -> LegMotion:
         return optical_angles(folder / where / "optical_joint_centres.csv")
 
-    def opensense(folder: Path) -> LegAngles:
+    def opensense(folder: Path) -> LegMotion:
         return opensim_angles(folder / where / "ik_OpenSim_Sub02_CSBaseline_Orientations.mot")
 
     return RealRecording(

@@ -83,7 +83,7 @@ class WearerProblem:
         prior_headings, heading_sigma: ``(S,)`` radians; of the first knot, where headings walk.
         prior_R_bone_sensor: ``(S, 3, 3)``.
         mounting_sigma: ``(S,)`` radians.
-        p_world_start: root position of the first frame, metres.
+        p_world_start: root position of the first frame, metres; or ``(N, 3)``, of the first frame of each stretch.
         settings: of the factors.
         initial_pose: declared by the wearer, or None.
         contacts: points of the feet that may bear the body.
@@ -200,11 +200,12 @@ class WearerProblem:
     def coasting(self) -> np.ndarray:
         """``(T,)`` whether the root coasts over a frame and its neighbours: no accelerometer says how it moves there.
 
-        The first frame and the last have one neighbour and never do.
+        The first frame and the last of a stretch have one neighbour and never do.
         """
         coasting = np.zeros(len(self.frames), bool)
         if self.use_acceleration and self.settings.coasting.use:
-            coasting[1:-1] = ~np.any(self.frames.acceleration_valid[1:-1], axis=1)
+            follows = self.frames.follows
+            coasting[1:-1] = ~np.any(self.frames.acceleration_valid[1:-1], axis=1) & follows[:-1] & follows[1:]
         return coasting
 
     @cached_property
@@ -213,7 +214,7 @@ class WearerProblem:
         if not (self.use_acceleration and self.settings.coasting.use):
             return np.zeros(max(len(self.frames) - 1, 0), bool)
         seen = np.any(self.frames.orientation_valid, axis=1)
-        return ~(seen[:-1] & seen[1:])
+        return ~(seen[:-1] & seen[1:]) & self.frames.follows
 
     @property
     def heading_sigmas(self) -> Array:

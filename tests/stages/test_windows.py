@@ -1,0 +1,163 @@
+"""Long recordings: windows against the whole, what is joined, and the memory that it takes."""
+
+import gc
+import itertools
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vip_factors.errors import InputError, RecordingError
+from vip_factors.geometry.rotations import angle_between
+from vip_factors.initialise.suppositions import StartSettings
+from vip_factors.pipeline import smooth
+from vip_factors.sensors.frames import in_stretches, resample, resample_streams
+from vip_factors.sensors.placement import preset
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.sampled import RecordingInMemory, closed_up, frames_of
+from vip_factors.settings import CalibrationSettings, Settings, WindowSettings
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.recording import simulate_recording
+from vip_factors.simulate.stance import with_initial_pose
+from vip_factors.solve.levenberg_marquardt import SolveSettings
+from vip_factors.stages.windowed import smooth_windows
+from vip_factors.stages.windows import WindowPlan
+
+QUICK = Settings(
+    frame_rate=15.0,
+    coarse_factor=3,
+    calibration=CalibrationSettings(passes=1, start=StartSettings(search=False)),
+    solve=SolveSettings(relative_decrease=1e-6),
+    windows=WindowSettings(above_s=1.0, window_s=1000.0, overlap_s=2.0),
+)
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    motion = with_initial_pose(gestures(18.0), "n-pose", hold_s=1.0)
+    return simulate_recording(motion, preset("tnt10", motion.skeleton), seed=4, initial_pose="n-pose")
+
+
+def in_windows(settings: Settings, window_s: float, overlap_s: float, **more: float) -> Settings:
+    return replace(settings, windows=replace(settings.windows, window_s=window_s, overlap_s=overlap_s, **more))
+
+
+@pytest.fixture(scope="module")
+def whole(recording: Recording) -> object:
+    return smooth(recording, replace(QUICK, covariance=True))
+
+
+def test_windows_agree_with_the_whole(recording: Recording, whole) -> None:
+    """To 0.1 mm and 0.01°, of a solve that has converged."""
+    estimate = smooth(recording, replace(in_windows(QUICK, 12.0, 6.0), covariance=True))
+    assert len({report.stage for report in estimate.reports if "poser" in report.stage}) >= 3
+    assert len(estimate.motion) == len(whole.motion)
+    assert estimate.motion.start == whole.motion.start
+    off = np.rad2deg(angle_between(estimate.motion.R_parent_child, whole.motion.R_parent_child))
+    assert off.max() < 0.01
+    assert np.abs(estimate.motion.p_world_pelvis - whole.motion.p_world_pelvis).max() < 1e-4
+    for kind, values in whole.residuals.items():
+        np.testing.assert_allclose(estimate.residuals[kind], values, atol=0.02, equal_nan=True)
+    assert estimate.covariance is not None
+    assert whole.covariance is not None
+    joints = estimate.covariance.joint_sigma / whole.covariance.joint_sigma
+    assert np.abs(joints - 1).max() < 0.02
+    roots = [np.sqrt(np.diagonal(one.covariance.root, axis1=1, axis2=2)) for one in (estimate, whole)]
+    np.testing.assert_allclose(roots[0], roots[1], rtol=0.1, atol=1e-3)
+
+
+def test_one_window_is_nearly_what_is_solved_at_once(recording: Recording, whole) -> None:
+    """But for contacts that are found with the calibration as it is in the end, and not as it was at first."""
+    at_once = smooth(recording, replace(QUICK, windows=replace(QUICK.windows, use=False)))
+    for name, one in whole.calibration.items():
+        assert at_once.calibration[name].heading == pytest.approx(one.heading, abs=1e-9)
+    off = np.rad2deg(angle_between(at_once.motion.R_parent_child, whole.motion.R_parent_child))
+    assert np.sqrt(np.mean(off**2)) < 0.1
+
+
+def peak_of(recording: Recording, settings: Settings) -> tuple[int, int]:
+    """Bytes that Python held at most while the parts of an estimate were made and dropped, and their frames."""
+    gc.collect()
+    tracemalloc.start()
+    try:
+        frames = sum(len(part.motion) for part in smooth_windows(RecordingInMemory(recording), settings, tell).parts)
+        return tracemalloc.get_traced_memory()[1], frames
+    finally:
+        tracemalloc.stop()
+
+
+def tell(stage: str, fraction: float) -> None:
+    pass
+
+
+def test_memory_does_not_grow_with_the_recording() -> None:
+    settings = replace(
+        in_windows(QUICK, 4.0, 1.0, calibration_stretches=2, calibration_stretch_s=2.0),
+        frame_rate=8.0, coarse_factor=2, solve=SolveSettings(max_iterations=1),
+    )  # fmt: skip
+    motion = gestures(40.0)
+    recording = simulate_recording(motion, preset("sip6", motion.skeleton))
+    half = replace(recording, imus={name: stream.cut(0.0, 14.0) for name, stream in recording.imus.items()})
+    (short, few), (long, many) = (peak_of(one, settings) for one in (half, recording))
+    assert many > 2.5 * few
+    assert long < 1.1 * short
+
+
+def test_the_plan_covers_every_frame() -> None:
+    for seconds in (12.0, 61.3, 1000.0, 3600.7):
+        settings = in_windows(Settings(), 40.0, 6.0)
+        plan = WindowPlan.of((2.5, 2.5 + seconds), settings)
+        windows = plan.windows()
+        assert windows[0].start == 0
+        assert windows[-1].stop == plan.frames == int(seconds * 60 + 1e-6) + 1
+        assert all(one.start % 4 == 0 for one in windows)
+        assert all(one.stop - after.start >= 6 * 60 for one, after in itertools.pairwise(windows))
+        assert max(one.stop - one.start for one in windows) <= 40 * 60 + 4
+        assert plan.time(windows[-1])[-1] <= 2.5 + seconds + 1e-9
+        stretches = plan.calibrating()
+        assert sum(one.stop - one.start for one in stretches) <= 8 * 25 * 15
+        assert stretches[-1].stop == -(-plan.frames // 4)
+
+
+def test_windows_that_cannot_be() -> None:
+    with pytest.raises(InputError, match="overlap_s"):
+        WindowSettings(window_s=5.0, overlap_s=3.0)
+    with pytest.raises(InputError, match=r"windows\.above_s"):
+        WindowSettings(above_s=-1.0)
+    with pytest.raises(RecordingError, match="frames or more"):
+        WindowPlan.of((0.0, 0.01), Settings())
+
+
+def test_frames_of_stretches_know_where_they_leap(recording: Recording) -> None:
+    frames = resample(recording, 15.0)
+    together = in_stretches([frames.window(slice(0, 10)), frames.window(slice(30, 40)), frames.window(slice(60, 65))])
+    np.testing.assert_array_equal(together.beginnings, [0, 10, 20])
+    assert not together.follows[[9, 19]].any()
+    assert together.follows.sum() == 22
+    assert not together.acceleration_valid[[9, 10, 19, 20]].any()
+    assert together.acceleration_valid[[8, 11, 18, 21]].all()
+
+
+def test_a_silent_sensor_keeps_its_column(recording: Recording) -> None:
+    streams = dict(recording.imus)
+    time = np.arange(4.0, 5.0, 0.1)
+    whole = resample_streams(list(streams.values()), time)
+    del streams["pelvis"]
+    frames, column = frames_of(streams, whole.sensors, time), whole.sensors.index("pelvis")
+    assert frames.sensors == whole.sensors
+    assert not frames.orientation_valid[:, column].any()
+    others = [s for s in range(len(whole.sensors)) if s != column]
+    np.testing.assert_array_equal(frames.specific_force_inertial[:, others], whole.specific_force_inertial[:, others])
+
+
+def test_stretches_are_closed_up(recording: Recording) -> None:
+    times = [np.arange(2.0, 4.0, 0.1), np.arange(9.0, 11.0, 0.1)]
+    together = closed_up(replace(recording, imus={}), [recording.imus, recording.imus], times)
+    stream = together.imus["pelvis"]
+    assert stream.time[0] == pytest.approx(2.0, abs=0.02)
+    assert stream.time[-1] == pytest.approx(6.0, abs=0.1)
+    assert np.diff(stream.time).max() < 0.15
+    original = recording.imus["pelvis"].cut(9.0, 9.2)
+    at = np.argmin(np.abs(stream.time - (original.time[3] - 5.0)))
+    np.testing.assert_array_equal(stream.specific_force[at], original.specific_force[3])

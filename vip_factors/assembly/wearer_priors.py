@@ -118,13 +118,13 @@ def sole_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
 def gauge_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
     """One factor on the root of the first frame, of each stretch if there are several."""
     problem, sigma = at.problem, at.problem.settings.gauge_prior.position_sigma
-    if not (problem.use_acceleration and problem.is_gauge and problem.is_beginning):
+    if not (problem.use_acceleration and problem.is_gauge):
         return
-    part, frames = Part(at.owner, "root", np.eye(3)[None, None] / sigma), problem.frames.beginnings
-    for frame, p_world in zip(frames, np.broadcast_to(problem.p_world_start, (len(frames), 3)), strict=True):
+    part = Part(at.owner, "root", np.eye(3)[None, None] / sigma)
+    for frame, p_world in problem.placed_starts:
         if first.start <= frame < first.stop:
             residual = gauge_prior_residual(at.state.p_world_pelvis[frame], p_world) / sigma
-            yield DenseEquations("gauge prior", int(frame), residual[None, None], 1.0, SQUARE, lambda: (part,))
+            yield DenseEquations("gauge prior", frame, residual[None, None], 1.0, SQUARE, lambda: (part,))
 
 
 PRIORS: tuple[Term[WearerEvaluation], ...] = (

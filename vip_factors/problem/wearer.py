@@ -182,14 +182,29 @@ class WearerProblem:
 
     def window(self, frames: slice) -> "WearerProblem":
         """The problem of some consecutive frames; its priors are those of the first frame."""
-        pose = self.initial_pose
+        pose, starts = self.initial_pose, self.p_world_start
+        if starts.ndim > 1:
+            begins = self.frames.beginnings
+            starts = starts[(begins >= frames.start) & (begins < frames.stop)]
         return replace(
             self,
             frames=self.frames.window(frames),
+            p_world_start=starts,
             contact_confidence=self.contact_confidence[frames],
             initial_pose=None if pose is None else replace(pose, passed=pose.passed + frames.start),
             is_beginning=self.is_beginning and frames.start == 0,
         )
+
+    @property
+    def placed_starts(self) -> list[tuple[int, Array]]:
+        """The frames whose root positions are chosen, and these ``(3,)``: of the whole's beginning, or of each stretch.
+
+        A part of several stretches may begin within one: it has the positions of those that begin in it.
+        """
+        if self.p_world_start.ndim == 1:
+            return [(0, self.p_world_start)] if self.is_beginning else []
+        frames = self.frames.beginnings.tolist()
+        return list(zip(frames[len(frames) - len(self.p_world_start) :], self.p_world_start, strict=True))
 
     @property
     def has_floor(self) -> bool:

@@ -28,6 +28,7 @@ class ImuFrames:
         specific_force_inertial: ``(T, S, 3)`` m/s² in each sensor's inertial frame (gravity included), averaged with
             the triangular window of half-width one frame; zero where not valid.
         acceleration_valid: ``(T, S)`` whether the whole window was measured.
+        period: seconds between frames; 0: as many as between the first two.
     """
 
     sensors: tuple[str, ...]
@@ -36,6 +37,7 @@ class ImuFrames:
     orientation_valid: np.ndarray
     specific_force_inertial: Array
     acceleration_valid: np.ndarray
+    period: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time)
@@ -43,6 +45,8 @@ class ImuFrames:
     @property
     def step(self) -> float:
         """Seconds between frames."""
+        if self.period:
+            return self.period
         return float(self.time[1] - self.time[0]) if len(self) > 1 else 1.0
 
     @cached_property
@@ -64,6 +68,7 @@ class ImuFrames:
             orientation_valid=self.orientation_valid[selection],
             specific_force_inertial=self.specific_force_inertial[selection],
             acceleration_valid=self.acceleration_valid[selection],
+            period=self.step,  # a part may be one frame, or begin where a stretch ends
         )
 
 

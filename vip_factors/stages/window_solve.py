@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.assembly.objective import WearerObjective
+from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.estimate import PoseCovariance, SolveReport
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration
@@ -98,9 +99,13 @@ def solve_windows(
         coarse = frames_of(streams, recording.sensors, time[:: plan.factor])
         first = found.model.initial_pose if span.start == 0 else None
         model = replace(found.model, frames=coarse, initial_pose=first)
-        state = _tracked(model, found.state, own)
-        model, state = _at_full_rate(model, state, frames, before, span, settings, own)
-        covariance = _covariance(model, state) if settings.covariance else None
+        if before is not None and not frames.orientation_valid.any():
+            model, state = replace(model, frames=frames), _as_last_seen(before, span)
+            covariance = _unknown(len(frames)) if settings.covariance else None
+        else:
+            state = _tracked(model, found.state, own)
+            model, state = _at_full_rate(model, state, frames, before, span, settings, own)
+            covariance = _covariance(model, state) if settings.covariance else None
         reports = tuple(replace(one, stage=f"{one.stage}, window {number + 1}") for one in own.reports)
         before = SolvedWindow(span, state, covariance, residuals(model, state), reports)
         yield before
@@ -138,6 +143,19 @@ def _where_it_was(state: WearerState, before: SolvedWindow | None, span: slice) 
         return state
     there = before.state.p_world_pelvis[span.start - before.frames.start]
     return replace(state, p_world_pelvis=state.p_world_pelvis + (there - state.p_world_pelvis[0]))
+
+
+def _as_last_seen(before: SolvedWindow, span: slice) -> WearerState:
+    """A window in which nobody measured anything: the wearer stays as at its first frame, which the one before has."""
+    first = span.start - before.frames.start
+    last = before.state.window(slice(first, first + 1))
+    T = span.stop - span.start
+    R, p_world = np.tile(last.R_parent_child, (T, 1, 1, 1)), np.tile(last.p_world_pelvis, (T, 1))
+    return replace(last, R_parent_child=R, p_world_pelvis=p_world)
+
+
+def _unknown(frames: int) -> PoseCovariance:
+    return PoseCovariance(np.full((frames, JOINT_COUNT, 3, 3), np.nan), np.full((frames, 3, 3), np.nan))
 
 
 def _covariance(model: WearerProblem, state: WearerState) -> PoseCovariance:

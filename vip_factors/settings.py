@@ -77,8 +77,8 @@ class WindowSettings:
     # stretches that calibrate, or shorter, has the same calibration either way.
     above_s: float = 80.0
     window_s: float = 60.0  # 3,600 frames, 1 GB; overlaps are solved twice, so shorter windows take longer
-    # Both windows settle within a third of it, and meet in the middle: what lies beyond a window's end shows in the
-    # last two seconds. Of two windows of 13 sensors, 2 s left a millimetre and 0.2°, 6 s 0.06 mm and 0.004°.
+    # Windows settle from either end of it and meet in the middle: what lies beyond a window's end shows in its last
+    # two seconds. Of 13 sensors, overlaps of 2 s left a millimetre and 0.2° in the motion, 6 s 0.06 mm and 0.004°.
     overlap_s: float = 6.0
     # Stretches, spread over the recording, of whose frames headings, mountings and the mean pose are found together:
     # three minutes and 20 s, coarsely, take 1.3 GB.

@@ -4,15 +4,17 @@ import gc
 import itertools
 import tracemalloc
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError, RecordingError
-from vip_factors.estimate import Estimate, LongEstimate
-from vip_factors.geometry.rotations import angle_between
+from vip_factors.estimate import Estimate, LongEstimate, PoseCovariance
+from vip_factors.geometry.rotations import angle_between, exp
 from vip_factors.initialise.suppositions import StartSettings
+from vip_factors.problem.state import WearerState
 from vip_factors.sensors.frames import in_stretches, resample, resample_streams
 from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Recording
@@ -25,14 +27,14 @@ from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.window_join import joined
-from vip_factors.stages.window_solve import calibrate, solve_windows
+from vip_factors.stages.window_solve import SolvedWindow, calibrate, solve_windows
 from vip_factors.stages.windowed import smooth_windows
 from vip_factors.stages.windows import WindowPlan
 
 QUICK = Settings(
     frame_rate=10.0,
     coarse_factor=1,
-    calibration=CalibrationSettings(passes=1, start=StartSettings(search=False)),
+    calibration=CalibrationSettings(passes=0, start=StartSettings(search=False)),
     solve=SolveSettings(relative_decrease=1e-7),
     windows=WindowSettings(above_s=1.0, window_s=1000.0, overlap_s=2.0),
 )
@@ -40,7 +42,7 @@ QUICK = Settings(
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    motion = with_initial_pose(gestures(17.0), "n-pose", hold_s=1.0)
+    motion = with_initial_pose(gestures(11.0), "n-pose", hold_s=1.0)
     return simulate_recording(motion, preset("totalcapture13", motion.skeleton), seed=4, initial_pose="n-pose")
 
 
@@ -53,12 +55,12 @@ def tell(stage: str, fraction: float) -> None:
 
 
 def test_windows_agree_with_one_window_of_all(recording: Recording) -> None:
-    """To 0.1 mm and 0.01°, of solves that have converged, about the same calibration."""
-    settings, source = replace(QUICK, covariance=True), RecordingInMemory(recording)
+    """To 0.1 mm and 0.01°, of solves that have converged, about the same calibration; three seconds settle a window."""
+    settings, source = QUICK, RecordingInMemory(recording)
     plan = WindowPlan.of(source.interval, settings)
     found = calibrate(source, plan, settings, Solver(settings.solve, tell))
     solved = []
-    for one in (settings, in_windows(settings, 12.0, 6.0)):
+    for one in (settings, in_windows(settings, 10.0, 5.0)):
         windows = list(
             solve_windows(
                 found, source, WindowPlan.of(source.interval, one), one, lambda number: Solver(settings.solve, tell)
@@ -75,11 +77,37 @@ def test_windows_agree_with_one_window_of_all(recording: Recording) -> None:
     assert np.abs(estimate.motion.p_world_pelvis - whole.motion.p_world_pelvis).max() < 1e-4
     for kind, values in whole.residuals.items():
         np.testing.assert_allclose(estimate.residuals[kind], values, atol=0.02, equal_nan=True)
-    assert estimate.covariance is not None
+
+
+def test_what_is_joined_is_where_it_was_and_as_sure() -> None:
+    """Windows of a known path, each in a place of its own and sure of where it begins."""
+    random, T = np.random.default_rng(3), 60
+    skeleton = gestures(1.0).skeleton
+    R = np.cumsum(0.01 * random.standard_normal((T, 24, 3)), axis=0)
+    truth = WearerState(
+        exp(R), np.cumsum(random.standard_normal((T, 3)), axis=0), np.zeros(1), np.eye(3)[None], R[0, 1:]
+    )
+    walked, height = np.diag([1.0, 2.0, 0.0]), np.diag([0.0, 0.0, 3.0])
+    windows = []
+    for number, span in enumerate((slice(0, 30), slice(20, 50), slice(38, 60))):
+        state = truth.window(span)
+        state = replace(state, p_world_pelvis=state.p_world_pelvis + number * np.array([5.0, -3.0, 0.0]))
+        own = np.arange(span.stop - span.start)[:, None, None]
+        covariance = PoseCovariance(np.ones((len(own), 24, 3, 3)), own * walked + height)
+        residuals = {"orientation_deg": np.arange(span.start, span.stop, dtype=float)[:, None]}
+        windows.append(SolvedWindow(span, state, covariance, residuals))
+    head = Motion(skeleton, np.zeros((0, 24, 3, 3)), np.zeros((0, 3)), 10.0, start=2.0)
+    model = SimpleNamespace(has_floor=True)
+    parts = list(joined(iter(windows), model, head))  # type: ignore[arg-type]
+    assert [part.motion.start for part in parts] == pytest.approx([2.0 + part.first / 10 for part in parts])
+    whole = LongEstimate(
+        Estimate("e", "SIP", head, {}, residuals={"orientation_deg": np.zeros(0)}), T, iter(parts)
+    ).whole()
+    np.testing.assert_allclose(whole.motion.R_parent_child, truth.R_parent_child, atol=1e-12)
+    np.testing.assert_allclose(whole.motion.p_world_pelvis, truth.p_world_pelvis, atol=1e-12)
+    np.testing.assert_array_equal(whole.residuals["orientation_deg"][:, 0], np.arange(T))
     assert whole.covariance is not None
-    assert np.abs(estimate.covariance.joint_sigma / whole.covariance.joint_sigma - 1).max() < 0.02
-    roots = [np.sqrt(np.diagonal(one.covariance.root, axis1=1, axis2=2)) for one in (estimate, whole)]
-    np.testing.assert_allclose(roots[0], roots[1], rtol=0.1, atol=1e-3)
+    np.testing.assert_allclose(whole.covariance.root, np.arange(T)[:, None, None] * walked + height, atol=1e-9)
 
 
 def empty(head: Motion) -> Estimate:
@@ -102,11 +130,11 @@ def test_memory_does_not_grow_with_the_recording() -> None:
         in_windows(QUICK, 3.0, 1.0, calibration_stretches=2, calibration_stretch_s=1.5),
         frame_rate=8.0, solve=SolveSettings(max_iterations=1),
     )  # fmt: skip
-    motion = gestures(24.0)
+    motion = gestures(14.0)
     recording = simulate_recording(motion, preset("sip6", motion.skeleton))
-    half = replace(recording, imus={name: stream.cut(0.0, 8.0) for name, stream in recording.imus.items()})
+    half = replace(recording, imus={name: stream.cut(0.0, 6.0) for name, stream in recording.imus.items()})
     (short, few), (long, many) = (peak_of(one, settings) for one in (half, recording))
-    assert many > 2.5 * few
+    assert many > 2 * few
     assert long < 1.1 * short
 
 
@@ -142,7 +170,8 @@ def test_frames_of_stretches_know_where_they_leap(recording: Recording) -> None:
     assert not together.follows[[9, 19]].any()
     assert together.follows.sum() == 22
     assert not together.acceleration_valid[[9, 10, 19, 20]].any()
-    assert together.acceleration_valid[[8, 11, 18, 21]].all()
+    inner = [8, 11, 18, 21]
+    np.testing.assert_array_equal(together.acceleration_valid[inner], frames.acceleration_valid[[8, 31, 38, 61]])
 
 
 def test_a_silent_sensor_keeps_its_column(recording: Recording) -> None:
@@ -161,9 +190,9 @@ def test_stretches_are_closed_up(recording: Recording) -> None:
     times = [np.arange(2.0, 4.0, 0.1), np.arange(9.0, 11.0, 0.1)]
     together = closed_up(replace(recording, imus={}), [recording.imus, recording.imus], times)
     stream = together.imus["pelvis"]
-    assert stream.time[0] == pytest.approx(2.0, abs=0.02)
-    assert stream.time[-1] == pytest.approx(6.0, abs=0.1)
-    assert np.diff(stream.time).max() < 0.15
+    assert stream.time[0] == pytest.approx(2.0, abs=0.3)  # with what was lost
+    assert stream.time[-1] == pytest.approx(6.0, abs=0.3)
+    assert np.diff(stream.time).max() < 0.5
     original = recording.imus["pelvis"].cut(9.0, 9.2)
     at = np.argmin(np.abs(stream.time - (original.time[3] - 5.0)))
     np.testing.assert_array_equal(stream.specific_force[at], original.specific_force[3])

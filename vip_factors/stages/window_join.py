@@ -16,7 +16,7 @@ from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.stages.window_solve import SolvedWindow
 
-SETTLING = 3  # an overlap has so many parts: both windows settle in the outer ones and meet in the inner one
+SETTLING = 0.4  # of an overlap, at either end, is left to a window to settle; in between they meet
 
 
 def joined(windows: Iterator[SolvedWindow], model: WearerProblem, head: Motion) -> Iterator[EstimatePart]:
@@ -31,7 +31,7 @@ def joined(windows: Iterator[SolvedWindow], model: WearerProblem, head: Motion) 
     done, before = 0, next(windows)
     for window in windows:
         first, last = window.frames.start, before.frames.stop
-        settled = (last - first) // SETTLING
+        settled = int((last - first) * SETTLING)
         meeting = slice(first + settled, last - settled)
         window = _moved(window, before, meeting, axes)
         yield _part(_passing_over(before, window, meeting), slice(done, meeting.stop), head)

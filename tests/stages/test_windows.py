@@ -16,6 +16,7 @@ from vip_factors.geometry.rotations import angle_between, exp
 from vip_factors.initialise.suppositions import StartSettings
 from vip_factors.problem.state import WearerState
 from vip_factors.sensors.frames import in_stretches, resample, resample_streams
+from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.sampled import RecordingInMemory, closed_up, frames_of
@@ -196,3 +197,31 @@ def test_stretches_are_closed_up(recording: Recording) -> None:
     original = recording.imus["pelvis"].cut(9.0, 9.2)
     at = np.argmin(np.abs(stream.time - (original.time[3] - 5.0)))
     np.testing.assert_array_equal(stream.specific_force[at], original.specific_force[3])
+
+
+def test_a_pause_of_all_sensors_and_headings_that_drift() -> None:
+    """Windows in which nobody measured keep the wearer where the one before had him; knots lie in any of them."""
+    settings = replace(
+        in_windows(QUICK, 3.0, 1.0, calibration_stretches=2, calibration_stretch_s=2.0),
+        frame_rate=8.0, solve=SolveSettings(max_iterations=2), covariance=True,
+        calibration=replace(QUICK.calibration, passes=1, heading_knot_s=3.0),
+    )  # fmt: skip
+    motion = gestures(14.0)
+    recording = simulate_recording(motion, preset("sip6", motion.skeleton))
+    imus = {name: _without(stream, 4.0, 10.5) for name, stream in recording.imus.items()}
+    estimate = smooth_windows(RecordingInMemory(replace(recording, imus=imus)), settings, tell).whole()
+    assert np.all(np.isfinite(estimate.motion.R_parent_child))
+    assert np.linalg.norm(np.diff(estimate.motion.p_world_pelvis, axis=0), axis=1).max() < 0.5
+    silent = np.isnan(estimate.residuals["orientation_deg"]).all(axis=1)
+    assert silent.sum() == pytest.approx(6.5 * 8, abs=3)
+    assert estimate.covariance is not None
+    assert np.all(np.isfinite(estimate.covariance.root))
+    assert estimate.covariance.root[-1, 0, 0] > estimate.covariance.root[8, 0, 0] + 1.0  # m²
+    assert all(len(one.heading_time) == 6 for one in estimate.calibration.values())
+
+
+def _without(stream: ImuStream, start: float, end: float) -> ImuStream:
+    kept = (stream.time < start) | (stream.time > end)
+    assert stream.R_inertial_sensor is not None
+    assert stream.specific_force is not None
+    return ImuStream(stream.name, stream.time[kept], stream.specific_force[kept], stream.R_inertial_sensor[kept])

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter, process_time
+from typing import Any
 
 from vip_factors.benchmark.long_recording import LongRecordingTrials, write_long_recording
 from vip_factors.benchmark.peak_memory import peak_memory
@@ -55,14 +56,14 @@ def run_long(trials: LongRecordingTrials, tell: Callable[[str, float], None]) ->
         tell("recording", 0.0)
         _child(["make", json.dumps(asdict(trials)), str(recording)], tell)
         measured = _child(["smooth", str(recording), str(estimate)], tell)
-        sizes = recording.stat().st_size, estimate.stat().st_size
-    return LongRun(trials, *(measured[name] for name in ("frames", "seconds", "cpu_seconds", "before", "peak")), *sizes)
+        sizes = {"recording_bytes": recording.stat().st_size, "estimate_bytes": estimate.stat().st_size}
+    return LongRun(trials, **measured, **sizes)
 
 
-def _child(arguments: list[str], tell: Callable[[str, float], None]) -> dict[str, int]:
+def _child(arguments: list[str], tell: Callable[[str, float], None]) -> dict[str, Any]:
     """The result of a process of its own, which prints a line of JSON now and then; the last one is the result."""
     command = [sys.executable, "-m", "vip_factors.benchmark.long", *arguments]
-    last: dict[str, int] = {}
+    last: dict[str, Any] = {}
     with tempfile.TemporaryFile("w+") as errors:
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as child:
             assert child.stdout is not None

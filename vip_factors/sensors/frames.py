@@ -118,7 +118,8 @@ def in_stretches(stretches: Sequence[ImuFrames]) -> ImuFrames:
         whole[:1] &= number == 0
         whole[len(whole) - 1 :] &= number == len(stretches) - 1
         parts.append((one.time, one.R_inertial_sensor, one.orientation_valid, one.specific_force_inertial, whole))
-    return ImuFrames(stretches[0].sensors, *(np.concatenate(column) for column in zip(*parts, strict=True)))
+    time, R, seen, force, valid = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return ImuFrames(stretches[0].sensors, time, R, seen, force, valid, stretches[0].step)
 
 
 def coarser(frames: ImuFrames, factor: int) -> ImuFrames:

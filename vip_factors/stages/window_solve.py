@@ -28,6 +28,8 @@ from vip_factors.stages.inertial_model import alone, calibrated, kept, loosened,
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.windows import WindowPlan
 
+WALKING = 1.4  # m/s, unseen
+
 
 @dataclass(frozen=True)
 class SolvedWindow:
@@ -101,7 +103,7 @@ def solve_windows(
         model = replace(found.model, frames=coarse, initial_pose=first)
         if before is not None and not frames.orientation_valid.any():
             model, state = replace(model, frames=frames), _as_last_seen(before, span)
-            covariance = _unknown(len(frames)) if settings.covariance else None
+            covariance = _unknown(frames) if settings.covariance else None
         else:
             state = _tracked(model, found.state, own)
             model, state = _at_full_rate(model, state, frames, before, span, settings, own)
@@ -154,8 +156,12 @@ def _as_last_seen(before: SolvedWindow, span: slice) -> WearerState:
     return replace(last, R_parent_child=R, p_world_pelvis=p_world)
 
 
-def _unknown(frames: int) -> PoseCovariance:
-    return PoseCovariance(np.full((frames, JOINT_COUNT, 3, 3), np.nan), np.full((frames, 3, 3), np.nan))
+def _unknown(frames: ImuFrames) -> PoseCovariance:
+    """Of frames in which nothing was measured: turned in any way, and gone as far as people walk."""
+    walked = WALKING * (frames.time - frames.time[0])
+    return PoseCovariance(
+        np.tile(np.pi**2 * np.eye(3), (len(frames), JOINT_COUNT, 1, 1)), walked[:, None, None] ** 2 * np.eye(3)
+    )
 
 
 def _covariance(model: WearerProblem, state: WearerState) -> PoseCovariance:

@@ -106,6 +106,7 @@ def levenberg_marquardt(
             damping *= settings.damping_factor
             if damping > settings.max_damping:
                 break
+        del system  # before the next one is made: there is room for one
         if bold and not rejected:  # after a rejection the damping rests for one step: no up and down in turn
             damping = max(damping / settings.damping_factor, settings.min_damping)
         iterations.append(Iteration(after if accepted else before, used, accepted, clock.seconds))

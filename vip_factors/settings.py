@@ -81,7 +81,7 @@ class WindowSettings:
     # two seconds. Of 13 sensors, overlaps of 2 s left a millimetre and 0.2° in the motion, 6 s 0.06 mm and 0.004°.
     overlap_s: float = 6.0
     # Stretches, spread over the recording, of whose frames headings, mountings and the mean pose are found together:
-    # three minutes and 20 s, coarsely, take 1.3 GB.
+    # three minutes and 20 s, coarsely, take 1.5 GB.
     calibration_stretches: int = 8
     calibration_stretch_s: float = 25.0
 

@@ -56,7 +56,7 @@ class LongOptions:
     overwrite: Flag = False
     """Replace the JSON file if it exists."""
     hours: float = 0.25
-    """Of the simulated recording, of IMUs at 60 Hz; some 0.4 GB an hour on disk, and as much of the estimate."""
+    """Of the simulated recording, of IMUs at 60 Hz; an hour takes half a GB of disk, with its estimate."""
     sensors: Literal["sip6", "tnt10", "totalcapture13", "mvn17"] = "totalcapture13"
     """Which sensors."""
     clip_s: float = 60.0

@@ -1,8 +1,8 @@
 """What the estimators return: motion, calibration, how sure they are, and how the solve went. Plain data."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -181,6 +181,58 @@ class Estimate:
     sensor_places: tuple[SensorPlaceEstimate, ...] = ()
     findings: tuple[str, ...] = ()
     start: StartChoice | None = None
+
+
+@dataclass(frozen=True)
+class EstimatePart:
+    """Some consecutive frames of an estimate that is made part by part.
+
+    Attributes:
+        first: number of the first of them.
+        motion, covariance, residuals: as of an :class:`Estimate`.
+        reports: of the solves that made them.
+    """
+
+    first: int
+    motion: Motion
+    covariance: PoseCovariance | None = None
+    residuals: Mapping[str, Array] = field(default_factory=dict)
+    reports: tuple[SolveReport, ...] = ()
+
+
+@dataclass(frozen=True)
+class LongEstimate:
+    """An estimate that need not be in memory at once.
+
+    Attributes:
+        head: all but the frames: its motion has none, its residuals no rows.
+        frames: how many there will be.
+        parts: in the order of time, made as they are asked for, once.
+    """
+
+    head: Estimate
+    frames: int
+    parts: Iterator[EstimatePart]
+
+    def whole(self) -> Estimate:
+        """All parts together, in memory."""
+        parts = list(self.parts)
+        R, p = (np.concatenate([getattr(one.motion, name) for one in parts]) for name in _POSES)
+        covariances = [one.covariance for one in parts if one.covariance is not None]
+        return replace(
+            self.head,
+            motion=replace(self.head.motion, R_parent_child=R, p_world_pelvis=p),
+            covariance=PoseCovariance(
+                np.concatenate([one.joints for one in covariances]), np.concatenate([one.root for one in covariances])
+            )
+            if len(covariances) == len(parts)
+            else None,
+            residuals={kind: np.concatenate([one.residuals[kind] for one in parts]) for kind in self.head.residuals},
+            reports=(*self.head.reports, *(report for one in parts for report in one.reports)),
+        )
+
+
+_POSES = ("R_parent_child", "p_world_pelvis")
 
 
 @dataclass(frozen=True)

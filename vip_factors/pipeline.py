@@ -10,12 +10,13 @@ from threadpoolctl import threadpool_limits
 
 from vip_factors.assembly.objective import WearerObjective
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
+from vip_factors.estimate import Estimate, LongEstimate, PoseCovariance, SceneEstimate
 from vip_factors.factor_graph.extra import ExtraFactors, UserTerms
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import resample
 from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.sampled import RecordingInMemory, SampledRecording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 from vip_factors.solve.levenberg_marquardt import SolveSettings
@@ -28,17 +29,19 @@ from vip_factors.stages.first_association import first_association
 from vip_factors.stages.fusion import fuse, fuse_finely
 from vip_factors.stages.heading_drift import drift_findings
 from vip_factors.stages.inertial import Tracked, at_frames, calibrated, inertial_tracker, inertial_trackers
-from vip_factors.stages.inertial_model import FEW_SENSORS, alone, kept, with_contacts
+from vip_factors.stages.inertial_model import alone, kept, method_of, with_contacts
 from vip_factors.stages.open_graph import factor_graph
 from vip_factors.stages.posture_findings import posture_findings
 from vip_factors.stages.reporting import scene_estimate, who_is_who
 from vip_factors.stages.scene_frames import scene_frames
 from vip_factors.stages.sensor_checks import checked, checked_scene
 from vip_factors.stages.solver import Progress, Solver
+from vip_factors.stages.windowed import is_long, smooth_windows
 
-__all__ = ["factor_graph", "smooth", "smooth_scene"]
+__all__ = ["factor_graph", "is_long", "smooth", "smooth_long", "smooth_scene"]
 
 DEFAULT = Settings()
+UNPLACED = "without a camera the wearers are not placed relative to one another"
 # NumPy multiplies thousands of small matrices here: a second thread in each product costs more than it brings, and
 # twice the time where another program wants the core.
 one_blas_thread = threadpool_limits.wrap(limits=1, user_api="blas")
@@ -53,7 +56,8 @@ def smooth(
 
     First coarsely: the inertial tracker (IT; thesis eq. 4.10) starts the sparse inertial poser (SIP; thesis 3.3) on
     every n-th frame, with headings, mountings and the mean pose free. Then at the full rate, with those kept. The
-    acceleration factor is exact at either rate.
+    acceleration factor is exact at either rate. A long recording is solved in windows
+    (:class:`~vip_factors.settings.WindowSettings`), unless there are extra factors.
 
     Args:
         recording: with at least one placed sensor.
@@ -66,6 +70,10 @@ def smooth(
         InputError, RecordingError: for a recording that cannot be used.
         SolveError: if the problem is not determined.
     """
+    if extra_factors is None and recording.placed and is_long(RecordingInMemory(recording).interval, settings):
+        return smooth_windows(
+            RecordingInMemory(recording), settings, progress or (lambda stage, fraction: None)
+        ).whole()
     solver = _solver(settings, settings.solve, progress, extra_factors)
     coarse = settings.coarse_factor if settings.acceleration else 1
     recording, about_sensors = checked(recording, settings)
@@ -83,7 +91,7 @@ def smooth(
         state = solver.solve_wearer(WearerObjective(model, solver.extra), state, "sparse inertial poser")
     covariance = _covariance(model, state) if settings.covariance else None
     estimate = decode(
-        recording.name, _method(model, settings), model, state, covariance, tuple(solver.reports), flatten(settings)
+        recording.name, method_of(model, settings), model, state, covariance, tuple(solver.reports), flatten(settings)
     )
     who = f"wearer '{recording.subject.name}'"
     odd = posture_findings(who, recording, estimate.motion, estimate.calibration)
@@ -142,6 +150,35 @@ def smooth_scene(
     return replace(estimate, wearers=told, findings=findings)
 
 
+def smooth_long(
+    name: str, wearers: Sequence[SampledRecording], settings: Settings = DEFAULT, progress: Progress | None = None
+) -> tuple[SceneEstimate, tuple[LongEstimate, ...]]:
+    """Reconstruct wearers whom no camera sees, whose recordings need not fit into memory.
+
+    Every wearer's calibration is found now; windows are solved as the parts of the estimates are asked for.
+
+    Args:
+        name: of the scene.
+        wearers: their recordings.
+        settings: of all rooms.
+        progress: called with the name of the stage and the fraction of it done.
+
+    Returns:
+        The scene without its wearers, and the wearers' estimates.
+
+    Raises:
+        InputError, RecordingError: for recordings that cannot be used.
+        SolveError: if the problem is not determined.
+    """
+    tell = progress or (lambda stage, fraction: None)
+    estimates = tuple(smooth_windows(one, settings, tell) for one in wearers)
+    findings = tuple(sentence for one in estimates for sentence in one.head.findings)
+    if len(estimates) > 1:
+        findings = (*findings, UNPLACED)
+    method = estimates[0].head.method
+    return SceneEstimate(name, method, (), findings=findings, settings=flatten(settings)), estimates
+
+
 def _about_starts(names: Sequence[str], wearers: Sequence[Tracked]) -> Iterator[str]:
     for name, one in zip(names, wearers, strict=True):
         yield from start_findings(f"wearer '{name}'", one.model.frames.sensors, one.starts)
@@ -170,14 +207,8 @@ def _inertial(
     estimates = tuple(smooth(wearer, settings, progress, extra_factors) for wearer in scene.wearers)
     findings = (*findings, *(sentence for one in estimates for sentence in one.findings))
     if len(estimates) > 1:
-        findings = (*findings, "without a camera the wearers are not placed relative to one another")
+        findings = (*findings, UNPLACED)
     return SceneEstimate(scene.name, estimates[0].method, estimates, findings=findings, settings=flatten(settings))
-
-
-def _method(model: WearerProblem, settings: Settings) -> str:
-    if settings.acceleration:
-        return "SIP"
-    return "SOP" if len(model.sensors) <= FEW_SENSORS else "IT"
 
 
 def _covariance(model: WearerProblem, state: WearerState) -> PoseCovariance:

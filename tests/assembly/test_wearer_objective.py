@@ -16,6 +16,7 @@ from vip_factors.geometry.rotations import rotation_z
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
+from vip_factors.sensors.frames import in_stretches
 from vip_factors.solve.marginals import chain_marginals
 
 
@@ -63,6 +64,31 @@ def test_frames_in_which_nothing_was_measured_are_determined(silent: Sequence[in
     without = replace(problem, settings=replace(problem.settings, coasting=coasting))
     with pytest.raises(SolveError):
         chain_marginals(WearerObjective(without).linearise(state))
+
+
+def test_stretches_with_time_between_them_are_one_problem() -> None:
+    """What ties frames does not reach over the leap, and each stretch has a place of its own."""
+    problem, state = small_model()
+    frames = problem.frames
+    two = in_stretches([frames.window(slice(0, 3)), replace(frames.window(slice(3, T)), time=frames.time[3:] + 7.0)])
+    starts = np.array([[0.0, 0.0, 1.0], [3.0, 0.0, 1.0]])
+    problem = replace(problem, frames=two, p_world_start=starts)
+    assert_the_graph(problem, state)
+    objective = WearerObjective(problem)
+    shift = np.where(np.arange(T)[:, None] < 3, 0.0, np.array([0.3, -0.2, 0.0]))
+    before, after = (
+        objective.cost(one) for one in (state, replace(state, p_world_pelvis=state.p_world_pelvis + shift))
+    )
+    gauge = {"gauge prior"}
+    assert {kind: after[kind] for kind in after.keys() - gauge} == pytest.approx(
+        {kind: before[kind] for kind in before.keys() - gauge}
+    )
+    assert after["gauge prior"] != pytest.approx(before["gauge prior"])
+    following = objective.linearise(state).parts[0].following
+    assert following is not None
+    assert following[0].any()
+    assert not following[2].any()
+    assert not following[1, 1].any()
 
 
 def test_coasting_costs_nothing_where_something_was_measured() -> None:

@@ -116,13 +116,15 @@ def sole_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
 
 
 def gauge_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
-    """One factor on the root of the first frame."""
+    """One factor on the root of the first frame, of each stretch if there are several."""
     problem, sigma = at.problem, at.problem.settings.gauge_prior.position_sigma
-    if not (problem.use_acceleration and problem.is_gauge and _begins(at, first)):
+    if not (problem.use_acceleration and problem.is_gauge):
         return
-    residual = gauge_prior_residual(at.state.p_world_pelvis[0], problem.p_world_start) / sigma
     part = Part(at.owner, "root", np.eye(3)[None, None] / sigma)
-    yield DenseEquations("gauge prior", 0, residual[None, None], 1.0, SQUARE, lambda: (part,))
+    for frame, p_world in problem.placed_starts:
+        if first.start <= frame < first.stop:
+            residual = gauge_prior_residual(at.state.p_world_pelvis[frame], p_world) / sigma
+            yield DenseEquations("gauge prior", frame, residual[None, None], 1.0, SQUARE, lambda: (part,))
 
 
 PRIORS: tuple[Term[WearerEvaluation], ...] = (

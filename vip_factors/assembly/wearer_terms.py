@@ -90,8 +90,8 @@ def foot_contact(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquat
     )
     yield DifferenceEquations(
         "foot contact", first.start, foot_contact_residual(p[:-1], p[1:], step) / settings.sigma,
-        problem.contact_confidence[first], settings.loss, at.owner, points.bones, _arms(at, p, first),
-        c, (*_of_body(at, points, first, c), *_of_sole(at, first, c)),
+        problem.contact_confidence[first] * problem.frames.follows[first, None], settings.loss, at.owner,
+        points.bones, _arms(at, p, first), c, (*_of_body(at, points, first, c), *_of_sole(at, first, c)),
     )  # fmt: skip
 
 
@@ -168,10 +168,12 @@ def smoothness(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:
     if not (problem.use_acceleration and settings.use):
         return
     R = at.state.R_parent_child[first.start : first.stop + 1, 1:]
-    turn, scale = log(transpose(R[:-1]) @ R[1:]), settings.time / problem.frames.step
+    follows, scale = problem.frames.follows[first, None, None], settings.time / problem.frames.step
+    turn = follows * log(transpose(R[:-1]) @ R[1:])
     residual = smoothness_residual(turn, problem.frames.step, prior, settings)
     yield JointEquations(
-        "smoothness", first.start, residual[:, None], 1.0, SQUARE, at.owner, lambda: turn_jacobians(turn),
+        "smoothness", first.start, residual[:, None], 1.0, SQUARE, at.owner,
+        lambda: tuple(follows[..., None] * J for J in turn_jacobians(turn)),
         scale * prior.whitening, scale**2 * prior.information,
     )  # fmt: skip
 

@@ -80,8 +80,10 @@ def optical_angles(path: Path) -> LegMotion:
     return LegMotion(_columns(table, ["time_s"], path)[:, 0], flexion, centres)
 
 
-def marker_legs(path: Path) -> LegMotion:
+def marker_legs(path: Path, begins: float = 0.0) -> LegMotion:
     """Of ``optical.csv`` of geneva_gait: joint centres from markers, and knees bent as the lines between these are.
+
+    ``begins`` is the second of its clock at which the recording does.
 
     Raises:
         FileFormatError: if a column is missing.
@@ -96,7 +98,7 @@ def marker_legs(path: Path) -> LegMotion:
         cosine /= np.linalg.norm(knee - hip, axis=1) * np.linalg.norm(ankle - knee, axis=1)
         flexion[f"{side}_knee"] = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
         centres |= {f"{side}_{name}": p for name, p in zip(JOINTS, (hip, knee, ankle), strict=True)}
-    return LegMotion(_columns(table, ["time_s"], path)[:, 0], flexion, centres)
+    return LegMotion(_columns(table, ["time_s"], path)[:, 0] - begins, flexion, centres)
 
 
 def _columns(table: np.ndarray, names: list[str], path: Path) -> Array:

@@ -52,8 +52,8 @@ class LongStreamTrials:
 def stream_scene(trials: LongStreamTrials) -> Scene:
     """The scene, at rest at both ends, without white noise of the IMUs: :class:`LongStream` adds it."""
     walk = gestures(trials.scene_s - HOLD_S - REST_S)
-    motion = with_initial_pose(_backwards(walk), REST_POSE, REST_S, BLEND_S)
-    motion = with_initial_pose(_backwards(motion), POSE, HOLD_S)
+    motion = with_initial_pose(backwards(walk), REST_POSE, REST_S, BLEND_S)
+    motion = with_initial_pose(backwards(motion), POSE, HOLD_S)
     imu = replace(straps_and_sensors(), imu_rate=trials.imu_rate, filter_white_deg=0.0, acceleration_white=0.0)
     settings = SceneSettings.realistic(
         camera=trials.camera, video_rate=trials.video_rate, keypoints=trials.keypoints, imu=imu
@@ -116,5 +116,6 @@ class LongStream:
             imu += 1 if there else -1
 
 
-def _backwards(motion: Motion) -> Motion:
+def backwards(motion: Motion) -> Motion:
+    """The motion from its end to its start."""
     return replace(motion, R_parent_child=motion.R_parent_child[::-1], p_world_pelvis=motion.p_world_pelvis[::-1])

@@ -90,11 +90,13 @@ def _walk(path: Path, folder: Path) -> RealRecording:
     """Of geneva_gait: raw samples at 29–47 Hz, begun in quiet standing; the participants' heights are known."""
     with (folder / "geneva_gait" / "participants.csv").open(encoding="utf-8") as file:
         height_mm = {row["participant"]: float(row["height_mm"]) for row in csv.DictReader(file)}
+    with (folder / path).open(encoding="utf-8") as file:
+        begins = float(next(csv.DictReader(file))["time_s"])
     trial = path.parent.name
     options = ImportOptions(placement=GENEVA, stature_m=height_mm[trial[:3]] / 1000, initial_pose="n-pose")
     return RealRecording(
         f"geneva_gait {trial}", str(path), options, columns=_geneva_columns(),
-        angles=lambda folder: marker_legs(folder / path.parent / "optical.csv"),
+        angles=lambda folder: marker_legs(folder / path.parent / "optical.csv", begins),
     )  # fmt: skip
 
 

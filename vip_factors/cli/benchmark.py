@@ -22,7 +22,7 @@ from vip_factors.cli.benchmark_options import (
     WalkOptions,
     WearersOptions,
 )
-from vip_factors.cli.benchmark_stream_options import StreamHourOptions, StreamLatencyOptions
+from vip_factors.cli.benchmark_stream_options import LongOptions, StreamHourOptions, StreamLatencyOptions
 from vip_factors.cli.options import parse
 from vip_factors.cli.terminal import Tell, progress_bar
 
@@ -40,6 +40,7 @@ Options = (
     | StreamFaultsOptions
     | StreamLatencyOptions
     | StreamHourOptions
+    | LongOptions
     | KaichiOptions
     | WalkOptions
     | RecordingsOptions
@@ -64,6 +65,7 @@ class BenchmarkOptions:
         | Annotated[StreamFaultsOptions, tyro.conf.subcommand("stream-faults")]
         | Annotated[StreamLatencyOptions, tyro.conf.subcommand("stream-latency")]
         | Annotated[StreamHourOptions, tyro.conf.subcommand("stream-hour")]
+        | Annotated[LongOptions, tyro.conf.subcommand("long")]
         | Annotated[WalkOptions, tyro.conf.subcommand("walk")]
         | Annotated[RecordingsOptions, tyro.conf.subcommand("recordings")]
         | Annotated[RealOptions, tyro.conf.subcommand("real")],
@@ -113,6 +115,8 @@ def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
         return benchmark_stream.stream_latency(options, tell)
     if isinstance(options, StreamHourOptions):
         return benchmark_stream.stream_hour(options, tell, write)
+    if isinstance(options, LongOptions):
+        return benchmark_stream.long(options, tell)
     if isinstance(options, RecordingsOptions):
         return _recordings(options, tell, write)
     if isinstance(options, RealOptions):

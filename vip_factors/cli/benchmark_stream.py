@@ -1,8 +1,8 @@
-"""``vip-factors benchmark stream-latency`` and ``stream-hour``."""
+"""``vip-factors benchmark stream-latency``, ``stream-hour`` and ``long``."""
 
 from collections.abc import Callable
 
-from vip_factors.cli.benchmark_stream_options import StreamHourOptions, StreamLatencyOptions
+from vip_factors.cli.benchmark_stream_options import LongOptions, StreamHourOptions, StreamLatencyOptions
 from vip_factors.cli.terminal import Tell
 
 
@@ -29,3 +29,12 @@ def stream_hour(options: StreamHourOptions, tell: Tell, write: Callable[[str], N
         trials, LiveSettings(), tell, 60 * options.part_minutes, lambda so_far: write(hour_json(so_far))
     )
     return hour_table(result), hour_json(result)
+
+
+def long(options: LongOptions, tell: Tell) -> tuple[str, str]:
+    """The table and the JSON."""
+    from vip_factors.benchmark.long import long_json, long_table, run_long
+    from vip_factors.benchmark.long_recording import LongRecordingTrials
+
+    result = run_long(LongRecordingTrials(options.hours, options.sensors, options.clip_s), tell)
+    return long_table(result), long_json(result)

@@ -45,3 +45,19 @@ class StreamHourOptions:
     """Of the scene that is played forwards and backwards, with new noise."""
     camera: Literal["fixed", "hand-held", "walking"] = "hand-held"
     """What films."""
+
+
+@dataclass(frozen=True)
+class LongOptions:
+    """What memory and time a recording of hours takes, solved window by window: simulated, and written to disk."""
+
+    json: Path | None = None
+    """Also write everything to this file, as JSON."""
+    overwrite: Flag = False
+    """Replace the JSON file if it exists."""
+    hours: float = 0.25
+    """Of the simulated recording, of IMUs at 60 Hz; an hour takes half a GB of disk, with its estimate."""
+    sensors: Literal["sip6", "tnt10", "totalcapture13", "mvn17"] = "totalcapture13"
+    """Which sensors."""
+    clip_s: float = 60.0
+    """Of the clip that is played forwards and backwards, with new noise."""

@@ -1,9 +1,10 @@
 """``vip-factors smooth``: a recording or a scene in, an estimate out."""
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -13,12 +14,17 @@ from vip_factors.configurations import Configuration
 from vip_factors.estimate import SceneEstimate
 from vip_factors.settings import Settings
 
+if TYPE_CHECKING:
+    from vip_factors.estimate import EstimatePart, LongEstimate
+    from vip_factors.io.mcap_sampled import SampledScene
+
 
 @dataclass(frozen=True)
 class SmoothOptions:
     """Reconstruct a recording: motion, headings and mountings of the sensors, as an estimate file.
 
-    With a camera in it: all wearers in one world, and the camera's path. Without: each wearer from the IMUs alone.
+    With a camera in it: all wearers in one world, and the camera's path. Without: each wearer from the IMUs alone, and
+    what is longer than --windows.above-s window by window, in the memory of one.
 
     Every setting of the pipeline is an option; --settings reads them from a file, and options win over it.
     """
@@ -47,6 +53,10 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     options = parse(SmoothOptions, prog, arguments, _defaults(arguments), none_is_a_value=True)
     out = options.out or beside(options.recording, ".estimate.mcap")
     check_target(out, options.overwrite)
+    sampled = _in_windows(options.recording, options.tree)
+    if sampled is not None:
+        _smooth_windows(sampled, options, out)
+        return
     scene = read_scene(options.recording)
     from vip_factors.pipeline import smooth_scene
 
@@ -55,6 +65,62 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     _write(replace(estimate, settings=flattened(options.tree)), out, options.overwrite, scene.wearers[0].start_ns)
     _tell(estimate)
     print(out)
+
+
+def _in_windows(path: Path, settings: Settings) -> "SampledScene | None":
+    """The recordings of a file that are to be read and solved window by window; None if it is to be read at once."""
+    from vip_factors.io.mcap_sampled import open_sampled
+    from vip_factors.pipeline import is_long
+
+    if settings.calibration.from_truth or not settings.windows.use:
+        return None
+    with warnings.catch_warnings(record=True) as told:
+        sampled = open_sampled(path)
+    if sampled is None or (sampled.has_camera and settings.fusion.use_camera):
+        return None
+    if not any(is_long(one.interval, settings) for one in sampled.wearers):
+        return None
+    for one in told:  # else whoever reads it at once says so
+        warnings.warn(one.message, stacklevel=2)
+    return sampled
+
+
+def _smooth_windows(sampled: "SampledScene", options: SmoothOptions, out: Path) -> None:
+    from vip_factors.cli.settings_file import flattened
+    from vip_factors.cli.terminal import progress_bar
+    from vip_factors.io.mcap_long_estimate import write_long_estimate
+    from vip_factors.pipeline import smooth_long
+
+    with progress_bar() as tell:
+        scene, estimates = smooth_long(sampled.name, sampled.wearers, options.tree, tell)
+        settings = flattened(options.tree)
+        counted = [_Counted(replace(one, head=replace(one.head, settings=settings))) for one in estimates]
+        longs = [one.estimate for one in counted]
+        scene = replace(scene, settings=settings)
+        write_long_estimate(scene, longs, out, options.overwrite, sampled.wearers[0].head.start_ns)
+    for one in counted:
+        head = one.estimate.head
+        print(
+            f"{head.method}, {head.name}: {one.estimate.frames} frames at {head.motion.rate:g} Hz from "
+            f"{len(head.sensors)} sensors"
+        )
+    print(f"{sum(one.seconds for one in counted):.1f} s of solving")
+    for finding in scene.findings:
+        print(f"note: {finding}")
+    print(out)
+
+
+class _Counted:
+    """An estimate whose parts are counted as they go by."""
+
+    def __init__(self, estimate: "LongEstimate") -> None:
+        self.seconds = sum(report.seconds for report in estimate.head.reports)
+        self.estimate = replace(estimate, parts=self._passing(estimate.parts))
+
+    def _passing(self, parts: "Iterator[EstimatePart]") -> "Iterator[EstimatePart]":
+        for part in parts:
+            self.seconds += sum(report.seconds for report in part.reports)
+            yield part
 
 
 def _write(estimate: SceneEstimate, out: Path, overwrite: bool, start_ns: int) -> None:

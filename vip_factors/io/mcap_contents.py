@@ -52,6 +52,13 @@ class McapMessages:
     sequences: list[int] = field(default_factory=list)
     data: list[bytes] = field(default_factory=list)
 
+    def add(self, log_time: int, publish_time: int, sequence: int, data: View) -> None:
+        """One more."""
+        self.log_times.append(log_time)
+        self.publish_times.append(publish_time)
+        self.sequences.append(sequence)
+        self.data.append(bytes(data))
+
 
 @dataclass
 class McapContents:
@@ -93,7 +100,7 @@ def read_contents(path: str | os.PathLike[str], wanted: Callable[[McapChannel], 
         raise InputError(f"{path}: no such file; expected an MCAP file")
     with open(path, "rb") as file:
         check_magic(path, file.read(len(MAGIC)))
-        walk = _Walk(McapContents(path), wanted or (lambda channel: True))
+        walk = RecordWalk(McapContents(path), wanted or (lambda channel: True))
         walk.file(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)))
     for sentence in walk.contents.damage:
         warnings.warn(McapWarning(f"{path}: {sentence}"), stacklevel=2)
@@ -116,7 +123,7 @@ def check_magic(path: Path, start: bytes) -> None:
         raise FileFormatError(f"{path} was cut after {len(start)} bytes: no message of the MCAP file is left")
 
 
-class _Walk:
+class RecordWalk:
     """One pass over the records of a file."""
 
     def __init__(self, contents: McapContents, wanted: Callable[[McapChannel], bool]) -> None:
@@ -137,7 +144,7 @@ class _Walk:
             self.record(opcode, view[start:end])
         if not whole:
             if end + RECORD_HEAD.size < len(view) and view[end] == CHUNK:
-                self._chunk(view[end + RECORD_HEAD.size :], whole=False)
+                self.chunk(view[end + RECORD_HEAD.size :], whole=False)
             self._tell_end(view, end)
         elif bytes(view[end : end + len(MAGIC)]) != MAGIC:
             self._tell_end(view, end)
@@ -147,7 +154,7 @@ class _Walk:
     def record(self, opcode: int, content: View) -> None:
         """One whole record of the file's top level."""
         if opcode == CHUNK:
-            self._chunk(content)
+            self.chunk(content)
         elif opcode == ATTACHMENT:
             self.contents.attachments.append(bytes(content))
         elif opcode == METADATA:
@@ -162,10 +169,7 @@ class _Walk:
             self.contents.last_log_time = log_time
             messages = self.kept.get(channel_id)
             if messages is not None:
-                messages.log_times.append(log_time)
-                messages.publish_times.append(publish_time)
-                messages.sequences.append(sequence)
-                messages.data.append(bytes(content[MESSAGE_HEAD.size :]))
+                messages.add(log_time, publish_time, sequence, content[MESSAGE_HEAD.size :])
             elif channel_id not in self.contents.messages:
                 self.nameless += 1
         elif opcode in (SCHEMA, CHANNEL):
@@ -190,12 +194,17 @@ class _Walk:
             return  # channels are repeated in the summary at the end
         schema = self.schemas.get(read.schema_id, ("", "", b""))
         channel = McapChannel(read.id, read.topic, read.message_encoding, *schema, metadata=dict(read.metadata))
-        messages = McapMessages(channel)
+        messages = self.messages_of(channel)
         self.contents.messages[read.id] = messages
         if self.wanted(channel):
             self.kept[read.id] = messages
 
-    def _chunk(self, content: View, whole: bool = True) -> None:
+    def messages_of(self, channel: McapChannel) -> McapMessages:
+        """Where the messages of a channel are kept."""
+        return McapMessages(channel)
+
+    def chunk(self, content: View, whole: bool = True) -> None:
+        """A chunk, or as much as there is of it."""
         try:
             data = read_chunk(content, whole)
         except ChunkError as error:

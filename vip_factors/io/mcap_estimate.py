@@ -1,7 +1,7 @@
 """An estimate as an MCAP file of its own, or together with the recording that it was made from."""
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -128,7 +128,7 @@ def estimate_messages(
         pose_messages(writer, prefix + POSE, motion, start_ns, estimate.covariance)
     ]
     if estimate.residuals:
-        streams.append(_residual_messages(writer, prefix + RESIDUALS, estimate, start_ns))
+        streams.append(residual_messages(writer, prefix + RESIDUALS, motion.time, estimate.residuals, start_ns))
     if scene_wanted(scene, motion):
         # Viewers tell frames apart by name only: two wearers' skeletons need names of their own.
         shown = motion if prefix == SINGLE else replace(motion, name=prefix.rpartition("/")[2])
@@ -190,13 +190,16 @@ def report_message(report: SolveReport) -> SolveReportMessage:
     return message
 
 
-def _residual_messages(writer: MessageWriter, topic: str, estimate: Estimate, start_ns: int) -> Iterator[TimedMessage]:
+def residual_messages(
+    writer: MessageWriter, topic: str, time: Array, residuals: Mapping[str, Array], start_ns: int, first: int = 0
+) -> Iterator[TimedMessage]:
+    """The residuals of frames at ``time`` ``(T,)``, serialised; the first of them has the number ``first``."""
     channel = writer.channel(topic, Residuals)
-    for frame, time_ns in enumerate(nanoseconds(estimate.motion.time, start_ns)):
-        message = Residuals(frame=frame)
+    for row, time_ns in enumerate(nanoseconds(time, start_ns)):
+        message = Residuals(frame=first + row)
         set_timestamp(message.timestamp, time_ns)
-        for kind, values in estimate.residuals.items():
-            message.kinds.add(name=kind, values=values[frame])
+        for kind, values in residuals.items():
+            message.kinds.add(name=kind, values=values[row])
         yield time_ns, channel, message.SerializeToString()
 
 

@@ -29,13 +29,20 @@ BONE_THICKNESS_M = 0.025
 BONE_COLOUR = (0.95, 0.55, 0.15, 1.0)  # an orange that shows on Foxglove's dark and light grounds
 
 
-def scene_wanted(scene: bool | None, motion: Motion) -> bool:
+def scene_wanted(scene: bool | None, motion: Motion, frames: int | None = None) -> bool:
     """Whether to write the scene: as asked, or else if it is small and Foxglove's messages are installed.
+
+    Args:
+        scene: whether it is asked for; None if nobody said.
+        motion: that is to be shown.
+        frames: that there will be; those of the motion if None.
 
     Raises:
         InputError: if it is asked for and they are not.
     """
-    if scene is False or (scene is None and len(motion) / _step(motion) > MODEST_FRAMES):
+    if scene is False or (
+        scene is None and (len(motion) if frames is None else frames) / shown_step(motion) > MODEST_FRAMES
+    ):
         return False
     try:
         import foxglove_schemas_protobuf  # noqa: F401
@@ -69,7 +76,7 @@ def transform_messages(writer: MessageWriter, topic: str, motion: Motion, start_
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
     channel = writer.channel(topic, FrameTransforms)
-    step = _step(motion)
+    step = shown_step(motion)
     xyzw = quaternion_from_matrix(motion.R_parent_child[::step], Order.XYZW).tolist()
     times = nanoseconds(motion.time[::step], start_ns)
     message = FrameTransforms()
@@ -90,7 +97,7 @@ def point_messages(writer: MessageWriter, topic: str, motion: Motion, start_ns: 
     from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
     channel = writer.channel(topic, PointCloud)
-    step = _step(motion)
+    step = shown_step(motion)
     message = PointCloud(frame_id=WORLD, point_stride=3 * FLOAT32_BYTES)
     message.pose.orientation.w = 1.0
     for axis, name in enumerate("xyz"):
@@ -137,5 +144,6 @@ def _frame(motion: Motion, joint: int) -> str:
     return f"{motion.name}/{JOINT_NAMES[joint]}"
 
 
-def _step(motion: Motion) -> int:
+def shown_step(motion: Motion) -> int:
+    """Every so-manieth frame is shown."""
     return max(1, ceil(motion.rate / SHOWN_HZ - 1e-9))

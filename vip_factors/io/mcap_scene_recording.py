@@ -82,6 +82,12 @@ def _wanted(channel: McapChannel) -> bool:
 
 
 def _wearers(contents: McapContents, messages: Sequence[McapMessages], info: SceneInfo | None) -> tuple[Recording, ...]:
+    prefixes = wearer_prefixes(contents, messages, info)
+    return tuple(recording_of(contents, messages, one) for one in prefixes)
+
+
+def wearer_prefixes(contents: McapContents, messages: Sequence[McapMessages], info: SceneInfo | None) -> list[str]:
+    """What the topics of each wearer begin with of whom something is left; who has nothing is told."""
     found = {
         "/".join(one.channel.topic.split("/")[:3]): None for one in messages if one.channel.topic.startswith(WEARER)
     }
@@ -90,7 +96,7 @@ def _wearers(contents: McapContents, messages: Sequence[McapMessages], info: Sce
         if one and one not in found:
             warn(contents.path, f"nothing of wearer {one.removeprefix(WEARER)} is left")
             found.pop(one, None)
-    return tuple(recording_of(contents, messages, one) for one in prefixes if not one or one in found)
+    return [one for one in prefixes if not one or one in found]
 
 
 def _cameras(

@@ -83,7 +83,7 @@ class WearerProblem:
         prior_headings, heading_sigma: ``(S,)`` radians; of the first knot, where headings walk.
         prior_R_bone_sensor: ``(S, 3, 3)``.
         mounting_sigma: ``(S,)`` radians.
-        p_world_start: root position of the first frame, metres.
+        p_world_start: root position of the first frame, metres; or ``(N, 3)``, of the first frame of each stretch.
         settings: of the factors.
         initial_pose: declared by the wearer, or None.
         contacts: points of the feet that may bear the body.
@@ -184,14 +184,29 @@ class WearerProblem:
 
     def window(self, frames: slice) -> "WearerProblem":
         """The problem of some consecutive frames; its priors are those of the first frame."""
-        pose = self.initial_pose
+        pose, starts = self.initial_pose, self.p_world_start
+        if starts.ndim > 1:
+            begins = self.frames.beginnings
+            starts = starts[(begins >= frames.start) & (begins < frames.stop)]
         return replace(
             self,
             frames=self.frames.window(frames),
+            p_world_start=starts,
             contact_confidence=self.contact_confidence[frames],
             initial_pose=None if pose is None else replace(pose, passed=pose.passed + frames.start),
             is_beginning=self.is_beginning and frames.start == 0,
         )
+
+    @property
+    def placed_starts(self) -> list[tuple[int, Array]]:
+        """The frames whose root positions are chosen, and these ``(3,)``: of the whole's beginning, or of each stretch.
+
+        A part of several stretches may begin within one: it has the positions of those that begin in it.
+        """
+        if self.p_world_start.ndim == 1:
+            return [(0, self.p_world_start)] if self.is_beginning else []
+        frames = self.frames.beginnings.tolist()
+        return list(zip(frames[len(frames) - len(self.p_world_start) :], self.p_world_start, strict=True))
 
     @property
     def has_floor(self) -> bool:
@@ -202,11 +217,12 @@ class WearerProblem:
     def coasting(self) -> np.ndarray:
         """``(T,)`` whether the root coasts over a frame and its neighbours: no accelerometer says how it moves there.
 
-        The first frame and the last have one neighbour and never do.
+        The first frame and the last of a stretch have one neighbour and never do.
         """
         coasting = np.zeros(len(self.frames), bool)
         if self.use_acceleration and self.settings.coasting.use:
-            coasting[1:-1] = ~np.any(self.frames.acceleration_valid[1:-1], axis=1)
+            follows = self.frames.follows
+            coasting[1:-1] = ~np.any(self.frames.acceleration_valid[1:-1], axis=1) & follows[:-1] & follows[1:]
         return coasting
 
     @cached_property
@@ -215,7 +231,7 @@ class WearerProblem:
         if not (self.use_acceleration and self.settings.coasting.use):
             return np.zeros(max(len(self.frames) - 1, 0), bool)
         seen = np.any(self.frames.orientation_valid, axis=1)
-        return ~(seen[:-1] & seen[1:])
+        return ~(seen[:-1] & seen[1:]) & self.frames.follows
 
     @property
     def heading_sigmas(self) -> Array:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -12,6 +13,8 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 
+LEAP = 1.5  # steps: what is further apart are frames of two stretches
+
 
 @dataclass(frozen=True)
 class ImuFrames:
@@ -19,12 +22,13 @@ class ImuFrames:
 
     Attributes:
         sensors: names, in the order of the second axis.
-        time: ``(T,)`` seconds from the recording's start, evenly spaced.
+        time: ``(T,)`` seconds from the recording's start, evenly spaced; of several stretches, within each.
         R_inertial_sensor: ``(T, S, 3, 3)``; identity where not valid.
         orientation_valid: ``(T, S)`` whether the orientation was measured there.
         specific_force_inertial: ``(T, S, 3)`` m/s² in each sensor's inertial frame (gravity included), averaged with
             the triangular window of half-width one frame; zero where not valid.
         acceleration_valid: ``(T, S)`` whether the whole window was measured.
+        period: seconds between frames; 0: as many as between the first two.
     """
 
     sensors: tuple[str, ...]
@@ -33,6 +37,7 @@ class ImuFrames:
     orientation_valid: np.ndarray
     specific_force_inertial: Array
     acceleration_valid: np.ndarray
+    period: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time)
@@ -40,7 +45,19 @@ class ImuFrames:
     @property
     def step(self) -> float:
         """Seconds between frames."""
+        if self.period:
+            return self.period
         return float(self.time[1] - self.time[0]) if len(self) > 1 else 1.0
+
+    @cached_property
+    def follows(self) -> np.ndarray:
+        """``(T − 1,)`` whether the next frame is the next step, and not the first one of another stretch."""
+        return np.asarray(np.diff(self.time) < LEAP * self.step)
+
+    @cached_property
+    def beginnings(self) -> np.ndarray:
+        """The first frame of each stretch; of evenly spaced frames 0 alone."""
+        return np.concatenate([[0], np.flatnonzero(~self.follows) + 1])
 
     def window(self, selection: slice) -> "ImuFrames":
         """Some of the frames, all consecutive (a step would break the triangular window)."""
@@ -51,6 +68,7 @@ class ImuFrames:
             orientation_valid=self.orientation_valid[selection],
             specific_force_inertial=self.specific_force_inertial[selection],
             acceleration_valid=self.acceleration_valid[selection],
+            period=self.step,  # a part may be one frame, or begin where a stretch ends
         )
 
 
@@ -90,6 +108,18 @@ def resample_streams(streams: Sequence[ImuStream], time: Array) -> ImuFrames:
     columns = [_resample_stream(stream, time, step) for stream in streams]
     R, seen, force, whole = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
     return ImuFrames(tuple(stream.name for stream in streams), time, R, seen, force, whole)
+
+
+def in_stretches(stretches: Sequence[ImuFrames]) -> ImuFrames:
+    """Frames of several stretches of one recording, in the order of time; no acceleration spans a leap."""
+    parts = []
+    for number, one in enumerate(stretches):
+        whole = one.acceleration_valid.copy()
+        whole[:1] &= number == 0
+        whole[len(whole) - 1 :] &= number == len(stretches) - 1
+        parts.append((one.time, one.R_inertial_sensor, one.orientation_valid, one.specific_force_inertial, whole))
+    time, R, seen, force, valid = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return ImuFrames(stretches[0].sensors, time, R, seen, force, valid, stretches[0].step)
 
 
 def coarser(frames: ImuFrames, factor: int) -> ImuFrames:

@@ -9,14 +9,24 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-import gtsam
 import numpy as np
 
 from vip_factors.errors import SolveError
 from vip_factors.estimate import Iteration, SolveReport
+from vip_factors.geometry.rotations import Array
 from vip_factors.solve.chain import LinearSystem, eliminate
+from vip_factors.solve.chain_system import ChainSystem
+from vip_factors.solve.one_chain import chain_step, is_one_chain
 
 State = TypeVar("State")
+
+
+class Step(Protocol):
+    """A solution of the linear system: vectors by key."""
+
+    def at(self, key: int) -> Array:
+        """One of them."""
+        ...
 
 
 class Objective(Protocol[State]):
@@ -30,7 +40,7 @@ class Objective(Protocol[State]):
         """The normal equations at a state."""
         ...
 
-    def retract(self, state: State, delta: gtsam.VectorValues) -> State:
+    def retract(self, state: State, delta: Step) -> State:
         """The state moved by a step."""
         ...
 
@@ -96,6 +106,7 @@ def levenberg_marquardt(
             damping *= settings.damping_factor
             if damping > settings.max_damping:
                 break
+        del system  # before the next one is made: there is room for one
         if bold and not rejected:  # after a rejection the damping rests for one step: no up and down in turn
             damping = max(damping / settings.damping_factor, settings.min_damping)
         iterations.append(Iteration(after if accepted else before, used, accepted, clock.seconds))
@@ -112,8 +123,10 @@ def levenberg_marquardt(
     return state, report
 
 
-def _step(system: LinearSystem, damping: float) -> gtsam.VectorValues | None:
+def _step(system: LinearSystem, damping: float) -> Step | None:
     """The minimum of the damped linear problem, or None where it is not determined."""
+    if isinstance(system, ChainSystem) and is_one_chain(system):
+        return chain_step(system.parts[0], damping)
     try:
         return eliminate(system.stretches(damping)).optimize()
     except SolveError:

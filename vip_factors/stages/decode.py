@@ -28,10 +28,15 @@ def decode(
     """The estimate that a state stands for."""
     frames = model.frames
     motion = motion_of(model, state, name)
-    calibration = {sensor: _calibration(model, state, s) for s, sensor in enumerate(frames.sensors)}
+    calibration = calibration_of(model, state)
     return Estimate(
         name, method, motion, calibration, covariance, residuals(model, state), frames.sensors, reports, settings or {}
     )
+
+
+def calibration_of(model: WearerProblem, state: WearerState) -> dict[str, SensorCalibration]:
+    """Headings and mountings of all sensors, by their names."""
+    return {sensor: _calibration(model, state, s) for s, sensor in enumerate(model.frames.sensors)}
 
 
 def _calibration(model: WearerProblem, state: WearerState, sensor: int) -> SensorCalibration:

@@ -51,8 +51,7 @@ def inertial_tracker(
 
     A ``known`` calibration, of earlier frames, spares the guess from straps and the declared pose.
     """
-    starts = None if known else _starts(recording, frames, settings, solver.telling("start"))
-    calibration = known or (starts.best.calibration if starts else first_calibration(recording, frames, settings))
+    calibration, starts = (known, None) if known else found_start(recording, frames, settings, solver.telling("start"))
     model = inertial_model(recording, frames, calibration, settings)
     state = solver.solve_wearer(WearerObjective(alone(model)), _start(model, calibration), "inertial tracker")
     model = walking(model, settings.calibration)
@@ -90,13 +89,16 @@ def first_calibration(recording: Recording, frames: ImuFrames, settings: Setting
     return initial_calibration(frames, recording.placement, body, pose, declared.seconds, reference)
 
 
-def _starts(
+def found_start(
     recording: Recording, frames: ImuFrames, settings: Settings, tell: Callable[[float], None]
-) -> Starts | None:
+) -> tuple[InitialCalibration, Starts | None]:
+    """Headings and mountings to begin with; and how they were found, where they were looked for."""
+    usual = first_calibration(recording, frames, settings)
     if settings.calibration.from_truth or not settings.calibration.start.search:
-        return None
+        return usual, None
     tell(0.0)
-    return search_start(recording, frames, first_calibration(recording, frames, settings), settings)
+    starts = search_start(recording, frames, usual, settings)
+    return (starts.best.calibration if starts else usual), starts
 
 
 def _start(model: WearerProblem, calibration: InitialCalibration) -> WearerState:

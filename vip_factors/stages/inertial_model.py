@@ -65,10 +65,10 @@ def gauge_sensor(bones: list[int]) -> int:
 
 def alone(model: WearerProblem) -> WearerProblem:
     """The model of the inertial tracker: every frame by itself, the calibration kept."""
-    return replace(_calibrated(model), use_acceleration=False)
+    return replace(calibration_held(model), use_acceleration=False)
 
 
-def _calibrated(model: WearerProblem) -> WearerProblem:
+def calibration_held(model: WearerProblem) -> WearerProblem:
     """The model with what all frames share kept as it is."""
     return replace(
         model,
@@ -112,7 +112,7 @@ def loosened(model: WearerProblem, calibration: CalibrationSettings) -> WearerPr
 
 def kept(model: WearerProblem, frames: ImuFrames) -> WearerProblem:
     """The model over other frames, with headings, mountings and mean pose kept as they are."""
-    return replace(_calibrated(model), frames=frames, initial_pose=None)
+    return replace(calibration_held(model), frames=frames, initial_pose=None)
 
 
 def placed_on_floor(model: WearerProblem, state: WearerState) -> WearerState:
@@ -133,7 +133,14 @@ def with_contacts(model: WearerProblem, state: WearerState, path_known: bool = F
     confidence = contact_confidence(body, points, model.frames.step) if points else np.zeros((len(model.frames), 0))
     return replace(
         model,
-        p_world_start=state.p_world_pelvis[0],
+        p_world_start=state.p_world_pelvis[model.frames.beginnings].squeeze(),
         contacts=tuple(BodyPoint(bone, p) for bone, p in points),
         contact_confidence=confidence,
     )
+
+
+def method_of(model: WearerProblem, settings: Settings) -> str:
+    """What papers call a tracker of these sensors and settings."""
+    if settings.acceleration:
+        return "SIP"
+    return "SOP" if len(model.sensors) <= FEW_SENSORS else "IT"

@@ -1,0 +1,73 @@
+"""A recording that is read, solved and written window by window, from the command line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vip_factors.io.mcap_estimate import read_estimate
+from vip_factors.io.mcap_recording import read_recording
+from vip_factors.io.mcap_sampled import SampledFile, open_sampled
+from vip_factors.sensors.sampled import RecordingInMemory
+
+WINDOWS = [
+    "--frame-rate", "20", "--solve.max-iterations", "3", "--windows.above-s", "2", "--windows.window-s", "2",
+    "--windows.overlap-s", "0.8", "--windows.calibration-stretches", "2", "--windows.calibration-stretch-s", "1.5",
+]  # fmt: skip
+
+
+def test_windows_make_one_estimate(run, files, tmp_path: Path) -> None:
+    out = tmp_path / "e.mcap"
+    told = run("smooth", files.recording, "--out", out, *WINDOWS)
+    assert told.code == 0, told.err
+    estimate, recording = read_estimate(out), read_recording(files.recording)
+    windows = {one.stage for one in estimate.reports if one.stage.startswith("sparse inertial poser")}
+    assert windows == {f"sparse inertial poser, window {number}" for number in (1, 2, 3, 4)}
+    first, last = RecordingInMemory(recording).interval
+    assert estimate.motion.start == first
+    assert len(estimate.motion) == int((last - first) * 20 + 1e-6) + 1
+    assert f"{len(estimate.motion)} frames at 20 Hz" in told.out
+    assert estimate.residuals["acceleration_m_s2"].shape == (len(estimate.motion), 6)
+    step = np.linalg.norm(np.diff(estimate.motion.p_world_pelvis, axis=0), axis=1)
+    assert step.max() < 0.2  # m: nothing leaps
+    assert set(estimate.calibration) == set(recording.placed)
+    assert estimate.settings["windows.window_s"] == "2.0"
+
+
+def test_an_interrupt_in_the_second_window_leaves_nothing(
+    run, files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = list[float]()
+    between = SampledFile.between
+
+    def interrupted(self: SampledFile, start: float, end: float) -> object:
+        asked.append(start)
+        if len(asked) == 4:  # two stretches, the first window, the second
+            assert len(list(tmp_path.iterdir())) == 1  # under its temporary name
+            raise KeyboardInterrupt
+        return between(self, start, end)
+
+    monkeypatch.setattr(SampledFile, "between", interrupted)
+    told = run("smooth", files.recording, "--out", tmp_path / "e.mcap", *WINDOWS)
+    assert told.code == 130
+    assert len(asked) == 4
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_read_by_time_gives_the_same_samples(files) -> None:
+    recording, scene = read_recording(files.recording), open_sampled(files.recording)
+    assert scene is not None
+    assert not scene.has_camera
+    (sampled,) = scene.wearers
+    memory = RecordingInMemory(recording)
+    assert sampled.sensors == memory.sensors
+    assert sampled.interval == memory.interval
+    assert sampled.head.placement.name == recording.placement.name
+    for start, end in ((-1.0, 0.5), (1.013, 2.4), (4.0, 99.0)):
+        own, expected = sampled.between(start, end), memory.between(start, end)
+        assert own.keys() == expected.keys()
+        for name, stream in own.items():
+            np.testing.assert_array_equal(stream.time, expected[name].time)
+            np.testing.assert_array_equal(stream.R_inertial_sensor, expected[name].R_inertial_sensor)
+            np.testing.assert_array_equal(stream.specific_force, expected[name].specific_force)
+    assert sampled.between(100.0, 101.0) == {}

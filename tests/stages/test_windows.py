@@ -1,0 +1,227 @@
+"""Long recordings: windows against the whole, what is joined, and the memory that it takes."""
+
+import gc
+import itertools
+import tracemalloc
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from vip_factors.body.motion import Motion
+from vip_factors.errors import InputError, RecordingError
+from vip_factors.estimate import Estimate, LongEstimate, PoseCovariance
+from vip_factors.geometry.rotations import angle_between, exp
+from vip_factors.initialise.suppositions import StartSettings
+from vip_factors.problem.state import WearerState
+from vip_factors.sensors.frames import in_stretches, resample, resample_streams
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.placement import preset
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.sampled import RecordingInMemory, closed_up, frames_of
+from vip_factors.settings import CalibrationSettings, Settings, WindowSettings
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.recording import simulate_recording
+from vip_factors.simulate.stance import with_initial_pose
+from vip_factors.solve.levenberg_marquardt import SolveSettings
+from vip_factors.stages.decode import motion_of
+from vip_factors.stages.solver import Solver
+from vip_factors.stages.window_join import joined
+from vip_factors.stages.window_solve import SolvedWindow, calibrate, solve_windows
+from vip_factors.stages.windowed import smooth_windows
+from vip_factors.stages.windows import WindowPlan
+
+QUICK = Settings(
+    frame_rate=10.0,
+    coarse_factor=1,
+    calibration=CalibrationSettings(passes=0, start=StartSettings(search=False)),
+    solve=SolveSettings(relative_decrease=1e-7),
+    windows=WindowSettings(above_s=1.0, window_s=1000.0, overlap_s=2.0),
+)
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    motion = with_initial_pose(gestures(11.0), "n-pose", hold_s=1.0)
+    return simulate_recording(motion, preset("totalcapture13", motion.skeleton), seed=4, initial_pose="n-pose")
+
+
+def in_windows(settings: Settings, window_s: float, overlap_s: float, **more: float) -> Settings:
+    return replace(settings, windows=replace(settings.windows, window_s=window_s, overlap_s=overlap_s, **more))
+
+
+def tell(stage: str, fraction: float) -> None:
+    pass
+
+
+def test_windows_agree_with_one_window_of_all(recording: Recording) -> None:
+    """To 0.1 mm and 0.01°, of solves that have converged, about the same calibration; three seconds settle a window."""
+    settings, source = QUICK, RecordingInMemory(recording)
+    plan = WindowPlan.of(source.interval, settings)
+    found = calibrate(source, plan, settings, Solver(settings.solve, tell))
+    solved = []
+    for one in (settings, in_windows(settings, 10.0, 5.0)):
+        windows = list(
+            solve_windows(
+                found, source, WindowPlan.of(source.interval, one), one, lambda number: Solver(settings.solve, tell)
+            )
+        )
+        head = motion_of(found.model, found.state).frames(slice(0, 0))
+        parts = list(joined(iter(windows), found.model, head))
+        assert [part.first for part in parts] == [0, *np.cumsum([len(part.motion) for part in parts])[:-1]]
+        solved.append(LongEstimate(empty(head), plan.frames, iter(parts)).whole())
+    whole, estimate = solved
+    assert len(estimate.motion) == len(whole.motion) == plan.frames
+    off = np.rad2deg(angle_between(estimate.motion.R_parent_child, whole.motion.R_parent_child))
+    assert off.max() < 0.01
+    assert np.abs(estimate.motion.p_world_pelvis - whole.motion.p_world_pelvis).max() < 1e-4
+    for kind, values in whole.residuals.items():
+        np.testing.assert_allclose(estimate.residuals[kind], values, atol=0.02, equal_nan=True)
+
+
+def test_what_is_joined_is_where_it_was_and_as_sure() -> None:
+    """Windows of a known path, each in a place of its own and sure of where it begins."""
+    random, T = np.random.default_rng(3), 60
+    skeleton = gestures(1.0).skeleton
+    R = np.cumsum(0.01 * random.standard_normal((T, 24, 3)), axis=0)
+    truth = WearerState(
+        exp(R), np.cumsum(random.standard_normal((T, 3)), axis=0), np.zeros(1), np.eye(3)[None], R[0, 1:]
+    )
+    walked, height = np.diag([1.0, 2.0, 0.0]), np.diag([0.0, 0.0, 3.0])
+    windows = []
+    for number, span in enumerate((slice(0, 30), slice(20, 50), slice(38, 60))):
+        state = truth.window(span)
+        state = replace(state, p_world_pelvis=state.p_world_pelvis + number * np.array([5.0, -3.0, 0.0]))
+        own = np.arange(span.stop - span.start)[:, None, None]
+        covariance = PoseCovariance(np.ones((len(own), 24, 3, 3)), own * walked + height)
+        residuals = {"orientation_deg": np.arange(span.start, span.stop, dtype=float)[:, None]}
+        windows.append(SolvedWindow(span, state, covariance, residuals))
+    head = Motion(skeleton, np.zeros((0, 24, 3, 3)), np.zeros((0, 3)), 10.0, start=2.0)
+    model = SimpleNamespace(has_floor=True)
+    parts = list(joined(iter(windows), model, head))  # type: ignore[arg-type]
+    assert [part.motion.start for part in parts] == pytest.approx([2.0 + part.first / 10 for part in parts])
+    whole = LongEstimate(
+        Estimate("e", "SIP", head, {}, residuals={"orientation_deg": np.zeros(0)}), T, iter(parts)
+    ).whole()
+    np.testing.assert_allclose(whole.motion.R_parent_child, truth.R_parent_child, atol=1e-12)
+    np.testing.assert_allclose(whole.motion.p_world_pelvis, truth.p_world_pelvis, atol=1e-12)
+    np.testing.assert_array_equal(whole.residuals["orientation_deg"][:, 0], np.arange(T))
+    assert whole.covariance is not None
+    np.testing.assert_allclose(whole.covariance.root, np.arange(T)[:, None, None] * walked + height, atol=1e-9)
+
+
+def empty(head: Motion) -> Estimate:
+    return Estimate("e", "SIP", head, {}, residuals={"orientation_deg": np.zeros(0), "acceleration_m_s2": np.zeros(0)})
+
+
+def peak_of(recording: Recording, settings: Settings) -> tuple[int, int]:
+    """Bytes that Python held at most while the parts of an estimate were made and dropped, and their frames."""
+    gc.collect()
+    tracemalloc.start()
+    try:
+        frames = sum(len(part.motion) for part in smooth_windows(RecordingInMemory(recording), settings, tell).parts)
+        return tracemalloc.get_traced_memory()[1], frames
+    finally:
+        tracemalloc.stop()
+
+
+def test_memory_does_not_grow_with_the_recording() -> None:
+    settings = replace(
+        in_windows(QUICK, 3.0, 1.0, calibration_stretches=2, calibration_stretch_s=1.5),
+        frame_rate=8.0, solve=SolveSettings(max_iterations=1),
+    )  # fmt: skip
+    motion = gestures(14.0)
+    recording = simulate_recording(motion, preset("sip6", motion.skeleton))
+    half = replace(recording, imus={name: stream.cut(0.0, 6.0) for name, stream in recording.imus.items()})
+    (short, few), (long, many) = (peak_of(one, settings) for one in (half, recording))
+    assert many > 2 * few
+    assert long < 1.1 * short
+
+
+def test_the_plan_covers_every_frame() -> None:
+    for seconds in (12.0, 61.3, 1000.0, 3600.7):
+        settings = in_windows(Settings(), 40.0, 6.0)
+        plan = WindowPlan.of((2.5, 2.5 + seconds), settings)
+        windows = plan.windows()
+        assert windows[0].start == 0
+        assert windows[-1].stop == plan.frames == int(seconds * 60 + 1e-6) + 1
+        assert all(one.start % 4 == 0 for one in windows)
+        assert all(one.stop - after.start >= 6 * 60 for one, after in itertools.pairwise(windows))
+        assert max(one.stop - one.start for one in windows) <= 40 * 60 + 4
+        assert plan.time(windows[-1])[-1] <= 2.5 + seconds + 1e-9
+        stretches = plan.calibrating()
+        assert sum(one.stop - one.start for one in stretches) <= 8 * 25 * 15
+        assert stretches[-1].stop == -(-plan.frames // 4)
+
+
+def test_windows_that_cannot_be() -> None:
+    with pytest.raises(InputError, match="overlap_s"):
+        WindowSettings(window_s=5.0, overlap_s=3.0)
+    with pytest.raises(InputError, match=r"windows\.above_s"):
+        WindowSettings(above_s=-1.0)
+    with pytest.raises(RecordingError, match="frames or more"):
+        WindowPlan.of((0.0, 0.01), Settings())
+
+
+def test_frames_of_stretches_know_where_they_leap(recording: Recording) -> None:
+    frames = resample(recording, 15.0)
+    together = in_stretches([frames.window(slice(0, 10)), frames.window(slice(30, 40)), frames.window(slice(60, 65))])
+    np.testing.assert_array_equal(together.beginnings, [0, 10, 20])
+    assert not together.follows[[9, 19]].any()
+    assert together.follows.sum() == 22
+    assert not together.acceleration_valid[[9, 10, 19, 20]].any()
+    inner = [8, 11, 18, 21]
+    np.testing.assert_array_equal(together.acceleration_valid[inner], frames.acceleration_valid[[8, 31, 38, 61]])
+
+
+def test_a_silent_sensor_keeps_its_column(recording: Recording) -> None:
+    streams = dict(recording.imus)
+    time = np.arange(4.0, 5.0, 0.1)
+    whole = resample_streams(list(streams.values()), time)
+    del streams["pelvis"]
+    frames, column = frames_of(streams, whole.sensors, time), whole.sensors.index("pelvis")
+    assert frames.sensors == whole.sensors
+    assert not frames.orientation_valid[:, column].any()
+    others = [s for s in range(len(whole.sensors)) if s != column]
+    np.testing.assert_array_equal(frames.specific_force_inertial[:, others], whole.specific_force_inertial[:, others])
+
+
+def test_stretches_are_closed_up(recording: Recording) -> None:
+    times = [np.arange(2.0, 4.0, 0.1), np.arange(9.0, 11.0, 0.1)]
+    together = closed_up(replace(recording, imus={}), [recording.imus, recording.imus], times)
+    stream = together.imus["pelvis"]
+    assert stream.time[0] == pytest.approx(2.0, abs=0.3)  # with what was lost
+    assert stream.time[-1] == pytest.approx(6.0, abs=0.3)
+    assert np.diff(stream.time).max() < 0.5
+    original = recording.imus["pelvis"].cut(9.0, 9.2)
+    at = np.argmin(np.abs(stream.time - (original.time[3] - 5.0)))
+    np.testing.assert_array_equal(stream.specific_force[at], original.specific_force[3])
+
+
+def test_a_pause_of_all_sensors_and_headings_that_drift() -> None:
+    """Windows in which nobody measured keep the wearer where the one before had him; knots lie in any of them."""
+    settings = replace(
+        in_windows(QUICK, 3.0, 1.0, calibration_stretches=2, calibration_stretch_s=2.0),
+        frame_rate=8.0, solve=SolveSettings(max_iterations=2), covariance=True,
+        calibration=replace(QUICK.calibration, passes=1, heading_knot_s=3.0),
+    )  # fmt: skip
+    motion = gestures(14.0)
+    recording = simulate_recording(motion, preset("sip6", motion.skeleton))
+    imus = {name: _without(stream, 4.0, 10.5) for name, stream in recording.imus.items()}
+    estimate = smooth_windows(RecordingInMemory(replace(recording, imus=imus)), settings, tell).whole()
+    assert np.all(np.isfinite(estimate.motion.R_parent_child))
+    assert np.linalg.norm(np.diff(estimate.motion.p_world_pelvis, axis=0), axis=1).max() < 0.5
+    silent = np.isnan(estimate.residuals["orientation_deg"]).all(axis=1)
+    assert silent.sum() == pytest.approx(6.5 * 8, abs=3)
+    assert estimate.covariance is not None
+    assert np.all(np.isfinite(estimate.covariance.root))
+    assert estimate.covariance.root[-1, 0, 0] > estimate.covariance.root[8, 0, 0] + 1.0  # m²
+    assert all(len(one.heading_time) == 6 for one in estimate.calibration.values())
+
+
+def _without(stream: ImuStream, start: float, end: float) -> ImuStream:
+    kept = (stream.time < start) | (stream.time > end)
+    assert stream.R_inertial_sensor is not None
+    assert stream.specific_force is not None
+    return ImuStream(stream.name, stream.time[kept], stream.specific_force[kept], stream.R_inertial_sensor[kept])

@@ -1,0 +1,94 @@
+"""The estimate of a recording that is solved window by window."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.estimate import Estimate, EstimatePart, LongEstimate, PoseCovariance
+from vip_factors.sensors.sampled import SampledRecording
+from vip_factors.settings import Settings, flatten
+from vip_factors.stages.calibration_start import start_choice, start_findings
+from vip_factors.stages.decode import calibration_of, motion_of
+from vip_factors.stages.heading_drift import drift_findings
+from vip_factors.stages.inertial import Tracked
+from vip_factors.stages.inertial_model import method_of
+from vip_factors.stages.posture_findings import posture_findings
+from vip_factors.stages.solver import Progress, Solver
+from vip_factors.stages.window_join import joined
+from vip_factors.stages.window_solve import SolvedWindow, calibrate, solve_windows
+from vip_factors.stages.windows import WindowPlan
+
+WINDOWS = "windows"  # the stage, as progress tells it
+
+
+def is_long(interval: tuple[float, float], settings: Settings) -> bool:
+    """Whether a recording from one instant to another (seconds) is to be solved window by window."""
+    return settings.windows.use and interval[1] - interval[0] > settings.windows.above_s
+
+
+def smooth_windows(recording: SampledRecording, settings: Settings, progress: Progress) -> LongEstimate:
+    """The estimate of a recording; calibrated now, and solved as its parts are asked for.
+
+    Findings on the wearer's posture are of the frames that calibrate, which are spread over the recording.
+
+    Raises:
+        InputError, RecordingError: for a recording that cannot be used; for samples, as parts are asked for.
+        SolveError: if the problem is not determined; likewise.
+    """
+    plan = WindowPlan.of(recording.interval, settings)
+    solver = Solver(settings.solve, progress, name=settings.solver)
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = calibrate(recording, plan, settings, solver)
+    head = replace(_head(recording, found, plan, settings), reports=tuple(solver.reports))
+    return LongEstimate(head, plan.frames, _parts(recording, found, plan, settings, head.motion, progress))
+
+
+def _parts(
+    recording: SampledRecording, found: Tracked, plan: WindowPlan, settings: Settings, head: Motion, progress: Progress
+) -> Iterator[EstimatePart]:
+    count = len(plan.windows())
+
+    def solver(window: int) -> Solver:
+        return Solver(settings.solve, lambda stage, fraction: None, name=settings.solver)
+
+    def told(windows: Iterator[SolvedWindow]) -> Iterator[SolvedWindow]:
+        for number, window in enumerate(windows):
+            progress(WINDOWS, (number + 1) / count)
+            yield window
+
+    progress(WINDOWS, 0.0)
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield from joined(told(solve_windows(found, recording, plan, settings, solver)), found.model, head)
+
+
+def _head(recording: SampledRecording, found: Tracked, plan: WindowPlan, settings: Settings) -> Estimate:
+    """All but the frames."""
+    head, model = recording.head, found.model
+    sample = motion_of(model, found.state, head.name)
+    calibration = calibration_of(model, found.state)
+    motion = replace(
+        sample, R_parent_child=np.zeros((0, JOINT_COUNT, 3, 3)), p_world_pelvis=np.zeros((0, 3)), rate=plan.rate,
+        start=plan.start,
+    )  # fmt: skip
+    kinds = ("orientation_deg", *(("acceleration_m_s2",) if settings.acceleration else ()))
+    who = f"wearer '{head.subject.name}'"
+    return Estimate(
+        head.name,
+        method_of(model, settings),
+        motion,
+        calibration,
+        PoseCovariance(np.zeros((0, JOINT_COUNT, 3, 3)), np.zeros((0, 3, 3))) if settings.covariance else None,
+        {kind: np.zeros((0, len(model.sensors))) for kind in kinds},
+        model.frames.sensors,
+        settings=flatten(settings),
+        findings=(
+            *start_findings(who, model.frames.sensors, found.starts),
+            *posture_findings(who, head, sample, calibration),
+            *drift_findings(who, calibration),
+        ),
+        start=start_choice(model.frames.sensors, found.starts),
+    )

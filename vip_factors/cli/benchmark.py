@@ -17,6 +17,7 @@ from vip_factors.cli.benchmark_options import (
     RecordingsOptions,
     SipOptions,
     SpeedOptions,
+    StartsOptions,
     StreamFaultsOptions,
     VipOptions,
     WalkOptions,
@@ -43,6 +44,7 @@ Options = (
     | KaichiOptions
     | WalkOptions
     | RecordingsOptions
+    | StartsOptions
     | RealOptions
 )
 Write = Callable[[str], None]
@@ -66,6 +68,7 @@ class BenchmarkOptions:
         | Annotated[StreamHourOptions, tyro.conf.subcommand("stream-hour")]
         | Annotated[WalkOptions, tyro.conf.subcommand("walk")]
         | Annotated[RecordingsOptions, tyro.conf.subcommand("recordings")]
+        | Annotated[StartsOptions, tyro.conf.subcommand("starts")]
         | Annotated[RealOptions, tyro.conf.subcommand("real")],
         tyro.conf.arg(name=""),
     ]
@@ -115,6 +118,8 @@ def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
         return benchmark_stream.stream_hour(options, tell, write)
     if isinstance(options, RecordingsOptions):
         return _recordings(options, tell, write)
+    if isinstance(options, StartsOptions):
+        return _starts(options, tell)
     if isinstance(options, RealOptions):
         return _real(options, tell, write)
     if isinstance(options, StreamFaultsOptions):
@@ -130,6 +135,13 @@ def _recordings(options: RecordingsOptions, tell: Tell, write: Write) -> tuple[s
 
     results = run_recordings(options.recordings, options.live, tell, keep)
     return recordings_table(results), recordings_json(results)
+
+
+def _starts(options: StartsOptions, tell: Tell) -> tuple[str, str]:
+    from vip_factors.benchmark.starts import run_starts, starts_json, starts_table
+
+    results = run_starts(options.recordings, tell)
+    return starts_table(results), starts_json(results)
 
 
 def _real(options: RealOptions, tell: Tell, write: Write) -> tuple[str, str]:

@@ -36,6 +36,11 @@ FORMATS: dict[str, str] = {
     "xsens_dot": "vip_factors.io.importers.xsens_dot",
     "xsens_txt": "vip_factors.io.importers.xsens_txt",
 }
+NO_POSE = (
+    "no initial pose declared: how the sensors sit and which way they point has to be found from the motion alone, "
+    "which makes joint angles less accurate and may leave sensors turned the wrong way; better: hold a T- or N-pose for "
+    "two seconds at the start, and say so with --initial-pose"
+)
 _MCAP_FORMATS = ("recording", "ros2")  # told apart by their channels, and read by functions of their own
 
 
@@ -171,6 +176,8 @@ def import_recording(path: str | Path, options: ImportOptions | None = None) -> 
     log = replace(log, imus=_oriented(log.imus, notes))
     rule = options.placement if isinstance(options.placement, Mapping) else given.sensors or _preset_name(options)
     placement = place_sensors(log, subject.body(), rule, notes)
+    if (given.initial_pose or "none") == "none":
+        notes.append(NO_POSE)
     start = options.start_s or 0.0
     return Recording(
         name=options.name or path.stem,

@@ -38,8 +38,8 @@ FORMATS: dict[str, str] = {
 }
 NO_POSE = (
     "no initial pose declared: how the sensors sit and which way they point has to be found from the motion alone, "
-    "which makes joint angles less accurate and may leave sensors turned the wrong way; better: hold a T- or N-pose for "
-    "two seconds at the start, and say so with --initial-pose"
+    "which may leave some of them turned the wrong way, and joints with them; better: hold a T- or N-pose for two "
+    "seconds at the start, and say so with --initial-pose"
 )
 _MCAP_FORMATS = ("recording", "ros2")  # told apart by their channels, and read by functions of their own
 

@@ -11,7 +11,7 @@ from vip_factors.initialise.start_search import Starts
 from vip_factors.sensors.frames import resample
 from vip_factors.sensors.placement import Placement, preset
 from vip_factors.sensors.recording import Recording, Subject
-from vip_factors.settings import Settings
+from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
@@ -52,9 +52,9 @@ def searched(recording: Recording) -> tuple[Starts, tuple[str, ...]]:
     return starts, frames.sensors
 
 
-def wrong(recording: Recording) -> list[str]:
+def wrong(recording: Recording, starts: Starts | None = None) -> list[str]:
     """The sensors that start turned by more than 60°, on the bone or about the vertical."""
-    starts, names = searched(recording)
+    starts, names = starts or searched(recording)[0], recording.placed
     assert recording.truth is not None
     assert recording.truth.calibration is not None
     true, found = recording.truth.calibration, starts.best.calibration
@@ -67,7 +67,7 @@ def wrong(recording: Recording) -> list[str]:
 @pytest.mark.parametrize("pose", ["n-pose", "t-pose", "none"])
 def test_what_is_as_supposed_starts_right(pose: str) -> None:
     starts, names = searched(recorded(pose=pose))
-    assert wrong(recorded(pose=pose)) == []
+    assert wrong(recorded(pose=pose), starts) == []
     assert list(start_findings("anna", names, starts)) == []
 
 
@@ -108,6 +108,16 @@ def test_a_start_that_nothing_tells_is_flagged() -> None:
     told = list(start_findings("anna", names, starts))
     assert told
     assert all("at the start" in sentence for sentence in told)
+
+
+def test_mountings_that_are_known_stay() -> None:
+    recording = recorded("sip6", "none")
+    settings, frames = Settings(calibration=CalibrationSettings(estimate_mountings=False)), resample(recording, 15.0)
+    usual = first_calibration(recording, frames, settings)
+    starts = search_start(recording, frames, usual, settings)
+    assert starts is not None
+    assert np.array_equal(starts.best.calibration.R_bone_sensor, usual.R_bone_sensor)
+    assert wrong(recording, starts) == []
 
 
 def test_one_sensor_has_no_choice() -> None:

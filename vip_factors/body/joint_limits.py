@@ -23,8 +23,9 @@ Range = tuple[float, float]
 RANGES_DEG: dict[str, tuple[Range, Range, Range]] = {
     # x: flexion 120 is negative, extension 30; y: external rotation positive 45; z: abduction positive 45
     "left_hip": ((-125, 35), (-50, 60), (-35, 60)),
-    # x: flexion positive 140, hyperextension 10; a hinge otherwise, the shank turning a little on a bent knee
-    "left_knee": ((-10, 150), (-25, 25), (-15, 15)),
+    # x: flexion positive 140, hyperextension 10 where knees are loose, but adults' mean is 1 to 6 even when they are
+    # pushed, and walkers' knees stay above −3; a hinge otherwise, the shank turning a little on a bent knee
+    "left_knee": ((-5, 150), (-25, 25), (-15, 15)),
     # x: plantar flexion positive 50, dorsiflexion 20 to 30 with a bent knee; y: toes out; z: eversion positive 20,
     # inversion 35
     "left_ankle": ((-40, 55), (-30, 45), (-40, 30)),

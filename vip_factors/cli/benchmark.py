@@ -17,6 +17,7 @@ from vip_factors.cli.benchmark_options import (
     RecordingsOptions,
     SipOptions,
     SpeedOptions,
+    StartsOptions,
     StreamFaultsOptions,
     VipOptions,
     WalkOptions,
@@ -44,6 +45,7 @@ Options = (
     | KaichiOptions
     | WalkOptions
     | RecordingsOptions
+    | StartsOptions
     | RealOptions
 )
 Write = Callable[[str], None]
@@ -68,6 +70,7 @@ class BenchmarkOptions:
         | Annotated[LongOptions, tyro.conf.subcommand("long")]
         | Annotated[WalkOptions, tyro.conf.subcommand("walk")]
         | Annotated[RecordingsOptions, tyro.conf.subcommand("recordings")]
+        | Annotated[StartsOptions, tyro.conf.subcommand("starts")]
         | Annotated[RealOptions, tyro.conf.subcommand("real")],
         tyro.conf.arg(name=""),
     ]
@@ -119,6 +122,8 @@ def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
         return benchmark_stream.long(options, tell)
     if isinstance(options, RecordingsOptions):
         return _recordings(options, tell, write)
+    if isinstance(options, StartsOptions):
+        return _starts(options, tell)
     if isinstance(options, RealOptions):
         return _real(options, tell, write)
     if isinstance(options, StreamFaultsOptions):
@@ -134,6 +139,13 @@ def _recordings(options: RecordingsOptions, tell: Tell, write: Write) -> tuple[s
 
     results = run_recordings(options.recordings, options.live, tell, keep)
     return recordings_table(results), recordings_json(results)
+
+
+def _starts(options: StartsOptions, tell: Tell) -> tuple[str, str]:
+    from vip_factors.benchmark.starts import run_starts, starts_json, starts_table
+
+    results = run_starts(options.recordings, tell)
+    return starts_table(results), starts_json(results)
 
 
 def _real(options: RealOptions, tell: Tell, write: Write) -> tuple[str, str]:

@@ -123,6 +123,18 @@ class RecordingsOptions:
 
 
 @dataclass(frozen=True)
+class StartsOptions:
+    """First headings and mountings of recordings with a truth: sensors that start wrong, one row for each wearer."""
+
+    recordings: tyro.conf.Positional[tuple[Path, ...]]
+    """Recordings or scenes (.mcap)."""
+    json: Path | None = None
+    """Also write everything, sensor by sensor, to this file, as JSON."""
+    overwrite: Flag = False
+    """Replace the JSON file if it exists."""
+
+
+@dataclass(frozen=True)
 class AssociationOptions:
     """Who is who: two wearers among bystanders, labelled from what their IMUs alone say."""
 

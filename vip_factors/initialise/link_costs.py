@@ -20,7 +20,8 @@ FREEDOM = 4.0  # of a Student t: some frames may be odd, and a pose prior's tail
 # New looks per second: a pose lasts for two, a limb's swing and the wobble of its strap for one.
 POSES_PER_SECOND, SWINGS_PER_SECOND = 0.5, 1.0
 MOST_LOOKS = 20.0  # what is wrong in the same way in every frame does not count more the longer one looks
-POSTURES, FEWER_POSTURES = 40, 12  # frames looked at: more are alike; with several mountings each, fewer do
+# Frames looked at: more are alike; fewer do where candidates wander, and fewest with several mountings each.
+POSTURES, WANDERING_POSTURES, FEWEST_POSTURES = 40, 20, 12
 # m/s², least misfit of two accelerations that ought to agree: sensor places, soft tissue and the joint's own centre.
 LEAST_MISFIT = 1.5
 SLOW, LEAST_SLOW_MISFIT = 2.0, 0.3  # s that whatever lies between two sensors is averaged over; m/s²
@@ -32,8 +33,7 @@ def posture_cost(link: Link, candidates: Candidates, frames: ImuFrames) -> Array
     above, below = (candidates.R_bone_sensor[s] for s in (link.parent, link.child))
     if not len(rows):
         return np.zeros((*above.shape[:2], *below.shape[:2]))
-    postures = FEWER_POSTURES if candidates.relative else POSTURES
-    looked = rows[np.unique(np.linspace(0, len(rows) - 1, postures).astype(int))]
+    looked = rows[np.unique(np.linspace(0, len(rows) - 1, _postures(candidates)).astype(int))]
     chosen = [(link.parent, _parents(candidates)), (link.child, slice(None))]
     R_parent, R_child = (
         _bones(candidates.headings[s, k], candidates.R_bone_sensor[s][k], frames.R_inertial_sensor[looked, s])
@@ -72,6 +72,12 @@ def meeting_cost(link: Link, candidates: Candidates, frames: ImuFrames) -> Array
     product = (flat[0] @ flat[1].T).reshape(*above.shape[:2], *below.shape[:2]) / above.shape[2]
     square = np.maximum(size[0][:, :, None, None] + size[1][None, None] - 2 * product, 0.0) / 3
     return 1.5 * looks * _for_all_parents(np.log(square / least**2 + 1.0), candidates)
+
+
+def _postures(candidates: Candidates) -> int:
+    if candidates.relative:
+        return FEWEST_POSTURES
+    return POSTURES if candidates.declared else WANDERING_POSTURES
 
 
 def _looks(frames: ImuFrames, rows: np.ndarray, per_second: float) -> float:

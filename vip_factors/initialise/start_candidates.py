@@ -77,6 +77,12 @@ def placed_candidates(
     return Candidates(np.tile(_around(first), (len(R_placed), 1)), tuple(several), relative=True), tuple(tilted)
 
 
+def heading_candidates(R_bone_sensor: Array, first: float) -> Candidates:
+    """All headings, counted from ``first`` radians, with the one mounting ``(S, 3, 3)`` that each sensor has."""
+    mountings = np.repeat(R_bone_sensor[:, None, None], GRID, axis=1)
+    return Candidates(np.tile(_around(first), (len(R_bone_sensor), 1)), tuple(mountings), relative=True)
+
+
 def quarter_turns(R_placed: Array) -> Array:
     """The 24 mountings ``(24, 3, 3)`` of a sensor whose axes lie as placed, in another order; as placed comes first."""
     found = [np.eye(3)]

@@ -9,7 +9,13 @@ from vip_factors.geometry.rotations import Array, angle_between, rotation_z, tra
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.link_costs import meeting_cost, posture_cost
 from vip_factors.initialise.sensor_tree import Link
-from vip_factors.initialise.start_candidates import GRID, Candidates, declared_candidates, placed_candidates
+from vip_factors.initialise.start_candidates import (
+    GRID,
+    Candidates,
+    declared_candidates,
+    heading_candidates,
+    placed_candidates,
+)
 from vip_factors.initialise.start_particles import about_best, likely_particles, wander
 from vip_factors.initialise.suppositions import (
     SUPPOSITIONS,
@@ -91,11 +97,13 @@ class StartSearch:
         frames: evenly spaced.
         prior: of the sensors.
         settings: of the search.
+        known_mountings: whether sensors sit exactly as placed; where no pose is declared, headings alone vary then.
     """
 
     frames: ImuFrames
     prior: SensorPrior
     settings: StartSettings
+    known_mountings: bool = False
 
     def best(
         self, usual: InitialCalibration, R_inertial_at_pose: Array, others: Sequence[InitialCalibration] = ()
@@ -107,9 +115,12 @@ class StartSearch:
             R_inertial_at_pose: ``(S, 3, 3)`` orientations of the sensors in the declared pose.
             others: starts that compete too, where no pose is declared.
         """
-        if usual.R_world_bone is None:
+        if usual.R_world_bone is not None:
+            grid = declared_candidates(usual, R_inertial_at_pose)
+        elif self.known_mountings:
+            grid = heading_candidates(usual.R_bone_sensor, float(usual.headings[self._root]))
+        else:
             return self._undeclared(usual, others)
-        grid = declared_candidates(usual, R_inertial_at_pose)
         pairs = self._pairs(grid)
         found = [(one.name, self._minimum(grid, pairs, one)) for one in SUPPOSITIONS]
         starts = [Start(name, _chosen(grid, one, usual), one.cost) for name, one in found]

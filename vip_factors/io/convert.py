@@ -41,6 +41,11 @@ FORMATS: dict[str, str] = {
     "xsens_txt": "vip_factors.io.importers.xsens_txt",
     "table": "vip_factors.io.importers.table",
 }
+NO_POSE = (
+    "no initial pose declared: how the sensors sit and which way they point has to be found from the motion alone, "
+    "which may leave some of them turned the wrong way, and joints with them; better: hold a T- or N-pose for two "
+    "seconds at the start, and say so with --initial-pose"
+)
 _MCAP_FORMATS = ("recording", "ros2")  # told apart by their channels, and read by functions of their own
 _TOLD_FORMATS = ("table",)  # known by a column map alone
 
@@ -209,6 +214,8 @@ def import_recording(path: str | Path, options: ImportOptions | None = None) -> 
     log = replace(log, imus=after_pose(log.imus, held, notes) if held else _oriented(log.imus, notes))
     rule = options.placement if isinstance(options.placement, Mapping) else given.sensors or _preset_name(options)
     placement = place_sensors(log, subject.body(), rule, notes)
+    if (given.initial_pose or "none") == "none":
+        notes.append(NO_POSE)
     start = (options.start_s or 0.0) - (LEAD_S if held else 0.0)
     truth = _truth(log, options)
     return Recording(

@@ -54,10 +54,11 @@ def search_start(
         np.stack([_along(body, bone) for bone in bones]),
         np.isin(bones, UPRIGHT),
     )
-    search = StartSearch(_brisk_stretch(recording, frames, start.stretch_s, start.rate), prior, start)
+    stretch = _brisk_stretch(recording, frames, start.stretch_s, start.rate)
+    search = StartSearch(stretch, prior, start, not settings.calibration.estimate_mountings)
     declared = settings.factors.initial_pose
     R_inertial_sensor = orientation_at_start(frames, declared.seconds)
-    if recording.initial_pose != "none" or not _still(frames, declared.seconds):
+    if recording.initial_pose != "none" or search.known_mountings or not _still(frames, declared.seconds):
         return search.best(usual, R_inertial_sensor)
     standing = initial_calibration(
         frames, recording.placement, body, declared.pose("n-pose"), declared.seconds, gauge_sensor(bones)

@@ -14,9 +14,11 @@ from vip_factors.geometry.rotations import Array, angle_between, exp, rotation_y
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.start_candidates import Candidates
 
-DISTINCT = np.deg2rad(60.0)  # nearer candidates wander into the same valley, and would crowd out other valleys
+# Nearer candidates wander into the same valley and would crowd out others. 60°, but less than four steps of the grid.
+DISTINCT = np.deg2rad(59.9)
 KEPT, ADDED = 12, 30  # candidates of each sensor, and turns of them in each round
 ROUNDS = np.deg2rad([25, 25, 20, 20, 15, 15, 15, 10, 10, 10, 7, 7, 5, 5, 3, 3])  # sizes of the turns, about each axis
+TIED = 6  # decimals of nats: what rounding errors tell apart is alike, however the world is turned
 SLACK = 50.0  # nats: a candidate that is less likely than the best by more wanders no further
 NEAR = np.deg2rad([-20, -15, -10, -5, 5, 10, 15, 20])  # of the best heading, to see how sharp it is
 
@@ -57,7 +59,7 @@ def likely_particles(candidates: Candidates, costs: Sequence[Array], kept: int =
 
 
 def _distinct(candidates: Candidates, s: int, cost: Array, kept: int) -> np.ndarray:
-    left, chosen = cost.copy(), list[tuple[int, int]]()
+    left, chosen = np.round(cost, TIED), list[tuple[int, int]]()
     headings, mountings = candidates.headings[s], candidates.R_bone_sensor[s]
     worst = float(cost.min()) + SLACK
     while len(chosen) < kept and float(left.min()) < worst:

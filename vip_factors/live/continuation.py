@@ -114,7 +114,7 @@ def corrections(before: LagSmoother, after: LagSmoother, seconds: float) -> list
         wrong = [f"'{new.frames.sensors[s]}' by {turned[s]:.0f}°" for s in np.flatnonzero(turned > WRONG_DEG)]
         if wrong:
             found.append(
-                f"{seconds:.0f} s of data show what a second could not: until now the bones of {', '.join(wrong)} were "
+                f"{seconds:.0f} s of data show what less could not: until now the bones of {', '.join(wrong)} were "
                 "turned wrong"
             )
     return found

@@ -111,12 +111,13 @@ def start_findings(who: str, sensors: tuple[str, ...], starts: Starts | None) ->
     if starts is None:
         return
     if starts.doubtful:
-        names = _names(sensors, starts.doubtful)
+        names, declared = _names(sensors, starts.doubtful), starts.best.calibration.R_world_bone is not None
+        better = "more and brisker motion" if declared else "a T- or N-pose held at the start and declared"
         yield (
             f"{who}: the recording does not settle how {names} sat and which way the inertial frames point: the start "
             f"supposes that {starts.best.supposition}, and another, turned by more than 60° (it supposes that "
-            f"{starts.rival}), is only {np.exp(starts.margin):.1f} times less likely: a T- or N-pose held at the start "
-            "and declared, or the straps as they really sat, would tell"
+            f"{starts.rival}), is only {np.exp(starts.margin):.1f} times less likely: {better}, or the straps as they "
+            "really sat, would tell"
         )
     if starts.tilted:
         yield (

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from vip_factors.benchmark.leg_angles import (
-    AngleError,
     LegMotion,
     angle_errors,
     legs_of,
@@ -16,6 +15,7 @@ from vip_factors.benchmark.leg_angles import (
 )
 from vip_factors.benchmark.real import RealTrial, real_json, real_table
 from vip_factors.benchmark.real_recordings import real_recordings
+from vip_factors.benchmark.walk import AngleError
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import joint_index

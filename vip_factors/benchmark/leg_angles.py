@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from vip_factors.benchmark.walk import CENTRES, R_VICON_BONE, TRIAL, read_vicon
+from vip_factors.benchmark.walk import CENTRES, R_VICON_BONE, TRIAL, AngleError, read_vicon
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
@@ -38,23 +38,14 @@ class LegMotion:
     p_world_joint: Mapping[str, Array] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class AngleError:
-    """Degrees: RMSE, and RMSE once the mean difference is removed."""
-
-    rmse: float
-    without_offset: float
-
-
 def vicon_angles(folder: Path) -> LegMotion:
     """Of ``xsens_vicon_walk``: segments by optical markers."""
     vicon = read_vicon(folder / "vicon" / f"{TRIAL}.csv")
-    bones = {name: R @ R_VICON_BONE for name, R in vicon.R_world_segment.items()}
+    pelvis = vicon.R_world_segment["RPV"] @ R_VICON_BONE
     flexion: dict[str, Array] = {}
     for side in SIDES:
-        letter = side[0].upper()
-        flexion[f"{side}_knee"] = knee_flexion_deg(bones[f"{letter}TH"], bones[f"{letter}SK"])
-        flexion[f"{side}_hip"] = hip_flexion_deg(bones["RPV"], bones[f"{letter}TH"])
+        thigh = vicon.R_world_segment[f"{side[0].upper()}TH"] @ R_VICON_BONE
+        flexion[f"{side}_knee"], flexion[f"{side}_hip"] = vicon.knee_flexion(side), hip_flexion_deg(pelvis, thigh)
     return LegMotion(vicon.time, flexion, {name: vicon.centres[own] for name, own in CENTRES.items()})
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.benchmark.leg_angles import AngleError, LegMotion, angle_errors, centres_error_mm, legs_of
+from vip_factors.benchmark.leg_angles import LegMotion, angle_errors, centres_error_mm, legs_of
 from vip_factors.benchmark.real_recordings import RealRecording, real_recordings
 from vip_factors.benchmark.recordings import smoothed_motion, streamed
+from vip_factors.benchmark.walk import AngleError
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
 from vip_factors.evaluate.table import json_text, number

@@ -99,8 +99,8 @@ def read_vicon(path: Path) -> Vicon:
 
 
 @dataclass(frozen=True)
-class KneeError:
-    """Degrees, mean of both knees: RMSE, and RMSE once the mean difference is removed."""
+class AngleError:
+    """Degrees: RMSE, and RMSE once the mean difference is removed."""
 
     rmse: float
     without_offset: float
@@ -110,8 +110,8 @@ class KneeError:
 class WalkResult:
     """Ours and MVN's knees against Vicon, and our joint centres (aligned by a rigid motion per frame) in mm."""
 
-    ours: Mapping[str, KneeError]
-    mvn: Mapping[str, KneeError]
+    ours: Mapping[str, AngleError]
+    mvn: Mapping[str, AngleError]
     centres_mm: Mapping[str, float]
     seconds: float
 
@@ -166,9 +166,9 @@ def run_walk(folder: Path, settings: Settings, progress: Progress | None = None)
     return WalkResult(ours, theirs, _centres_mm(vicon, estimate.motion), seconds)
 
 
-def _knee(vicon: Vicon, motion: Motion, side: str, time: Array) -> KneeError:
+def _knee(vicon: Vicon, motion: Motion, side: str, time: Array) -> AngleError:
     ours, reference = np.interp(time, motion.time, knee_flexion_of(motion, side)), vicon.knee_flexion(side)
-    return KneeError(rmse(ours, reference), rmse_without_offset(ours, reference))
+    return AngleError(rmse(ours, reference), rmse_without_offset(ours, reference))
 
 
 def _centres_mm(vicon: Vicon, motion: Motion) -> dict[str, float]:

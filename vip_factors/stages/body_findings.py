@@ -10,7 +10,8 @@ from vip_factors.body.skeleton import joint_index
 from vip_factors.estimate import BodyEstimate
 
 UNLIKELY = 3.0  # sigmas of the prior
-BACKWARDS_DEG, BACKWARDS_SHARE = -10.0, 0.25  # knees stretch over by 10° at most, and nobody walks like that
+# Knees stretch over by 5° at most; how straight a straight one is leaves as much again, and nobody walks like that.
+BACKWARDS_DEG, BACKWARDS_SHARE = -10.0, 0.25
 LEAST_SCALE = 0.02  # of a body: less is within what a stature, told by its wearer, is off
 
 

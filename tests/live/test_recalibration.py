@@ -15,7 +15,7 @@ from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.live.buffered import MeasuredStretch
 from vip_factors.live.recalibration_process import RecalibrationProcess
 from vip_factors.live.recalibration_settings import RecalibrationSettings
-from vip_factors.sensors.live import LiveSetup
+from vip_factors.sensors.live import LiveSetup, live_samples
 from vip_factors.sensors.scene import Scene
 
 OFTEN = replace(SETTINGS, recalibration=RecalibrationSettings(first_s=2.5, delay_s=0.4))
@@ -50,6 +50,14 @@ def test_the_body_changes_once_it_is_found(anew: Tracked) -> None:
 
 def test_answers_stay_near_the_truth(anew: Tracked) -> None:
     assert anew.error_mm("smoothed", after=3.2) < 60
+
+
+def test_what_one_second_does_not_settle_is_told_only_if_more_does_not(anew: Tracked) -> None:
+    """One second of these gestures leaves a forearm open; two seconds and a half settle it."""
+    scene = of_unknown_body(filmed_gestures("fixed", 5.0))
+    second = [sample for sample in live_samples(scene) if sample.time < 1.2]
+    assert "does not settle" in track(scene, second).findings
+    assert "does not settle" not in anew.findings
 
 
 def test_what_is_known_is_not_forgotten(anew: Tracked) -> None:

@@ -15,7 +15,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.live.buffered import MeasuredStretch
 from vip_factors.live.coarse import Known, solve_coarsely
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.start import Started, started
+from vip_factors.live.start import Started, started, unsettled
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
@@ -45,7 +45,8 @@ def recalibrate(stretch: MeasuredStretch, settings: LiveSettings, known: Known |
         model, state, spreads = coarse.at_full_rate(end, batch)
         wearers = tuple(_freed(*each, settings) for each in zip(model.wearers, state.wearers, strict=True))
         found = started(end, coarse, replace(model, wearers=wearers), state, spreads, settings)
-        return replace(found, information=information_of(coarse.fused, found.problem.layout, own.inflation))
+        information = information_of(coarse.fused, found.problem.layout, own.inflation)
+        return replace(found, information=information, findings=tuple(unsettled(coarse)))
 
 
 def information_of(fused: Fused, layout: Layout, inflation: float) -> Array:

@@ -75,10 +75,11 @@ def start(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None 
         for one, tracked, own in zip(model.wearers, coarse.wearers, state.wearers, strict=True)
     )
     begun = started(stretch, coarse, replace(model, wearers=freed), state, spreads, settings)
-    return replace(begun, findings=tuple(_unsettled(coarse)))
+    return replace(begun, findings=tuple(unsettled(coarse)))
 
 
-def _unsettled(coarse: CoarseSolution) -> Iterator[str]:
+def unsettled(coarse: CoarseSolution) -> Iterator[str]:
+    """Sentences about starts that the data does not settle."""
     for recording, one in zip(coarse.scene.wearers, coarse.wearers, strict=True):
         yield from start_findings(f"wearer '{recording.subject.name}'", one.model.frames.sensors, one.starts)
 

@@ -63,7 +63,7 @@ class FixedLagTracker:
         self._answers = Answers(setup, settings, self._lag)
         self._answered = -1  # number of the last frame with an answer
         self._next_try, self._patience = 0, settings.camera_retry_s  # frame, seconds
-        self._told: set[str] = set()  # findings about starts
+        self._has_told_of_doubts = False  # about how sensors sit
         self._found: Found | None = None  # a calibration to go on with as soon as the wearers are seen
         self._next_continuation = 0  # frame
         self._learnt_s = 0.0  # of data that calibration and bodies were found from
@@ -139,6 +139,7 @@ class FixedLagTracker:
             if again is not None:
                 self._answers.begin_anew()
                 self._answers.find(*corrections(smoother, again.smoother, self._found.seconds))
+                self._tell_of_doubts(self._found.started)
                 self._learnt_s = max(self._learnt_s, self._found.seconds)
                 tracking, self._found = again, None
         self._recalibrator.begin(tracking.smoother.state(newest))
@@ -195,14 +196,20 @@ class FixedLagTracker:
             self._next_try = newest + self._lag
             return []
         self._tracking = tracking
-        self._answers.find(*(one for one in started.findings if one not in self._told))
-        self._told.update(started.findings)
+        if not self.settings.recalibration.use:
+            self._tell_of_doubts(started)
         gc.freeze()  # what is there stays: the collector need not look at it again in the midst of an update
         answers = self._answers.of_start(tracking, begin, self._answered + 1)
         self._paths.clear()
         oldest = tracking.smoother.numbers[0]
         self._paths.append((oldest, tracking.smoother.state(oldest).p_world_pelvis))
         return answers
+
+    def _tell_of_doubts(self, started: Started) -> None:
+        """Tell, once, of a calibration that is not settled; of a second of standing still that goes without saying."""
+        if not self._has_told_of_doubts:
+            self._answers.find(*started.findings)
+            self._has_told_of_doubts = bool(started.findings)
 
     def _stretch(self) -> MeasuredStretch:
         return MeasuredStretch(self.setup, list(self._recent), list(self._video), self._columns)

@@ -126,6 +126,7 @@ def test_errors_are_not_aligned_and_split_as_the_camera_looks(scene: Scene) -> N
     assert imu.error_cm < 3.0  # the first frame's root is right, and later ones move with it
 
 
+@pytest.mark.slow
 def test_a_run_from_clips_to_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "walk.bvh").touch()
     monkeypatch.setattr(benchmark, "read_motion", lambda path: gestures(2.5))

@@ -8,6 +8,7 @@ from vip_factors.benchmark import speed as speed_module
 from vip_factors.benchmark.speed import SpeedTrials, run_speed, speed_json, speed_table
 
 
+@pytest.mark.slow
 def test_quick_run_times_every_part_and_measures_memory() -> None:
     speed = run_speed(SpeedTrials.quick())
     assert [one.placement for one in speed.solves] == ["sip6", "totalcapture13"]

@@ -88,6 +88,7 @@ def test_both_beginnings_have_the_same_sensors_and_as_much_to_compare() -> None:
         replace(TRIALS, cameras=("flying",))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_run_from_clips_to_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "walk.bvh").touch()
     monkeypatch.setattr(benchmark, "read_motion", lambda path: gestures(2.5))

@@ -76,6 +76,7 @@ def test_gtsams_smoothers_are_timed_on_the_same_factors(scene: Scene) -> None:
     assert all(one.median_s > 0 and one.median_cpu_s > 0 for one in times)
 
 
+@pytest.mark.slow
 def test_nothing_grows_with_the_stream(scene: Scene) -> None:
     stream = LongStream(scene, TRIALS)
     parts = tuple(measured_parts(stream, stream.setup, LiveSettings(), 3.0))

@@ -231,10 +231,10 @@ def test_a_known_camera_holds_the_wearer_in_place() -> None:
 
 
 def test_memory_does_not_grow() -> None:
-    scene = unfilmed(filmed_gestures("fixed", 4.0))
+    scene = unfilmed(filmed_gestures("fixed", 3.0))
     tracker = FixedLagTracker(LiveSetup.of(scene), SETTINGS)
     traced = []
-    marks = [2.5, 3.2, 3.9]
+    marks = [1.7, 2.3, 2.9]
     tracemalloc.start(1)
     try:
         for sample in live_samples(scene):

@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from vip_factors.benchmark.leg_angles import LegMotion, marker_legs, opensim_angles, optical_angles, vicon_angles
+from vip_factors.benchmark.leg_angles import GaitMotion, marker_motion, opensim_angles, optical_angles, vicon_angles
+from vip_factors.benchmark.marker_body import MarkerBody, read_marker_body
 from vip_factors.benchmark.walk import SENSORS as WALK
 from vip_factors.io.convert import ImportOptions
 
@@ -52,8 +53,9 @@ class RealRecording:
         log: what is converted, as a path in the folder of all.
         options: what is said beside it.
         agree_deg: how well the sensors' inertial frames are said to agree, if at all.
-        angles: reads how the legs moved from the folder of all, if there is a reference.
+        angles: reads how legs and trunk moved from the folder of all, if there is a reference.
         columns: column map of a log of no known format, as TOML.
+        markers: reads how the whole body moved, on the recording's clock, where markers tell it: a camera can be made.
         other: name and reader of somebody else's result, to be judged by the same reference.
         headings_deg: reference of headings by sensor name.
     """
@@ -62,10 +64,11 @@ class RealRecording:
     log: str
     options: ImportOptions
     agree_deg: float | None = None
-    angles: Callable[[Path], LegMotion] | None = None
-    other: tuple[str, Callable[[Path], LegMotion]] | None = None
+    angles: Callable[[Path], GaitMotion] | None = None
+    other: tuple[str, Callable[[Path], GaitMotion]] | None = None
     headings_deg: Mapping[str, float] = field(default_factory=dict)
     columns: str = ""
+    markers: Callable[[Path], MarkerBody] | None = None
 
 
 def real_recordings(folder: Path) -> Iterator[RealRecording]:
@@ -96,7 +99,8 @@ def _walk(path: Path, folder: Path) -> RealRecording:
     options = ImportOptions(placement=GENEVA, stature_m=height_mm[trial[:3]] / 1000, initial_pose="n-pose")
     return RealRecording(
         f"geneva_gait {trial}", str(path), options, columns=_geneva_columns(),
-        angles=lambda folder: marker_legs(folder / path.parent / "optical.csv", begins),
+        angles=lambda folder: marker_motion(read_marker_body(folder / path.parent / "optical.csv", begins)),
+        markers=lambda folder: read_marker_body(folder / path.parent / "optical.csv", begins),
     )  # fmt: skip
 
 
@@ -116,10 +120,10 @@ def _worn(placement: Mapping[str, str] | None, pose: str = "none", start_s: floa
 def _treadmill(pose: str) -> RealRecording:
     where = "xsens_treadmill_optical"
 
-    def optical(folder: Path) -> LegMotion:
+    def optical(folder: Path) -> GaitMotion:
         return optical_angles(folder / where / "optical_joint_centres.csv")
 
-    def opensense(folder: Path) -> LegMotion:
+    def opensense(folder: Path) -> GaitMotion:
         return opensim_angles(folder / where / "ik_OpenSim_Sub02_CSBaseline_Orientations.mot")
 
     return RealRecording(

@@ -1,4 +1,4 @@
-"""Clinical joint angles of gait: flexion of knees and hips, which needs no world frame."""
+"""Clinical angles of gait: flexion of knees and hips, which needs no world frame, and how the trunk leans."""
 
 import numpy as np
 
@@ -36,6 +36,21 @@ def hip_flexion_of(motion: Motion, side: str) -> Array:
     """Hip flexion ``(T,)`` in degrees of the ``"left"`` or ``"right"`` hip of a motion."""
     R_world_bone = motion.state.R_world_bone
     return hip_flexion_deg(R_world_bone[:, joint_index("pelvis")], R_world_bone[:, joint_index(f"{side}_hip")])
+
+
+def trunk_inclination_deg(
+    p_world_left_hip: Array, p_world_right_hip: Array, p_world_left_shoulder: Array, p_world_right_shoulder: Array
+) -> Array:
+    """How far ``(T,)`` degrees the trunk leans forward, of joint centres ``(T, 3)`` in a world with z up.
+
+    The trunk is the line from the middle of the hips to that of the shoulders, in the vertical plane that the hips
+    face: bones of other skeletons have other axes, but these four points they all have.
+    """
+    left, trunk = p_world_left_hip - p_world_right_hip, p_world_left_shoulder + p_world_right_shoulder
+    trunk = (trunk - p_world_left_hip - p_world_right_hip) / 2
+    forward = np.stack([left[..., 1], -left[..., 0]], axis=-1)
+    forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
+    return np.rad2deg(np.arctan2(np.sum(trunk[..., :2] * forward, axis=-1), trunk[..., 2]))
 
 
 def rmse(estimate: Array, truth: Array) -> float:

@@ -16,6 +16,8 @@ from vip_factors.benchmark.leg_angles import (
 from vip_factors.benchmark.real import RealTrial
 from vip_factors.benchmark.real_recordings import real_recordings
 from vip_factors.benchmark.real_table import real_json, real_table
+from vip_factors.benchmark.strides import StrideErrors
+from vip_factors.benchmark.video_agreement import Agreement
 from vip_factors.benchmark.walk import AngleError
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.motion import Motion
@@ -73,13 +75,16 @@ def test_a_row_says_what_was_measured() -> None:
     legs["trunk"] = AngleError(6.0, 1.0)
     parts = {"body": 30.0, "legs": 20.0, "shoulders": 25.0, "arms": 40.0}
     one = RealTrial(
-        "a walk", 20.0, legs, {}, ("OpenSense", legs), (12.0, np.nan), (parts, {}), (7.0, 9.0), 1.0, 2.0,
-        ("crossed legs",), (),
+        "a walk", 20.0, legs, {}, ("OpenSense", legs), (12.0, np.nan), (parts, {}),
+        {"smooth": Agreement("knee", 0.1, 0.9, 8.0, 5.0, 2.0, 61.0)}, StrideErrors(57, 1.36, -0.052, 0.05),
+        (7.0, 9.0), 1.0, 2.0, ("crossed legs",), (),
     )  # fmt: skip
     table = real_table([one])
     assert "| a walk | 20 | 5.0 (2.0) | 5.0 (2.0) | 12.00 | n/a | n/a | n/a | 7, at most 9 | 1, 0 |" in table
     assert "| — OpenSense | | 5.0 (2.0) | 5.0 (2.0) | | | | | | |" in table
     assert "| mean | 6.0 (1.0) | 30.00 | 20.00 | 25.00 | 40.00 | n/a | n/a |" in table
+    assert "| a walk | smooth | knee | 0.10 | 0.90 | 8.0 (5.0) | 2 to 61 |" in table
+    assert "| a walk | 57 | 1.36 | -5.2 | 5.0 |" in table
     assert json.loads(real_json([one]))["a walk"]["batch"]["left_knee"]["rmse"] == 4.0
 
 

@@ -13,6 +13,7 @@ from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
 from vip_factors.evaluate.joint_angle import (
+    bend_deg,
     hip_flexion_deg,
     hip_flexion_of,
     knee_flexion_deg,
@@ -26,6 +27,7 @@ from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 
 TRUNK = ("left_hip", "right_hip", *SHOULDERS)
+OPENSIM_NAMES = {"knee": "knee_angle", "hip": "hip_flexion", "elbow": "elbow_flex"}
 JOINTS = ("hip", "knee", "ankle")
 # OpenSim's segment axes (x forward, y up, z to the right) as columns of ours (x left, y up, z forward).
 R_OPENSIM_BONE = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
@@ -86,16 +88,16 @@ def marker_motion(body: MarkerBody) -> GaitMotion:
     """
     flexion, bones = dict[str, Array](), body.R_world_bone
     for side in SIDES:
-        thigh, shank = bones[f"{side}_hip"], bones[f"{side}_knee"]
-        cosine = np.sum(thigh[..., 1] * shank[..., 1], axis=1)
-        flexion[f"{side}_knee"] = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        flexion[f"{side}_hip"] = hip_flexion_deg(bones["pelvis"], thigh)
+        flexion[f"{side}_knee"] = bend_deg(*(body.centres[f"{side}_{joint}"] for joint in JOINTS))
+        flexion[f"{side}_hip"] = hip_flexion_deg(bones["pelvis"], bones[f"{side}_hip"])
     flexion["trunk"] = trunk_inclination_deg(*(body.centres[one] for one in TRUNK))
     return GaitMotion(body.time, flexion, body.centres)
 
 
-def opensim_angles(path: Path) -> GaitMotion:
+def opensim_angles(path: Path, begins: float = 0.0, joints: tuple[str, ...] = ("knee", "hip")) -> GaitMotion:
     """Of a motion file of OpenSim, in degrees; a gait model of which knees bend by ``knee_angle_r``, ``_l``.
+
+    ``begins`` is the second of the recording at which the file does.
 
     Raises:
         FileFormatError: if a column is missing, or the file has no header.
@@ -108,11 +110,12 @@ def opensim_angles(path: Path) -> GaitMotion:
     names, table = lines[header + 1].split(), np.loadtxt(lines[header + 2 :], ndmin=2)
     flexion = {}
     for side in SIDES:
-        for joint, name in (("knee", f"knee_angle_{side[0]}"), ("hip", f"hip_flexion_{side[0]}")):
+        for joint in joints:
+            name = f"{OPENSIM_NAMES[joint]}_{side[0]}"
             if name not in names:
                 raise FileFormatError(f"{path}: no column '{name}'; expected joint angles of OpenSim's gait model")
             flexion[f"{side}_{joint}"] = table[:, names.index(name)]
-    return GaitMotion(table[:, names.index("time")], flexion)
+    return GaitMotion(begins + table[:, names.index("time")], flexion)
 
 
 def gait_of(motion: Motion) -> GaitMotion:
@@ -121,6 +124,9 @@ def gait_of(motion: Motion) -> GaitMotion:
     flexion |= {f"{side}_hip": hip_flexion_of(motion, side) for side in SIDES}
     p = motion.state.p_world_joint
     flexion["trunk"] = trunk_inclination_deg(*(p[:, joint_index(name)] for name in TRUNK))
+    for side in SIDES:
+        chain = (f"{side}_{name}" for name in ("shoulder", "elbow", "wrist"))
+        flexion[f"{side}_elbow"] = bend_deg(*(p[:, joint_index(name)] for name in chain))
     return GaitMotion(motion.time, flexion, {name: p[:, joint_index(name)] for name in (*LEGS, *SHOULDERS, *ARMS)})
 
 

@@ -12,6 +12,8 @@ from vip_factors.benchmark.filmed_markers import CameraName, filmed
 from vip_factors.benchmark.leg_angles import GaitMotion, angle_errors, body_errors_mm, centres_error_mm, gait_of
 from vip_factors.benchmark.real_recordings import RealRecording, real_recordings
 from vip_factors.benchmark.recordings import smoothed_motion, streamed
+from vip_factors.benchmark.strides import StrideErrors, stride_errors
+from vip_factors.benchmark.video_agreement import Agreement, agreement
 from vip_factors.benchmark.walk import AngleError
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
@@ -37,6 +39,8 @@ class RealTrial:
         centres_mm: of hips, knees and ankles, batch and live, a rigid motion of each frame taken out; NaN without a
             reference.
         body_mm: the same of the whole body and its parts, batch and live; empty where not all of them are known.
+        video: how far ``smooth`` and OpenSense agree with somebody else's video; empty where there is none.
+        strides: errors of ``smooth`` where strides were measured.
         heading_deg: median and largest error of headings; NaN without a reference.
         batch_cpu_s, live_cpu_s: of the whole recording, this process alone.
         batch_findings, live_findings: sentences, each as often as it was told.
@@ -49,6 +53,8 @@ class RealTrial:
     other: tuple[str, Mapping[str, AngleError]] | None
     centres_mm: tuple[float, float]
     body_mm: tuple[Mapping[str, float], Mapping[str, float]]
+    video: Mapping[str, Agreement]
+    strides: StrideErrors | None
     heading_deg: tuple[float, float]
     batch_cpu_s: float
     live_cpu_s: float
@@ -108,6 +114,7 @@ def _trial(
     start, end = recording.interval
     return RealTrial(
         one.name, end - start, batch[0], live[0], other, (batch[1], live[1]), (batch[2], live[2]),
+        _video(one, folder, own.motion), _strides(one, folder, own.motion),
         _heading_errors(own.calibration, one.headings_deg), batch_s, live_s,
         tuple(dict.fromkeys((*estimate.findings, *own.findings))),
         tuple(sentence for answer in answers for sentence in answer.findings),
@@ -115,12 +122,17 @@ def _trial(
 
 
 def _converted(one: RealRecording, folder: Path) -> Recording:
-    if not one.columns:
-        return import_recording(folder / one.log, one.options)
+    held = one.options.pose_from
+    options = one.options if held is None else replace(one.options, pose_from=str(folder / held))
     with tempfile.TemporaryDirectory() as place:
-        columns = Path(place) / "columns.toml"
+        columns, sites = Path(place) / "columns.toml", Path(place) / "placement.toml"
         columns.write_text(one.columns, encoding="utf-8")
-        return import_recording(folder / one.log, replace(one.options, columns=columns))
+        sites.write_text(one.sites, encoding="utf-8")
+        if one.columns:
+            options = replace(options, columns=columns)
+        if one.sites:
+            options = replace(options, placement=sites)
+        return import_recording(folder / one.log, options)
 
 
 def _errors(
@@ -130,6 +142,19 @@ def _errors(
         return {}, np.nan, {}
     ours = gait_of(motion)
     return angle_errors(ours, reference), centres_error_mm(ours, reference), body_errors_mm(ours, reference)
+
+
+def _video(one: RealRecording, folder: Path, motion: Motion) -> dict[str, Agreement]:
+    if one.video is None:
+        return {}
+    joint, video, opensense = one.video
+    seen, other = video(folder), opensense(folder)
+    found = {"smooth": agreement(joint, gait_of(motion), seen)}
+    return found if other is None else found | {"OpenSense": agreement(joint, other, seen)}
+
+
+def _strides(one: RealRecording, folder: Path, motion: Motion) -> StrideErrors | None:
+    return None if one.strides is None else stride_errors(motion, one.strides(folder))
 
 
 def _heading_errors(found: Calibration, reference: Mapping[str, float]) -> tuple[float, float]:

@@ -13,7 +13,8 @@ from vip_factors.evaluate.table import json_text, number
 def real_table(trials: Sequence[RealTrial]) -> str:
     """Markdown: RMSE in degrees, mean of both sides, in brackets with the mean removed; findings batch, live.
 
-    Where a whole body's markers are known, a second table of what they tell.
+    Where a whole body's markers are known, a table of what they tell; where a video or
+    strides are, one of how far these agree.
     """
     lines = [
         "| recording | s | knee ° | hip ° | centres mm | live: knee ° | hip ° | mm | headings ° | findings |",
@@ -27,8 +28,12 @@ def real_table(trials: Sequence[RealTrial]) -> str:
         if one.other is not None:
             name, errors = one.other
             lines.append(f"| — {name} | | {_both(errors, 'knee')} | {_both(errors, 'hip')} | | | | | | |")
-    whole = [one for one in trials if one.body_mm[0]]
-    return "\n".join([*lines, *(_body_lines(whole) if whole else []), ""])
+    parts = (
+        (_body_lines, [one for one in trials if one.body_mm[0]]),
+        (_video_lines, [one for one in trials if one.video]),
+        (_stride_lines, [one for one in trials if one.strides is not None]),
+    )
+    return "\n".join([*lines, *(line for write, some in parts if some for line in write(some)), ""])
 
 
 def _body_lines(trials: Sequence[RealTrial]) -> list[str]:
@@ -46,6 +51,27 @@ def _body_lines(trials: Sequence[RealTrial]) -> list[str]:
     ]:
         cells = [name, _offset(*row[:2]), *(number(value) for value in row[2:6]), _offset(*row[6:8]), number(row[8])]
         lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def _video_lines(trials: Sequence[RealTrial]) -> list[str]:
+    """Of what somebody else's video saw of a joint: lag, correlation, difference, and how far the joint bends."""
+    lines = ["", "| recording | by | joint | lag s | r | difference ° | bends ° |", "|---|---|---|---|---|---|---|"]
+    for one in trials:
+        for name, seen in one.video.items():
+            cells = [one.recording, name, seen.joint, number(seen.lag_s), number(seen.correlation)]
+            cells += [_offset(seen.degrees, seen.without_offset), f"{seen.least:.0f} to {seen.most:.0f}"]
+            lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def _stride_lines(trials: Sequence[RealTrial]) -> list[str]:
+    """Of strides: how many, how long, and how far ours are off."""
+    lines = ["", "| recording | strides | length m | error: mean cm | standard deviation cm |", "|---|---|---|---|---|"]
+    for one in trials:
+        if (seen := one.strides) is not None:
+            errors = f"{100 * seen.error_mean:+.1f} | {100 * seen.error_sd:.1f}"
+            lines.append(f"| {one.recording} | {seen.count} | {seen.length:.2f} | {errors} |")
     return lines
 
 

@@ -38,6 +38,16 @@ def hip_flexion_of(motion: Motion, side: str) -> Array:
     return hip_flexion_deg(R_world_bone[:, joint_index("pelvis")], R_world_bone[:, joint_index(f"{side}_hip")])
 
 
+def bend_deg(p_above: Array, p_joint: Array, p_below: Array) -> Array:
+    """How far ``(...)`` degrees a knee or an elbow is from straight, of joint centres ``(..., 3)``; never negative.
+
+    No axes of bones are needed, which no two skeletons share.
+    """
+    above, below = p_joint - p_above, p_below - p_joint
+    cosine = np.sum(above * below, axis=-1) / np.linalg.norm(above, axis=-1) / np.linalg.norm(below, axis=-1)
+    return np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
 def trunk_inclination_deg(
     p_world_left_hip: Array, p_world_right_hip: Array, p_world_left_shoulder: Array, p_world_right_shoulder: Array
 ) -> Array:

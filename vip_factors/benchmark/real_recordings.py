@@ -139,7 +139,8 @@ def _worn(placement: Mapping[str, str] | None, pose: str = "none", start_s: floa
     return ImportOptions(placement=placement, stature_m=STATURE_M, initial_pose=pose, start_s=start_s)
 
 
-def _treadmill(pose: str) -> RealRecording:
+def _treadmill(pose: str, log: str = "Orientations.sto", said: str = "") -> RealRecording:
+    """With another log its accelerometers too, two of which are mis-scaled."""
     where = "xsens_treadmill_optical"
 
     def optical(folder: Path) -> GaitMotion:
@@ -149,8 +150,8 @@ def _treadmill(pose: str) -> RealRecording:
         return opensim_angles(folder / where / "ik_OpenSim_Sub02_CSBaseline_Orientations.mot")
 
     return RealRecording(
-        f"{where}, pose {'declared' if pose != 'none' else 'not declared'}",
-        f"{where}/OpenSim_Sub02_CSBaseline_Orientations.sto", _worn(TREADMILL, pose), angles=optical,
+        f"{where}, pose {'declared' if pose != 'none' else 'not declared'}{said}",
+        f"{where}/OpenSim_Sub02_CSBaseline_{log}", _worn(TREADMILL, pose), angles=optical,
         other=("OpenSense", opensense),
     )  # fmt: skip
 
@@ -174,6 +175,7 @@ _KNOWN = (
     ),
     _treadmill("n-pose"),
     _treadmill("none"),
+    _treadmill("n-pose", "Accel.trc", ", with accelerometers"),
     RealRecording("full_body_16imu", _FULL_BODY, _worn(None), headings_deg=FULL_BODY_HEADINGS),
     RealRecording(
         "full_body_16imu, frames said to agree", _FULL_BODY, _worn(None), agree_deg=90.0,

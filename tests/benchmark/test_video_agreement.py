@@ -31,6 +31,16 @@ def test_joints_that_hardly_move_tell_of_no_lag() -> None:
     assert np.isfinite(found.degrees)
 
 
+def test_motions_that_do_not_agree_tell_of_no_lag() -> None:
+    time, random = np.arange(0.0, 20.0, 1 / 30), np.random.default_rng(1)
+    noise = GaitMotion(
+        time, {f"{side}_elbow": 50 + 30 * random.standard_normal(len(time)) for side in ("left", "right")}
+    )
+    found = agreement("elbow", _bending(time, 0.0), noise)
+    assert np.isnan(found.lag_s)
+    assert found.correlation < 0.4
+
+
 def test_bends_are_read_from_the_videos_joints(tmp_path: Path) -> None:
     names = [f"{side}_{name}" for chain in BENDS.values() for name in chain for side in ("left", "right")]
     there = {

@@ -2,6 +2,7 @@
 
 import tempfile
 import time as clock
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -84,18 +85,16 @@ def run_real(
     trials: tuple[RealTrial, ...] = ()
     for done, one in enumerate(chosen):
         tell(one.name, done / len(chosen))
-        trials += (_trial(one, folder, with_live, camera, seed=done),)
+        trials += (_trial(one, folder, with_live, camera),)
         keep(trials)
     return trials
 
 
-def _trial(
-    one: RealRecording, folder: Path, with_live: bool, camera: CameraName | None = None, seed: int = 0
-) -> RealTrial:
+def _trial(one: RealRecording, folder: Path, with_live: bool, camera: CameraName | None) -> RealTrial:
     recording = _converted(one, folder)
     scene = Scene(one.name, (recording,))
     if camera is not None and one.markers is not None:
-        scene = filmed(recording, one.markers(folder), camera, seed)
+        scene = filmed(recording, one.markers(folder), camera, seed=zlib.crc32(one.name.encode()))
     factors = Settings().factors
     agreeing = replace(factors, agreeing_headings=replace(factors.agreeing_headings, sigma_deg=one.agree_deg))
     begin = clock.process_time()

@@ -17,6 +17,7 @@ VIDEO_HZ = 30.0  # of VIDIMU's camera
 BENDS = {"knee": ("hip", "knee", "ankle"), "elbow": ("shoulder", "elbow", "wrist")}
 MOST_LAG_S, STEP_S = 1.5, 1 / 60  # both were started by hand within a second
 LEAST_BEND_DEG = 10.0  # standard deviation in the video: a joint that hardly moves tells of no lag
+LEAST_CORRELATION = 0.4  # the best of all lags of two unrelated motions is about 0.2
 
 
 @dataclass(frozen=True)
@@ -25,9 +26,9 @@ class Agreement:
 
     Attributes:
         joint: ``knee`` or ``elbow``.
-        lag_s: to add to the video's times to get the sensors'; NaN if the joint hardly moves.
-        correlation: at that lag, both sides together; their means removed.
-        degrees, without_offset: RMS difference at that lag, mean of both sides, and the same with its mean removed.
+        lag_s: to add to the video's times to get the sensors'; NaN if the joint hardly moves or both do not agree.
+        correlation: the highest of all lags, both sides together; their means removed.
+        degrees, without_offset: RMS difference at that lag (or none), mean of both sides, and the same with its mean removed.
         least, most: degrees, 1 % and 99 % of the bend by the sensors.
     """
 
@@ -73,8 +74,8 @@ def agreement(joint: str, sensors: GaitMotion, video: GaitMotion) -> Agreement:
     lags = np.arange(-MOST_LAG_S, MOST_LAG_S + STEP_S / 2, STEP_S)
     scores = [_correlation(moving, sensors, video, lag) for lag in lags] if moving else [np.nan]
     best = int(np.argmax(scores))
-    lag = float(lags[best]) if moving else np.nan
-    pairs = [_shifted(name, sensors, video, lag if moving else 0.0) for name in names]
+    lag = float(lags[best]) if scores[best] > LEAST_CORRELATION else np.nan
+    pairs = [_shifted(name, sensors, video, float(np.nan_to_num(lag))) for name in names]
     return Agreement(
         joint, lag, float(scores[best]), float(np.mean([rmse(ours, theirs) for ours, theirs in pairs])),
         float(np.mean([rmse_without_offset(ours, theirs) for ours, theirs in pairs])), float(least), float(most),

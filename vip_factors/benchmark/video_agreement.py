@@ -28,7 +28,7 @@ class Agreement:
         joint: ``knee`` or ``elbow``.
         lag_s: to add to the video's times to get the sensors'; NaN if the joint hardly moves or both do not agree.
         correlation: the highest of all lags, both sides together; their means removed.
-        degrees, without_offset: RMS difference at that lag (or none), mean of both sides, and the same with its mean removed.
+        degrees, without_offset: RMS difference at that lag, or none, mean of both sides; the same, its mean removed.
         least, most: degrees, 1 % and 99 % of the bend by the sensors.
     """
 

@@ -82,7 +82,7 @@ def test_a_row_says_what_was_measured() -> None:
     table = real_table([one])
     assert "| a walk | 20 | 5.0 (2.0) | 5.0 (2.0) | 12.00 | n/a | n/a | n/a | 7, at most 9 | 1, 0 |" in table
     assert "| — OpenSense | | 5.0 (2.0) | 5.0 (2.0) | | | | | | |" in table
-    assert "| mean | 6.0 (1.0) | 30.00 | 20.00 | 25.00 | 40.00 | n/a | n/a |" in table
+    assert "| mean | 6.0 (1.0) | n/a | 30.00 | 20.00 | 25.00 | 40.00 | n/a | n/a |" in table
     assert "| a walk | smooth | knee | 0.10 | 0.90 | 8.0 (5.0) | 2 to 61 |" in table
     assert "| a walk | 57 | 1.36 | -5.2 | 5.0 |" in table
     assert json.loads(real_json([one]))["a walk"]["batch"]["left_knee"]["rmse"] == 4.0

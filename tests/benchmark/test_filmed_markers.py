@@ -11,7 +11,7 @@ from vip_factors.benchmark.marker_body import ARMS, ELBOW_M, LEGS, SHOULDERS, Ma
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
-from vip_factors.evaluate.joint_angle import trunk_inclination_deg
+from vip_factors.evaluate.joint_angle import inclination_deg
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.sensors.placement import preset
 from vip_factors.simulate.detector_settings import DetectorSettings
@@ -57,11 +57,10 @@ def test_a_missing_marker_is_one_sentence(tmp_path: Path) -> None:
 
 def test_the_trunk_leans_to_where_the_hips_face() -> None:
     lean = np.deg2rad(10.0)
-    hips, shoulders = np.array([[0, 0.1, 1], [0, -0.1, 1.0]]), np.array([[0, 0.2, 0], [0, -0.2, 0.0]])
-    shoulders += [0.5 * np.sin(lean), 0.0, 1 + 0.5 * np.cos(lean)]
+    up, left = np.array([[np.sin(lean), 0.3, np.cos(lean)]]), np.array([[0.0, 0.2, 0.1]])
     for turn in (0.0, 2.0):
-        points = np.concatenate([hips, shoulders]) @ rotation_z(turn).T
-        assert trunk_inclination_deg(*points[:, None]) == pytest.approx([10.0])
+        R = rotation_z(turn)
+        assert inclination_deg(up @ R.T, left @ R.T) == pytest.approx([10.0])
 
 
 def _marker_body(motion: Motion) -> MarkerBody:

@@ -16,17 +16,16 @@ from vip_factors.evaluate.joint_angle import (
     bend_deg,
     hip_flexion_deg,
     hip_flexion_of,
+    inclination_deg,
     knee_flexion_deg,
     knee_flexion_of,
     rmse,
-    trunk_inclination_deg,
 )
 from vip_factors.evaluate.joint_angle import rmse_without_offset as without_offset
 from vip_factors.geometry.alignment import align_rigid
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 
-TRUNK = ("left_hip", "right_hip", *SHOULDERS)
 OPENSIM_NAMES = {"knee": "knee_angle", "hip": "hip_flexion", "elbow": "elbow_flex"}
 JOINTS = ("hip", "knee", "ankle")
 # OpenSim's segment axes (x forward, y up, z to the right) as columns of ours (x left, y up, z forward).
@@ -39,7 +38,8 @@ class GaitMotion:
 
     Attributes:
         time: ``(T,)`` seconds.
-        flexion: degrees ``(T,)`` of joints by name (``left_knee``, …), and how far the ``trunk`` leans forward.
+        flexion: degrees ``(T,)`` of joints by name (``left_knee``, …), and how far the ``trunk`` (from hips to
+            shoulders) and the ``thorax`` (its own axis) lean forward.
         p_world_joint: ``(T, 3)`` metres of joint centres by name, where they are known.
     """
 
@@ -90,7 +90,7 @@ def marker_motion(body: MarkerBody) -> GaitMotion:
     for side in SIDES:
         flexion[f"{side}_knee"] = bend_deg(*(body.centres[f"{side}_{joint}"] for joint in JOINTS))
         flexion[f"{side}_hip"] = hip_flexion_deg(bones["pelvis"], bones[f"{side}_hip"])
-    flexion["trunk"] = trunk_inclination_deg(*(body.centres[one] for one in TRUNK))
+    flexion |= _inclinations(body.centres, bones["spine3"])
     return GaitMotion(body.time, flexion, body.centres)
 
 
@@ -123,11 +123,18 @@ def gait_of(motion: Motion) -> GaitMotion:
     flexion = {f"{side}_knee": knee_flexion_of(motion, side) for side in SIDES}
     flexion |= {f"{side}_hip": hip_flexion_of(motion, side) for side in SIDES}
     p = motion.state.p_world_joint
-    flexion["trunk"] = trunk_inclination_deg(*(p[:, joint_index(name)] for name in TRUNK))
+    centres = {name: p[:, joint_index(name)] for name in (*LEGS, *SHOULDERS, *ARMS)}
+    flexion |= _inclinations(centres, motion.state.R_world_bone[:, joint_index("spine3")])
     for side in SIDES:
         chain = (f"{side}_{name}" for name in ("shoulder", "elbow", "wrist"))
         flexion[f"{side}_elbow"] = bend_deg(*(p[:, joint_index(name)] for name in chain))
-    return GaitMotion(motion.time, flexion, {name: p[:, joint_index(name)] for name in (*LEGS, *SHOULDERS, *ARMS)})
+    return GaitMotion(motion.time, flexion, centres)
+
+
+def _inclinations(centres: Mapping[str, Array], R_world_thorax: Array) -> dict[str, Array]:
+    left = centres["left_hip"] - centres["right_hip"]
+    hips, shoulders = (centres[f"left_{one}"] + centres[f"right_{one}"] for one in ("hip", "shoulder"))
+    return {"trunk": inclination_deg(shoulders - hips, left), "thorax": inclination_deg(R_world_thorax[..., 1], left)}
 
 
 def angle_errors(found: GaitMotion, reference: GaitMotion) -> dict[str, AngleError]:

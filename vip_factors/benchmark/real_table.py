@@ -39,17 +39,22 @@ def real_table(trials: Sequence[RealTrial]) -> str:
 def _body_lines(trials: Sequence[RealTrial]) -> list[str]:
     """Of the whole body: errors of batch, then of live; the last row is the mean of all."""
     parts = ("body", "legs", "shoulders", "arms")
-    lines = ["", f"| recording | trunk ° | {' | '.join(f'{one} mm' for one in parts)} | live: trunk ° | body mm |"]
-    lines.append("|---" * (len(parts) + 4) + "|")
+    lines = [
+        "",
+        f"| recording | trunk ° | thorax ° | {' | '.join(f'{one} mm' for one in parts)} | live: trunk ° | mm |",
+    ]
+    lines.append("|---" * (len(parts) + 5) + "|")
     rows = []
     for one in trials:
         live = [*_pair(one.live.get("trunk")), one.body_mm[1].get("body", np.nan)]
-        rows.append([*_pair(one.batch.get("trunk")), *(one.body_mm[0][part] for part in parts), *live])
+        lean = [*_pair(one.batch.get("trunk")), *_pair(one.batch.get("thorax"))]
+        rows.append([*lean, *(one.body_mm[0][part] for part in parts), *live])
     for name, row in [
         *((one.recording, row) for one, row in zip(trials, rows, strict=True)),
         ("mean", np.mean(rows, 0)),
     ]:
-        cells = [name, _offset(*row[:2]), *(number(value) for value in row[2:6]), _offset(*row[6:8]), number(row[8])]
+        cells = [name, _offset(*row[:2]), _offset(*row[2:4]), *(number(value) for value in row[4:8])]
+        cells += [_offset(*row[8:10]), number(row[10])]
         lines.append("| " + " | ".join(cells) + " |")
     return lines
 

@@ -48,19 +48,17 @@ def bend_deg(p_above: Array, p_joint: Array, p_below: Array) -> Array:
     return np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
-def trunk_inclination_deg(
-    p_world_left_hip: Array, p_world_right_hip: Array, p_world_left_shoulder: Array, p_world_right_shoulder: Array
-) -> Array:
-    """How far ``(T,)`` degrees the trunk leans forward, of joint centres ``(T, 3)`` in a world with z up.
+def inclination_deg(up: Array, left: Array) -> Array:
+    """How far ``(T,)`` degrees an axis of the trunk leans forward, seen from where the person's left is.
 
-    The trunk is the line from the middle of the hips to that of the shoulders, in the vertical plane that the hips
-    face: bones of other skeletons have other axes, but these four points they all have.
+    Args:
+        up: ``(T, 3)`` along the axis, in a world with z up; from the middle of the hips to that of the shoulders, say,
+            which all skeletons have, or a bone's own axis, about whose zero no two skeletons agree.
+        left: ``(T, 3)`` from the right hip to the left one.
     """
-    left, trunk = p_world_left_hip - p_world_right_hip, p_world_left_shoulder + p_world_right_shoulder
-    trunk = (trunk - p_world_left_hip - p_world_right_hip) / 2
     forward = np.stack([left[..., 1], -left[..., 0]], axis=-1)
     forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
-    return np.rad2deg(np.arctan2(np.sum(trunk[..., :2] * forward, axis=-1), trunk[..., 2]))
+    return np.rad2deg(np.arctan2(np.sum(up[..., :2] * forward, axis=-1), up[..., 2]))
 
 
 def rmse(estimate: Array, truth: Array) -> float:

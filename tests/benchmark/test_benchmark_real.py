@@ -92,6 +92,8 @@ def test_a_folder_without_recordings_is_one_sentence(tmp_path: Path, capsys: pyt
     assert not list(real_recordings(tmp_path))
     assert main(["benchmark", "real", "--data", str(tmp_path)]) == 2
     assert "none of the public recordings in it" in capsys.readouterr().err
+    assert main(["benchmark", "real", "--data", str(tmp_path), "--camera", "carried"]) == 2
+    assert "expected geneva_gait" in " ".join(capsys.readouterr().err.split())
 
 
 def test_optical_inverse_kinematics_and_its_joint_centres_agree(data_folder: Path) -> None:

@@ -76,7 +76,10 @@ def run_real(
     """
     chosen = [one for one in real_recordings(folder) if named in one.name and (camera is None or one.markers)]
     if not chosen and camera is not None:
-        raise InputError(f"{folder}: no recording '{named}' with markers of the whole body in it, to film: geneva_gait")
+        raise InputError(
+            f"{folder}: no recording '{named}' with markers of the whole body in it, for a camera to film; expected "
+            "geneva_gait"
+        )
     if not chosen:
         raise InputError(
             f"{folder}: no recording '{named}' in it" if named else

@@ -13,8 +13,8 @@ from vip_factors.evaluate.table import json_text, number
 def real_table(trials: Sequence[RealTrial]) -> str:
     """Markdown: RMSE in degrees, mean of both sides, in brackets with the mean removed; findings batch, live.
 
-    Where a whole body's markers are known, a table of what they tell; where a video or
-    strides are, one of how far these agree.
+    Where a whole body's markers are known, a table of what they tell; where a video or strides are, one of how far
+    these agree.
     """
     lines = [
         "| recording | s | knee ° | hip ° | centres mm | live: knee ° | hip ° | mm | headings ° | findings |",

@@ -7,14 +7,17 @@ import numpy as np
 import pytest
 
 from vip_factors.benchmark.leg_angles import (
-    LegMotion,
+    GaitMotion,
     angle_errors,
-    legs_of,
+    gait_of,
     opensim_angles,
     optical_angles,
 )
-from vip_factors.benchmark.real import RealTrial, real_json, real_table
+from vip_factors.benchmark.real import RealTrial
 from vip_factors.benchmark.real_recordings import real_recordings
+from vip_factors.benchmark.real_table import real_json, real_table
+from vip_factors.benchmark.strides import StrideErrors
+from vip_factors.benchmark.video_agreement import Agreement
 from vip_factors.benchmark.walk import AngleError
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.motion import Motion
@@ -28,15 +31,15 @@ def test_a_bent_leg_has_the_angles_it_was_bent_by() -> None:
     R = np.tile(np.eye(3), (2, 24, 1, 1))
     R[1, joint_index("left_hip")] = rotation_x(np.deg2rad(-30.0))  # the thigh goes forward
     R[1, joint_index("left_knee")] = rotation_x(np.deg2rad(50.0))  # the shank goes back
-    found = legs_of(Motion(skeleton_from_stature(1.75), R, np.zeros((2, 3)), 1.0))
+    found = gait_of(Motion(skeleton_from_stature(1.75), R, np.zeros((2, 3)), 1.0))
     assert found.flexion["left_hip"] == pytest.approx([0.0, 30.0])
     assert found.flexion["left_knee"] == pytest.approx([0.0, 50.0])
     assert found.flexion["right_knee"] == pytest.approx([0.0, 0.0])
 
 
 def test_errors_are_over_the_time_that_both_have() -> None:
-    ours = LegMotion(np.arange(5.0), {"left_knee": np.array([0.0, 4.0, 8.0, 12.0, 16.0])})
-    theirs = LegMotion(np.array([0.5, 1.5, 9.0]), {"left_knee": np.array([1.0, 3.0, 99.0])})
+    ours = GaitMotion(np.arange(5.0), {"left_knee": np.array([0.0, 4.0, 8.0, 12.0, 16.0])})
+    theirs = GaitMotion(np.array([0.5, 1.5, 9.0]), {"left_knee": np.array([1.0, 3.0, 99.0])})
     (error,) = angle_errors(ours, theirs).values()
     assert error.rmse == pytest.approx(np.sqrt((1**2 + 3**2) / 2))
     assert error.without_offset == pytest.approx(1.0)
@@ -69,12 +72,19 @@ def test_a_row_says_what_was_measured() -> None:
         for side, error in (("left", 4.0), ("right", 6.0))
         for joint in ("knee", "hip")
     }
+    legs["trunk"] = AngleError(6.0, 1.0)
+    parts = {"body": 30.0, "legs": 20.0, "shoulders": 25.0, "arms": 40.0}
     one = RealTrial(
-        "a walk", 20.0, legs, {}, ("OpenSense", legs), (12.0, np.nan), (7.0, 9.0), 1.0, 2.0, ("crossed legs",), ()
-    )
+        "a walk", 20.0, legs, {}, ("OpenSense", legs), (12.0, np.nan), (parts, {}),
+        {"smooth": Agreement("knee", 0.1, 0.9, 8.0, 5.0, 2.0, 61.0)}, StrideErrors(57, 1.36, -0.052, 0.05),
+        (7.0, 9.0), 1.0, 2.0, ("crossed legs",), (),
+    )  # fmt: skip
     table = real_table([one])
     assert "| a walk | 20 | 5.0 (2.0) | 5.0 (2.0) | 12.00 | n/a | n/a | n/a | 7, at most 9 | 1, 0 |" in table
     assert "| — OpenSense | | 5.0 (2.0) | 5.0 (2.0) | | | | | | |" in table
+    assert "| mean | 6.0 (1.0) | n/a | 30.00 | 20.00 | 25.00 | 40.00 | n/a | n/a |" in table
+    assert "| a walk | smooth | knee | 0.10 | 0.90 | 8.0 (5.0) | 2 to 61 |" in table
+    assert "| a walk | 57 | 1.36 | -5.2 | 5.0 |" in table
     assert json.loads(real_json([one]))["a walk"]["batch"]["left_knee"]["rmse"] == 4.0
 
 
@@ -82,6 +92,8 @@ def test_a_folder_without_recordings_is_one_sentence(tmp_path: Path, capsys: pyt
     assert not list(real_recordings(tmp_path))
     assert main(["benchmark", "real", "--data", str(tmp_path)]) == 2
     assert "none of the public recordings in it" in capsys.readouterr().err
+    assert main(["benchmark", "real", "--data", str(tmp_path), "--camera", "carried"]) == 2
+    assert "expected geneva_gait" in " ".join(capsys.readouterr().err.split())
 
 
 def test_optical_inverse_kinematics_and_its_joint_centres_agree(data_folder: Path) -> None:

@@ -45,6 +45,18 @@ def test_a_row_of_the_log_itself(tmp_path: Path, walk: Array) -> None:
     assert f"begins at {LEAD_S:g} s" in recording.notes
 
 
+def test_a_pose_decades_before_the_rest_is_refused_unless_it_is_said_to_be_one(tmp_path: Path, walk: Array) -> None:
+    log = write_sto(tmp_path / "a.sto", np.concatenate([R_POSE[None], walk]))
+    header, first, *rows = log.read_text().split("\n0.0\t")[0], *log.read_text().splitlines()[3:]
+    unix = [f"{1.6e9 + float(row.partition(chr(9))[0])!r}\t{row.partition(chr(9))[2]}" for row in rows]
+    log.write_text("\n".join([header, first, *unix]) + "\n")
+    with pytest.raises(InputError, match=r"leap from 0.00 to 1600000000.\d\d s after row 1 .* --start-s 1600000000.0"):
+        import_recording(log)
+    recording = import_recording(log, ImportOptions(initial_pose="n-pose", pose_from=f"{log}:1"))
+    assert recording.interval[1] == pytest.approx(LEAD_S + 99 / 50, abs=1e-3)
+    assert import_recording(log, ImportOptions(start_s=1.6e9)).interval[1] == pytest.approx(2.0, abs=1e-3)
+
+
 def test_another_log_on_average_and_a_cut(tmp_path: Path, walk: Array) -> None:
     log = write_sto(tmp_path / "a.sto", walk)
     sway = exp(np.stack([0.02 * np.sin(np.arange(51)), np.zeros(51), np.zeros(51)], axis=1))

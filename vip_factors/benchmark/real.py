@@ -2,23 +2,26 @@
 
 import tempfile
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from vip_factors.benchmark.leg_angles import LegMotion, angle_errors, centres_error_mm, legs_of
+from vip_factors.benchmark.filmed_markers import CameraName, filmed
+from vip_factors.benchmark.leg_angles import GaitMotion, angle_errors, body_errors_mm, centres_error_mm, gait_of
 from vip_factors.benchmark.real_recordings import RealRecording, real_recordings
 from vip_factors.benchmark.recordings import smoothed_motion, streamed
+from vip_factors.benchmark.strides import StrideErrors, stride_errors
+from vip_factors.benchmark.video_agreement import Agreement, agreement
 from vip_factors.benchmark.walk import AngleError
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
-from vip_factors.evaluate.table import json_text, number
 from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.io.convert import import_recording
 from vip_factors.live.settings import LiveSettings
-from vip_factors.pipeline import smooth
+from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
@@ -36,6 +39,9 @@ class RealTrial:
         other: somebody else's name and errors.
         centres_mm: of hips, knees and ankles, batch and live, a rigid motion of each frame taken out; NaN without a
             reference.
+        body_mm: the same of the whole body and its parts, batch and live; empty where not all of them are known.
+        video: how far ``smooth`` and OpenSense agree with somebody else's video; empty where there is none.
+        strides: errors of ``smooth`` where strides were measured.
         heading_deg: median and largest error of headings; NaN without a reference.
         batch_cpu_s, live_cpu_s: of the whole recording, this process alone.
         batch_findings, live_findings: sentences, each as often as it was told.
@@ -47,6 +53,9 @@ class RealTrial:
     live: Mapping[str, AngleError]
     other: tuple[str, Mapping[str, AngleError]] | None
     centres_mm: tuple[float, float]
+    body_mm: tuple[Mapping[str, float], Mapping[str, float]]
+    video: Mapping[str, Agreement]
+    strides: StrideErrors | None
     heading_deg: tuple[float, float]
     batch_cpu_s: float
     live_cpu_s: float
@@ -56,14 +65,21 @@ class RealTrial:
 
 def run_real(
     folder: Path, named: str, with_live: bool, tell: Callable[[str, float], None],
-    keep: Callable[[tuple[RealTrial, ...]], None] = lambda so_far: None,
+    keep: Callable[[tuple[RealTrial, ...]], None] = lambda so_far: None, camera: CameraName | None = None,
 ) -> tuple[RealTrial, ...]:  # fmt: skip
     """Each recording in the folder whose name contains some letters is converted, smoothed and, if wanted, streamed.
+
+    With a camera, only those of which a whole body's markers are known, and what a detector would have seen of these.
 
     Raises:
         InputError: if there is none.
     """
-    chosen = [one for one in real_recordings(folder) if named in one.name]
+    chosen = [one for one in real_recordings(folder) if named in one.name and (camera is None or one.markers)]
+    if not chosen and camera is not None:
+        raise InputError(
+            f"{folder}: no recording '{named}' with markers of the whole body in it, for a camera to film; expected "
+            "geneva_gait"
+        )
     if not chosen:
         raise InputError(
             f"{folder}: no recording '{named}' in it" if named else
@@ -72,83 +88,75 @@ def run_real(
     trials: tuple[RealTrial, ...] = ()
     for done, one in enumerate(chosen):
         tell(one.name, done / len(chosen))
-        trials += (_trial(one, folder, with_live),)
+        trials += (_trial(one, folder, with_live, camera),)
         keep(trials)
     return trials
 
 
-def real_table(trials: Sequence[RealTrial]) -> str:
-    """Markdown: RMSE in degrees, mean of both sides, in brackets with the mean removed; findings batch, live."""
-    lines = [
-        "| recording | s | knee ° | hip ° | centres mm | live: knee ° | hip ° | mm | headings ° | findings |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for one in trials:
-        cells = [one.recording, f"{one.seconds:.0f}", _both(one.batch, "knee"), _both(one.batch, "hip")]
-        cells += [number(one.centres_mm[0]), _both(one.live, "knee"), _both(one.live, "hip"), number(one.centres_mm[1])]
-        cells += [_headings(one.heading_deg)]
-        lines.append("| " + " | ".join([*cells, f"{len(one.batch_findings)}, {len(one.live_findings)}"]) + " |")
-        if one.other is not None:
-            name, errors = one.other
-            lines.append(f"| — {name} | | {_both(errors, 'knee')} | {_both(errors, 'hip')} | | | | | | |")
-    return "\n".join(lines) + "\n"
-
-
-def real_json(trials: Sequence[RealTrial]) -> str:
-    """Everything, as JSON."""
-    return json_text({one.recording: asdict(one) for one in trials})
-
-
-def _both(errors: Mapping[str, AngleError], joint: str) -> str:
-    if f"left_{joint}" not in errors:
-        return "n/a"
-    left, right = errors[f"left_{joint}"], errors[f"right_{joint}"]
-    return f"{(left.rmse + right.rmse) / 2:.1f} ({(left.without_offset + right.without_offset) / 2:.1f})"
-
-
-def _headings(degrees: tuple[float, float]) -> str:
-    return f"{degrees[0]:.0f}, at most {degrees[1]:.0f}" if np.isfinite(degrees[0]) else "n/a"
-
-
-def _trial(one: RealRecording, folder: Path, with_live: bool) -> RealTrial:
+def _trial(one: RealRecording, folder: Path, with_live: bool, camera: CameraName | None) -> RealTrial:
     recording = _converted(one, folder)
     scene = Scene(one.name, (recording,))
+    if camera is not None and one.markers is not None:
+        scene = filmed(recording, one.markers(folder), camera, seed=zlib.crc32(one.name.encode()))
     factors = Settings().factors
     agreeing = replace(factors, agreeing_headings=replace(factors.agreeing_headings, sigma_deg=one.agree_deg))
     begin = clock.process_time()
-    estimate = smooth(recording, Settings(factors=agreeing))
+    estimate = smooth_scene(scene, Settings(factors=agreeing))
     batch_s, begin = clock.process_time() - begin, clock.process_time()
     answers = streamed(scene, LiveSettings(factors=agreeing)) if with_live else []
     live_s = clock.process_time() - begin
     reference = None if one.angles is None else one.angles(folder)
 
-    motions = (estimate.motion, smoothed_motion(answers, 0, scene))
+    (own,) = estimate.wearers
+    motions = (own.motion, smoothed_motion(answers, 0, scene))
     batch, live = (_errors(motion, reference) for motion in motions)
     other = None
     if one.other is not None and reference is not None:
         other = (one.other[0], angle_errors(one.other[1](folder), reference))
     start, end = recording.interval
     return RealTrial(
-        one.name, end - start, batch[0], live[0], other, (batch[1], live[1]),
-        _heading_errors(estimate.calibration, one.headings_deg), batch_s, live_s, estimate.findings,
+        one.name, end - start, batch[0], live[0], other, (batch[1], live[1]), (batch[2], live[2]),
+        _video(one, folder, own.motion), _strides(one, folder, own.motion),
+        _heading_errors(own.calibration, one.headings_deg), batch_s, live_s,
+        tuple(dict.fromkeys((*estimate.findings, *own.findings))),
         tuple(sentence for answer in answers for sentence in answer.findings),
     )  # fmt: skip
 
 
 def _converted(one: RealRecording, folder: Path) -> Recording:
-    if not one.columns:
-        return import_recording(folder / one.log, one.options)
+    held = one.options.pose_from
+    options = one.options if held is None else replace(one.options, pose_from=str(folder / held))
     with tempfile.TemporaryDirectory() as place:
-        columns = Path(place) / "columns.toml"
+        columns, sites = Path(place) / "columns.toml", Path(place) / "placement.toml"
         columns.write_text(one.columns, encoding="utf-8")
-        return import_recording(folder / one.log, replace(one.options, columns=columns))
+        sites.write_text(one.sites, encoding="utf-8")
+        if one.columns:
+            options = replace(options, columns=columns)
+        if one.sites:
+            options = replace(options, placement=sites)
+        return import_recording(folder / one.log, options)
 
 
-def _errors(motion: Motion | None, reference: LegMotion | None) -> tuple[Mapping[str, AngleError], float]:
+def _errors(
+    motion: Motion | None, reference: GaitMotion | None
+) -> tuple[Mapping[str, AngleError], float, Mapping[str, float]]:
     if motion is None or reference is None:
-        return {}, np.nan
-    ours = legs_of(motion)
-    return angle_errors(ours, reference), centres_error_mm(ours, reference)
+        return {}, np.nan, {}
+    ours = gait_of(motion)
+    return angle_errors(ours, reference), centres_error_mm(ours, reference), body_errors_mm(ours, reference)
+
+
+def _video(one: RealRecording, folder: Path, motion: Motion) -> dict[str, Agreement]:
+    if one.video is None:
+        return {}
+    joint, video, opensense = one.video
+    seen, other = video(folder), opensense(folder)
+    found = {"smooth": agreement(joint, gait_of(motion), seen)}
+    return found if other is None else found | {"OpenSense": agreement(joint, other, seen)}
+
+
+def _strides(one: RealRecording, folder: Path, motion: Motion) -> StrideErrors | None:
+    return None if one.strides is None else stride_errors(motion, one.strides(folder))
 
 
 def _heading_errors(found: Calibration, reference: Mapping[str, float]) -> tuple[float, float]:

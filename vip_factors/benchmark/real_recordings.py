@@ -2,12 +2,16 @@
 
 import csv
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from vip_factors.benchmark.leg_angles import LegMotion, marker_legs, opensim_angles, optical_angles, vicon_angles
+from vip_factors.benchmark.leg_angles import GaitMotion, marker_motion, opensim_angles, optical_angles, vicon_angles
+from vip_factors.benchmark.marker_body import MarkerBody, read_marker_body
+from vip_factors.benchmark.strides import Strides, read_strides
+from vip_factors.benchmark.video_agreement import video_motion
 from vip_factors.benchmark.walk import SENSORS as WALK
 from vip_factors.io.convert import ImportOptions
+from vip_factors.io.held_pose import LEAD_S
 
 STATURE_M = 1.75  # nobody says how tall these wearers were
 # How OpenSense names the sensors' frames; site → what follows it depends on the recording.
@@ -52,8 +56,12 @@ class RealRecording:
         log: what is converted, as a path in the folder of all.
         options: what is said beside it.
         agree_deg: how well the sensors' inertial frames are said to agree, if at all.
-        angles: reads how the legs moved from the folder of all, if there is a reference.
+        angles: reads how legs and trunk moved from the folder of all, if there is a reference.
         columns: column map of a log of no known format, as TOML.
+        sites: placement file, as TOML, where there is more to say than options can.
+        markers: reads how the whole body moved, on the recording's clock, where markers tell it: a camera can be made.
+        strides: reads when which foot rested, and how long its strides were.
+        video: a joint, and readers of how it bent by somebody else's video, and by OpenSense if it is known.
         other: name and reader of somebody else's result, to be judged by the same reference.
         headings_deg: reference of headings by sensor name.
     """
@@ -62,10 +70,14 @@ class RealRecording:
     log: str
     options: ImportOptions
     agree_deg: float | None = None
-    angles: Callable[[Path], LegMotion] | None = None
-    other: tuple[str, Callable[[Path], LegMotion]] | None = None
+    angles: Callable[[Path], GaitMotion] | None = None
+    other: tuple[str, Callable[[Path], GaitMotion]] | None = None
     headings_deg: Mapping[str, float] = field(default_factory=dict)
     columns: str = ""
+    sites: str = ""
+    markers: Callable[[Path], MarkerBody] | None = None
+    strides: Callable[[Path], dict[str, Strides]] | None = None
+    video: tuple[str, Callable[[Path], GaitMotion], Callable[[Path], GaitMotion | None]] | None = None
 
 
 def real_recordings(folder: Path) -> Iterator[RealRecording]:
@@ -80,10 +92,23 @@ def real_recordings(folder: Path) -> Iterator[RealRecording]:
 def _activity(path: Path) -> RealRecording:
     """Of VIDIMU: walking and sitting wear sensors on the legs, the rest on the arms.
 
-    The first row of each is a pose held before, facing elsewhere: not a sample.
+    The first row of each is an N-pose held before, facing elsewhere, as the maker of the data says.
     """
-    legs = path.stem[4:7] in ("A01", "A02", "A03", "A04")
-    return RealRecording(f"vidimu {path.stem}", str(path), _worn(LEGS if legs else ARMS, start_s=0.01))
+    name = path.stem
+    legs = name[4:7] in ("A01", "A02", "A03", "A04")
+    joint = "knee" if legs else "elbow"
+
+    def video(folder: Path) -> GaitMotion:
+        return video_motion((folder / path).with_suffix(".csv"), LEAD_S)
+
+    def opensense(folder: Path) -> GaitMotion | None:
+        result = folder / path.with_name(f"ik_{name}.mot")
+        return opensim_angles(result, LEAD_S, (joint,)) if result.exists() else None
+
+    return RealRecording(
+        f"vidimu {name}", str(path), replace(_worn(LEGS if legs else ARMS, "n-pose"), pose_from=f"{path}:1"),
+        video=(joint, video, opensense),
+    )  # fmt: skip
 
 
 def _walk(path: Path, folder: Path) -> RealRecording:
@@ -96,7 +121,8 @@ def _walk(path: Path, folder: Path) -> RealRecording:
     options = ImportOptions(placement=GENEVA, stature_m=height_mm[trial[:3]] / 1000, initial_pose="n-pose")
     return RealRecording(
         f"geneva_gait {trial}", str(path), options, columns=_geneva_columns(),
-        angles=lambda folder: marker_legs(folder / path.parent / "optical.csv", begins),
+        angles=lambda folder: marker_motion(read_marker_body(folder / path.parent / "optical.csv", begins)),
+        markers=lambda folder: read_marker_body(folder / path.parent / "optical.csv", begins),
     )  # fmt: skip
 
 
@@ -113,22 +139,34 @@ def _worn(placement: Mapping[str, str] | None, pose: str = "none", start_s: floa
     return ImportOptions(placement=placement, stature_m=STATURE_M, initial_pose=pose, start_s=start_s)
 
 
-def _treadmill(pose: str) -> RealRecording:
+def _treadmill(pose: str, log: str = "Orientations.sto", said: str = "") -> RealRecording:
+    """With another log its accelerometers too, two of which are mis-scaled."""
     where = "xsens_treadmill_optical"
 
-    def optical(folder: Path) -> LegMotion:
+    def optical(folder: Path) -> GaitMotion:
         return optical_angles(folder / where / "optical_joint_centres.csv")
 
-    def opensense(folder: Path) -> LegMotion:
+    def opensense(folder: Path) -> GaitMotion:
         return opensim_angles(folder / where / "ik_OpenSim_Sub02_CSBaseline_Orientations.mot")
 
     return RealRecording(
-        f"{where}, pose {'declared' if pose != 'none' else 'not declared'}",
-        f"{where}/OpenSim_Sub02_CSBaseline_Orientations.sto", _worn(TREADMILL, pose), angles=optical,
+        f"{where}, pose {'declared' if pose != 'none' else 'not declared'}{said}",
+        f"{where}/OpenSim_Sub02_CSBaseline_{log}", _worn(TREADMILL, pose), angles=optical,
         other=("OpenSense", opensense),
     )  # fmt: skip
 
 
+# gaitmap's own axes of a foot (x forward, y left, z up) in ours (x left, y up, z forward); the rate is its makers'.
+_GAITMAP = {"left": "left_sensor", "right": "right_sensor"}
+_GAITMAP_COLUMNS = "rate_hz = 204.8\n" + "".join(
+    f'[sensors."{name}"]\nacceleration = {[f"{name}_acc_{axis}" for axis in "xyz"]}\nacceleration_unit = "m/s2"\n'
+    f'angular_rate = {[f"{name}_gyr_{axis}" for axis in "xyz"]}\nangular_rate_unit = "deg/s"\n'
+    for name in _GAITMAP.values()
+)
+_GAITMAP_SITES = "[sensors]\n" + "".join(
+    f'{name} = {{ site = "{side}_foot", mounting_wxyz = [0.5, -0.5, -0.5, -0.5], sigma_deg = 15 }}\n'
+    for side, name in _GAITMAP.items()
+)
 _FULL_BODY = "full_body_16imu/full_body_example_data.mat"
 _KNOWN = (
     RealRecording(
@@ -137,6 +175,7 @@ _KNOWN = (
     ),
     _treadmill("n-pose"),
     _treadmill("none"),
+    _treadmill("n-pose", "Accel.trc", ", with accelerometers"),
     RealRecording("full_body_16imu", _FULL_BODY, _worn(None), headings_deg=FULL_BODY_HEADINGS),
     RealRecording(
         "full_body_16imu, frames said to agree", _FULL_BODY, _worn(None), agree_deg=90.0,
@@ -148,5 +187,9 @@ _KNOWN = (
         _worn({"sternum": "torso_imu", **LEGS, "right_foot": "calcn_r_imu", "left_foot": "calcn_l_imu"}),
     ),
     RealRecording("xsens_dot", "xsens_dot/Original_XsensDot_Data_Realtime", _worn(DOT)),
+    RealRecording(
+        "gaitmap_feet", "gaitmap_feet/imu_sample.csv", _worn(None), columns=_GAITMAP_COLUMNS, sites=_GAITMAP_SITES,
+        strides=lambda folder: read_strides(folder / "gaitmap_feet"),
+    ),
     RealRecording("mvnx upper body", "mvnx/upper_body_60hz_v4.mvnx", _worn(None)),
 )  # fmt: skip

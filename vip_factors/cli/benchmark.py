@@ -149,10 +149,13 @@ def _starts(options: StartsOptions, tell: Tell) -> tuple[str, str]:
 
 
 def _real(options: RealOptions, tell: Tell, write: Write) -> tuple[str, str]:
-    from vip_factors.benchmark.real import real_json, real_table, run_real
+    from vip_factors.benchmark.real import run_real
+    from vip_factors.benchmark.real_table import real_json, real_table
     from vip_factors.benchmark.recordings import RecordingTrial, recordings_json, recordings_table, run_recordings
 
-    real = run_real(options.data, options.named, options.live, tell, lambda so_far: write(real_json(so_far)))
+    real = run_real(
+        options.data, options.named, options.live, tell, lambda so_far: write(real_json(so_far)), options.camera
+    )
     table, content = real_table(real), json.loads(real_json(real))
     if options.scenes:
 

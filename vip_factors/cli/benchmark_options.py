@@ -98,6 +98,9 @@ class RealOptions:
     """Folder with the public recordings: xsens_vicon_walk, xsens_treadmill_optical, opensense, vidimu and so on."""
     named: str = ""
     """Only those whose names contain this."""
+    camera: Literal["standing", "carried"] | None = None
+    """Only those with markers of the whole body, and with what a detector would have seen of these: a camera that
+    stands, or one that is carried."""
     scenes: tuple[Path, ...] = ()
     """Recordings or scenes (.mcap) with a truth of their own, in a table below."""
     live: Flag = True

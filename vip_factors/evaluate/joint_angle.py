@@ -1,4 +1,4 @@
-"""Clinical joint angles of gait: flexion of knees and hips, which needs no world frame."""
+"""Clinical angles of gait: flexion of knees and hips, which needs no world frame, and how the trunk leans."""
 
 import numpy as np
 
@@ -36,6 +36,29 @@ def hip_flexion_of(motion: Motion, side: str) -> Array:
     """Hip flexion ``(T,)`` in degrees of the ``"left"`` or ``"right"`` hip of a motion."""
     R_world_bone = motion.state.R_world_bone
     return hip_flexion_deg(R_world_bone[:, joint_index("pelvis")], R_world_bone[:, joint_index(f"{side}_hip")])
+
+
+def bend_deg(p_above: Array, p_joint: Array, p_below: Array) -> Array:
+    """How far ``(...)`` degrees a knee or an elbow is from straight, of joint centres ``(..., 3)``; never negative.
+
+    No axes of bones are needed, which no two skeletons share.
+    """
+    above, below = p_joint - p_above, p_below - p_joint
+    cosine = np.sum(above * below, axis=-1) / np.linalg.norm(above, axis=-1) / np.linalg.norm(below, axis=-1)
+    return np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def inclination_deg(up: Array, left: Array) -> Array:
+    """How far ``(T,)`` degrees an axis of the trunk leans forward, seen from where the person's left is.
+
+    Args:
+        up: ``(T, 3)`` along the axis, in a world with z up; from the middle of the hips to that of the shoulders, say,
+            which all skeletons have, or a bone's own axis, about whose zero no two skeletons agree.
+        left: ``(T, 3)`` from the right hip to the left one.
+    """
+    forward = np.stack([left[..., 1], -left[..., 0]], axis=-1)
+    forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
+    return np.rad2deg(np.arctan2(np.sum(up[..., :2] * forward, axis=-1), up[..., 2]))
 
 
 def rmse(estimate: Array, truth: Array) -> float:

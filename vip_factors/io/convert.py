@@ -13,7 +13,7 @@ from vip_factors.errors import FileFormatError, InputError, RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.body_file import read_body_file
 from vip_factors.io.held_pose import LEAD_S, after_pose, held_orientations, later, pose_source, without_sample
-from vip_factors.io.import_notes import coverage_notes
+from vip_factors.io.import_notes import check_leaps, coverage_notes
 from vip_factors.io.import_placement import place_sensors
 from vip_factors.io.imported import ImportedLog
 from vip_factors.io.known_body import subject_with, with_body
@@ -205,6 +205,7 @@ def import_recording(path: str | Path, options: ImportOptions | None = None) -> 
     notes = [f"imported from {path.name} ({log.format})", *log.notes]
     held, imus = _held(path, format_name, log, options, given.initial_pose)
     log = replace(log, imus=_cut(imus, options, notes))
+    check_leaps(log.imus)
     notes += coverage_notes(log.imus)
     if body is None:
         subject = _subject(given, log, notes)

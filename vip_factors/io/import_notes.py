@@ -4,8 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from vip_factors.errors import InputError
 from vip_factors.sensors.imu_stream import ImuStream
 
+LEAP_S = 86_400.0  # nobody pauses for a day within one recording: a clock was set, or a row is no sample
 LONG_GAP_S = 1.0  # shorter ones are bridged by the neighbours; over longer ones a limb can have done anything
 MISSING_END_S = 1.0  # sensors are switched off within a second of each other
 UNEQUAL_RATE = 0.02
@@ -39,6 +41,26 @@ def coverage_notes(imus: Mapping[str, ImuStream]) -> list[str]:
                 f"sensors run at different rates: '{slow}' at {rates[slow]:.1f} Hz, '{fast}' at {rates[fast]:.1f} Hz"
             )
     return notes
+
+
+def check_leaps(imus: Mapping[str, ImuStream]) -> None:
+    """Times that leap, as where a pose held before stands at 0 s in a log of Unix time.
+
+    Raises:
+        InputError: if all sensors say nothing for a day.
+    """
+    if not imus:
+        return
+    time = np.unique(np.concatenate([stream.time for stream in imus.values()]))
+    leaps = np.flatnonzero(np.diff(time) > LEAP_S)
+    if len(leaps):
+        before, after = time[leaps[0]], time[leaps[0] + 1]
+        rows = max(int(np.sum(stream.time <= before)) for stream in imus.values())
+        raise InputError(
+            f"all sensors' times leap from {before:.2f} to {after:.2f} s after row {rows} of a sensor: no recording "
+            f"pauses for days; leave out what is before with --start-s {np.floor(100 * after) / 100:.2f}, or, if it is "
+            "a pose that was held before, say --initial-pose n-pose (or t-pose) and --pose-from LOG:1"
+        )
 
 
 def _usual_rate(stream: ImuStream) -> float:

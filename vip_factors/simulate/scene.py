@@ -109,7 +109,7 @@ def _film(
     path = CameraPath(time, state.R_world_bone, state.position)
     keypoints = keypoint_set(settings.keypoints)
     detections, owner, pixels = detect(people, path, settings.model, keypoints, settings.detector, own_seed, seed)
-    mount, calibration = _mounted(body, settings, seed) if settings.has_camera_imu else (None, None)
+    mount, calibration = camera_mount(body, settings, seed) if settings.has_camera_imu else (None, None)
     moving = settings.camera != "fixed"
     if not moving:
         path = CameraPath(path.time[:1], path.R_world_camera[:1], path.p_world_camera[:1])
@@ -166,7 +166,7 @@ def _person(dense: DenseMotion, time: Array) -> Person:
     return Person(dense.skeleton, dense.state(np.clip(time, dense.start, dense.end)), present)
 
 
-def _mounted(body: DenseMotion, settings: SceneSettings, seed: int) -> tuple[CameraMount, SensorCalibration]:
+def camera_mount(body: DenseMotion, settings: SceneSettings, seed: int) -> tuple[CameraMount, SensorCalibration]:
     """The IMU on the camera and its true calibration: nothing wobbles on it, all else is as on people."""
     imu = replace(
         settings.imu, mounting_error_deg=settings.camera_mounting_error_deg, position_error_m=0.0, skin_deg=0.0,

@@ -1,7 +1,7 @@
 """The association of a whole recording: from detections and inertially tracked motions to who is who."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from vip_factors.associate.features import (
 from vip_factors.associate.findings import find_oddities
 from vip_factors.associate.hypothesis import hypotheses, keypoint_sigma, used_confidence, wearer_points
 from vip_factors.associate.meta_camera import meta_features
+from vip_factors.associate.place import left_over
 from vip_factors.associate.programme import Programme, solve_in_windows
 from vip_factors.associate.settings import AssociationSettings
 from vip_factors.associate.tracklets import tracklets
@@ -24,7 +25,7 @@ from vip_factors.associate.verdict import verdict_features
 from vip_factors.associate.weights import Logistic, load_weights
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
@@ -45,6 +46,8 @@ class Association:
             (``p_camera = R_camera_world @ p_world + p_camera_world``); NaN for nobody.
         unary: ``(N,)`` cost of the chosen hypothesis on its own (negative log-odds), else of the best; NaN without any.
         findings: sentences about what is odd.
+        by_place: ``(N,)`` whether it was given for lying where the wearer is, by the known camera, and not for moving
+            alike; its confidence is the least that is asked of others. Empty where no camera was known.
     """
 
     wearer: np.ndarray
@@ -53,6 +56,7 @@ class Association:
     p_camera_world: Array
     unary: Array
     findings: tuple[str, ...] = ()
+    by_place: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
 
 def associate(
@@ -96,7 +100,25 @@ def associate(
     sure = confidence >= settings.least_confidence
     sure &= _seen_again(programme.wearer[chosen], sure, settings.least_choices)
     result = _result(context, odds, rows[chosen][sure], confidence[sure], len(detections))
+    if context.camera is not None and settings.by_place:
+        result = _with_left_over(result, context, context.camera, settings.least_confidence)
     return replace(result, findings=find_oddities(detections, context, odds, motions, result.wearer))
+
+
+def _with_left_over(result: Association, context: Context, camera: CameraPath, confidence: float) -> Association:
+    """The same with the detections that lie where a wearer is."""
+    wearer = left_over(context, camera, result.wearer)
+    added = wearer != result.wearer
+    R = transpose(camera.R_world_camera)[context.frame]
+    p = -(R @ camera.p_world_camera[context.frame][..., None])[..., 0]
+    return replace(
+        result,
+        wearer=wearer,
+        confidence=np.where(added, confidence, result.confidence),
+        R_camera_world=np.where(added[:, None, None], R, result.R_camera_world),
+        p_camera_world=np.where(added[:, None], p, result.p_camera_world),
+        by_place=added,
+    )
 
 
 def make_context(
@@ -120,6 +142,7 @@ def make_context(
         rays=rays,
         weight=weight,
         track=tracklets(detections.frame, rays, weight, detections.rate or NOMINAL_RATE),
+        frame=detections.frame,
         time=detections.time,
         sigma=keypoint_sigma(detections.keypoints),
         camera=None if camera is None else camera.at(detections.time),

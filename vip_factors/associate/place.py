@@ -1,8 +1,8 @@
 """Who stands where: detections that the programme leaves over, given to wearers by the known camera.
 
-The programme fits a camera to every detection, which takes six of its numbers, and doubts whoever shows few joints: half
-hidden people. Once the camera's path is known and the motions are in its world, each wearer's keypoints are expected at
-places in the picture, and what lies there is theirs, unless somebody else's would do nearly as well.
+The programme fits a camera to every detection, which takes six of its numbers, and doubts whoever shows few joints:
+half hidden people. Once the camera's path is known and the motions are in its world, each wearer's keypoints are
+expected at places in the picture, and what lies there is theirs, unless somebody else's would do nearly as well.
 """
 
 import numpy as np
@@ -46,7 +46,7 @@ def left_over(context: Context, camera: CameraPath, wearer: np.ndarray) -> np.nd
 
 
 def place_cost(context: Context, camera: CameraPath, wearer: int, sure: np.ndarray) -> Array:
-    """How far off ``(N,)`` each detection is from where a wearer is expected: the mean of log(1 + z²) over the keypoints.
+    """How far off ``(N,)`` each detection is from where a wearer is expected: the keypoints' mean of log(1 + z²).
 
     Sigmas are the scatter of the detections that are the wearer's already, and what a motion errs by.
 

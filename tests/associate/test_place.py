@@ -13,7 +13,7 @@ from vip_factors.associate.settings import AssociationSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.detections import Detections
 
-HIDDEN_FROM = 60  # video frame
+HIDDEN_FROM = 40  # video frame
 
 
 def half_hidden(detections: Detections, which: np.ndarray, seen: tuple[str, ...]) -> Detections:
@@ -26,7 +26,7 @@ def half_hidden(detections: Detections, which: np.ndarray, seen: tuple[str, ...]
 
 @pytest.fixture(scope="module")
 def sample() -> Sample:
-    return scene(common_world=True)
+    return scene(seconds=2.5, common_world=True)
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def given(context: Context, sample: Sample, pixels: Array | None = None, weight:
 
 
 def test_half_hidden_wearers_are_found_where_they_stand() -> None:
-    whole = scene(common_world=True)
+    whole = scene(seconds=2.5, common_world=True)
     hidden = whole.detections.frame >= HIDDEN_FROM
     detections = half_hidden(whole.detections, hidden, ("shoulder", "elbow"))
     by_motion, by_place = (

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from vip_factors.associate.appearance import clothes_odds
 from vip_factors.associate.features import (
     INTRA,
     Context,
@@ -48,6 +49,7 @@ class Association:
         findings: sentences about what is odd.
         by_place: ``(N,)`` whether it was given for lying where the wearer is, by the known camera, and not for moving
             alike; its confidence is the least that is asked of others. Empty where no camera was known.
+        by_clothes: whether clothes had a say.
     """
 
     wearer: np.ndarray
@@ -57,6 +59,7 @@ class Association:
     unary: Array
     findings: tuple[str, ...] = ()
     by_place: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    by_clothes: bool = False
 
 
 def associate(
@@ -91,23 +94,45 @@ def associate(
     suffix = "" if camera is None else "_camera"
     features = unary_features(context)
     odds = weights.logistic["unary" + suffix].log_odds(features)
-    programme, rows = build_programme(context, odds, weights.logistic, settings)
-    chosen = choose(context, programme, settings, progress)
-    verdict = weights.logistic["verdict" + suffix].log_odds(
-        verdict_features(context, features[rows], odds[rows], programme, chosen)
-    )
-    confidence = 1 / (1 + np.exp(-np.clip(verdict, -50, 50)))
-    sure = confidence >= settings.least_confidence
-    sure &= _seen_again(programme.wearer[chosen], sure, settings.least_choices)
-    result = _result(context, odds, rows[chosen][sure], confidence[sure], len(detections))
+    result = _decided(context, features, odds, weights.logistic, settings, progress)
+    clothes = _clothes(context, detections, result.wearer)
+    if clothes is not None and settings.by_clothes:
+        h = context.hypotheses
+        dressed = odds + clothes[h.wearer, h.detection]
+        result = replace(_decided(context, features, dressed, weights.logistic, settings, None), by_clothes=True)
     if context.camera is not None and settings.by_place:
-        result = _with_left_over(result, context, context.camera, settings.least_confidence)
+        result = _with_left_over(result, context, context.camera, settings.least_confidence, clothes)
     return replace(result, findings=find_oddities(detections, context, odds, motions, result.wearer))
 
 
-def _with_left_over(result: Association, context: Context, camera: CameraPath, confidence: float) -> Association:
+def _decided(
+    context: Context, features: Array, odds: Array, logistic: Mapping[str, Logistic], settings: AssociationSettings,
+    progress: Callable[[float], None] | None,
+) -> Association:  # fmt: skip
+    """The association by the programme, of hypotheses with features ``(P, ...)`` and log-odds ``(P,)``."""
+    verdict = logistic["verdict" + ("" if context.camera is None else "_camera")]
+    programme, rows = build_programme(context, odds, logistic, settings)
+    chosen = choose(context, programme, settings, progress)
+    log_odds = verdict.log_odds(verdict_features(context, features[rows], odds[rows], programme, chosen))
+    confidence = 1 / (1 + np.exp(-np.clip(log_odds, -50, 50)))
+    sure = confidence >= settings.least_confidence
+    sure &= _seen_again(programme.wearer[chosen], sure, settings.least_choices)
+    return _result(context, odds, rows[chosen][sure], confidence[sure], len(context.frame))
+
+
+def _clothes(context: Context, detections: Detections, wearer: np.ndarray) -> Array | None:
+    """Log-odds ``(W, N)`` by clothes; None where they tell nothing of anybody."""
+    if detections.torso_colour is None:
+        return None
+    odds = clothes_odds(context, detections.torso_colour, wearer)
+    return odds if np.any(odds) else None
+
+
+def _with_left_over(
+    result: Association, context: Context, camera: CameraPath, confidence: float, clothes: Array | None
+) -> Association:
     """The same with the detections that lie where a wearer is."""
-    wearer = left_over(context, camera, result.wearer)
+    wearer = left_over(context, camera, result.wearer, clothes)
     added = wearer != result.wearer
     R = transpose(camera.R_world_camera)[context.frame]
     p = -(R @ camera.p_world_camera[context.frame][..., None])[..., 0]

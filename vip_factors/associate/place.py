@@ -19,11 +19,12 @@ PREDICTED_M = 0.03  # what a fused motion errs by where nobody was seen: its usu
 # one detection more than two thirds must be in place to reach it.
 FITTING = float(np.log1p(2.5**2))
 LEAD = 1.0  # how much worse the next best must be: e times the squared errors
+DRESSED = -2.0  # log-odds of the clothes at least: one in eight of the wearer's own looks less like them
 NEVER = 100.0  # a cost beyond all others
 NEAREST = 0.3  # m, before the camera
 
 
-def left_over(context: Context, camera: CameraPath, wearer: np.ndarray) -> np.ndarray:
+def left_over(context: Context, camera: CameraPath, wearer: np.ndarray, clothes: Array | None = None) -> np.ndarray:
     """Wearers ``(N,)`` of the detections, with those added that lie where the wearer is; −1 for nobody.
 
     Wearers are added only in frames that do not show them yet, and only to detections that are nobody's.
@@ -32,9 +33,12 @@ def left_over(context: Context, camera: CameraPath, wearer: np.ndarray) -> np.nd
         context: of a recording.
         camera: its path at the video's frames, in the world of all motions.
         wearer: ``(N,)`` of the detections as given before, −1 for nobody.
+        clothes: ``(W, N)`` log-odds that a detection is dressed as a wearer; whoever is surely not is not taken.
     """
     cost = np.stack([place_cost(context, camera, w, wearer == w) for w in range(len(context.wearers))])
     w, d = (index.ravel() for index in np.indices(cost.shape))
+    if clothes is not None:
+        cost = np.where(clothes < DRESSED, NEVER, cost)
     cost = np.where((wearer >= 0) & (wearer != np.arange(len(cost))[:, None]), NEVER, cost).ravel()
     fits = (cost <= FITTING) & (rival(d, d, cost) >= LEAD) & (rival(context.frame[d], w, cost) >= LEAD)
     shown = np.zeros((len(context.wearers), len(context.time)), bool)

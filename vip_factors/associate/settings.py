@@ -32,6 +32,9 @@ class AssociationSettings:
     by_place: bool = True
     """Where the camera is known, detections that are nobody's are given to whom they fit where they stand: half hidden
     people show too few joints to be told by how they move. Off: by motion alone."""
+    by_clothes: bool = True
+    """Where the recording was converted with its video, clothes count beside motion, as far as those of the surely
+    found differ from others'. Off: motion alone."""
     weights: Path | None = None
     """Weights to use instead of the shipped ones."""
 

@@ -18,6 +18,7 @@ from vip_factors.associate.features import (
 from vip_factors.associate.findings import find_oddities
 from vip_factors.associate.hypothesis import hypotheses, keypoint_sigma, used_confidence, wearer_points
 from vip_factors.associate.meta_camera import meta_features
+from vip_factors.associate.one_person import contradicted
 from vip_factors.associate.place import left_over
 from vip_factors.associate.programme import Programme, solve_in_windows
 from vip_factors.associate.settings import AssociationSettings
@@ -116,8 +117,17 @@ def _decided(
     log_odds = verdict.log_odds(verdict_features(context, features[rows], odds[rows], programme, chosen))
     confidence = 1 / (1 + np.exp(-np.clip(log_odds, -50, 50)))
     sure = confidence >= settings.least_confidence
+    sure[sure] = ~_contradicted(context, rows[chosen][sure])
     sure &= _seen_again(programme.wearer[chosen], sure, settings.least_choices)
     return _result(context, odds, rows[chosen][sure], confidence[sure], len(context.frame))
+
+
+def _contradicted(context: Context, rows: np.ndarray) -> np.ndarray:
+    """Of chosen hypotheses ``(C,)``, those of somebody else than whom the wearer's tracklet shows."""
+    there = context.hypotheses.detection[rows]
+    wearer = np.full(len(context.frame), -1)
+    wearer[there] = context.hypotheses.wearer[rows]
+    return contradicted(context.frame, context.track, wearer)[there]
 
 
 def _clothes(context: Context, detections: Detections, wearer: np.ndarray) -> Array | None:
@@ -133,7 +143,8 @@ def _with_left_over(
 ) -> Association:
     """The same with the detections that lie where a wearer is."""
     wearer = left_over(context, camera, result.wearer, clothes)
-    added = wearer != result.wearer
+    added = (wearer != result.wearer) & ~contradicted(context.frame, context.track, wearer)
+    wearer = np.where(added, wearer, result.wearer)
     R = transpose(camera.R_world_camera)[context.frame]
     p = -(R @ camera.p_world_camera[context.frame][..., None])[..., 0]
     return replace(

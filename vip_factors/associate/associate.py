@@ -18,7 +18,7 @@ from vip_factors.associate.features import (
 from vip_factors.associate.findings import find_oddities
 from vip_factors.associate.hypothesis import hypotheses, keypoint_sigma, used_confidence, wearer_points
 from vip_factors.associate.meta_camera import meta_features
-from vip_factors.associate.one_person import contradicted
+from vip_factors.associate.one_person import contradicted, passing
 from vip_factors.associate.place import left_over
 from vip_factors.associate.programme import Programme, solve_in_windows
 from vip_factors.associate.settings import AssociationSettings
@@ -127,7 +127,9 @@ def _contradicted(context: Context, rows: np.ndarray) -> np.ndarray:
     there = context.hypotheses.detection[rows]
     wearer = np.full(len(context.frame), -1)
     wearer[there] = context.hypotheses.wearer[rows]
-    return contradicted(context.frame, context.track, wearer)[there]
+    wrong = contradicted(context.frame, context.track, wearer)
+    wrong |= passing(context.track, np.where(wrong, -1, wearer), context.weight, context.rate)
+    return wrong[there]
 
 
 def _clothes(context: Context, detections: Detections, wearer: np.ndarray) -> Array | None:

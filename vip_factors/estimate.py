@@ -273,6 +273,7 @@ class SceneEstimate:
         findings: sentences about what is odd or not determined: to be shown to the user.
         settings: the effective settings, flattened to text.
         detector: where it puts its keypoints; None if that was not looked for.
+        association: sentences about what told who is who in the first camera's picture, one of each wearer.
     """
 
     name: str
@@ -284,3 +285,4 @@ class SceneEstimate:
     findings: tuple[str, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     detector: DetectorEstimate | None = None
+    association: tuple[str, ...] = ()

@@ -126,4 +126,5 @@ def scene_estimates(draw: st.DrawFn) -> SceneEstimate:
         tuple(draw(st.lists(names, max_size=2))),
         draw(st.dictionaries(names, names, max_size=2)),
         draw(st.sampled_from([None, detector])),
+        tuple(draw(st.lists(names, max_size=2))),
     )

@@ -1,10 +1,11 @@
 """The association of a whole recording: from detections and inertially tracked motions to who is who."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from vip_factors.associate.appearance import clothes_odds
 from vip_factors.associate.features import (
     INTRA,
     Context,
@@ -17,6 +18,8 @@ from vip_factors.associate.features import (
 from vip_factors.associate.findings import find_oddities
 from vip_factors.associate.hypothesis import hypotheses, keypoint_sigma, used_confidence, wearer_points
 from vip_factors.associate.meta_camera import meta_features
+from vip_factors.associate.one_person import contradicted, passing
+from vip_factors.associate.place import left_over
 from vip_factors.associate.programme import Programme, solve_in_windows
 from vip_factors.associate.settings import AssociationSettings
 from vip_factors.associate.tracklets import tracklets
@@ -24,7 +27,7 @@ from vip_factors.associate.verdict import verdict_features
 from vip_factors.associate.weights import Logistic, load_weights
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
@@ -45,6 +48,9 @@ class Association:
             (``p_camera = R_camera_world @ p_world + p_camera_world``); NaN for nobody.
         unary: ``(N,)`` cost of the chosen hypothesis on its own (negative log-odds), else of the best; NaN without any.
         findings: sentences about what is odd.
+        by_place: ``(N,)`` whether it was given for lying where the wearer is, by the known camera, and not for moving
+            alike; its confidence is the least that is asked of others. Empty where no camera was known.
+        by_clothes: whether clothes had a say.
     """
 
     wearer: np.ndarray
@@ -53,6 +59,8 @@ class Association:
     p_camera_world: Array
     unary: Array
     findings: tuple[str, ...] = ()
+    by_place: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    by_clothes: bool = False
 
 
 def associate(
@@ -87,16 +95,68 @@ def associate(
     suffix = "" if camera is None else "_camera"
     features = unary_features(context)
     odds = weights.logistic["unary" + suffix].log_odds(features)
-    programme, rows = build_programme(context, odds, weights.logistic, settings)
-    chosen = choose(context, programme, settings, progress)
-    verdict = weights.logistic["verdict" + suffix].log_odds(
-        verdict_features(context, features[rows], odds[rows], programme, chosen)
-    )
-    confidence = 1 / (1 + np.exp(-np.clip(verdict, -50, 50)))
-    sure = confidence >= settings.least_confidence
-    sure &= _seen_again(programme.wearer[chosen], sure, settings.least_choices)
-    result = _result(context, odds, rows[chosen][sure], confidence[sure], len(detections))
+    result = _decided(context, features, odds, weights.logistic, settings, progress)
+    clothes = _clothes(context, detections, result.wearer)
+    if clothes is not None and settings.by_clothes:
+        h = context.hypotheses
+        dressed = odds + clothes[h.wearer, h.detection]
+        result = replace(_decided(context, features, dressed, weights.logistic, settings, None), by_clothes=True)
+    if context.camera is not None and settings.by_place:
+        result = _with_left_over(result, context, context.camera, settings.least_confidence, clothes)
     return replace(result, findings=find_oddities(detections, context, odds, motions, result.wearer))
+
+
+def _decided(
+    context: Context, features: Array, odds: Array, logistic: Mapping[str, Logistic], settings: AssociationSettings,
+    progress: Callable[[float], None] | None,
+) -> Association:  # fmt: skip
+    """The association by the programme, of hypotheses with features ``(P, ...)`` and log-odds ``(P,)``."""
+    verdict = logistic["verdict" + ("" if context.camera is None else "_camera")]
+    programme, rows = build_programme(context, odds, logistic, settings)
+    chosen = choose(context, programme, settings, progress)
+    log_odds = verdict.log_odds(verdict_features(context, features[rows], odds[rows], programme, chosen))
+    confidence = 1 / (1 + np.exp(-np.clip(log_odds, -50, 50)))
+    sure = confidence >= settings.least_confidence
+    sure[sure] = ~_contradicted(context, rows[chosen][sure])
+    sure &= _seen_again(programme.wearer[chosen], sure, settings.least_choices)
+    return _result(context, odds, rows[chosen][sure], confidence[sure], len(context.frame))
+
+
+def _contradicted(context: Context, rows: np.ndarray) -> np.ndarray:
+    """Of chosen hypotheses ``(C,)``, those of somebody else than whom the wearer's tracklet shows."""
+    there = context.hypotheses.detection[rows]
+    wearer = np.full(len(context.frame), -1)
+    wearer[there] = context.hypotheses.wearer[rows]
+    wrong = contradicted(context.frame, context.track, wearer)
+    wrong |= passing(context.track, np.where(wrong, -1, wearer), context.weight, context.rate)
+    return wrong[there]
+
+
+def _clothes(context: Context, detections: Detections, wearer: np.ndarray) -> Array | None:
+    """Log-odds ``(W, N)`` by clothes; None where they tell nothing of anybody."""
+    if detections.torso_colour is None:
+        return None
+    odds = clothes_odds(context, detections.torso_colour, wearer)
+    return odds if np.any(odds) else None
+
+
+def _with_left_over(
+    result: Association, context: Context, camera: CameraPath, confidence: float, clothes: Array | None
+) -> Association:
+    """The same with the detections that lie where a wearer is."""
+    wearer = left_over(context, camera, result.wearer, clothes)
+    added = (wearer != result.wearer) & ~contradicted(context.frame, context.track, wearer)
+    wearer = np.where(added, wearer, result.wearer)
+    R = transpose(camera.R_world_camera)[context.frame]
+    p = -(R @ camera.p_world_camera[context.frame][..., None])[..., 0]
+    return replace(
+        result,
+        wearer=wearer,
+        confidence=np.where(added, confidence, result.confidence),
+        R_camera_world=np.where(added[:, None, None], R, result.R_camera_world),
+        p_camera_world=np.where(added[:, None], p, result.p_camera_world),
+        by_place=added,
+    )
 
 
 def make_context(
@@ -120,6 +180,7 @@ def make_context(
         rays=rays,
         weight=weight,
         track=tracklets(detections.frame, rays, weight, detections.rate or NOMINAL_RATE),
+        frame=detections.frame,
         time=detections.time,
         sigma=keypoint_sigma(detections.keypoints),
         camera=None if camera is None else camera.at(detections.time),

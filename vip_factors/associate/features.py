@@ -54,6 +54,7 @@ class Context:
         rays: ``(N, K, 2)`` undistorted coordinates of the detections.
         weight: ``(N, K)`` confidences.
         track: ``(N,)`` tracklet of each detection.
+        frame: ``(N,)`` video frame of each detection.
         time: ``(F,)`` of the video's frames, seconds.
         sigma: ``(K,)`` metres, how far keypoints lie off.
         camera: the path at the video's frames, in the world that all wearers share, or None.
@@ -66,6 +67,7 @@ class Context:
     rays: Array
     weight: Array
     track: np.ndarray
+    frame: np.ndarray
     time: Array
     sigma: Array
     camera: CameraPath | None = None
@@ -90,8 +92,8 @@ def unary_features(context: Context) -> Array:
         log_cost, short(log_cost), long_cost, limbs, short(limbs), long(limbs),
         *_joint_counts(context),
         tilt, unsteady, long_unsteady, seconds,
-        _rival(h.frame, h.wearer, log_cost), _rival(h.frame, h.wearer, long_cost),
-        _rival(h.detection, h.detection, log_cost), _rival(h.detection, h.detection, long_cost),
+        rival(h.frame, h.wearer, log_cost), rival(h.frame, h.wearer, long_cost),
+        rival(h.detection, h.detection, log_cost), rival(h.detection, h.detection, long_cost),
     ]  # fmt: skip
     if context.camera is not None:
         error = path_error(context, context.camera)
@@ -99,7 +101,7 @@ def unary_features(context: Context) -> Array:
         columns += [
             error,
             long(error),
-            _rival(h.frame, h.wearer, error),
+            rival(h.frame, h.wearer, error),
             angle_between(R_camera_world, h.R_camera_world),
         ]
     return np.stack(columns, axis=1)
@@ -244,7 +246,7 @@ class _TrackMean:
         return mean
 
 
-def _rival(group: np.ndarray, other_group: np.ndarray, values: Array) -> Array:
+def rival(group: np.ndarray, other_group: np.ndarray, values: Array) -> Array:
     """How much worse ``(P,)`` the best other hypothesis of the same group is than this one, between ± NO_RIVAL."""
     key = np.unique(np.stack([group, other_group]), axis=1, return_inverse=True)[1].ravel()
     order = np.lexsort((values, key))

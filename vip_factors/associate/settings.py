@@ -29,6 +29,12 @@ class AssociationSettings:
     """Choices less sure are dropped: a frame without a person costs little, a wrong person much."""
     least_choices: int = 3
     """Of a wearer who is surely seen in fewer frames, none is kept: a stranger moves alike for a moment."""
+    by_place: bool = True
+    """Where the camera is known, detections that are nobody's are given to whom they fit where they stand: half hidden
+    people show too few joints to be told by how they move. Off: by motion alone."""
+    by_clothes: bool = True
+    """Where the recording was converted with its video, clothes count beside motion, as far as those of the surely
+    found differ from others'. Off: motion alone."""
     weights: Path | None = None
     """Weights to use instead of the shipped ones."""
 

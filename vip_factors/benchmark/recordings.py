@@ -37,6 +37,8 @@ class RecordingTrial:
             ``stream``, and of these in the second half; NaN without truth.
         batch_cpu_s, live_cpu_s: of the whole recording, this process alone.
         batch_findings, live_findings: sentences, each as often as it was told.
+        who_is_who: precision and recall of the wearer's detections before the first camera, in percent, of ``smooth``;
+            NaN where the recording does not say whom they show.
     """
 
     recording: str
@@ -49,6 +51,7 @@ class RecordingTrial:
     live_cpu_s: float
     batch_findings: tuple[str, ...]
     live_findings: tuple[str, ...]
+    who_is_who: tuple[float, float] = (np.nan, np.nan)
 
 
 def run_recordings(
@@ -73,12 +76,14 @@ def run_recordings(
 def recordings_table(trials: Sequence[RecordingTrial]) -> str:
     """Markdown, a row for each wearer."""
     lines = [
-        "| recording | wearer | s | batch mm / ° | knee ° | live | live, second half | findings: batch, live |",
-        "|---|---|---|---|---|---|---|---|",
+        "| recording | wearer | s | batch mm / ° | knee ° | who is who: precision / recall % | live | "
+        "live, second half | findings: batch, live |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for one in trials:
         told = f"{len(one.batch_findings)}, {len(one.live_findings)}"
         cells = [one.recording, one.wearer, f"{one.seconds:.0f}", _pair(one.batch), number(one.batch[2])]
+        cells.append(_pair(one.who_is_who))
         lines.append("| " + " | ".join([*cells, _pair(one.live), _pair(one.late), told]) + " |")
     return "\n".join(lines) + "\n"
 
@@ -110,9 +115,20 @@ def _trials(name: str, scene: Scene, with_live: bool) -> tuple[RecordingTrial, .
             RecordingTrial(
                 name, recording.subject.name, end - start, _errors(own.motion, truth, start), live, late,
                 batch_s, live_s, tuple(dict.fromkeys((*estimate.findings, *own.findings))), said,
+                _who_is_who(scene, estimate.wearer_of_detection, wearer),
             )
         )  # fmt: skip
     return tuple(trials)
+
+
+def _who_is_who(scene: Scene, given: np.ndarray, wearer: int) -> tuple[float, float]:
+    """Precision and recall of one wearer's detections in percent; NaN without truth, or where there is none."""
+    if scene.truth is None or len(given) != len(scene.truth.wearer):
+        return np.nan, np.nan
+    right = np.sum((given == wearer) & (scene.truth.wearer == wearer))
+    counts = [np.sum(one == wearer) for one in (given, scene.truth.wearer)]
+    precision, recall = (float(100 * right / count) if count else np.nan for count in counts)
+    return precision, recall
 
 
 def streamed(scene: Scene, settings: LiveSettings = DEFAULT) -> list[LiveEstimate]:

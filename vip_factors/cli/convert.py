@@ -95,7 +95,8 @@ class ConvertOptions:
     time_offset_s: float = 0.0
     """Seconds to add to the video's times to get the sensors'; vip-factors sync finds them."""
     video: Path | None = None
-    """Video, to look at and for the times of its frames."""
+    """Video, to look at, for the times of its frames, and for the colours of people's clothes: they help to tell who is
+    who."""
     further_camera: Annotated[
         tuple[tuple[Path, Path, float], ...],
         tyro.conf.UseAppendAction,

@@ -61,6 +61,9 @@ def _detection_lines(detections: Detections) -> list[str]:
         seen = detections.seen
         middle = np.median(detections.confidence[seen]) if np.any(seen) else 0.0
         lines.append(f"  {100 * seen.mean():.0f} % of their keypoints found, median confidence {middle:.2f}")
+    if detections.torso_colour is not None:
+        looks = int(np.sum(np.isfinite(detections.torso_colour).all(axis=1)))
+        lines.append(f"  colours of clothes in {looks} of them, to tell who is who")
     return lines
 
 
@@ -98,6 +101,7 @@ def scene_estimate_text(estimate: SceneEstimate) -> str:
     if len(given):
         of = [f"{np.sum(given == index)} to {one.motion.name}" for index, one in enumerate(estimate.wearers)]
         lines.append(f"  detections: {', '.join(of)}, {np.sum(given < 0)} to nobody")
+    lines += [f"  {sentence}" for sentence in estimate.association]
     if estimate.detector is not None:
         lines += [f"  {line}" for line in detector_lines(estimate.detector)]
     return "\n\n".join(["\n".join(lines), *(estimate_text(replace(one, findings=())) for one in estimate.wearers)])

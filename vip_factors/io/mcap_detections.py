@@ -31,7 +31,7 @@ def detection_messages(
     channel = writer.channel(topic, Detections2D)
     detections = camera.detections
     pixels = detections.pixels.reshape(len(detections), 2 * len(detections.keypoints))
-    true_pixels = None
+    true_pixels, colours = None, detections.torso_colour
     if truth is not None and truth.pixels is not None:
         true_pixels = truth.pixels.reshape(len(detections), 2 * len(detections.keypoints))
     times = nanoseconds(detections.time + camera.time_offset, start_ns)
@@ -41,6 +41,8 @@ def detection_messages(
         here = detections.of_frame(frame)
         for one in range(here.start, here.stop):
             person = message.people.add(pixels=pixels[one], confidence=detections.confidence[one])
+            if colours is not None and np.all(np.isfinite(colours[one])):
+                person.torso_colour.extend(colours[one])
             if truth is not None:
                 person.truth_wearer = int(truth.wearer[one])
             if true_pixels is not None:
@@ -78,6 +80,7 @@ def detections_of(info: CameraInfo, messages: Sequence[Detections2D]) -> tuple[D
         np.array([frame for frame, _ in people], dtype=int),
         np.array([person.pixels for _, person in people], dtype=float).reshape(-1, K, 2),
         np.array([person.confidence for _, person in people], dtype=float).reshape(-1, K),
+        _torso_colours([person for _, person in people]),
     )
     if not all(person.HasField("truth_wearer") for _, person in people):
         return detections, None
@@ -85,6 +88,21 @@ def detections_of(info: CameraInfo, messages: Sequence[Detections2D]) -> tuple[D
     whole = all(len(person.truth_pixels) == 2 * K for _, person in people)
     pixels = np.array([person.truth_pixels for _, person in people], dtype=float).reshape(-1, K, 2) if whole else None
     return detections, DetectionTruth(wearer, pixels)
+
+
+def _torso_colours(people: Sequence[Detections2D.Person]) -> Array | None:
+    """Shares ``(N, B)``, NaN where not seen; None if nobody has any.
+
+    Raises:
+        FileFormatError: for people with different numbers of colours.
+    """
+    sizes = {len(person.torso_colour) for person in people} - {0}
+    if not sizes:
+        return None
+    if len(sizes) > 1:
+        raise FileFormatError(f"detections: torsos with {' and '.join(map(str, sorted(sizes)))} colours: expected one")
+    unseen = np.full(sizes.pop(), np.nan)
+    return np.array([person.torso_colour if person.torso_colour else unseen for person in people], dtype=float)
 
 
 def keypoint_set_of(info: CameraInfo) -> KeypointSet:

@@ -104,6 +104,7 @@ def scene_info_message(estimate: SceneEstimate, prefixes: Sequence[str], start_n
         wearer_of_detection=np.asarray(estimate.wearer_of_detection, int).tolist(),
         findings=estimate.findings,
         settings=dict(estimate.settings),
+        association=estimate.association,
     )
     set_timestamp(info.start, start_ns)
     return info
@@ -199,6 +200,7 @@ def read_scene_estimate(path: str | os.PathLike[str]) -> SceneEstimate:
             wearers=tuple(estimate_of(contents, messages, one) for one in info.wearer_topics),
             camera=_camera(contents, messages),
             wearer_of_detection=np.array(info.wearer_of_detection, dtype=int),
+            association=tuple(info.association),
             reports=tuple(report_of(one) for one in reports),
             findings=tuple(info.findings),
             settings=dict(info.settings),

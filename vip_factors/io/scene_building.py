@@ -16,6 +16,7 @@ from vip_factors.io.detections.read import read_detections
 from vip_factors.io.known_body import scene_with_body
 from vip_factors.io.mcap_scene_recording import read_scene
 from vip_factors.io.toml_values import nearest
+from vip_factors.io.torso_colour import with_torso_colours
 from vip_factors.io.video import check_video, embed_video, video_facts
 from vip_factors.sensors.attitude import with_orientation
 from vip_factors.sensors.camera_model import CameraModel
@@ -47,7 +48,7 @@ class CameraOptions:
         rate: video frames per second; the times in the video file win over it, and are used if None.
         first_frame: number that the video's first frame has among the detections; the format's usual one if None.
         static: whether the camera stands still.
-        video: file to look at.
+        video: file to look at, and for the colours of people's clothes.
         embed: whether to put small images of it into the recording.
         imu: name of the sensor on the camera, among those of the recordings, or of ``imu_log`` if that has several.
         imu_log: log of that sensor alone, in any known format.
@@ -214,7 +215,7 @@ def _camera(scene: Scene, options: CameraOptions) -> Camera:
             _warn(f"{facts.path} has {facts.rate:.2f} frames a second, not {options.rate:g}: the file's times are used")
     check_detections(detections, model, options.detections, options.camera, size_known=facts is not None)
     _tell_times(scene, camera)
-    return camera
+    return camera if video is None else replace(camera, detections=with_torso_colours(camera.detections, video))
 
 
 def _known_path(options: CameraOptions) -> CameraPath | None:

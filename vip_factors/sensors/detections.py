@@ -19,6 +19,8 @@ class Detections:
         frame: ``(N,)`` index of the video frame of each detection, not decreasing.
         pixels: ``(N, K, 2)``, distorted as in the image; NaN where a keypoint was not found.
         confidence: ``(N, K)`` in [0, 1]; 0 where a keypoint was not found.
+        torso_colour: ``(N, B)`` shares of the colours between shoulders and hips in the video, adding up to one; NaN
+            where nobody looked or the torso was not seen. None without a video.
     """
 
     keypoints: KeypointSet
@@ -26,6 +28,7 @@ class Detections:
     frame: np.ndarray
     pixels: Array
     confidence: Array
+    torso_colour: Array | None = None
 
     def __post_init__(self) -> None:
         N, K = len(self.frame), len(self.keypoints)
@@ -34,6 +37,8 @@ class Detections:
                 f"detections with pixels {self.pixels.shape} and confidence {self.confidence.shape}: expected "
                 f"({N}, {K}, 2) and ({N}, {K}) for keypoint set {self.keypoints.name}"
             )
+        if self.torso_colour is not None and (self.torso_colour.ndim != 2 or len(self.torso_colour) != N):
+            raise RecordingError(f"colours of torsos {self.torso_colour.shape} for {N} detections: expected a row each")
         if np.any(np.diff(self.time) <= 0):
             raise RecordingError("detections: times of the video frames do not increase")
         if N and (np.any(np.diff(self.frame) < 0) or self.frame[0] < 0 or self.frame[-1] >= len(self.time)):
@@ -58,7 +63,11 @@ class Detections:
 
     def select(self, which: np.ndarray) -> "Detections":
         """Some of the detections (mask or increasing indices), all video frames kept."""
-        return replace(self, frame=self.frame[which], pixels=self.pixels[which], confidence=self.confidence[which])
+        colour = None if self.torso_colour is None else self.torso_colour[which]
+        return replace(
+            self, frame=self.frame[which], pixels=self.pixels[which], confidence=self.confidence[which],
+            torso_colour=colour,
+        )  # fmt: skip
 
     def shifted(self, seconds: float) -> "Detections":
         """The same with all times moved by an offset of the video's clock."""

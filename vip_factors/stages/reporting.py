@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vip_factors.assembly.objective import SceneObjective
+from vip_factors.associate.associate import Association
 from vip_factors.errors import SolveError
 from vip_factors.estimate import SceneEstimate, SolveReport
 from vip_factors.geometry.rotations import Array
@@ -56,7 +57,7 @@ def scene_estimate(
     findings = tuple(dict.fromkeys(found))
     estimate = SceneEstimate(
         scene.name, "VIP", wearers, camera, given, reports, findings, flatten(settings),
-        detector_estimate(coarse, shared),
+        detector_estimate(coarse, shared), what_told(names, associated[0].association),
     )  # fmt: skip
     if associated[0].camera is not first:  # nobody was found there, and it is nowhere
         return replace(estimate, camera=None, wearer_of_detection=np.full(len(first.detections), -1))
@@ -66,6 +67,18 @@ def scene_estimate(
 def who_is_who(scene: Scene, associated: Sequence[AssociatedCamera]) -> tuple[str, ...]:
     """What was odd about who is seen, before each camera."""
     return tuple(of_camera(each.camera, scene) + one for each in associated for one in each.association.findings)
+
+
+def what_told(names: Sequence[str], association: Association) -> tuple[str, ...]:
+    """A sentence for each wearer: by what they were told from others in the picture."""
+    found = [association.wearer == number for number in range(len(names))]
+    by_place = association.by_place if len(association.by_place) else np.zeros(len(association.wearer), bool)
+    clothes = "clothes had a say" if association.by_clothes else "clothes had none"
+    return tuple(
+        f"{name} was told by motion in {np.sum(own & ~by_place)} detections and by place in {np.sum(own & by_place)}; "
+        + clothes
+        for name, own in zip(names, found, strict=True)
+    )
 
 
 def _covariance(coarse: Fused, fine: Fused) -> SceneCovariance:

@@ -25,7 +25,7 @@ _sym_db = _symbol_database.Default()
 from google.protobuf import timestamp_pb2 as google_dot_protobuf_dot_timestamp__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1fvip_factors/detections_2d.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\"\xff\x01\n\x0c\x44\x65tections2D\x12-\n\ttimestamp\x18\x01 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x0f\n\x07seconds\x18\x02 \x01(\x01\x12\r\n\x05\x66rame\x18\x03 \x01(\x04\x12\x30\n\x06people\x18\x04 \x03(\x0b\x32 .vip_factors.Detections2D.Person\x1an\n\x06Person\x12\x0e\n\x06pixels\x18\x01 \x03(\x01\x12\x12\n\nconfidence\x18\x02 \x03(\x01\x12\x19\n\x0ctruth_wearer\x18\x03 \x01(\x11H\x00\x88\x01\x01\x12\x14\n\x0ctruth_pixels\x18\x04 \x03(\x01\x42\x0f\n\r_truth_wearerb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1fvip_factors/detections_2d.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\"\x96\x02\n\x0c\x44\x65tections2D\x12-\n\ttimestamp\x18\x01 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x0f\n\x07seconds\x18\x02 \x01(\x01\x12\r\n\x05\x66rame\x18\x03 \x01(\x04\x12\x30\n\x06people\x18\x04 \x03(\x0b\x32 .vip_factors.Detections2D.Person\x1a\x84\x01\n\x06Person\x12\x0e\n\x06pixels\x18\x01 \x03(\x01\x12\x12\n\nconfidence\x18\x02 \x03(\x01\x12\x19\n\x0ctruth_wearer\x18\x03 \x01(\x11H\x00\x88\x01\x01\x12\x14\n\x0ctruth_pixels\x18\x04 \x03(\x01\x12\x14\n\x0ctorso_colour\x18\x05 \x03(\x02\x42\x0f\n\r_truth_wearerb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -33,7 +33,7 @@ _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'vip_factors.detections_2d_p
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
   _globals['_DETECTIONS2D']._serialized_start=82
-  _globals['_DETECTIONS2D']._serialized_end=337
-  _globals['_DETECTIONS2D_PERSON']._serialized_start=227
-  _globals['_DETECTIONS2D_PERSON']._serialized_end=337
+  _globals['_DETECTIONS2D']._serialized_end=360
+  _globals['_DETECTIONS2D_PERSON']._serialized_start=228
+  _globals['_DETECTIONS2D_PERSON']._serialized_end=360
 # @@protoc_insertion_point(module_scope)

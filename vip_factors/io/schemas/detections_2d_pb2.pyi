@@ -9,16 +9,18 @@ DESCRIPTOR: _descriptor.FileDescriptor
 class Detections2D(_message.Message):
     __slots__ = ("timestamp", "seconds", "frame", "people")
     class Person(_message.Message):
-        __slots__ = ("pixels", "confidence", "truth_wearer", "truth_pixels")
+        __slots__ = ("pixels", "confidence", "truth_wearer", "truth_pixels", "torso_colour")
         PIXELS_FIELD_NUMBER: _ClassVar[int]
         CONFIDENCE_FIELD_NUMBER: _ClassVar[int]
         TRUTH_WEARER_FIELD_NUMBER: _ClassVar[int]
         TRUTH_PIXELS_FIELD_NUMBER: _ClassVar[int]
+        TORSO_COLOUR_FIELD_NUMBER: _ClassVar[int]
         pixels: _containers.RepeatedScalarFieldContainer[float]
         confidence: _containers.RepeatedScalarFieldContainer[float]
         truth_wearer: int
         truth_pixels: _containers.RepeatedScalarFieldContainer[float]
-        def __init__(self, pixels: _Optional[_Iterable[float]] = ..., confidence: _Optional[_Iterable[float]] = ..., truth_wearer: _Optional[int] = ..., truth_pixels: _Optional[_Iterable[float]] = ...) -> None: ...
+        torso_colour: _containers.RepeatedScalarFieldContainer[float]
+        def __init__(self, pixels: _Optional[_Iterable[float]] = ..., confidence: _Optional[_Iterable[float]] = ..., truth_wearer: _Optional[int] = ..., truth_pixels: _Optional[_Iterable[float]] = ..., torso_colour: _Optional[_Iterable[float]] = ...) -> None: ...
     TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
     SECONDS_FIELD_NUMBER: _ClassVar[int]
     FRAME_FIELD_NUMBER: _ClassVar[int]

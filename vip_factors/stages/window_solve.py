@@ -29,6 +29,7 @@ from vip_factors.stages.solver import Solver
 from vip_factors.stages.windows import WindowPlan
 
 WALKING = 1.4  # m/s, unseen
+ROUGHLY = 0.1  # relative decrease at which coarse solves stop: the last one of a window goes on from there
 
 
 @dataclass(frozen=True)
@@ -137,11 +138,15 @@ def _at_full_rate(
     """The solution on all of a window's frames, from that of the inertial tracker on its coarse ones."""
     if not settings.acceleration:
         return alone(model), _where_it_was(state, before, span)
-    held = calibration_held(loosened(model, settings.calibration))
+    roughly = replace(solver, settings=replace(solver.settings, relative_decrease=ROUGHLY))
+    loose, held = calibration_held(loosened(model, settings.calibration)), calibration_held(model)
     for _ in range(settings.calibration.passes):
-        state = solver.solve_wearer(WearerObjective(with_contacts(held, state)), state, "calibrated")
-    state = _where_it_was(at_frames(state, model.frames.time, frames.time), before, span)
-    fine = with_contacts(kept(model, frames), state)
+        state = roughly.solve_wearer(WearerObjective(with_contacts(loose, state)), state, "calibrated")
+    time = model.frames.time
+    fine = with_contacts(kept(model, frames), _where_it_was(at_frames(state, time, frames.time), before, span))
+    if len(time) < len(frames):  # a coarse iteration on the same terms spares a fine one
+        state = roughly.solve_wearer(WearerObjective(with_contacts(held, state)), state, "coarse")
+    state = _where_it_was(at_frames(state, time, frames.time), before, span)
     return fine, solver.solve_wearer(WearerObjective(fine), state, "sparse inertial poser")
 
 

@@ -74,8 +74,7 @@ class WindowSettings:
     """How a long recording is solved without all of it in memory: in overlapping windows, after its calibration."""
 
     use: bool = True  # off: every recording is solved at once, in 0.4 MB a frame
-    # Of a recording without a camera: what is shorter is solved at once, in 8 GB or less, and its sensors' clocks and
-    # accelerometers are looked over first, which wants the whole.
+    # Of a recording without a camera: what is shorter is solved at once, in 8 GB or less.
     above_s: float = 300.0
     window_s: float = 60.0  # 3,600 frames, 1 GB; overlaps are solved twice, so shorter windows take longer
     # Windows settle from either end of it and meet in the middle: what lies beyond a window's end shows in its last

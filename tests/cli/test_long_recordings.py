@@ -1,12 +1,14 @@
 """A recording that is read, solved and written window by window, from the command line."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_recording import read_recording
+from vip_factors.io.mcap_recording import read_recording, write_recording
 from vip_factors.io.mcap_sampled import SampledFile, open_sampled
 from vip_factors.sensors.sampled import RecordingInMemory
 
@@ -14,6 +16,13 @@ WINDOWS = [
     "--frame-rate", "20", "--solve.max-iterations", "3", "--windows.above-s", "2", "--windows.window-s", "2",
     "--windows.overlap-s", "0.8", "--windows.calibration-stretches", "2", "--windows.calibration-stretch-s", "1.5",
 ]  # fmt: skip
+
+COLUMNS = """
+time = "t"
+sensor_column = "who"
+acceleration = ["ax", "ay", "az"]
+quaternion = ["qw", "qx", "qy", "qz"]
+"""
 
 
 def test_windows_make_one_estimate(run, files, tmp_path: Path) -> None:
@@ -42,7 +51,7 @@ def test_an_interrupt_in_the_second_window_leaves_nothing(
 
     def interrupted(self: SampledFile, start: float, end: float) -> object:
         asked.append(start)
-        if len(asked) == 4:  # two stretches, the first window, the second
+        if len(asked) == 7:  # two stretches and the middle for the sensors, the stretches, two windows
             assert len(list(tmp_path.iterdir())) == 1  # under its temporary name
             raise KeyboardInterrupt
         return between(self, start, end)
@@ -50,7 +59,7 @@ def test_an_interrupt_in_the_second_window_leaves_nothing(
     monkeypatch.setattr(SampledFile, "between", interrupted)
     told = run("smooth", files.recording, "--out", tmp_path / "e.mcap", *WINDOWS)
     assert told.code == 130
-    assert len(asked) == 4
+    assert len(asked) == 7
     assert list(tmp_path.iterdir()) == []
 
 
@@ -71,3 +80,44 @@ def test_a_file_read_by_time_gives_the_same_samples(files) -> None:
             np.testing.assert_array_equal(stream.R_inertial_sensor, expected[name].R_inertial_sensor)
             np.testing.assert_array_equal(stream.specific_force, expected[name].specific_force)
     assert sampled.between(100.0, 101.0) == {}
+
+
+def test_a_session_in_two_files_is_one_recording(run, files, tmp_path: Path) -> None:
+    """In windows, at once, and converted; files in the wrong order are put into that of time."""
+    recording = read_recording(files.recording)
+    paths, tables = [tmp_path / "a.mcap", tmp_path / "b.mcap"], [tmp_path / "a.csv", tmp_path / "b.csv"]
+    for path, table, start, end in zip(paths, tables, (-1.0, 2.6), (2.5, 99.0), strict=True):
+        imus = {name: one.cut(start, end) for name, one in recording.imus.items()}
+        write_recording(replace(recording, imus=imus, truth=None), path)
+        rows = [
+            f"{t:.6f},{name},{','.join(f'{x:.5f}' for x in force)},{','.join(f'{x:.6f}' for x in q)}"
+            for name, one in imus.items()
+            for t, force, q in zip(
+                one.time + 50.0, one.specific_force, quaternion_from_matrix(one.R_inertial_sensor, Order.WXYZ),
+                strict=True,
+            )
+        ]  # fmt: skip
+        table.write_text("\n".join(["t,who,ax,ay,az,qw,qx,qy,qz", *rows]) + "\n")
+    settings = [*WINDOWS, "--calibration.start.no-search"]
+    told = run("smooth", paths[1], paths[0], "--out", tmp_path / "e.mcap", *settings)
+    assert told.code == 0, told.err
+    first, last = RecordingInMemory(recording).interval
+    estimate = read_estimate(tmp_path / "e.mcap")
+    assert estimate.motion.start == first
+    assert len(estimate.motion) == int((last - first) * 20 + 1e-6) + 1
+    told = run("convert", paths[0], tmp_path / "all.mcap", "--then", paths[1])
+    assert told.code == 0, told.err
+    whole = read_recording(tmp_path / "all.mcap")
+    map_file = tmp_path / "map.toml"
+    map_file.write_text(COLUMNS)
+    told = run("convert", tables[0], tmp_path / "t.mcap", "--then", tables[1], "--columns", map_file)
+    assert told.code == 0, told.err
+    table = read_recording(tmp_path / "t.mcap")
+    for name, stream in recording.imus.items():
+        kept = (stream.time <= 2.5) | (stream.time >= 2.6)
+        np.testing.assert_allclose(whole.imus[name].time, stream.time[kept], atol=1e-9)
+        np.testing.assert_allclose(np.diff(table.imus[name].time), np.diff(stream.time[kept]), atol=2e-6)
+    told = run("smooth", files.recording, files.recording, "--out", tmp_path / "no.mcap")
+    assert (told.code, told.err.count("\n")) == (2, 1)
+    assert "parts of a recording must follow one another" in told.err
+    assert run("smooth").code == 2

@@ -10,6 +10,7 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import (
     Order,
     interpolate_rotations,
+    interpolate_smoothly,
     matrix_from_quaternion,
     quaternion_from_matrix,
 )
@@ -86,3 +87,19 @@ def test_interpolation_turns_evenly_and_stops_at_the_ends(query: float, tilt: fl
 def test_interpolation_of_a_single_sample_repeats_it() -> None:
     R = rotation_z(np.array([0.3]))
     np.testing.assert_array_equal(interpolate_rotations([1.0], R, [0.0, 1.0, 2.0]), np.repeat(R, 3, axis=0))
+
+
+def test_smooth_interpolation_goes_through_all_and_keeps_the_ends() -> None:
+    """Of a turn that swings through whole turns, so that quaternions change their sign; the nearest ends beyond it."""
+    time, query = np.arange(0.0, 6.0, 1 / 15), np.arange(0.0, 5.9, 1 / 60)
+
+    def turned(at: np.ndarray) -> np.ndarray:
+        return exp(np.stack([4 * np.sin(at), 2.0 * at, np.cos(3 * at)], axis=-1))
+
+    R = np.stack([turned(time), turned(time[::-1])], axis=1)
+    np.testing.assert_allclose(interpolate_smoothly(time, R, time), R, atol=1e-12)
+    found, linear = interpolate_smoothly(time, R, query)[:, 0], interpolate_rotations(time, R[:, 0], query)
+    smoothly, linearly = (angle_between(one, turned(query))[30:-30].max() for one in (found, linear))
+    assert smoothly < 0.02 * linearly
+    np.testing.assert_allclose(interpolate_smoothly(time, R, [-1.0, 9.0]), R[[0, -1]], atol=1e-12)
+    np.testing.assert_allclose(interpolate_smoothly([1.0], R[:1], [0.0, 2.0]), R[[0, 0]], atol=1e-12)

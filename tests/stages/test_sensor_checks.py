@@ -12,11 +12,14 @@ from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Recording
-from vip_factors.settings import Settings
+from vip_factors.sensors.sampled import RecordingInMemory
+from vip_factors.settings import Settings, WindowSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.stages.sensor_checks import checked
+from vip_factors.stages.window_solve import with_sensors_checked
+from vip_factors.stages.windows import WindowPlan
 
 LEG = ("pelvis", "left_thigh", "left_shank", "left_foot")
 
@@ -110,3 +113,35 @@ def test_frames_know_what_was_not_measured() -> None:
     assert frames.orientation_valid.all()
     with pytest.raises(RecordingError, match="whether force was measured"):
         replace(stream, force_measured=measured[:50])
+
+
+def test_long_recordings_are_put_right_by_time() -> None:
+    """Found in stretches and in the middle as in the whole; any samples that are asked for are those of the whole."""
+    foot, shank = leg(rigid=True).imus["left_foot"], leg(rigid=True).imus["left_shank"]
+    assert foot.specific_force is not None
+    force = 1.2 * foot.specific_force
+    force[200:600, 0] += np.where(np.arange(400) % 100 < 8, 60.0, 0.0)
+    odd = {
+        "left_foot": replace(foot, specific_force=np.clip(force, -45.0, 45.0)),
+        "left_shank": replace(shank, time=shank.time + 0.05),
+    }
+    recording = replace(leg(), imus={**leg(rigid=True).imus, **odd})
+    settings = Settings(windows=WindowSettings(calibration_stretches=2, calibration_stretch_s=4.5))
+    source = RecordingInMemory(recording)
+    right, findings = with_sensors_checked(source, WindowPlan.of(source.interval, settings), settings)
+    whole, told = checked(recording, settings)
+    assert [one.split(":")[1][:40] for one in findings] == [one.split(":")[1][:40] for one in told]
+    assert len(findings) == 3
+    found, expected = right.between(3.0, 5.0), RecordingInMemory(whole).between(3.0, 5.0)
+    assert found.keys() == expected.keys()
+    for name, stream in found.items():
+        # both find scale and delay of their own samples: to a hundredth and some milliseconds
+        np.testing.assert_allclose(stream.time[5:200], expected[name].time[5:200], atol=0.004)
+        if name == "left_foot":
+            np.testing.assert_array_equal(stream.force_measured, expected[name].force_measured)
+            assert not stream.force_measured_mask.all()
+            assert stream.specific_force is not None
+            np.testing.assert_allclose(stream.specific_force, expected[name].specific_force, rtol=0.01)
+    sound, nothing = with_sensors_checked(RecordingInMemory(leg()), WindowPlan.of(source.interval, settings), settings)
+    assert nothing == ()
+    assert isinstance(sound, RecordingInMemory)

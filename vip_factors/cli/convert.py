@@ -23,6 +23,8 @@ class ConvertOptions:
     With --detections and --camera the recording also holds what a 2D pose detector saw in a video. Several wearers:
     convert each log on its own, then join the recordings: convert a.mcap both.mcap --join b.mcap --detections …
 
+    A session in several files, one after another, is one recording: convert 1.csv all.mcap --then 2.csv --then 3.csv …
+
     Several cameras: all but the first stand still where their camera files say (calibrate-camera --floor, with the
     same board in the same place for all of them).
     """
@@ -65,6 +67,9 @@ class ConvertOptions:
     """Format of the log; found by its content if absent."""
     name: str | None = None
     """Name of the recording; the log's own if absent."""
+    then: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="LOG")] = ()
+    """Log of the same sensors that follows in time, as a part of the same recording; the pause between them stays. May
+    be said several times."""
     join: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RECORDING")] = ()
     """Recording (.mcap) of another wearer at the same time, to be part of the scene; may be said several times."""
     detections: Path | None = None

@@ -11,6 +11,7 @@ import tyro
 from vip_factors.cli.named import named_tree
 from vip_factors.cli.options import Flag, beside, parse
 from vip_factors.configurations import Configuration
+from vip_factors.errors import InputError
 from vip_factors.estimate import SceneEstimate
 from vip_factors.settings import Settings
 
@@ -29,8 +30,9 @@ class SmoothOptions:
     Every setting of the pipeline is an option; --settings reads them from a file, and options win over it.
     """
 
-    recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
-    """Recording (.mcap); vip-factors convert makes one from foreign files."""
+    recording: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
+    """Recording (.mcap); vip-factors convert makes one from foreign files. Several, without a camera, are parts of one
+    recording that follow one another in time."""
     out: Path | None = None
     """Estimate (.mcap) to write; RECORDING.estimate.mcap if absent."""
     configuration: Configuration = Configuration.OWN
@@ -48,16 +50,18 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.cli.settings_file import flattened
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.io.atomic import check_target
-    from vip_factors.io.mcap_scene_recording import read_scene
+    from vip_factors.io.scene_building import read_scenes
 
     options = parse(SmoothOptions, prog, arguments, _defaults(arguments), none_is_a_value=True)
-    out = options.out or beside(options.recording, ".estimate.mcap")
+    if not options.recording:
+        raise InputError("no RECORDING.mcap to smooth is named")
+    out = options.out or beside(options.recording[0], ".estimate.mcap")
     check_target(out, options.overwrite)
     sampled = _in_windows(options.recording, options.tree)
     if sampled is not None:
         _smooth_windows(sampled, options, out)
         return
-    scene = read_scene(options.recording)
+    scene = read_scenes(options.recording)
     from vip_factors.pipeline import smooth_scene
 
     with progress_bar() as tell:
@@ -67,15 +71,15 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     print(out)
 
 
-def _in_windows(path: Path, settings: Settings) -> "SampledScene | None":
-    """The recordings of a file that are to be read and solved window by window; None if it is to be read at once."""
-    from vip_factors.io.mcap_sampled import open_sampled
+def _in_windows(paths: Sequence[Path], settings: Settings) -> "SampledScene | None":
+    """The recordings of files that are to be read and solved window by window; None if they are to be read at once."""
+    from vip_factors.io.mcap_sampled import open_sampled_parts
     from vip_factors.pipeline import is_long
 
     if settings.calibration.from_truth or not settings.windows.use:
         return None
     with warnings.catch_warnings(record=True) as told:
-        sampled = open_sampled(path)
+        sampled = open_sampled_parts(paths)
     if sampled is None or (sampled.has_camera and settings.fusion.use_camera):
         return None
     if not any(is_long(one.interval, settings) for one in sampled.wearers):

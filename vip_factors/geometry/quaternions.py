@@ -4,6 +4,7 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import make_interp_spline
 
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp, log, transpose
@@ -74,6 +75,19 @@ def interpolate_rotations(time: ArrayLike, R: ArrayLike, query: ArrayLike) -> Ar
     fraction = np.clip((query - time[left]) / (time[left + 1] - time[left]), 0.0, 1.0)
     step = log(transpose(R[left]) @ R[left + 1])
     return R[left] @ exp(fraction[:, None] * step)
+
+
+def interpolate_smoothly(time: ArrayLike, R: ArrayLike, query: ArrayLike) -> Array:
+    """Rotations ``(N, ..., 3, 3)`` at ``time`` ``(N,)``, smoothly to ``query`` ``(M,)``: angular rates have no steps.
+
+    A cubic spline through unit quaternions of like sign, normalised. Queries outside the range take the nearest end.
+    """
+    time, query = np.asarray(time, float), np.asarray(query, float)
+    q = quaternion_from_matrix(R, Order.WXYZ)
+    turned = np.sum(q[1:] * q[:-1], axis=-1, keepdims=True) < 0
+    q[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)
+    found = make_interp_spline(time, q, k=min(3, len(time) - 1))(np.clip(query, time[0], time[-1]))
+    return matrix_from_quaternion(found / np.linalg.norm(found, axis=-1, keepdims=True), Order.WXYZ)
 
 
 def _quaternion_parts(R: Array) -> tuple[Array, Array]:

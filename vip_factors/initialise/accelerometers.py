@@ -1,9 +1,11 @@
 """What is wrong with an accelerometer by itself: a wrong scale, and a range that motion exceeds."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.imu_stream import ImuStream
 
 GRAVITY = 9.81
@@ -56,24 +58,36 @@ def accelerometer_scale(stream: ImuStream, settings: AccelerometerSettings) -> A
     )
 
 
-def clipped_samples(stream: ImuStream, settings: AccelerometerSettings) -> np.ndarray:
-    """Which samples ``(N,)`` stand at the end of an axis's range, runs of equal extremes that is."""
+def range_ends(stream: ImuStream, settings: AccelerometerSettings) -> tuple[tuple[int, float], ...]:
+    """Axes and values at which an accelerometer's range ends: extremes that repeat themselves, time and again."""
+    if stream.specific_force is None:
+        return ()
+    largest = float(np.max(np.abs(stream.specific_force)))
+    return tuple(
+        (number, end)
+        for number, axis in enumerate(stream.specific_force.T)
+        for end in sorted({float(axis.max()), float(axis.min())})
+        if abs(end) > LEAST_RANGE
+        and abs(end) > 0.9 * largest
+        and len(_runs(axis, end, settings)) >= settings.clipped_runs
+    )
+
+
+def clipped_samples(
+    stream: ImuStream, ends: Sequence[tuple[int, float]], settings: AccelerometerSettings
+) -> np.ndarray:
+    """Which samples ``(N,)`` stand at one of the ends of the range for as long as no motion does by itself."""
     clipped = np.zeros(len(stream), bool)
     if stream.specific_force is None:
         return clipped
-    largest = float(np.max(np.abs(stream.specific_force)))
-    for axis in stream.specific_force.T:
-        for end in (float(axis.max()), float(axis.min())):
-            if abs(end) > LEAST_RANGE and abs(end) > 0.9 * largest:
-                clipped |= _runs(np.abs(axis - end) < SAME * abs(end), settings)
+    for number, end in ends:
+        for first, last in _runs(stream.specific_force[:, number], end, settings):
+            clipped[first:last] = True
     return clipped
 
 
-def _runs(at_end: np.ndarray, settings: AccelerometerSettings) -> np.ndarray:
+def _runs(axis: Array, end: float, settings: AccelerometerSettings) -> list[tuple[int, int]]:
+    """First sample and the one after the last of each run at an end of the range."""
+    at_end = np.abs(axis - end) < SAME * abs(end)
     edges = np.flatnonzero(np.diff(np.r_[0, at_end.astype(int), 0]))
-    runs = [(a, b) for a, b in edges.reshape(-1, 2) if b - a >= settings.clipped_samples]
-    found = np.zeros(len(at_end), bool)
-    if len(runs) >= settings.clipped_runs:
-        for a, b in runs:
-            found[a:b] = True
-    return found
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= settings.clipped_samples]

@@ -17,11 +17,13 @@ from vip_factors.io.import_notes import check_leaps, coverage_notes
 from vip_factors.io.import_placement import place_sensors
 from vip_factors.io.imported import ImportedLog
 from vip_factors.io.known_body import subject_with, with_body
+from vip_factors.io.log_parts import log_in_parts
 from vip_factors.io.mcap_contents import MAGIC
 from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, placement_from_file
 from vip_factors.io.toml_values import nearest
 from vip_factors.sensors.attitude import with_orientation
 from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.parts import joined_in_memory
 from vip_factors.sensors.recording import Recording, Subject, Truth
 
 __all__ = ["FORMATS", "ImportOptions", "detect_format", "import_recording", "placement_from_file", "read_log"]
@@ -67,6 +69,8 @@ class ImportOptions:
             (:mod:`~vip_factors.io.held_pose`), and how the wearer faced then does not matter.
         start_s, end_s: seconds of the log to keep; the recording's time 0 is at ``start_s``.
         name: of the recording; the path's own if None.
+        then: logs of the same sensors that follow in time, as parts of the same recording; whose clocks go on, or which
+            tell their absolute start. Whatever is said of the log holds for all of them together.
         body: body file of the wearer, as ``vip-factors body`` writes it: in the place of stature, sex and lengths.
     """
 
@@ -84,6 +88,7 @@ class ImportOptions:
     end_s: float | None = None
     name: str | None = None
     body: Path | None = None
+    then: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         if self.format is not None and self.format not in FORMATS:
@@ -201,6 +206,9 @@ def import_recording(path: str | Path, options: ImportOptions | None = None) -> 
     if format_name == "recording":
         return _own(path, options)
     log = read_log(path, format_name, options.columns)
+    if options.then:
+        logs = [log, *(read_log(one, options.format, options.columns) for one in options.then)]
+        log = log_in_parts(logs, [str(one) for one in (path, *options.then)])
     given, body = _given(options), read_body_file(options.body) if options.body is not None else None
     notes = [f"imported from {path.name} ({log.format})", *log.notes]
     held, imus = _held(path, format_name, log, options, given.initial_pose)
@@ -258,13 +266,16 @@ def _subject(given: PlacementFile, log: ImportedLog, notes: list[str]) -> Subjec
 
 def _own(path: Path, options: ImportOptions) -> Recording:
     """One of our recordings, as it is: what it says of wearer and placement is not to be overruled in passing."""
-    if replace(options, body=None) != ImportOptions(format=options.format):
+    if replace(options, body=None, then=()) != ImportOptions(format=options.format):
         raise InputError(
             f"{path} is a recording of this package already: it can be read, but takes no import options besides a body"
         )
     from vip_factors.io.mcap_recording import read_recording
 
     recording = read_recording(path)
+    if options.then:
+        parts = [recording, *(read_recording(one) for one in options.then)]
+        recording = joined_in_memory(parts, [str(one) for one in (path, *options.then)])
     return with_body(recording, read_body_file(options.body)) if options.body is not None else recording
 
 

@@ -20,6 +20,7 @@ class ImportedLog:
         truth_motion: the wearer's motion as the log's own system estimated or measured it.
         stature_m: the wearer's height, if the log knows it.
         start_ns: absolute time of t = 0 in nanoseconds, 0 if unknown.
+        clock_s: what the log's own clock said at t = 0, where it does not begin anew with each log; None if unknown.
         notes: one sentence each: what was assumed, dropped, or looked odd.
     """
 
@@ -30,4 +31,5 @@ class ImportedLog:
     truth_motion: Motion | None = None
     stature_m: float | None = None
     start_ns: int = 0
+    clock_s: float | None = None
     notes: tuple[str, ...] = ()

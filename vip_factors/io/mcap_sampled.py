@@ -1,7 +1,7 @@
 """A recording in an MCAP file, whose samples are read window by window."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,8 +18,9 @@ from vip_factors.io.mcap_writer import NS_PER_S
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
 from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.parts import wearers_in_parts
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.sampled import LEAST_SAMPLES
+from vip_factors.sensors.sampled import LEAST_SAMPLES, SampledRecording
 
 TRUTH = "/truth/"
 ESTIMATE, CAMERA = "/estimate/", "/camera/"
@@ -108,10 +109,10 @@ class SampledFile:
 
 @dataclass(frozen=True)
 class SampledScene:
-    """The wearers of an MCAP file, and whether there is a camera."""
+    """The wearers of an MCAP file, or of several that are parts of one recording, and whether there is a camera."""
 
     name: str
-    wearers: tuple[SampledFile, ...]
+    wearers: tuple[SampledRecording, ...]
     has_camera: bool
 
 
@@ -140,6 +141,24 @@ def open_sampled(path: str | os.PathLike[str]) -> SampledScene | None:
         return None
     camera = any(topic.startswith(CAMERA) for topic in file.contents.topics)
     return SampledScene(infos[-1].name if infos else wearers[0].head.name, wearers, camera)
+
+
+def open_sampled_parts(paths: Sequence[str | os.PathLike[str]]) -> SampledScene | None:
+    """The same of files that follow one another in time; None if one of them cannot be read by time, or has a camera.
+
+    Raises:
+        InputError, FileFormatError: as :func:`open_sampled`, and if they are not parts of one recording.
+    """
+    parts = []
+    for path in paths:
+        part = open_sampled(path)
+        if part is None or (part.has_camera and len(paths) > 1):
+            return None
+        parts.append(part)
+    if len(parts) == 1:
+        return parts[0]
+    wearers = wearers_in_parts([one.wearers for one in parts], [str(path) for path in paths])
+    return SampledScene(parts[0].name, wearers, False)
 
 
 def _comes_once(channel: McapChannel) -> bool:

@@ -23,6 +23,7 @@ from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.parts import scene_in_parts
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, CameraMount, Scene, Video
 
@@ -90,15 +91,26 @@ def read_log_as_scene(path: Path, options: ImportOptions) -> Scene:
     if options.columns is not None or (options.format or detect_format(path)) != "recording":
         recording = import_recording(path, options)
         return Scene(recording.name, (recording,))
-    if replace(options, name=None, body=None) != ImportOptions(format=options.format):
+    if replace(options, name=None, body=None, then=()) != ImportOptions(format=options.format):
         import_recording(path, replace(options, name=None))  # says that it takes no import options
-    scene = read_scene(path)
+    scene = read_scenes((path, *options.then))
     if options.body is not None:
         scene = scene_with_body(scene, read_body_file(options.body), options.body)
     if options.name is None:
         return scene
     wearers = tuple(replace(one, name=options.name) for one in scene.wearers)
     return replace(scene, name=options.name, wearers=wearers)
+
+
+def read_scenes(paths: Sequence[Path]) -> Scene:
+    """A scene from a recording's file, or from several that are its parts, one after another in time.
+
+    Raises:
+        InputError, FileFormatError: as :func:`~vip_factors.io.mcap_scene_recording.read_scene`, and as
+            :func:`~vip_factors.sensors.parts.scene_in_parts`.
+    """
+    scenes = [read_scene(path) for path in paths]
+    return scene_in_parts(scenes, [str(path) for path in paths]) if len(scenes) > 1 else scenes[0]
 
 
 def join_wearers(scenes: Sequence[Scene], name: str | None = None) -> Scene:

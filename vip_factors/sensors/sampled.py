@@ -119,15 +119,19 @@ def closed_up(head: Recording, stretches: Sequence[Mapping[str, ImuStream]], tim
         begin += end - float(time[0]) + step
     if not parts:
         raise RecordingError(f"recording '{head.name}': no sensor measured in any of the stretches")
-    return replace(head, imus={name: _one_stream(own) for name, own in parts.items()})
+    return replace(head, imus={name: one_stream(own) for name, own in parts.items()})
 
 
-def _one_stream(parts: Sequence[ImuStream]) -> ImuStream:
+def one_stream(parts: Sequence[ImuStream]) -> ImuStream:
+    """Streams of one sensor, one after another, as one."""
+
     def together(values: Sequence[Array | None]) -> Array | None:
         there = [one for one in values if one is not None]
         return np.concatenate(there) if len(there) == len(parts) else None
 
+    partly = any(one.force_measured is not None for one in parts)
     return ImuStream(
         parts[0].name, np.concatenate([one.time for one in parts]), together([one.specific_force for one in parts]),
         together([one.R_inertial_sensor for one in parts]), together([one.angular_rate for one in parts]),
+        np.concatenate([one.force_measured_mask for one in parts]) if partly else None,
     )  # fmt: skip

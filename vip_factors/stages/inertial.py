@@ -7,9 +7,8 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from vip_factors.assembly.objective import WearerObjective
-from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.errors import InputError
-from vip_factors.geometry.quaternions import interpolate_rotations
+from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, known_calibration
 from vip_factors.initialise.pose import first_poses
@@ -111,8 +110,6 @@ def _start(model: WearerProblem, calibration: InitialCalibration) -> WearerState
 
 def at_frames(state: WearerState, time: Array, wanted: Array) -> WearerState:
     """The state's motion, of frames at ``time`` ``(T,)``, at other instants ``(N,)``; the ends are kept beyond it."""
-    R = np.stack(
-        [interpolate_rotations(time, state.R_parent_child[:, joint], wanted) for joint in range(JOINT_COUNT)], axis=1
-    )
+    R = interpolate_smoothly(time, state.R_parent_child, wanted)  # a kink would be an acceleration
     path = make_interp_spline(time, state.p_world_pelvis, k=min(3, len(time) - 1))
     return replace(state, R_parent_child=R, p_world_pelvis=path(np.clip(wanted, time[0], time[-1])))

@@ -1,17 +1,23 @@
 """Sensors looked over before anything is estimated: accelerometers by themselves, clocks against one another."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.pose_prior import load_pose_prior
-from vip_factors.initialise.accelerometers import AccelerometerSettings, accelerometer_scale, clipped_samples
+from vip_factors.initialise.accelerometers import (
+    AccelerometerSettings,
+    accelerometer_scale,
+    clipped_samples,
+    range_ends,
+)
 from vip_factors.initialise.sensor_delays import SensorClockSettings, SensorDelay, sensor_delays
 from vip_factors.initialise.sensor_tree import sensor_tree
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.sampled import LEAST_SAMPLES, SampledRecording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 
@@ -25,41 +31,117 @@ def checked_scene(scene: Scene, settings: Settings) -> tuple[Scene, tuple[str, .
 
 def checked(recording: Recording, settings: Settings) -> tuple[Recording, tuple[str, ...]]:
     """The recording with its placed sensors put right where that can be done, and sentences on what was found."""
+    corrections, findings = sensor_corrections(recording, recording, settings)
+    imus = {name: corrections[name].of(one) if name in corrections else one for name, one in recording.imus.items()}
+    return replace(recording, imus=imus), findings
+
+
+@dataclass(frozen=True)
+class SensorCorrection:
+    """What puts a sensor's samples right.
+
+    Attributes:
+        ends: axes and values of specific force at the ends of its range: such samples measured none.
+        scale: that its specific force has too much.
+        late: seconds that its times are late.
+        settings: of the look at accelerometers.
+    """
+
+    ends: tuple[tuple[int, float], ...] = ()
+    scale: float = 1.0
+    late: float = 0.0
+    settings: AccelerometerSettings = field(default_factory=AccelerometerSettings)
+
+    def of(self, stream: ImuStream) -> ImuStream:
+        """The samples put right."""
+        if self.ends:
+            clipped = clipped_samples(stream, self.ends, self.settings)
+            stream = replace(stream, force_measured=stream.force_measured_mask & ~clipped)
+        if self.scale != 1.0 and stream.specific_force is not None:
+            stream = replace(stream, specific_force=stream.specific_force / self.scale)
+        return replace(stream, time=stream.time - self.late) if self.late else stream
+
+
+@dataclass(frozen=True)
+class CorrectedSamples:
+    """A recording that gives its samples put right; see :class:`~vip_factors.sensors.sampled.SampledRecording`."""
+
+    source: SampledRecording
+    corrections: Mapping[str, SensorCorrection]
+
+    @property
+    def head(self) -> Recording:
+        """See the protocol."""
+        return self.source.head
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """See the protocol."""
+        return self.source.sensors
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """See the protocol; as it was before clocks were put right."""
+        return self.source.interval
+
+    def between(self, start: float, end: float) -> Mapping[str, ImuStream]:
+        """See the protocol."""
+        spare = max((abs(one.late) for one in self.corrections.values()), default=0.0)
+        found = {}
+        for name, stream in self.source.between(start - spare, end + spare).items():
+            right = self.corrections[name].of(stream) if name in self.corrections else stream
+            if np.count_nonzero((right.time >= start) & (right.time <= end)) >= LEAST_SAMPLES:
+                found[name] = right.cut(start, end) if spare else right
+        return found
+
+
+def sensor_corrections(
+    recording: Recording, clocks: Recording, settings: Settings
+) -> tuple[dict[str, SensorCorrection], tuple[str, ...]]:
+    """What puts the placed sensors right that are not, by name, and sentences on what was found.
+
+    Args:
+        recording: that accelerometers are looked over in; its times need not be those of the samples.
+        clocks: that clocks are compared in.
+        settings: of both.
+    """
     who = f"wearer '{recording.subject.name}'"
-    imus, findings = dict(recording.imus), []
+    corrections: dict[str, SensorCorrection] = {}
+    findings: list[str] = []
     if settings.accelerometers.check:
         for name in recording.placed:
-            imus[name], sentences = _accelerometer(who, imus[name], settings.accelerometers)
+            correction, sentences = _accelerometer(who, recording.imus[name], settings.accelerometers)
+            if sentences:
+                corrections[name] = correction
             findings += sentences
     if settings.sensor_clocks.check:
-        delays = _delays(replace(recording, imus=imus), settings)
+        right = {name: corrections[name].of(one) if name in corrections else one for name, one in clocks.imus.items()}
+        delays = _delays(replace(clocks, imus=right), settings)
         for one in delays:
-            name = recording.placed[one.sensor]
+            name = clocks.placed[one.sensor]
             if settings.sensor_clocks.correct and one.rival is None:
-                imus[name] = replace(imus[name], time=imus[name].time - one.seconds)
-        findings += _about_clocks(who, recording.placed, delays, settings.sensor_clocks)
-    return replace(recording, imus=imus), tuple(findings)
+                corrections[name] = replace(corrections.get(name, SensorCorrection()), late=one.seconds)
+        findings += _about_clocks(who, clocks.placed, delays, settings.sensor_clocks)
+    return corrections, tuple(findings)
 
 
-def _accelerometer(who: str, stream: ImuStream, settings: AccelerometerSettings) -> tuple[ImuStream, list[str]]:
-    findings = []
-    clipped = clipped_samples(stream, settings)
-    if np.any(clipped) and stream.specific_force is not None:
-        end = float(np.max(np.abs(stream.specific_force[clipped])))
-        stream = replace(stream, force_measured=stream.force_measured_mask & ~clipped)
+def _accelerometer(who: str, stream: ImuStream, settings: AccelerometerSettings) -> tuple[SensorCorrection, list[str]]:
+    findings, correction = [], SensorCorrection(range_ends(stream, settings), settings=settings)
+    if correction.ends:
+        largest = max(abs(end) for _, end in correction.ends)
+        count = np.count_nonzero(clipped_samples(stream, correction.ends, settings))
         findings.append(
-            f"{who}: the accelerometer of '{stream.name}' stands at the end of its range ({end:.0f} m/s²) in "
-            f"{np.count_nonzero(clipped)} samples: those are left out; a wider range would help"
+            f"{who}: the accelerometer of '{stream.name}' stands at the end of its range ({largest:.0f} m/s²) in "
+            f"{count} samples: those are left out; a wider range would help"
         )
     found = accelerometer_scale(stream, settings)
     if found is None or abs(found.scale - 1) <= max(settings.scale_error, settings.deviations * found.sigma):
-        return stream, findings
+        return correction, findings
     findings.append(
         f"{who}: the accelerometer of '{stream.name}' measures gravity as {9.81 * found.scale:.2f} m/s², "
         f"{100 * (found.scale - 1):+.0f} %: scaled to 9.81; calibrate it"
     )
-    assert stream.specific_force is not None
-    return replace(stream, specific_force=stream.specific_force / found.scale), findings
+    return replace(correction, scale=found.scale), findings
 
 
 def _delays(recording: Recording, settings: Settings) -> tuple[SensorDelay, ...]:

@@ -5,7 +5,7 @@ are spread over the recording, in one problem. Every window is then solved as a 
 known, from a little before the last one ends, and where that has put the wearer.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,16 +19,20 @@ from vip_factors.initialise.pose import first_poses
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames, in_stretches
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.sampled import SampledRecording, closed_up, frames_of, samples_around
 from vip_factors.settings import Settings
 from vip_factors.solve.marginals import chain_marginals
 from vip_factors.stages.decode import pose_covariance, residuals
 from vip_factors.stages.inertial import Tracked, at_frames, calibrated, found_start, inertial_tracker
 from vip_factors.stages.inertial_model import alone, calibration_held, kept, loosened, placed_on_floor, with_contacts
+from vip_factors.stages.sensor_checks import CorrectedSamples, sensor_corrections
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.windows import WindowPlan
 
 WALKING = 1.4  # m/s, unseen
+ROUGHLY = 0.1  # relative decrease at which coarse solves stop: the last one of a window goes on from there
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,36 @@ class SolvedWindow:
     reports: tuple[SolveReport, ...] = ()
 
 
+def with_sensors_checked(
+    recording: SampledRecording, plan: WindowPlan, settings: Settings
+) -> tuple[SampledRecording, tuple[str, ...]]:
+    """The recording with its sensors put right, and what was found: see :mod:`~vip_factors.stages.sensor_checks`.
+
+    Accelerometers are looked over in the stretches that calibrate, clocks are compared in the middle.
+
+    Raises:
+        RecordingError: for a recording that cannot be used.
+    """
+    if not (settings.accelerometers.check or settings.sensor_clocks.check):
+        return recording, ()
+    _, _, together = _calibrating(recording, plan)
+    (start, end), half = recording.interval, settings.sensor_clocks.seconds / 2
+    middle = dict(recording.between((start + end) / 2 - half, (start + end) / 2 + half))
+    corrections, findings = sensor_corrections(together, replace(together, imus=middle), settings)
+    return CorrectedSamples(recording, corrections) if corrections else recording, findings
+
+
+def _calibrating(
+    recording: SampledRecording, plan: WindowPlan
+) -> tuple[list[Array], list[Mapping[str, ImuStream]], Recording]:
+    """Times of the coarse frames that calibrate, their samples stretch by stretch, and these closed up."""
+    times = [plan.coarse_time(one) for one in plan.calibrating()]
+    stretches = [samples_around(recording, time) for time in times]
+    if len(times) == 1:
+        return times, stretches, replace(recording.head, imus=dict(stretches[0]))
+    return times, stretches, closed_up(recording.head, stretches, times)
+
+
 def calibrate(recording: SampledRecording, plan: WindowPlan, settings: Settings, solver: Solver) -> Tracked:
     """What all frames share, found from coarse frames of some stretches.
 
@@ -60,14 +94,8 @@ def calibrate(recording: SampledRecording, plan: WindowPlan, settings: Settings,
         InputError, RecordingError: for a recording that cannot be used.
         SolveError: if the problem is not determined.
     """
-    times = [plan.coarse_time(one) for one in plan.calibrating()]
-    stretches = [samples_around(recording, time) for time in times]
+    times, stretches, together = _calibrating(recording, plan)
     frames = in_stretches([frames_of(own, recording.sensors, time) for own, time in zip(stretches, times, strict=True)])
-    together = (
-        closed_up(recording.head, stretches, times)
-        if len(times) > 1
-        else replace(recording.head, imus=dict(stretches[0]))
-    )
     evenly = replace(frames, time=frames.time[0] + frames.step * np.arange(len(frames)))
     calibration, starts = found_start(together, evenly, settings, solver.telling("start"))
     tracked = inertial_tracker(together, frames, _with_knots_in_stretches(plan, settings), solver, calibration)
@@ -137,11 +165,15 @@ def _at_full_rate(
     """The solution on all of a window's frames, from that of the inertial tracker on its coarse ones."""
     if not settings.acceleration:
         return alone(model), _where_it_was(state, before, span)
-    held = calibration_held(loosened(model, settings.calibration))
+    roughly = replace(solver, settings=replace(solver.settings, relative_decrease=ROUGHLY))
+    loose, held = calibration_held(loosened(model, settings.calibration)), calibration_held(model)
     for _ in range(settings.calibration.passes):
-        state = solver.solve_wearer(WearerObjective(with_contacts(held, state)), state, "calibrated")
-    state = _where_it_was(at_frames(state, model.frames.time, frames.time), before, span)
-    fine = with_contacts(kept(model, frames), state)
+        state = roughly.solve_wearer(WearerObjective(with_contacts(loose, state)), state, "calibrated")
+    time = model.frames.time
+    fine = with_contacts(kept(model, frames), _where_it_was(at_frames(state, time, frames.time), before, span))
+    if len(time) < len(frames):  # a coarse iteration on the same terms spares a fine one
+        state = roughly.solve_wearer(WearerObjective(with_contacts(held, state)), state, "coarse")
+    state = _where_it_was(at_frames(state, time, frames.time), before, span)
     return fine, solver.solve_wearer(WearerObjective(fine), state, "sparse inertial poser")
 
 

@@ -19,7 +19,7 @@ from vip_factors.stages.inertial_model import method_of
 from vip_factors.stages.posture_findings import posture_findings
 from vip_factors.stages.solver import Progress, Solver
 from vip_factors.stages.window_join import joined
-from vip_factors.stages.window_solve import SolvedWindow, calibrate, solve_windows
+from vip_factors.stages.window_solve import SolvedWindow, calibrate, solve_windows, with_sensors_checked
 from vip_factors.stages.windows import WindowPlan
 
 WINDOWS = "windows"  # the stage, as progress tells it
@@ -33,7 +33,8 @@ def is_long(interval: tuple[float, float], settings: Settings) -> bool:
 def smooth_windows(recording: SampledRecording, settings: Settings, progress: Progress) -> LongEstimate:
     """The estimate of a recording; calibrated now, and solved as its parts are asked for.
 
-    Findings on the wearer's posture are of the frames that calibrate, which are spread over the recording.
+    Findings on accelerometers and on the wearer's posture are of the frames that calibrate, which are spread over the
+    recording; clocks are compared in its middle.
 
     Raises:
         InputError, RecordingError: for a recording that cannot be used; for samples, as parts are asked for.
@@ -42,8 +43,10 @@ def smooth_windows(recording: SampledRecording, settings: Settings, progress: Pr
     plan = WindowPlan.of(recording.interval, settings)
     solver = Solver(settings.solve, progress, name=settings.solver)
     with threadpool_limits(limits=1, user_api="blas"):
+        recording, about_sensors = with_sensors_checked(recording, plan, settings)
         found = calibrate(recording, plan, settings, solver)
-    head = replace(_head(recording, found, plan, settings), reports=tuple(solver.reports))
+    head = _head(recording, found, plan, settings)
+    head = replace(head, reports=tuple(solver.reports), findings=(*about_sensors, *head.findings))
     return LongEstimate(head, plan.frames, _parts(recording, found, plan, settings, head.motion, progress))
 
 

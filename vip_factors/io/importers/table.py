@@ -72,6 +72,7 @@ def read(path: Path, columns: ColumnMap, tables: dict[Path, TextTable] | None = 
         imus,
         default_sites(list(imus)),
         start_ns=round(start * 1e9) if since_1970 else 0,
+        clock_s=float(start),
         notes=merge_notes(notes),
     )
 

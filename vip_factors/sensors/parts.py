@@ -1,0 +1,201 @@
+"""One recording in several parts: what loggers and phones split into files is one session, with gaps between them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from vip_factors.errors import InputError
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.sampled import LEAST_SAMPLES, RecordingInMemory, SampledRecording, one_stream
+from vip_factors.sensors.scene import Scene
+
+SPLIT_S = 0.5  # by which parts may overlap: files are split at an instant that sensors reach one after another
+LONGEST_PAUSE_S = 3600.0  # its frames are estimated too; after longer ones straps have moved
+RATE_S = 5.0  # of a part's beginning, which tells its rates
+RATE_TOLERANCE = 0.1
+
+
+@dataclass(frozen=True)
+class RecordingInParts:
+    """Recordings of one session, in the order of time, as one; see :class:`SampledRecording`.
+
+    Attributes:
+        parts: the first says who wore what, and what was held at the start.
+        later: seconds of each part's time 0 on the clock of the first.
+    """
+
+    parts: tuple[SampledRecording, ...]
+    later: tuple[float, ...]
+
+    @property
+    def head(self) -> Recording:
+        """See the protocol."""
+        return self.parts[0].head
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """See the protocol."""
+        return self.parts[0].sensors
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """See the protocol."""
+        return self.parts[0].interval[0], self.parts[-1].interval[1] + self.later[-1]
+
+    def between(self, start: float, end: float) -> Mapping[str, ImuStream]:
+        """See the protocol."""
+        found: dict[str, list[ImuStream]] = {}
+        for part, later in zip(self.parts, self.later, strict=True):
+            if part.interval[0] + later > end or part.interval[1] + later < start:
+                continue
+            for name, stream in part.between(start - later, end - later).items():
+                earlier = found.setdefault(name, [])
+                moved = replace(stream, time=stream.time + later)
+                if earlier and not moved.time[0] > earlier[-1].time[-1]:  # in both files
+                    if not moved.time[-1] > earlier[-1].time[-1]:
+                        continue
+                    moved = moved.cut(float(moved.time[moved.time > earlier[-1].time[-1]][0]), float(moved.time[-1]))
+                earlier.append(moved)
+        return {name: one_stream(own) for name, own in found.items() if sum(map(len, own)) >= LEAST_SAMPLES}
+
+
+@dataclass(frozen=True)
+class _AllSensors(RecordingInMemory):
+    """A recording of whose sensors those without a place count too."""
+
+    sensors: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sensors", tuple(self.recording.imus))
+
+
+def in_parts(parts: Sequence[SampledRecording], sources: Sequence[str]) -> RecordingInParts:
+    """Parts of one session as one recording, on the clock of the earliest.
+
+    Where all parts tell their absolute start, that says when they were; else their clock must have gone on.
+
+    Args:
+        parts: in any order.
+        sources: what each is called in messages.
+
+    Raises:
+        InputError: if two overlap or are far apart, or differ in who wore what, in sensors or in their rates.
+    """
+    told = [part.head.start_ns != 0 for part in parts]
+    if any(told) and not all(told):
+        some, none = sources[told.index(True)], sources[told.index(False)]
+        raise InputError(f"{some} tells when it began and {none} does not: nothing tells how much later it is")
+    origin = parts[0].head.start_ns
+    starts = [(one.head.start_ns - origin) / 1e9 for one in parts]
+    order = sorted(range(len(parts)), key=lambda n: starts[n] + parts[n].interval[0])
+    parts, sources = [parts[n] for n in order], [sources[n] for n in order]
+    later = tuple(starts[n] - starts[order[0]] for n in order)
+    for number in range(1, len(parts)):
+        _check_follows(parts, later, sources, number, told=all(told))
+        _check_same(parts[0], parts[number], sources[0], sources[number])
+    return RecordingInParts(tuple(parts), later)
+
+
+def joined_in_memory(recordings: Sequence[Recording], sources: Sequence[str]) -> Recording:
+    """The same of recordings in memory, with all their sensors, without truth; notes of all parts, each once.
+
+    Raises:
+        InputError: as :func:`in_parts`.
+    """
+    whole = in_parts([_AllSensors(one) for one in recordings], sources)
+    notes = dict.fromkeys(line for part in whole.parts for line in part.head.notes.splitlines())
+    imus = whole.between(-float("inf"), float("inf"))
+    return replace(whole.head, imus=imus, truth=None, notes="\n".join(notes))
+
+
+def wearers_in_parts(
+    files: Sequence[Sequence[SampledRecording]], sources: Sequence[str]
+) -> tuple[RecordingInParts, ...]:
+    """Each wearer's parts as one recording; ``files`` have the same wearers, in the same order.
+
+    Raises:
+        InputError: if a file has more wearers or fewer, and as :func:`in_parts`.
+    """
+    _check_count([len(wearers) for wearers in files], sources)
+    return tuple(in_parts(own, sources) for own in zip(*files, strict=True))
+
+
+def scene_in_parts(scenes: Sequence[Scene], sources: Sequence[str]) -> Scene:
+    """Scenes in memory, one after another in time, as one; see :func:`joined_in_memory`.
+
+    Raises:
+        InputError: if one has a camera, or other wearers, and as :func:`in_parts`.
+    """
+    for source, scene in zip(sources, scenes, strict=True):
+        if scene.camera is not None:
+            raise InputError(f"{source} has a camera: only recordings of IMUs alone may be in several parts")
+    _check_count([len(one.wearers) for one in scenes], sources)
+    wearers = [joined_in_memory(own, sources) for own in zip(*(one.wearers for one in scenes), strict=True)]
+    return Scene(scenes[0].name, tuple(wearers))
+
+
+def _check_count(counts: Sequence[int], sources: Sequence[str]) -> None:
+    for source, count in zip(sources, counts, strict=True):
+        if count != counts[0]:
+            raise InputError(
+                f"{source} has {count} wearers, {sources[0]} {counts[0]}: expected the same in all parts of a recording"
+            )
+
+
+def _check_follows(
+    parts: Sequence[SampledRecording], later: Sequence[float], sources: Sequence[str], number: int, told: bool
+) -> None:
+    (_, end), (start, _) = (parts[n].interval for n in (number - 1, number))
+    start, end = start + later[number], end + later[number - 1]
+    if start < end - SPLIT_S:
+        clock = "" if told else "; if its clock began anew, nothing in the files tells when"
+        raise InputError(
+            f"{sources[number]} begins at {start:.2f} s, before {sources[number - 1]} ends at {end:.2f} s: parts of a "
+            f"recording must follow one another{clock}"
+        )
+    if start - end > LONGEST_PAUSE_S:
+        raise InputError(
+            f"{sources[number]} begins {(start - end) / 3600:.1f} h after {sources[number - 1]} ended: expected "
+            f"{LONGEST_PAUSE_S / 3600:g} h or less between parts of a recording; it is one by itself"
+        )
+
+
+def _check_same(first: SampledRecording, other: SampledRecording, source: str, other_source: str) -> None:
+    who, whom = first.head.subject, other.head.subject
+    if (who.name, who.stature_m) != (whom.name, whom.stature_m):
+        raise InputError(
+            f"{other_source} is of '{whom.name}' ({whom.stature_m} m), {source} of '{who.name}' ({who.stature_m} m): "
+            "parts of a recording are of one wearer"
+        )
+    missing, more = (set(one.sensors) - set(two.sensors) for one, two in ((first, other), (other, first)))
+    if missing or more:
+        odd = [f"without {', '.join(sorted(missing))}"] if missing else []
+        odd += [f"with {', '.join(sorted(more))}"] if more else []
+        raise InputError(
+            f"{other_source} is {' and '.join(odd)}, unlike {source}: expected the same sensors in all parts"
+        )
+    for site in first.head.placement.sites:
+        if site.sensor in first.sensors and other.head.placement.site(site.sensor).bone != site.bone:
+            bone = other.head.placement.site(site.sensor).bone
+            raise InputError(
+                f"{other_source}: sensor '{site.sensor}' is on {bone}, in {source} on {site.bone}: expected the same "
+                "placement in all parts"
+            )
+    _check_rates(_beginning(first), _beginning(other), source, other_source)
+
+
+def _beginning(part: SampledRecording) -> Mapping[str, ImuStream]:
+    start = part.interval[0]
+    return part.between(start, start + RATE_S)
+
+
+def _check_rates(
+    first: Mapping[str, ImuStream], other: Mapping[str, ImuStream], source: str, other_source: str
+) -> None:
+    for name in first.keys() & other.keys():
+        one, two = first[name].rate, other[name].rate
+        if abs(two / one - 1) > RATE_TOLERANCE:
+            raise InputError(
+                f"{other_source}: sensor '{name}' measures {two:.1f} times a second, in {source} {one:.1f} times: "
+                "expected the same rate in all parts"
+            )

@@ -122,6 +122,7 @@ def _camera_messages(
     info = CameraEstimateInfo(
         name=camera.name,
         time_offset_s=camera.time_offset,
+        time_drift=camera.time_drift,
         poses=len(camera.path),
         has_residuals=residual is not None,
         wearers=residual.shape[1] if residual is not None else 0,
@@ -230,6 +231,7 @@ def _camera(contents: McapContents, messages: Sequence[McapMessages]) -> CameraE
         covariance=_covariance(poses),
         residual_px=_residuals(path, info, of_topic(path, messages, CAMERA_RESIDUALS, CameraResiduals)),
         time_offset=info.time_offset_s,
+        time_drift=info.time_drift,
     )
 
 

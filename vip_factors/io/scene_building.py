@@ -312,7 +312,7 @@ def check_detections(
 
 def _tell_times(scene: Scene, camera: Camera) -> None:
     """Warn where video and sensors have little or no time in common."""
-    time = camera.detections.time + camera.time_offset
+    time = camera.timed_detections.time
     for wearer in scene.wearers:
         if not wearer.imus:
             continue

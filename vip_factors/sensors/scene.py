@@ -14,6 +14,7 @@ from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.video_clock import VideoClock
 
 CAMERA_MOUNTING_SIGMA = np.deg2rad(10.0)  # an IMU taped to a phone along its edges
 
@@ -59,7 +60,8 @@ class Camera:
         moving: False for a camera that stands still: one pose for the whole recording.
         mount: the IMU on it, if any.
         known_path: poses to be believed instead of estimated, if any.
-        time_offset: seconds to add to the video's times to get the IMUs'.
+        time_offset: seconds to add to the video's times to get the IMUs', at the video's time 0.
+        time_drift: seconds more for every second of the video.
         video: to look at.
     """
 
@@ -71,6 +73,17 @@ class Camera:
     known_path: CameraPath | None = None
     time_offset: float = 0.0
     video: Video | None = None
+    time_drift: float = 0.0
+
+    @property
+    def clock(self) -> VideoClock:
+        """What lies between the video's clock and the IMUs'."""
+        return VideoClock(self.time_offset, self.time_drift)
+
+    @property
+    def timed_detections(self) -> Detections:
+        """What was detected, with times on the IMUs' clock."""
+        return self.detections.timed(self.clock)
 
 
 @dataclass(frozen=True)
@@ -82,8 +95,9 @@ class SceneTruth:
         wearer: ``(N,)`` index of the wearer behind each detection, −1 for bystanders and false detections.
         pixels: ``(N, K, 2)`` where the keypoints really are in the image (distorted), NaN out of view or unknown.
         camera_calibration: heading and mounting of the camera's IMU.
-        time_offset: seconds to add to the video's times to get the IMUs'.
+        time_offset: seconds to add to the video's times to get the IMUs', at the video's time 0.
         further: of each further camera, in the scene's order.
+        time_drift: seconds more for every second of the video.
     """
 
     camera: CameraPath
@@ -92,6 +106,12 @@ class SceneTruth:
     camera_calibration: SensorCalibration | None = None
     time_offset: float = 0.0
     further: tuple["SceneTruth", ...] = ()
+    time_drift: float = 0.0
+
+    @property
+    def clock(self) -> VideoClock:
+        """What lies between the video's clock and the IMUs'."""
+        return VideoClock(self.time_offset, self.time_drift)
 
 
 @dataclass(frozen=True)

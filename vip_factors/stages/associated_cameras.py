@@ -45,7 +45,7 @@ def watch(
     """The first association, of each camera by itself: nobody's place in the world is known yet."""
     associated = []
     for number, camera in enumerate(scene.cameras):
-        detections = camera.detections.shifted(camera.time_offset)
+        detections = camera.timed_detections
         association = associate(
             detections, camera.model, motions, settings.association,
             gravity_camera=gravity_in_camera(camera, detections.time), progress=_part(tell, number, len(scene.cameras)),

@@ -250,6 +250,7 @@ class CameraEstimate:
         residual_px: ``(T, wearers)`` root mean square reprojection error of each wearer in pixels, NaN where unseen.
         time_offset: seconds added to the video's times to get the IMUs', at the video's time 0.
         time_drift: seconds more for every second of the video.
+        clock_sigma: standard deviations of the offset, in the recording's middle, and of the drift; None where kept.
     """
 
     name: str
@@ -260,6 +261,7 @@ class CameraEstimate:
     residual_px: Array | None = None
     time_offset: float = 0.0
     time_drift: float = 0.0
+    clock_sigma: tuple[float, float] | None = None
 
     @property
     def clock(self) -> VideoClock:

@@ -11,6 +11,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene, SceneTruth, Video
+from vip_factors.sensors.video_clock import VideoClock
 
 
 def scene_text(scene: Scene) -> str:
@@ -36,8 +37,7 @@ def _camera_lines(camera: Camera) -> list[str]:
         lines.append(f"  camera's sensor: {camera.mount.imu.name}, {samples} samples, {rate}, gaps {gaps}, {gives}")
     if camera.known_path is not None:
         lines.append(f"  camera's pose known, at {_count(len(camera.known_path), 'instant')}")
-    if camera.time_offset:
-        lines.append(f"  video's clock: {camera.time_offset:+.3f} s to the sensors'")
+    lines += _clock_lines(camera.clock)
     return lines + _detection_lines(camera.detections) + _video_lines(camera.video)
 
 
@@ -117,8 +117,16 @@ def _camera_estimate_lines(camera: CameraEstimate, names: list[str]) -> list[str
             lines.append(f"  reprojection of {name}: {middle}")
     if camera.calibration is not None:
         lines.append(f"  heading of the camera's sensor: {heading_text(camera.calibration)}")
-    if camera.time_offset:
-        lines.append(f"  video's clock: {camera.time_offset:+.3f} s to the sensors'")
+    return lines + _clock_lines(camera.clock, camera.clock_sigma)
+
+
+def _clock_lines(clock: VideoClock, sigma: tuple[float, float] | None = None) -> list[str]:
+    lines = []
+    if clock.offset or clock.drift:
+        lines.append(f"  video's clock: {clock.offset:+.3f} s to the sensors' at its time 0")
+    if clock.drift:
+        sure = "" if sigma is None else f" ± {1e6 * sigma[1]:.0f}"
+        lines[-1] += f", and drifts by {1e6 * clock.drift:+.0f}{sure} ppm ({60e3 * clock.drift:+.1f} ms a minute)"
     return lines
 
 

@@ -12,6 +12,7 @@ from vip_factors.initialise.camera import Sightings
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.settings import Settings
 from vip_factors.stages.inertial import Tracked
 
@@ -56,15 +57,19 @@ def watch(
 
 
 def watch_again(
-    associated: Sequence[AssociatedCamera], path: CameraPath, motions: Sequence[Motion], settings: Settings,
-    tell: Callable[[float], None],
+    associated: Sequence[AssociatedCamera], path: CameraPath, clock: VideoClock, motions: Sequence[Motion],
+    settings: Settings, tell: Callable[[float], None],
 ) -> tuple[AssociatedCamera, ...]:  # fmt: skip
-    """The association of motions in one world, in which the first camera took a path; the others' poses are known."""
+    """The association of motions in one world, in which the first camera took a path; the others' poses are known.
+
+    The first camera's video is timed by what was found of its clock.
+    """
     again = []
     for number, each in enumerate(associated):
+        detections = each.detections if number else each.detections.timed(clock)
         association = associate(
-            each.detections, each.camera.model, motions, settings.association,
-            each.camera.known_path if number else path, gravity_in_camera(each.camera, each.detections.time),
+            detections, each.camera.model, motions, settings.association,
+            each.camera.known_path if number else path, gravity_in_camera(each.camera, detections.time),
             _part(tell, number, len(associated)),
         )  # fmt: skip
         again.append(replace(each, association=association))

@@ -27,6 +27,7 @@ from vip_factors.settings import Settings
 from vip_factors.stages.associated_cameras import AssociatedCamera, path_at
 from vip_factors.stages.inertial import Tracked
 from vip_factors.stages.learned_offsets import prior_offsets
+from vip_factors.stages.video_drift import middle_of
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,7 @@ def camera_problem(camera: Camera, time: Array, settings: Settings) -> CameraPro
         camera.moving,
         not known,
         free_clock=settings.fusion.estimate_clock,
+        clock_middle=middle_of(camera),
         settings=settings.camera,
         learned_offsets=prior_offsets(camera, settings.camera.keypoint_offset),
     )

@@ -8,7 +8,7 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class CameraEstimateInfo(_message.Message):
-    __slots__ = ("name", "time_offset_s", "poses", "has_residuals", "wearers", "residual_frames", "time_drift")
+    __slots__ = ("name", "time_offset_s", "poses", "has_residuals", "wearers", "residual_frames", "time_drift", "clock_sigma")
     NAME_FIELD_NUMBER: _ClassVar[int]
     TIME_OFFSET_S_FIELD_NUMBER: _ClassVar[int]
     POSES_FIELD_NUMBER: _ClassVar[int]
@@ -16,6 +16,7 @@ class CameraEstimateInfo(_message.Message):
     WEARERS_FIELD_NUMBER: _ClassVar[int]
     RESIDUAL_FRAMES_FIELD_NUMBER: _ClassVar[int]
     TIME_DRIFT_FIELD_NUMBER: _ClassVar[int]
+    CLOCK_SIGMA_FIELD_NUMBER: _ClassVar[int]
     name: str
     time_offset_s: float
     poses: int
@@ -23,7 +24,8 @@ class CameraEstimateInfo(_message.Message):
     wearers: int
     residual_frames: int
     time_drift: float
-    def __init__(self, name: _Optional[str] = ..., time_offset_s: _Optional[float] = ..., poses: _Optional[int] = ..., has_residuals: bool = ..., wearers: _Optional[int] = ..., residual_frames: _Optional[int] = ..., time_drift: _Optional[float] = ...) -> None: ...
+    clock_sigma: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, name: _Optional[str] = ..., time_offset_s: _Optional[float] = ..., poses: _Optional[int] = ..., has_residuals: bool = ..., wearers: _Optional[int] = ..., residual_frames: _Optional[int] = ..., time_drift: _Optional[float] = ..., clock_sigma: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class CameraPose(_message.Message):
     __slots__ = ("timestamp", "seconds", "frame", "rotation_wxyz", "p_world_camera", "covariance")

@@ -17,6 +17,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.video_clock import VideoClock
 
 CAMERA_MOUNTING_SIGMA = np.deg2rad(10.0)  # an IMU taped to a phone along its edges
+UNKNOWN_MOUNTING_SIGMA = np.pi  # nobody said how it sits: the data have to tell
 
 
 @dataclass(frozen=True)
@@ -27,13 +28,18 @@ class CameraMount:
         imu: its stream.
         R_camera_imu: ``(3, 3)`` rough mounting.
         p_camera_imu: ``(3,)`` metres, its position in the camera's frame.
-        mounting_sigma: radians, of the rough mounting about each axis.
+        mounting_sigma: radians, of the rough mounting about each axis; ``UNKNOWN_MOUNTING_SIGMA`` if nobody told it.
     """
 
     imu: ImuStream
     R_camera_imu: Array = field(default_factory=lambda: np.eye(3))
     p_camera_imu: Array = field(default_factory=lambda: np.zeros(3))
     mounting_sigma: float = CAMERA_MOUNTING_SIGMA
+
+    @property
+    def is_declared(self) -> bool:
+        """Whether anybody told how the sensor sits."""
+        return self.mounting_sigma < UNKNOWN_MOUNTING_SIGMA
 
 
 @dataclass(frozen=True)

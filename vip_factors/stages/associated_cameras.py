@@ -88,9 +88,12 @@ def of_use(associated: Sequence[AssociatedCamera]) -> tuple[AssociatedCamera, ..
 
 
 def gravity_in_camera(camera: Camera, time: Array) -> Array | None:
-    """Which way is down in the camera's frame at the video's instants ``(F, 3)``, by its IMU; None without one."""
+    """Which way is down in the camera's frame at the video's instants ``(F, 3)``, by its IMU.
+
+    None without one, or if nobody told how it sits.
+    """
     mount = camera.mount
-    if mount is None or mount.imu.R_inertial_sensor is None:
+    if mount is None or not mount.is_declared or mount.imu.R_inertial_sensor is None:
         return None
     nearest = np.clip(np.searchsorted(mount.imu.time, time), 0, len(mount.imu) - 1)
     return -mount.imu.R_inertial_sensor[nearest, 2] @ mount.R_camera_imu.T

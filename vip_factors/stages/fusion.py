@@ -19,7 +19,7 @@ from vip_factors.problem.state import CameraState, DetectorState, SceneState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import resample_streams
-from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, Scene
 from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.settings import Settings
 from vip_factors.stages.associated_cameras import AssociatedCamera
@@ -205,7 +205,10 @@ def at_full_rate(
         bodied = _with_body_of(tracked.model, fused)
         wearers.append(with_contacts(kept(bodied, resample_streams(streams, time)), states[-1], True))
     camera = replace(camera_problem(associated[0].camera, time, settings), free_clock=False)
-    camera = replace(camera, prior_heading=coarse.state.camera.heading)
+    filming = coarse.state.camera
+    camera = replace(camera, prior_heading=filming.heading)
+    if not camera.mounting_sigma < UNKNOWN_MOUNTING_SIGMA:
+        camera = replace(camera, prior_R_camera_imu=filming.R_camera_imu)
     state = SceneState(tuple(states), _camera_at(coarse, time), coarse.state.detector)
     spreads = coarse.measured_spreads()
     model = _scene_model(tuple(wearers), camera, filmed.further, state, associated, spreads, path_known=True)

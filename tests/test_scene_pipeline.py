@@ -5,14 +5,16 @@ from functools import cache
 
 import numpy as np
 import pytest
-from filmed_gestures import HASTY, QUICK, camera_of, filmed_gestures, without_detections
+from filmed_gestures import HASTY, QUICK, camera_of, filmed_gestures, with_detections, without_detections
 
 from vip_factors.estimate import SceneEstimate
 from vip_factors.evaluate.scene import evaluate_scene
-from vip_factors.geometry.rotations import rotation_z
+from vip_factors.factors.video_clock import VideoClockSettings
+from vip_factors.geometry.rotations import angle_between, exp, rotation_z
 from vip_factors.pipeline import smooth, smooth_scene
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, CameraMount, Scene
+from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.simulate.scene_settings import CameraKind
 
 TRACKER = replace(QUICK, acceleration=False)
@@ -150,13 +152,40 @@ def test_without_a_camera_nobody_knows_who_stands_where() -> None:
     assert any("not placed relative to one another" in one for one in estimate.findings)
 
 
-def test_the_videos_clock_is_found() -> None:
-    offset = 0.05
-    filmed = filmed_gestures(seconds=5.0, time_offset_s=offset)
-    settings = replace(QUICK, fusion=replace(QUICK.fusion, estimate_clock=True))
-    estimate = smooth_scene(filmed, settings)
+def test_the_videos_clock_is_found_with_its_drift() -> None:
+    clock = VideoClock(0.03, 0.012)  # seconds a second: 36 ms more in the end
+    filmed = filmed_gestures(seconds=5.0)
+    filmed = with_detections(filmed, lambda seen: replace(seen, time=(seen.time - clock.offset) / (1 + clock.drift)))
+    loose = replace(QUICK.camera, clock=VideoClockSettings(offset_sigma=0.1, drift_sigma=0.05))
+    estimate = smooth_scene(filmed, replace(QUICK, camera=loose))
+    found = estimate.camera
+    assert found is not None
+    assert found.clock_sigma is not None
+    assert found.clock.late(2.5) == pytest.approx(clock.late(2.5), abs=0.015)
+    assert found.time_drift == pytest.approx(clock.drift, abs=3 * found.clock_sigma[1])
+
+
+def test_how_its_sensor_sits_on_the_camera_is_found() -> None:
+    filmed = scene("hand-held")
+    mount, truth = camera_of(filmed).mount, filmed.truth
+    assert mount is not None
+    assert mount.imu.R_inertial_sensor is not None
+    assert mount.imu.specific_force is not None
+    assert truth is not None
+    assert truth.camera_calibration is not None
+    R = exp(np.array([1.2, -2.0, 0.7]))  # another make's axes
+    imu = replace(
+        mount.imu, R_inertial_sensor=mount.imu.R_inertial_sensor @ R, specific_force=mount.imu.specific_force @ R
+    )
+    unknown = CameraMount(imu, mounting_sigma=UNKNOWN_MOUNTING_SIGMA)
+    estimate = smooth_scene(replace(filmed, camera=replace(camera_of(filmed), mount=unknown)), QUICK)
     assert estimate.camera is not None
-    assert estimate.camera.time_offset == pytest.approx(offset, abs=0.015)
+    found = estimate.camera.calibration
+    assert found is not None
+    off = np.rad2deg(angle_between(found.R_bone_sensor, truth.camera_calibration.R_bone_sensor @ R))
+    assert off < 25.0  # of 180: in four seconds a hand tilts a camera little
+    assert np.all(np.isfinite(found.mounting_sigma))
+    assert mpjpe(estimate, filmed) < 35.0
 
 
 def assert_positive_definite(covariance: np.ndarray) -> None:

@@ -12,6 +12,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.video_clock import VideoClock
 
 
 @dataclass(frozen=True)
@@ -247,7 +248,9 @@ class CameraEstimate:
         covariance: ``(T, 6, 6)`` on request, of right perturbations of ``T_world_camera``: rotation, then translation
             in the camera's axes; rad and m.
         residual_px: ``(T, wearers)`` root mean square reprojection error of each wearer in pixels, NaN where unseen.
-        time_offset: seconds added to the video's times to get the IMUs'.
+        time_offset: seconds added to the video's times to get the IMUs', at the video's time 0.
+        time_drift: seconds more for every second of the video.
+        clock_sigma: standard deviations of the offset, in the recording's middle, and of the drift; None where kept.
     """
 
     name: str
@@ -257,6 +260,13 @@ class CameraEstimate:
     covariance: Array | None = None
     residual_px: Array | None = None
     time_offset: float = 0.0
+    time_drift: float = 0.0
+    clock_sigma: tuple[float, float] | None = None
+
+    @property
+    def clock(self) -> VideoClock:
+        """What lies between the video's clock and the IMUs'."""
+        return VideoClock(self.time_offset, self.time_drift)
 
 
 @dataclass(frozen=True)

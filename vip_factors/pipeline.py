@@ -135,7 +135,7 @@ def smooth_scene(
     filmed = start_filming(associated, wearers, settings)
     fused = fuse(filmed, None, associated, settings, solver)
     for _ in range(settings.fusion.rounds - 1):
-        associated = watch_again(associated, fused.camera_path, fused.motions(names), settings, tell)
+        associated = watch_again(associated, fused.camera_path, fused.clock, fused.motions(names), settings, tell)
         fused = fuse(filmed, fused, associated, settings, solver)
     for _ in range(settings.fusion.refits):
         if not fused.is_settled():

@@ -66,7 +66,9 @@ class FusionSettings:
     contact_loosening: float = 2.5  # contacts in front of a moving camera count so much less than in SIP, in sigmas
     # Below this relative decrease of the cost a solve ends: what is left to gain there is a tenth of a millimetre.
     relative_decrease: float = 5e-3
-    estimate_clock: bool = False  # the video's clock offset as a variable; vip-factors sync finds it beforehand
+    # The offset and the drift of the video's clock as variables: two numbers for a recording, and within 2 ms where
+    # clocks agree. Off: as vip-factors sync, or whoever made the recording, has them.
+    estimate_clock: bool = True
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ def assert_same(one: SceneState, other: SceneState) -> None:
     np.testing.assert_allclose(one.detector.keypoint_offsets, other.detector.keypoint_offsets, atol=1e-12)
     assert one.camera.heading == pytest.approx(other.camera.heading)
     assert one.camera.clock == pytest.approx(other.camera.clock)
+    assert one.camera.clock_drift == pytest.approx(other.camera.clock_drift)
 
 
 @pytest.mark.parametrize("far", [NEAR, FAR])
@@ -75,7 +76,10 @@ def test_a_solution_moves_the_state_as_gtsam_moves_its_values(kind: str, far: fl
             delta.insert(static_key(group), of((Kind.KEYPOINT,)))
         else:
             standing = () if problem.camera.moving else (Kind.CAMERA,)
-            delta.insert(static_key(group), of((*standing, Kind.CAMERA_HEADING, Kind.CAMERA_MOUNTING, Kind.CLOCK)))
+            delta.insert(
+                static_key(group),
+                of((*standing, Kind.CAMERA_HEADING, Kind.CAMERA_MOUNTING, Kind.CLOCK, Kind.CLOCK_DRIFT)),
+            )
     moved = whole.state_at(whole.values.retract(by_key))
     assert_same(objective.retract(state, delta), moved)
 

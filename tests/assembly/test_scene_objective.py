@@ -76,6 +76,7 @@ def test_a_step_lowers_the_cost_and_moves_what_is_free(kind: str) -> None:
     moved = np.abs(solved.camera.poses.p_world_camera - state.camera.poses.p_world_camera).max()
     assert (moved > 1e-6) == (kind != "known path")
     assert solved.camera.clock != state.camera.clock
+    assert solved.camera.clock_drift != state.camera.clock_drift
 
 
 def test_marginals_are_those_of_the_whole_problem() -> None:

@@ -61,6 +61,7 @@ def cameras(draw: st.DrawFn) -> Camera:
         draw(st.sampled_from([None, camera_path(rng, 1), camera_path(rng, 3)])),
         draw(st.sampled_from([0.0, rng.normal()])),
         draw(st.sampled_from([None, Video(None, images)])),
+        draw(st.sampled_from([0.0, 1e-3 * rng.normal()])),
     )
 
 
@@ -80,6 +81,7 @@ def scenes(draw: st.DrawFn) -> Scene:
             draw(st.sampled_from([None, rng.normal(size=camera.detections.pixels.shape)])),
             draw(st.sampled_from([None, calibration(rng, ["imu"])["imu"]])),
             rng.normal(),
+            time_drift=1e-3 * rng.normal(),
         )
     further = draw(st.lists(further_cameras(), max_size=2)) if camera is not None else []
     further = [replace(one, name=f"{number}/{one.name}") for number, one in enumerate(further)]
@@ -113,6 +115,8 @@ def scene_estimates(draw: st.DrawFn) -> SceneEstimate:
         draw(st.sampled_from([None, rng.normal(size=(len(path), 6, 6))])),
         draw(st.sampled_from([None, residual])),
         rng.normal(),
+        1e-3 * rng.normal(),
+        draw(st.sampled_from([None, (0.003, 2e-5)])),
     )
     K = draw(st.integers(0, 4))
     detector = DetectorEstimate(tuple("abcd"[:K]), *rng.normal(size=(3, K, 3)), np.full((K, 3), np.nan))

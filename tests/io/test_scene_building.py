@@ -52,6 +52,7 @@ def test_the_camera_s_sensor_leaves_its_wearer(given: CameraOptions) -> None:
     assert scene.camera.mount is not None
     assert scene.camera.mount.imu.name == "head"
     np.testing.assert_array_equal(scene.camera.mount.R_camera_imu, R)
+    assert scene.camera.mount.is_declared
     assert "head" not in scene.wearers[0].imus
     assert "head" not in [site.sensor for site in scene.wearers[0].placement.sites]
     with pytest.raises(InputError, match=r"no wearer's recording has a sensor 'phone'.*pelvis"):
@@ -70,6 +71,7 @@ def test_the_camera_s_sensor_may_have_a_log_of_its_own(given: CameraOptions, tmp
     assert scene.camera is not None
     assert scene.camera.mount is not None
     stream = scene.camera.mount.imu
+    assert not scene.camera.mount.is_declared  # nobody said how it sits
     assert (stream.name, len(stream), stream.time[0]) == ("phone", 200, 0.5)
     assert stream.R_inertial_sensor is not None
     assert scene.wearers[0].imus.keys() == of("Ada").imus.keys()

@@ -119,12 +119,22 @@ def camera_mounting_prior(at: CameraEvaluation, first: slice) -> Iterator[DenseE
 
 
 def clock_prior(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
-    """One factor on the offset of the video's clock."""
-    sigma = at.problem.settings.clock_sigma
-    if not (at.problem.free_clock and _begins(at, first)):
-        return
-    part = Part(at.owner, "clock", np.ones((1, 1, 1, 1)) / sigma)
-    yield DenseEquations("clock prior", 0, np.full((1, 1, 1), at.state.clock / sigma), 1.0, SQUARE, lambda: (part,))
+    """One factor on the offset of the video's clock; linear."""
+    if at.problem.free_clock and _begins(at, first):
+        sigma = at.problem.settings.clock.offset_sigma
+        yield _number_prior(at, "clock prior", "clock", at.state.clock, sigma)
+
+
+def clock_drift_prior(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor on its drift; linear."""
+    if at.problem.free_clock and _begins(at, first):
+        sigma = at.problem.settings.clock.drift_sigma
+        yield _number_prior(at, "clock drift prior", "clock_drift", at.state.clock_drift, sigma)
+
+
+def _number_prior(at: CameraEvaluation, kind: str, block: str, value: float, sigma: float) -> DenseEquations:
+    part = Part(at.owner, block, np.ones((1, 1, 1, 1)) / sigma)
+    return DenseEquations(kind, 0, np.full((1, 1, 1), value / sigma), 1.0, SQUARE, lambda: (part,))
 
 
 def _begins(at: CameraEvaluation, first: slice) -> bool:
@@ -138,5 +148,6 @@ CAMERA_TERMS: tuple[Term[CameraEvaluation], ...] = (
     Term("camera heading prior", 0, camera_heading_prior),
     Term("camera mounting prior", 0, camera_mounting_prior),
     Term("clock prior", 0, clock_prior),
+    Term("clock drift prior", 0, clock_drift_prior),
     Term("keypoint offset prior", 0, keypoint_offset_prior),
 )

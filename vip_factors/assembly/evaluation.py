@@ -10,6 +10,7 @@ from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.sole import sole_shift
+from vip_factors.factors.video_clock import seconds_late
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log
 from vip_factors.problem.blocks import DETECTOR
 from vip_factors.problem.layout import Owner, OwnerId
@@ -156,6 +157,16 @@ class ViewEvaluation:
     view: KeypointView
     offsets: Array | None = None
     free_offsets: bool = False
+
+    def since_middle(self, frames: slice) -> Array:
+        """Seconds ``(t,)`` of a stretch of frames, from the instant of the clock's offset."""
+        return self.wearer.problem.frames.time[frames] - self.camera.clock_middle
+
+    def seconds_late(self, frames: slice) -> Array:
+        """By which the video's clock must be put forward ``(t,)``, beyond what its pixels were."""
+        offset, drift = self.view.clock
+        change = self.state.clock - offset, self.state.clock_drift - drift
+        return seconds_late(*change, self.wearer.problem.frames.time[frames], self.camera.clock_middle)
 
     def points_on(self, points: BodyPoints) -> BodyPoints:
         """The keypoints where the detector puts them on the wearer's body."""

@@ -26,14 +26,15 @@ def reprojection(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
     p, sigma, speed = at.points_on(points).on(body), view.sigma[first, :, None], view.pixels_per_second[first]
     residual, p_camera = reprojection_residual(p, poses, lens, view.pixels[first])
     seen = view.seen[first]
-    whitened = np.where(seen[..., None], (residual + at.state.clock * speed) / sigma, 0.0)
+    late = at.seconds_late(first)[:, None, None]
+    whitened = np.where(seen[..., None], (residual + late * speed) / sigma, 0.0)
 
     def derivatives() -> tuple[Array, tuple[Part, ...]]:
         by_point, by_camera = reprojection_jacobians(p_camera, poses, lens)
         by_twist = (by_point @ body.point_twists(p)) / sigma[..., None]
         return by_twist, (
             Part(at.owner, "poses", by_camera / sigma[..., None]),
-            Part(at.owner, "clock", (speed / sigma)[..., None]),
+            *_clock_parts(at, first, speed / sigma),
             *at.wearer.body_parts(body, points, by_point / sigma[..., None]),
             *at.offset_parts(body, by_point / sigma[..., None]),
         )
@@ -41,6 +42,14 @@ def reprojection(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
     yield BoneEquations(
         "reprojection", first.start, whitened, seen, settings.loss, at.wearer.owner, points.bones, derivatives
     )
+
+
+def _clock_parts(at: ViewEvaluation, first: slice, speed: Array) -> tuple[Part, ...]:
+    """Derivatives of what moves at whitened speeds ``(t, n, 2)``, if the clock is a variable."""
+    if not at.camera.free_clock:
+        return ()
+    by_drift = at.since_middle(first)[:, None, None] * speed
+    return Part(at.owner, "clock", speed[..., None]), Part(at.owner, "clock_drift", by_drift[..., None])
 
 
 def reprojection_residuals(at: ViewEvaluation) -> Array:

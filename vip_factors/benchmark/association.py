@@ -146,7 +146,7 @@ def labelled(scene: Scene, seed: int, second_pass: bool, making: SceneMaking | N
     if scene.truth is None or scene.camera is None or any(one.truth is None for one in scene.wearers):
         raise InputError(f"scene '{scene.name}' lacks a camera or its truth: expected a simulated one")
     true = [one.truth.motion for one in scene.wearers if one.truth is not None]
-    detections, owner = scene.camera.detections.shifted(scene.truth.time_offset), scene.truth.wearer
+    detections, owner = scene.camera.detections.timed(scene.truth.clock), scene.truth.wearer
     left = _after_exits(scene, detections, true, random, making)
     detections, owner = detections.select(left), owner[left]
     if not second_pass:

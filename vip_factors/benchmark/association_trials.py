@@ -91,7 +91,7 @@ def first_association(scene: Scene, settings: Settings, seed: int = 0, camera: s
         tracked = inertial_tracker(wearer, streams, settings, solver)
         motions.append(motion_of(tracked.model, tracked.state))
     tracked_at = perf_counter()
-    detections = scene.camera.detections.shifted(scene.camera.time_offset)
+    detections = scene.camera.timed_detections
     gravity = gravity_in_camera(scene.camera, detections.time)
     found = associate(detections, scene.camera.model, motions, settings.association, gravity_camera=gravity)
     end = perf_counter()

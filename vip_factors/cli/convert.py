@@ -95,8 +95,9 @@ class ConvertOptions:
     """Column map (.toml) of that log, if it is a table of no known format."""
     camera_imu_offset_s: float | None = None
     """Seconds to add to that log's times to get the wearers' sensors'; told by absolute times if absent."""
-    camera_imu_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    """Rough turn of that sensor's axes in the camera's (x right, y down, z forward), as a quaternion."""
+    camera_imu_wxyz: tuple[float, float, float, float] | None = None
+    """Rough turn of that sensor's axes in the camera's (x right, y down, z forward), as a quaternion (1 0 0 0: its axes
+    are the camera's); found from the data if absent."""
     time_offset_s: float = 0.0
     """Seconds to add to the video's times to get the sensors'; vip-factors sync finds them."""
     video: Path | None = None
@@ -197,6 +198,7 @@ def _camera_options(options: ConvertOptions) -> "CameraOptions | None":
     from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
     from vip_factors.io.scene_building import CameraOptions
 
+    wxyz = options.camera_imu_wxyz
     return CameraOptions(
         detections=options.detections,
         camera=options.camera,
@@ -210,7 +212,7 @@ def _camera_options(options: ConvertOptions) -> "CameraOptions | None":
         imu_log=options.camera_imu_log,
         imu_columns=options.camera_imu_columns,
         imu_offset=options.camera_imu_offset_s,
-        R_camera_imu=matrix_from_quaternion(np.array(options.camera_imu_wxyz), Order.WXYZ),
+        R_camera_imu=None if wxyz is None else matrix_from_quaternion(np.array(wxyz), Order.WXYZ),
         known_pose=options.known_camera_pose,
         time_offset=options.time_offset_s,
     )

@@ -7,10 +7,13 @@ import numpy as np
 from vip_factors.cli.info_places import detector_lines
 from vip_factors.cli.info_recording import estimate_text, heading_text, recording_text, report_text, stream_words
 from vip_factors.estimate import CameraEstimate, SceneEstimate
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene, SceneTruth, Video
+from vip_factors.sensors.video_clock import VideoClock
 
 
 def scene_text(scene: Scene) -> str:
@@ -36,8 +39,7 @@ def _camera_lines(camera: Camera) -> list[str]:
         lines.append(f"  camera's sensor: {camera.mount.imu.name}, {samples} samples, {rate}, gaps {gaps}, {gives}")
     if camera.known_path is not None:
         lines.append(f"  camera's pose known, at {_count(len(camera.known_path), 'instant')}")
-    if camera.time_offset:
-        lines.append(f"  video's clock: {camera.time_offset:+.3f} s to the sensors'")
+    lines += _clock_lines(camera.clock)
     return lines + _detection_lines(camera.detections) + _video_lines(camera.video)
 
 
@@ -121,8 +123,25 @@ def _camera_estimate_lines(camera: CameraEstimate, names: list[str]) -> list[str
             lines.append(f"  reprojection of {name}: {middle}")
     if camera.calibration is not None:
         lines.append(f"  heading of the camera's sensor: {heading_text(camera.calibration)}")
-    if camera.time_offset:
-        lines.append(f"  video's clock: {camera.time_offset:+.3f} s to the sensors'")
+        lines.append(f"  mounting of the camera's sensor: {_mounting_text(camera.calibration)}")
+    return lines + _clock_lines(camera.clock, camera.clock_sigma)
+
+
+def _mounting_text(calibration: SensorCalibration) -> str:
+    """As a turn of the sensor's axes in the camera's."""
+    w, x, y, z = quaternion_from_matrix(calibration.R_bone_sensor, Order.WXYZ)
+    sigma = np.rad2deg(calibration.mounting_sigma)
+    sure = f", known to {sigma.max():.1f}° (worst axis)" if np.all(np.isfinite(sigma)) else ""
+    return f"wxyz {w:.3f} {x:.3f} {y:.3f} {z:.3f} in the camera's axes (x right, y down, z forward){sure}"
+
+
+def _clock_lines(clock: VideoClock, sigma: tuple[float, float] | None = None) -> list[str]:
+    lines = []
+    if clock.offset or clock.drift:
+        lines.append(f"  video's clock: {clock.offset:+.3f} s to the sensors' at its time 0")
+    if clock.drift:
+        sure = "" if sigma is None else f" ± {1e6 * sigma[1]:.0f}"
+        lines[-1] += f", and drifts by {1e6 * clock.drift:+.0f}{sure} ppm ({60e3 * clock.drift:+.1f} ms a minute)"
     return lines
 
 

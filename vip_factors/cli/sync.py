@@ -22,7 +22,8 @@ class SyncOptions:
     """Find the offset between the clocks of video and sensors, and write a copy of the scene that holds it.
 
     The offset is the seconds to add to the video's times. It is found from how people move, without any event, and
-    from a clap or a stamp if there is one. If it cannot be told, that is said and nothing is written.
+    from a clap or a stamp if there is one. If it cannot be told, that is said and nothing is written. Over a minute and
+    more a drift of the clocks is found too.
     """
 
     scene: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
@@ -47,6 +48,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.errors import InputError
     from vip_factors.io.atomic import check_target
     from vip_factors.io.mcap_scene_recording import read_scene, write_scene
+    from vip_factors.sensors.video_clock import VideoClock
 
     out = options.out or beside(options.scene, ".synced.mcap")
     if not options.dry_run:
@@ -59,6 +61,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     if scene.camera is None:
         raise InputError(f"{options.scene} has no camera: there is no clock to compare with the sensors'")
     seconds = options.seconds
+    clock = VideoClock(seconds or 0.0)
     if seconds is None or options.picture is not None:
         from vip_factors.initialise.clock import find_clock_offset
 
@@ -72,10 +75,10 @@ def main(prog: str, arguments: Sequence[str]) -> None:
             if options.dry_run:
                 return
             raise InputError(f"{options.scene}: {found.sentence}; or give the offset as --seconds")
-        seconds = found.seconds if seconds is None else seconds
+        clock = found.clock if seconds is None else VideoClock(seconds)
     if options.dry_run:
         return
-    camera = replace(scene.camera, time_offset=float(seconds))
+    camera = replace(scene.camera, time_offset=clock.offset, time_drift=clock.drift)
     write_scene(replace(scene, camera=camera), out, overwrite=options.overwrite)
     print(out)
 

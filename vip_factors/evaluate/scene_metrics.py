@@ -93,7 +93,7 @@ def reprojection(estimate: SceneEstimate, scene: Scene) -> dict[str, Metric]:
     camera = estimate.camera
     if camera is None or scene.camera is None:
         return {}
-    detections = scene.camera.detections.shifted(camera.time_offset)
+    detections = scene.camera.detections.timed(camera.clock)
     table: dict[str, Metric] = {}
     labels = estimate.wearer_of_detection
     if len(labels) == len(detections):

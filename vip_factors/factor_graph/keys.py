@@ -14,7 +14,8 @@
 | ``k`` | ``Point3`` | keypoint | from where a keypoint is said to be to where the detector puts it, bone axes |
 | ``c`` | ``Pose3`` | frame | T_world_camera; a camera that stands still has that of frame 0 |
 | ``g``, ``q`` | ``double``, ``Rot3`` | | heading of the camera's sensor, and R_camera_imu |
-| ``o`` | ``double`` | | seconds by which the video's clock must still be put forward |
+| ``o`` | ``double`` | | seconds by which the video's clock must be put forward in the recording's middle |
+| ``d`` | ``double`` | | seconds more in every second from there |
 
 Those of the second and further wearers carry the wearer's number above bit 44.
 """
@@ -78,5 +79,10 @@ def camera_mounting_key() -> int:
 
 
 def clock_key() -> int:
-    """Key of the double: seconds by which the video's clock must still be put forward."""
+    """Key of the double: seconds by which the video's clock must be put forward in the recording's middle."""
     return int(gtsam.symbol("o", 0))
+
+
+def clock_drift_key() -> int:
+    """Key of the double: by how many seconds more in every second from there."""
+    return int(gtsam.symbol("d", 0))

@@ -36,12 +36,14 @@ class Kind(StrEnum):
     CAMERA_HEADING = "camera heading"
     CAMERA_MOUNTING = "camera mounting"
     CLOCK = "clock offset"
+    CLOCK_DRIFT = "clock drift"
 
 
 WIDTHS = {
     Kind.HEADING: 1,
     Kind.CAMERA_HEADING: 1,
     Kind.CLOCK: 1,
+    Kind.CLOCK_DRIFT: 1,
     Kind.SOLE: 1,
     Kind.CAMERA: 6,
     Kind.POSE_MEAN: POSE_SIZE,
@@ -62,6 +64,7 @@ BLOCKS = {
     Kind.CAMERA_HEADING: "heading",
     Kind.CAMERA_MOUNTING: "R_camera_imu",
     Kind.CLOCK: "clock",
+    Kind.CLOCK_DRIFT: "clock_drift",
 }
 # One variable each, of all columns of the block, and its letter.
 WHOLE = {Kind.POSE_MEAN: "m", Kind.BODY: "s", Kind.HINGES: "e"}
@@ -70,6 +73,7 @@ ALONE = {letter: kind for kind, letter in WHOLE.items()} | {
     "g": Kind.CAMERA_HEADING,
     "q": Kind.CAMERA_MOUNTING,
     "o": Kind.CLOCK,
+    "d": Kind.CLOCK_DRIFT,
 }
 KINDS = {block: kind for kind, block in BLOCKS.items()}
 
@@ -118,6 +122,8 @@ class Variable:
                 return keys.camera_heading_key()
             case Kind.CAMERA_MOUNTING:
                 return keys.camera_mounting_key()
+            case Kind.CLOCK_DRIFT:
+                return keys.clock_drift_key()
         return keys.clock_key()
 
     @property
@@ -223,6 +229,8 @@ def _insert(values: gtsam.Values, one: Variable, state: SceneState, first: int) 
             values.insert(one.key, gtsam.Rot3(camera.R_camera_imu))
         case Kind.CLOCK:
             values.insert(one.key, float(camera.clock))
+        case Kind.CLOCK_DRIFT:
+            values.insert(one.key, float(camera.clock_drift))
     if wearer is None:
         return
     match one.kind:
@@ -255,7 +263,7 @@ def state_of(values: gtsam.Values, state: SceneState, variables: Iterable[Variab
     camera = state.camera
     R_camera, p_camera = camera.poses.R_world_camera.copy(), camera.poses.p_world_camera.copy()
     offsets = state.detector.keypoint_offsets.copy()
-    shared: dict[str, Any] = {"heading": camera.heading, "R_camera_imu": camera.R_camera_imu, "clock": camera.clock}
+    shared: dict[str, Any] = {}
     for one in variables:
         match one.kind:
             case Kind.CAMERA:
@@ -263,7 +271,7 @@ def state_of(values: gtsam.Values, state: SceneState, variables: Iterable[Variab
                 R_camera[t], p_camera[t] = pose.rotation().matrix(), pose.translation()
             case Kind.KEYPOINT:
                 offsets[one.item] = values.atPoint3(one.key)
-            case Kind.CAMERA_HEADING | Kind.CLOCK:
+            case Kind.CAMERA_HEADING | Kind.CLOCK | Kind.CLOCK_DRIFT:
                 shared[BLOCKS[one.kind]] = values.atDouble(one.key)
             case Kind.CAMERA_MOUNTING:
                 shared["R_camera_imu"] = values.atRot3(one.key).matrix()

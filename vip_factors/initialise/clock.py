@@ -8,8 +8,8 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from vip_factors.errors import InputError, RecordingError
-from vip_factors.geometry.rotations import Array
-from vip_factors.initialise.clock_correlation import CorrelationCurve, correlation_curve
+from vip_factors.initialise.clock_correlation import CorrelationCurve, correlation_curve, peak_vertex
+from vip_factors.initialise.clock_drift import ClockDrift, DriftSettings, find_drift
 from vip_factors.initialise.clock_events import (
     EventMatch,
     Events,
@@ -26,6 +26,7 @@ from vip_factors.sensors.attitude import with_orientation
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.sensors.video_clock import VideoClock
 
 UNDETERMINED = "undetermined"
 Method = Literal["auto", "motion", "clap", "stamp"]
@@ -60,6 +61,7 @@ class ClockSettings:
     smoothing: Smoothing = field(default_factory=Smoothing)
     tracks: TrackSettings = field(default_factory=TrackSettings)
     events: EventSettings = field(default_factory=EventSettings)
+    drift: DriftSettings = field(default_factory=DriftSettings)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.max_offset) and self.max_offset > 0):
@@ -78,6 +80,8 @@ class ClockOffset:
         alternatives: other offsets and their agreement relative to the best one's.
         sentence: what was found and how sure it is, for people.
         curve: agreement over all offsets, if motions were compared.
+        drift: of the clock about that offset, if stretches of the recording tell it.
+        clock: from the video's clock to the sensors': with the drift, where it matters.
     """
 
     seconds: float
@@ -87,6 +91,8 @@ class ClockOffset:
     alternatives: tuple[tuple[float, float], ...]
     sentence: str
     curve: CorrelationCurve | None = None
+    drift: ClockDrift | None = None
+    clock: VideoClock = field(default_factory=VideoClock)
 
     @property
     def determined(self) -> bool:
@@ -135,7 +141,28 @@ def find_clock_offset(scene: Scene, settings: ClockSettings | None = None) -> Cl
     if settings.method in ("auto", "stamp"):
         stamps = stamps_in_image(tracks, camera.detections.keypoints, settings.events)
         candidates.append(_from_events("stamp", stamps, scene, camera, jolts_of_stamp, settings))
-    return _decided(candidates, curve, settings)
+    found = _decided(candidates, curve, settings)
+    return _with_drift(found, scene, camera, tracks, settings)
+
+
+def _with_drift(
+    found: ClockOffset, scene: Scene, camera: Camera, tracks: Sequence[ImageTrack], settings: ClockSettings
+) -> ClockOffset:
+    """The same with the drift that stretches of the recording tell; the offset is that of the middle then."""
+    found = replace(found, clock=VideoClock(found.seconds))
+    if not (found.determined and settings.drift.use):
+        return found
+    independent_hz = settings.independent / settings.smoothing.width
+    drift = find_drift(scene, camera, tracks, found.seconds, independent_hz, settings.smoothing, settings.drift)
+    if drift is None or not drift.matters(settings.drift):
+        return replace(found, drift=drift)
+    ms, ppm = 1e3 * drift.per_second * drift.duration, 1e6 * drift.per_second
+    sentence = (
+        f"{found.sentence}; it drifts by {ms:+.0f} ms from the video's start to its end ({ppm:+.0f} ± "
+        f"{1e6 * drift.sigma:.0f} ppm, from {drift.stretches} stretches), and is {drift.seconds:+.3f} s in between"
+    )
+    clock = VideoClock(drift.seconds - drift.per_second * drift.middle, drift.per_second)
+    return replace(found, seconds=drift.seconds, sentence=sentence, drift=drift, clock=clock)
 
 
 def _oriented(recording: Recording) -> Recording:
@@ -168,8 +195,10 @@ def _from_motion(curve: CorrelationCurve, settings: ClockSettings) -> _Candidate
     best = int(np.argmax(gain))
     peaks = _peaks(curve)
     others = [index for index in peaks if abs(curve.offset[index] - curve.offset[best]) > PEAK_S]
-    alternatives = tuple((_vertex(curve.offset, gain, index)[0], float(gain[index] / gain[best])) for index in others)
-    seconds, curvature = _vertex(curve.offset, gain, best)
+    alternatives = tuple(
+        (peak_vertex(curve.offset, gain, index, FIT_S)[0], float(gain[index] / gain[best])) for index in others
+    )
+    seconds, curvature = peak_vertex(curve.offset, gain, best, FIT_S)
     if gain[best] < settings.least_gain:
         evidence = "no limb moves in the image as a sensor tells"
         return _Candidate("motion", seconds, np.inf, False, 0.0, alternatives[:4], evidence)
@@ -191,16 +220,6 @@ def _peaks(curve: CorrelationCurve) -> list[int]:
     return [int(index) for index in found[np.argsort(-curve.gain[found])]]
 
 
-def _vertex(offset: Array, gain: Array, index: int) -> tuple[float, float]:
-    """Where the parabola through a peak has its top, and its curvature (1/s² times nats, at least a tiny one)."""
-    reach = max(2, round(FIT_S / (offset[1] - offset[0])))
-    window = slice(max(index - reach, 0), index + reach + 1)
-    a, b, _ = np.polyfit(offset[window] - offset[index], gain[window], 2)
-    if a >= 0:
-        return float(offset[index]), 1e-6
-    return float(offset[index] + np.clip(-b / (2 * a), -FIT_S, FIT_S)), float(max(-2 * a, 1e-6))
-
-
 def _limb_scatter(curve: CorrelationCurve, best: int, seconds: float) -> tuple[float, int]:
     """Standard deviation of the mean of the limbs' own peaks, and how many limbs agree."""
     reach = round(LIMB_S / (curve.offset[1] - curve.offset[0]))
@@ -208,7 +227,7 @@ def _limb_scatter(curve: CorrelationCurve, best: int, seconds: float) -> tuple[f
     shift, weight, names = [], [], set()
     for limb in curve.limbs_at(best):
         own = first + int(np.argmax(limb.gain[first : best + reach + 1]))
-        top, curvature = _vertex(curve.offset, limb.gain, own)
+        top, curvature = peak_vertex(curve.offset, limb.gain, own, FIT_S)
         shift.append(top - seconds)
         weight.append(curvature)
         names.add((limb.wearer, limb.sensor))
@@ -283,7 +302,7 @@ def _refined(event: _Candidate, curve: CorrelationCurve | None, settings: ClockS
     near = [index for index in _peaks(curve) if abs(curve.offset[index] - event.seconds) < 4 * event.sigma]
     if not near or curve.gain[near[0]] < max(settings.least_gain, settings.rival * top):
         return event
-    seconds, curvature = _vertex(curve.offset, curve.gain, near[0])
+    seconds, curvature = peak_vertex(curve.offset, curve.gain, near[0], FIT_S)
     scatter, limbs = _limb_scatter(curve, near[0], seconds)
     sigma = float(np.hypot(settings.inflation * np.hypot(scatter, curvature**-0.5), settings.least_sigma))
     if sigma > event.sigma:

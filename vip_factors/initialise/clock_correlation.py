@@ -79,6 +79,22 @@ class CorrelationCurve:
         ]
 
 
+def peak_vertex(offset: Array, gain: Array, index: int, reach_s: float) -> tuple[float, float]:
+    """Where the parabola through a peak has its top, and its curvature (1/s² times nats, at least a tiny one).
+
+    Args:
+        offset, gain: ``(L,)`` of a curve.
+        index: of the peak.
+        reach_s: seconds on both sides over which it is a parabola.
+    """
+    reach = max(2, round(reach_s / (offset[1] - offset[0])))
+    window = slice(max(index - reach, 0), index + reach + 1)
+    a, b, _ = np.polyfit(offset[window] - offset[index], gain[window], 2)
+    if a >= 0:
+        return float(offset[index]), 1e-6
+    return float(offset[index] + np.clip(-b / (2 * a), -reach_s, reach_s)), float(max(-2 * a, 1e-6))
+
+
 def correlation_curve(
     scene: Scene,
     camera: Camera,

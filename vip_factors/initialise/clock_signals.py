@@ -110,8 +110,11 @@ def limb_directions(recording: Recording, grid: Array, smoothing: Smoothing) -> 
 
 
 def camera_rotation(mount: CameraMount, grid: Array, smoothing: Smoothing) -> tuple[Array, np.ndarray] | None:
-    """``R_camera_inertial (T, 3, 3)`` from the IMU on the camera, and where it is valid; None without orientation."""
-    turned = rotations_on(mount.imu, grid, smoothing)
+    """``R_camera_inertial (T, 3, 3)`` from the IMU on the camera, and where it is valid.
+
+    None without orientation, or if nobody told how it sits.
+    """
+    turned = rotations_on(mount.imu, grid, smoothing) if mount.is_declared else None
     if turned is None:
         return None
     R_inertial_imu, valid = turned

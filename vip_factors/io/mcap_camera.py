@@ -106,6 +106,7 @@ def camera_info_message(camera: Camera, mcap_path: Path) -> CameraInfo:
         name=camera.name,
         moving=camera.moving,
         time_offset_s=camera.time_offset,
+        time_drift=camera.time_drift,
         known_poses=len(camera.known_path) if camera.known_path is not None else 0,
         keypoint_set=keypoints.name,
         keypoints=keypoints.keypoints,
@@ -139,7 +140,7 @@ def image_messages(writer: MessageWriter, topic: str, camera: Camera, start_ns: 
     if not images:
         return
     channel = writer.channel(topic, CompressedImage)
-    times = frame_times(camera.detections.time, np.array(list(images))) + camera.time_offset
+    times = camera.clock.at(frame_times(camera.detections.time, np.array(list(images))))
     for time_ns, data in zip(nanoseconds(times, start_ns), images.values(), strict=True):
         message = CompressedImage(frame_id=camera.name, data=data, format=IMAGE_FORMATS.get(data[:2], ""))
         set_timestamp(message.timestamp, time_ns)

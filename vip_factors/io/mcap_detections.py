@@ -34,7 +34,7 @@ def detection_messages(
     true_pixels, colours = None, detections.torso_colour
     if truth is not None and truth.pixels is not None:
         true_pixels = truth.pixels.reshape(len(detections), 2 * len(detections.keypoints))
-    times = nanoseconds(detections.time + camera.time_offset, start_ns)
+    times = nanoseconds(camera.timed_detections.time, start_ns)
     for frame, (time_ns, seconds) in enumerate(zip(times, detections.time.tolist(), strict=True)):
         message = Detections2D(frame=frame, seconds=seconds)
         set_timestamp(message.timestamp, time_ns)

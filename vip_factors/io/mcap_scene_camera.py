@@ -61,7 +61,9 @@ def camera_messages(
         streams.append(sample_messages(writer, topics("imu"), camera.mount.imu, start_ns))
     if truth is not None:
         has_pixels = truth.pixels is not None
-        told = CameraTruth(time_offset_s=truth.time_offset, poses=len(truth.camera), has_pixels=has_pixels)
+        told = CameraTruth(
+            time_offset_s=truth.time_offset, time_drift=truth.time_drift, poses=len(truth.camera), has_pixels=has_pixels
+        )
         writer.write(topics.truth("info"), told, start_ns)
         if truth.camera_calibration is not None:
             one = calibration_message({camera.name: truth.camera_calibration})
@@ -98,6 +100,7 @@ def camera_of(
         mount=_mount(path, messages, topics, info, start_ns),
         known_path=path_of(path, messages, topics("pose"), start_ns),
         time_offset=info.time_offset_s,
+        time_drift=info.time_drift,
         video=video_of(info.video, images, path) if info.HasField("video") else None,
     )
     return camera, known
@@ -131,4 +134,6 @@ def camera_truth_of(
     calibrations = of_topic(path, messages, topics.truth("calibration"), CalibrationEstimate)
     calibration = next(iter(calibration_of(calibrations[-1]).values()), None) if calibrations else None
     pixels = known.pixels if infos[-1].has_pixels else None
-    return SceneTruth(poses, known.wearer, pixels, calibration, infos[-1].time_offset_s)
+    return SceneTruth(
+        poses, known.wearer, pixels, calibration, infos[-1].time_offset_s, time_drift=infos[-1].time_drift
+    )

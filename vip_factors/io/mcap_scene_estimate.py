@@ -123,6 +123,8 @@ def _camera_messages(
     info = CameraEstimateInfo(
         name=camera.name,
         time_offset_s=camera.time_offset,
+        time_drift=camera.time_drift,
+        clock_sigma=camera.clock_sigma,
         poses=len(camera.path),
         has_residuals=residual is not None,
         wearers=residual.shape[1] if residual is not None else 0,
@@ -232,6 +234,8 @@ def _camera(contents: McapContents, messages: Sequence[McapMessages]) -> CameraE
         covariance=_covariance(poses),
         residual_px=_residuals(path, info, of_topic(path, messages, CAMERA_RESIDUALS, CameraResiduals)),
         time_offset=info.time_offset_s,
+        time_drift=info.time_drift,
+        clock_sigma=(info.clock_sigma[0], info.clock_sigma[1]) if len(info.clock_sigma) == 2 else None,
     )
 
 

@@ -25,7 +25,7 @@ from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.parts import scene_in_parts
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, CameraMount, Scene, Video
+from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, UNKNOWN_MOUNTING_SIGMA, Camera, CameraMount, Scene, Video
 
 OUTSIDE = 0.05  # of the image's size: detectors put points a little beyond its border
 MOST_OUTSIDE = 0.02  # share of the points that may lie further out
@@ -55,7 +55,7 @@ class CameraOptions:
         imu_log: log of that sensor alone, in any known format.
         imu_columns: column map of that log, if it is a table of no known format.
         imu_offset: seconds to add to that log's times to get the recordings'; by its absolute start if None, else 0.
-        R_camera_imu: ``(3, 3)`` rough mounting of that sensor; its axes along the camera's if None.
+        R_camera_imu: ``(3, 3)`` rough mounting of that sensor; found from the data if None.
         mounting_sigma: radians, of that rough mounting about each axis.
         known_pose: believe the pose over the floor that the camera file tells; only for a camera that stands still.
         time_offset: seconds to add to the video's times to get the IMUs'.
@@ -264,8 +264,9 @@ def _with_mount(scene: Scene, options: CameraOptions) -> tuple[Scene, CameraMoun
 
 
 def _mount(stream: ImuStream, options: CameraOptions) -> CameraMount:
-    R_camera_imu = np.eye(3) if options.R_camera_imu is None else options.R_camera_imu
-    return CameraMount(stream, R_camera_imu, mounting_sigma=options.mounting_sigma)
+    if options.R_camera_imu is None:
+        return CameraMount(stream, mounting_sigma=UNKNOWN_MOUNTING_SIGMA)
+    return CameraMount(stream, options.R_camera_imu, mounting_sigma=options.mounting_sigma)
 
 
 def _logged_imu(path: Path, options: CameraOptions, start_ns: int) -> ImuStream:
@@ -325,7 +326,7 @@ def check_detections(
 
 def _tell_times(scene: Scene, camera: Camera) -> None:
     """Warn where video and sensors have little or no time in common."""
-    time = camera.detections.time + camera.time_offset
+    time = camera.timed_detections.time
     for wearer in scene.wearers:
         if not wearer.imus:
             continue

@@ -128,7 +128,8 @@ def _filmed(scene: Scene, wearers: Sequence[Tracked], settings: LiveSettings, so
     filmed = start_filming(associated, wearers, settings)
     fused = fuse(filmed, None, associated, settings, solver)
     for _ in range(settings.fusion.rounds - 1):
-        associated = watch_again(associated, fused.camera_path, fused.motions(names), settings, lambda fraction: None)
+        path, clock, motions = fused.camera_path, fused.clock, fused.motions(names)
+        associated = watch_again(associated, path, clock, motions, settings, lambda fraction: None)
         fused = fuse(filmed, fused, associated, settings, solver)
     return CoarseSolution(scene, tuple(wearers), fused, filmed, tuple(associated))
 

@@ -8,7 +8,7 @@ from vip_factors.live.recalibration_settings import RecalibrationSettings
 from vip_factors.live.slip_test import SlipSettings
 from vip_factors.live.watch import WatchSettings
 from vip_factors.problem.blocks import RELINEARISE_DEG, WanderSettings
-from vip_factors.settings import CalibrationSettings, Settings
+from vip_factors.settings import CalibrationSettings, FusionSettings, Settings
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,8 @@ class LiveSettings(Settings):
             estimate_keypoints=False,
         )
     )
+    # The second of a start does not tell how clocks differ, and a stream takes its video's as it comes.
+    fusion: FusionSettings = field(default_factory=lambda: FusionSettings(estimate_clock=False))
     lag_s: float = 0.25  # Kaichi's users and animators want answers within a blink
     camera_retry_s: float = 0.5  # until the first camera is looked for again that showed no wearer; then ever rarer
     start_s: float = 1.0  # of data before the first answer: a step or a gesture shows where the sensors point

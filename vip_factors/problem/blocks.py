@@ -27,6 +27,7 @@ from vip_factors.problem.wearer import WearerProblem
 STEP_ANGLE = 0.1  # rad
 STEP_LENGTH = 0.5  # m
 STEP_CLOCK = 0.05  # s
+STEP_CLOCK_DRIFT = 1e-3  # s/s
 STEP_BODY = 0.05  # m
 STEP_SOLE = 0.5  # of its logarithm
 BODY_MOVED = 0.003  # m: from where on a length is linearised anew in a stream
@@ -80,6 +81,7 @@ def camera_blocks(camera: CameraProblem, wander: WanderSettings, relinearise: fl
         StaticBlock("heading", Manifold.VECTOR, 1, has_imu, STEP_ANGLE, heading, limit),
         StaticBlock("R_camera_imu", Manifold.ROTATION, 1, has_imu, STEP_ANGLE, heading, limit),
         StaticBlock("clock", Manifold.VECTOR, 1, camera.free_clock, STEP_CLOCK, heading, limit),
+        StaticBlock("clock_drift", Manifold.VECTOR, 1, camera.free_clock, STEP_CLOCK_DRIFT, 0.0, limit),
     )  # fmt: skip
 
 

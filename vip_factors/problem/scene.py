@@ -14,6 +14,7 @@ from vip_factors.factors.camera_velocity import CameraVelocitySettings
 from vip_factors.factors.ground_contact import Foot, GroundContactSettings
 from vip_factors.factors.keypoint_offset import KeypointOffsetSettings
 from vip_factors.factors.reprojection import ReprojectionSettings
+from vip_factors.factors.video_clock import VideoClockSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.extra import ExtraTerms
 from vip_factors.problem.points import BodyPoint, BodyPoints
@@ -33,9 +34,8 @@ class CameraFactorSettings:
     velocity: CameraVelocitySettings = field(default_factory=CameraVelocitySettings)
     ground_contact: GroundContactSettings = field(default_factory=GroundContactSettings)
     keypoint_offset: KeypointOffsetSettings = field(default_factory=KeypointOffsetSettings)
+    clock: VideoClockSettings = field(default_factory=VideoClockSettings)
     heading_sigma_deg: float = 45.0  # of the camera IMU's heading, which nothing but the picture tells
-    # s, of the clock offset where it is a variable: a clap found by eye is good to a video frame or two.
-    clock_sigma: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,8 @@ class CameraProblem:
         p_camera_imu: ``(3,)`` metres.
         prior_heading: radians, of that sensor.
         prior_R_camera_imu, mounting_sigma: its rough mounting, and radians about each axis.
-        free_clock: whether the video's clock offset moves.
+        free_clock: whether the offset and the drift of the video's clock move.
+        clock_middle: seconds, the instant at which the offset is that.
         is_beginning: False for a stretch of something longer, whose beginning holds the priors.
         settings: of the factors.
         learned_offsets: of the detector's keypoints, where they were learnt.
@@ -65,6 +66,7 @@ class CameraProblem:
     prior_R_camera_imu: Array = field(default_factory=lambda: np.eye(3))
     mounting_sigma: float = 0.2
     free_clock: bool = False
+    clock_middle: float = 0.0
     is_beginning: bool = True
     settings: CameraFactorSettings = field(default_factory=CameraFactorSettings)
     learned_offsets: KeypointOffsets | None = None
@@ -132,10 +134,11 @@ class KeypointView:
         pixels: ``(T, K, 2)``; zero where not seen.
         sigma: ``(T, K)`` pixels; one where not seen.
         seen: ``(T, K)``.
-        pixels_per_second: ``(T, K, 2)`` how fast the detections move, for the clock offset.
+        pixels_per_second: ``(T, K, 2)`` how fast the detections move, for the clock.
         confidence: ``(T, K)`` of the detector, times the biweight; zero where not seen. Sigma has it already.
         ground: of the feet among them, if their contact with the ground is used.
         names: of the keypoints, where the detector's own way of placing them is of interest.
+        clock: offset and drift of the video's clock with which the pixels were put onto the frames.
     """
 
     points: tuple[BodyPoint, ...]
@@ -146,6 +149,7 @@ class KeypointView:
     confidence: Array = field(default_factory=lambda: np.zeros((0, 0)))
     ground: GroundView | None = None
     names: tuple[str, ...] = ()
+    clock: tuple[float, float] = (0.0, 0.0)
 
     @cached_property
     def offsets(self) -> tuple[np.ndarray, Array]:

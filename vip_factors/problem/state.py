@@ -99,13 +99,15 @@ class CameraState:
         poses: one for each frame, or a single one.
         heading: radians, of the IMU on it.
         R_camera_imu: ``(3, 3)``.
-        clock: seconds by which the video's clock must still be put forward.
+        clock: seconds by which the video's clock must be put forward in the recording's middle.
+        clock_drift: seconds more in every second from there.
     """
 
     poses: CameraPoses
     heading: float = 0.0
     R_camera_imu: Array = field(default_factory=lambda: np.eye(3))
     clock: float = 0.0
+    clock_drift: float = 0.0
 
     def at_frames(self, frames: slice) -> CameraPoses:
         """The poses at a stretch of frames."""

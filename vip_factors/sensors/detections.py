@@ -7,6 +7,7 @@ import numpy as np
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.video_clock import VideoClock
 
 
 @dataclass(frozen=True)
@@ -72,3 +73,7 @@ class Detections:
     def shifted(self, seconds: float) -> "Detections":
         """The same with all times moved by an offset of the video's clock."""
         return replace(self, time=self.time + seconds)
+
+    def timed(self, clock: VideoClock) -> "Detections":
+        """The same with times on the sensors' clock instead of the video's own."""
+        return replace(self, time=clock.at(self.time))

@@ -167,9 +167,8 @@ def live_samples(scene: Scene) -> Iterable[LiveSample]:
             force = None if stream.specific_force is None else stream.specific_force[n]
             samples.append(ImuSample(carrier, stream.name, float(time), R, force))
     for camera in scene.cameras:
-        detections = camera.detections
+        detections = camera.timed_detections
         for frame, time in enumerate(detections.time):
             rows = detections.of_frame(frame)
-            moment = float(time) + camera.time_offset
-            samples.append(VideoFrame(camera.name, moment, detections.pixels[rows], detections.confidence[rows]))
+            samples.append(VideoFrame(camera.name, float(time), detections.pixels[rows], detections.confidence[rows]))
     return sorted(samples, key=lambda sample: sample.time)

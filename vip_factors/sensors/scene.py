@@ -14,8 +14,10 @@ from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.video_clock import VideoClock
 
 CAMERA_MOUNTING_SIGMA = np.deg2rad(10.0)  # an IMU taped to a phone along its edges
+UNKNOWN_MOUNTING_SIGMA = np.pi  # nobody said how it sits: the data have to tell
 
 
 @dataclass(frozen=True)
@@ -26,13 +28,18 @@ class CameraMount:
         imu: its stream.
         R_camera_imu: ``(3, 3)`` rough mounting.
         p_camera_imu: ``(3,)`` metres, its position in the camera's frame.
-        mounting_sigma: radians, of the rough mounting about each axis.
+        mounting_sigma: radians, of the rough mounting about each axis; ``UNKNOWN_MOUNTING_SIGMA`` if nobody told it.
     """
 
     imu: ImuStream
     R_camera_imu: Array = field(default_factory=lambda: np.eye(3))
     p_camera_imu: Array = field(default_factory=lambda: np.zeros(3))
     mounting_sigma: float = CAMERA_MOUNTING_SIGMA
+
+    @property
+    def is_declared(self) -> bool:
+        """Whether anybody told how the sensor sits."""
+        return self.mounting_sigma < UNKNOWN_MOUNTING_SIGMA
 
 
 @dataclass(frozen=True)
@@ -59,7 +66,8 @@ class Camera:
         moving: False for a camera that stands still: one pose for the whole recording.
         mount: the IMU on it, if any.
         known_path: poses to be believed instead of estimated, if any.
-        time_offset: seconds to add to the video's times to get the IMUs'.
+        time_offset: seconds to add to the video's times to get the IMUs', at the video's time 0.
+        time_drift: seconds more for every second of the video.
         video: to look at.
     """
 
@@ -71,6 +79,17 @@ class Camera:
     known_path: CameraPath | None = None
     time_offset: float = 0.0
     video: Video | None = None
+    time_drift: float = 0.0
+
+    @property
+    def clock(self) -> VideoClock:
+        """What lies between the video's clock and the IMUs'."""
+        return VideoClock(self.time_offset, self.time_drift)
+
+    @property
+    def timed_detections(self) -> Detections:
+        """What was detected, with times on the IMUs' clock."""
+        return self.detections.timed(self.clock)
 
 
 @dataclass(frozen=True)
@@ -82,8 +101,9 @@ class SceneTruth:
         wearer: ``(N,)`` index of the wearer behind each detection, −1 for bystanders and false detections.
         pixels: ``(N, K, 2)`` where the keypoints really are in the image (distorted), NaN out of view or unknown.
         camera_calibration: heading and mounting of the camera's IMU.
-        time_offset: seconds to add to the video's times to get the IMUs'.
+        time_offset: seconds to add to the video's times to get the IMUs', at the video's time 0.
         further: of each further camera, in the scene's order.
+        time_drift: seconds more for every second of the video.
     """
 
     camera: CameraPath
@@ -92,6 +112,12 @@ class SceneTruth:
     camera_calibration: SensorCalibration | None = None
     time_offset: float = 0.0
     further: tuple["SceneTruth", ...] = ()
+    time_drift: float = 0.0
+
+    @property
+    def clock(self) -> VideoClock:
+        """What lies between the video's clock and the IMUs'."""
+        return VideoClock(self.time_offset, self.time_drift)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from vip_factors.initialise.camera import Sightings
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.settings import Settings
 from vip_factors.stages.inertial import Tracked
 
@@ -45,7 +46,7 @@ def watch(
     """The first association, of each camera by itself: nobody's place in the world is known yet."""
     associated = []
     for number, camera in enumerate(scene.cameras):
-        detections = camera.detections.shifted(camera.time_offset)
+        detections = camera.timed_detections
         association = associate(
             detections, camera.model, motions, settings.association,
             gravity_camera=gravity_in_camera(camera, detections.time), progress=_part(tell, number, len(scene.cameras)),
@@ -56,15 +57,19 @@ def watch(
 
 
 def watch_again(
-    associated: Sequence[AssociatedCamera], path: CameraPath, motions: Sequence[Motion], settings: Settings,
-    tell: Callable[[float], None],
+    associated: Sequence[AssociatedCamera], path: CameraPath, clock: VideoClock, motions: Sequence[Motion],
+    settings: Settings, tell: Callable[[float], None],
 ) -> tuple[AssociatedCamera, ...]:  # fmt: skip
-    """The association of motions in one world, in which the first camera took a path; the others' poses are known."""
+    """The association of motions in one world, in which the first camera took a path; the others' poses are known.
+
+    The first camera's video is timed by what was found of its clock.
+    """
     again = []
     for number, each in enumerate(associated):
+        detections = each.detections if number else each.detections.timed(clock)
         association = associate(
-            each.detections, each.camera.model, motions, settings.association,
-            each.camera.known_path if number else path, gravity_in_camera(each.camera, each.detections.time),
+            detections, each.camera.model, motions, settings.association,
+            each.camera.known_path if number else path, gravity_in_camera(each.camera, detections.time),
             _part(tell, number, len(associated)),
         )  # fmt: skip
         again.append(replace(each, association=association))
@@ -83,9 +88,12 @@ def of_use(associated: Sequence[AssociatedCamera]) -> tuple[AssociatedCamera, ..
 
 
 def gravity_in_camera(camera: Camera, time: Array) -> Array | None:
-    """Which way is down in the camera's frame at the video's instants ``(F, 3)``, by its IMU; None without one."""
+    """Which way is down in the camera's frame at the video's instants ``(F, 3)``, by its IMU.
+
+    None without one, or if nobody told how it sits.
+    """
     mount = camera.mount
-    if mount is None or mount.imu.R_inertial_sensor is None:
+    if mount is None or not mount.is_declared or mount.imu.R_inertial_sensor is None:
         return None
     nearest = np.clip(np.searchsorted(mount.imu.time, time), 0, len(mount.imu) - 1)
     return -mount.imu.R_inertial_sensor[nearest, 2] @ mount.R_camera_imu.T

@@ -18,6 +18,7 @@ from vip_factors.initialise.camera import (
     together,
     world_turn,
 )
+from vip_factors.initialise.camera_mounting import camera_mounting
 from vip_factors.problem.scene import CameraProblem, Viewpoint
 from vip_factors.problem.state import CameraState, DetectorState, SceneState
 from vip_factors.sensors.camera_path import CameraPath
@@ -27,6 +28,7 @@ from vip_factors.settings import Settings
 from vip_factors.stages.associated_cameras import AssociatedCamera, path_at
 from vip_factors.stages.inertial import Tracked
 from vip_factors.stages.learned_offsets import prior_offsets
+from vip_factors.stages.video_drift import middle_of
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,7 @@ def camera_problem(camera: Camera, time: Array, settings: Settings) -> CameraPro
         camera.moving,
         not known,
         free_clock=settings.fusion.estimate_clock,
+        clock_middle=middle_of(camera),
         settings=settings.camera,
         learned_offsets=prior_offsets(camera, settings.camera.keypoint_offset),
     )
@@ -89,6 +92,7 @@ def start_filming(associated: Sequence[AssociatedCamera], wearers: Sequence[Trac
         placed[number] = _placed(placed[number], look, time)
         seen[number] = seen[number].turned(world_turn(*look))
     first = max([n for n in settled if len(seen[n])] or range(len(placed)), key=lambda number: len(seen[number]))
+    problem = _with_found_mounting(camera, problem, seen[first])
     path, heading = _first_path(camera, problem, placed[first], seen[first], time)
     for number in set(range(len(placed))) - set(settled):
         is_gauge = number == first and camera.known_path is None
@@ -100,6 +104,22 @@ def start_filming(associated: Sequence[AssociatedCamera], wearers: Sequence[Trac
     scene = SceneState(tuple(one.state for one in placed), state, DetectorState(problem.prior_offsets.mean))
     further = tuple(_known_viewpoint(each.camera, settings) for each in associated[1:])
     return Filmed(tuple(placed), replace(problem, prior_heading=heading), scene, further)
+
+
+def _with_found_mounting(camera: Camera, problem: CameraProblem, seen: Sightings) -> CameraProblem:
+    """How the sensor sits on the camera by what it saw of a wearer, if nobody told; that is hardly believed."""
+    if problem.imu is None or camera.mount is None or camera.mount.is_declared:
+        return problem
+    valid, time = problem.imu.orientation_valid[:, 0], problem.imu.time
+    inside = (seen.time >= time[0]) & (seen.time <= time[-1])
+    if not valid.any() or not inside.any():
+        return problem
+    at = seen.time[inside]
+    R_world_camera = transpose(seen.R_camera_world[inside])
+    if camera.known_path is not None:
+        R_world_camera = camera.known_path.at(at).R_world_camera
+    R_inertial_imu = interpolate_rotations(time[valid], problem.imu.R_inertial_sensor[valid, 0], at)
+    return replace(problem, prior_R_camera_imu=camera_mounting(R_world_camera, R_inertial_imu)[0])
 
 
 def _look(known: Sequence[AssociatedCamera], wearer: int) -> tuple[CameraPath, Sightings]:

@@ -10,6 +10,7 @@ from vip_factors.assembly.objective import SceneObjective
 from vip_factors.assembly.view_terms import reprojection_residuals
 from vip_factors.body.motion import Motion
 from vip_factors.factors.camera_pose import CameraPoses
+from vip_factors.factors.video_clock import seconds_late
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.extra import ExtraTerms
@@ -18,7 +19,8 @@ from vip_factors.problem.state import CameraState, DetectorState, SceneState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import resample_streams
-from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, Scene
+from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.settings import Settings
 from vip_factors.stages.associated_cameras import AssociatedCamera
 from vip_factors.stages.decode import motion_of
@@ -28,8 +30,10 @@ from vip_factors.stages.heading_drift import with_found_drift
 from vip_factors.stages.inertial import at_frames
 from vip_factors.stages.inertial_model import kept, loosened, with_contacts
 from vip_factors.stages.solver import Solver
+from vip_factors.stages.video_drift import found_clock
 from vip_factors.stages.views import image_scale, keypoint_view, predicted_pixels, scatter
 
+TIMED = 0.01  # s: so far keypoints move nearly straight; half a video frame
 SETTLED = 1.5  # a detector believed less than this much too rough costs less than another solve
 
 
@@ -59,9 +63,16 @@ class Fused:
         )
 
     def is_settled(self) -> bool:
-        """Whether the detections scatter about the solution as it was made to believe."""
+        """Whether the detections scatter about the solution as it was made to believe, and were taken when it says."""
         ratios = np.divide(self.spreads, np.maximum(self.measured_spreads(), 1e-9))
-        return bool(np.all(ratios < SETTLED))
+        return bool(np.all(ratios < SETTLED)) and self._clock_moved() < TIMED
+
+    def _clock_moved(self) -> float:
+        """Seconds, the most by which the solution puts the video's clock forward beyond where it was seen with."""
+        offset, drift = self.model.views[0].clock
+        since = self.model.wearers[0].frames.time[[0, -1]] - self.model.camera.clock_middle
+        state = self.state.camera
+        return float(np.max(np.abs(seconds_late(state.clock - offset, state.clock_drift - drift, since, 0.0))))
 
     def motions(self, names: Sequence[str]) -> list[Motion]:
         """The wearers' motions, in one world."""
@@ -69,6 +80,11 @@ class Fused:
             motion_of(model, state, name)
             for model, state, name in zip(self.model.wearers, self.state.wearers, names, strict=True)
         ]
+
+    @property
+    def clock(self) -> VideoClock:
+        """From the sensors' time that the first camera's video was supposed to have to the one that was found."""
+        return found_clock(self.state.camera, self.model.camera.clock_middle)
 
     @property
     def camera_path(self) -> CameraPath:
@@ -189,7 +205,10 @@ def at_full_rate(
         bodied = _with_body_of(tracked.model, fused)
         wearers.append(with_contacts(kept(bodied, resample_streams(streams, time)), states[-1], True))
     camera = replace(camera_problem(associated[0].camera, time, settings), free_clock=False)
-    camera = replace(camera, prior_heading=coarse.state.camera.heading)
+    filming = coarse.state.camera
+    camera = replace(camera, prior_heading=filming.heading)
+    if not camera.mounting_sigma < UNKNOWN_MOUNTING_SIGMA:
+        camera = replace(camera, prior_R_camera_imu=filming.R_camera_imu)
     state = SceneState(tuple(states), _camera_at(coarse, time), coarse.state.detector)
     spreads = coarse.measured_spreads()
     model = _scene_model(tuple(wearers), camera, filmed.further, state, associated, spreads, path_known=True)
@@ -239,16 +258,17 @@ def _views(
         camera.problem.settings,
         [],
     )
-    keypoints = each.detections.keypoints
+    keypoints, clock = each.detections.keypoints, (camera.state.clock, camera.state.clock_drift)
+    detections = each.detections.timed(found_clock(camera.state, camera.problem.clock_middle))
     for number, wearer in enumerate(wearers):
         body = wearer.skeleton
         view = keypoint_view(
-            each.detections, each.association.wearer == number, body, wearer.frames.time,
+            detections, each.association.wearer == number, body, wearer.frames.time,
             image_scale(body, state, number, lens), spreads[number], settings.reprojection,
             predicted_pixels(keypoints, body, state, number, lens) if path_known else None, lens.width,
         )  # fmt: skip
         if settings.ground_contact.use and not camera.problem.free_pose:
             ground = seen_standing(wearer, state, number, keypoints, view, lens, path_known, settings.ground_contact)
             view = replace(view, ground=ground)
-        views.append(view)
+        views.append(replace(view, clock=clock))
     return tuple(views)

@@ -17,6 +17,7 @@ from vip_factors.problem.state import WearerState
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.settings import Settings
 from vip_factors.solve.marginals import last_marginals
 from vip_factors.stages.associated_cameras import of_use, watch, watch_again
@@ -94,7 +95,7 @@ def _believed(scene: Scene) -> tuple[Camera, ...]:
         return scene.cameras
     truths = (scene.truth, *scene.truth.further)
     return tuple(
-        replace(camera, known_path=truth.camera, time_offset=truth.time_offset)
+        replace(camera, known_path=truth.camera, time_offset=truth.time_offset, time_drift=truth.time_drift)
         for camera, truth in zip(scene.cameras, truths, strict=True)
     )
 
@@ -118,16 +119,16 @@ def _offsets_before(scene: Scene, settings: Settings, tell: Callable[[float], No
         return None
     filmed = start_filming(associated, [true], settings)
     filmed = replace(filmed, wearers=(true,), state=replace(filmed.state, wearers=(true.state,)))
-    path, fused = scene.cameras[0].known_path, None
+    path, clock, fused = scene.cameras[0].known_path, VideoClock(), None
     for done in range(ROUNDS):
         if path is not None:
-            associated = watch_again(associated, path, [motion], settings, lambda done: None)
+            associated = watch_again(associated, path, clock, [motion], settings, lambda done: None)
         if not any(np.any(one.association.wearer == 0) for one in associated):
             return None
         start = _of_joints(unfused(filmed, fused, associated, settings))
         state = solver.solve(SceneObjective(start.model, wearers_move=False), start.state, "keypoint offsets")
         fused = replace(start, state=state)
-        path = fused.camera_path
+        path, clock = fused.camera_path, fused.clock
         tell(0.5 + 0.5 * (done + 1) / ROUNDS)
     assert fused is not None
     scattered = max(one[0] for one in fused.measured_spreads())

@@ -26,6 +26,7 @@ from vip_factors.stages.scene_decode import (
     scene_covariance,
     with_sigmas,
 )
+from vip_factors.stages.video_drift import clock_findings
 
 
 def scene_estimate(
@@ -46,13 +47,14 @@ def scene_estimate(
         for number, estimate in enumerate(decode_wearers(names, "VIP", fine.model, fine.state, covariance))
     )
     first, given = scene.camera, associated[0].association.wearer
-    camera = decode_camera(first.name, fine.model, fine.state, covariance, first.time_offset)
+    camera = decode_camera(first.name, fine.model, fine.state, covariance, first.clock)
     camera = camera_with_sigmas(camera, coarse.model, shared)
     undetermined = ["the data do not determine all headings, mountings and the camera: in part they are guesses"]
     found = [
         *who_is_who(scene, associated),
         *undetermined[: shared is None],
         *find_oddities(scene, associated, fine, wearers),
+        *(clock_findings(first, camera) if associated[0].camera is first else ()),
     ]
     findings = tuple(dict.fromkeys(found))
     estimate = SceneEstimate(

@@ -16,6 +16,7 @@ from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.stages.decode import decode, pose_covariance
 
 
@@ -73,10 +74,11 @@ def decode_wearers(
 
 
 def decode_camera(
-    name: str, model: SceneProblem, state: SceneState, covariance: SceneCovariance | None, time_offset: float
+    name: str, model: SceneProblem, state: SceneState, covariance: SceneCovariance | None, clock: VideoClock
 ) -> CameraEstimate:
-    """The camera's estimate; ``time_offset`` in seconds is what the video's clock was put forward already."""
+    """The camera's estimate; ``clock`` is what the video's was said to be."""
     poses, time = state.camera.poses, model.wearers[0].frames.time
+    found = clock.corrected(state.camera.clock, state.camera.clock_drift, model.camera.clock_middle)
     calibration = None
     if model.camera.imu is not None:
         calibration = SensorCalibration(float(wrap_angle(state.camera.heading)), state.camera.R_camera_imu)
@@ -87,7 +89,8 @@ def decode_camera(
         calibration,
         covariance.camera if covariance is not None else None,
         reprojection_rms(model, state),
-        time_offset + state.camera.clock,
+        found.offset,
+        found.drift,
     )
 
 
@@ -133,8 +136,11 @@ def _sigmas(
 def camera_with_sigmas(
     estimate: CameraEstimate, model: SceneProblem, marginals: Mapping[int, Array] | None
 ) -> CameraEstimate:
-    """The camera's estimate with standard deviations of its IMU's calibration."""
+    """The camera's estimate with standard deviations of its clock and its IMU's calibration."""
     objective = SceneObjective(model)
+    clock = [_sigmas(objective, CAMERA, block, marginals) for block in ("clock", "clock_drift")]
+    if clock[0] is not None and clock[1] is not None:
+        estimate = replace(estimate, clock_sigma=(float(clock[0][0]), float(clock[1][0])))
     heading = _sigmas(objective, CAMERA, "heading", marginals)
     mounting = _sigmas(objective, CAMERA, "R_camera_imu", marginals)
     if heading is None or mounting is None or estimate.calibration is None:

@@ -38,7 +38,7 @@ def scene_frames(scene: Scene, frame_rate: float, coarse_factor: int) -> SceneFr
         video = scene.camera.detections.rate
         ratio = frame_rate / video
         rate = video * round(ratio) if ratio >= 1 else video / round(1 / ratio)
-        phase = float(scene.camera.detections.time[0]) + scene.camera.time_offset
+        phase = float(scene.camera.timed_detections.time[0])
     first = phase + np.ceil((start - phase) * rate - 1e-6) / rate
     if scene.camera is not None:  # coarse frames are to meet video frames, not to lie between them
         first += ((-round((first - phase) * rate)) % coarse_factor) / rate

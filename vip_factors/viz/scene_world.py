@@ -17,6 +17,7 @@ from vip_factors.sensors.gauge import move_motion, move_path, scene_gauge
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.reprojection import keypoints_in_image, reprojection_error
 from vip_factors.sensors.scene import Scene, Video
+from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.viz.compare import common_frames, position_error_mm
 
 NOBODY = -1
@@ -156,14 +157,14 @@ def drawn_scene(scene: Scene | None, estimate: SceneEstimate | None) -> DrawnSce
         wearers = [_moved_alone(wearer) for wearer in wearers]
     camera = scene.camera if scene is not None else None
     name = estimate.name if estimate is not None else scene.name if scene is not None else ""
-    offset = found.time_offset if found is not None else camera.time_offset if camera is not None else 0.0
+    clock = found.clock if found is not None else camera.clock if camera is not None else VideoClock()
     return DrawnScene(
         name,
         tuple(wearers),
         found.model if found is not None else camera.model if camera is not None else None,
         path if path is not None else true_path,
         true_path if path is not None else None,
-        camera.detections.shifted(offset) if camera is not None else None,
+        camera.detections.timed(clock) if camera is not None else None,
         _labels(scene, estimate),
         camera.video if camera is not None else None,
         estimate,
@@ -178,7 +179,7 @@ def _further(scene: Scene | None) -> tuple[DrawnCamera, ...]:
     known = [camera.known_path for camera in scene.further_cameras]
     paths = known if scene.truth is None else [truth.camera for truth in scene.truth.further]
     return tuple(
-        DrawnCamera(one.name, one.model, path, one.detections.shifted(one.time_offset))
+        DrawnCamera(one.name, one.model, path, one.timed_detections)
         for one, path in zip(scene.further_cameras, paths, strict=True)
         if path is not None
     )

@@ -16,6 +16,7 @@ from vip_factors.io.live.throttle import Throttle
 from vip_factors.io.mcap_messages import naming
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.sensors.live import LiveFinding, LiveSample, LiveSetup
+from vip_factors.sensors.video_clock import VideoClock
 
 
 class GrowingFileSource(LiveSource):
@@ -77,7 +78,7 @@ class _SceneReader:
         self._gathered = GatheredSetup()
         self._held: list[tuple[Route, Any]] = []
         self._names: dict[str, str] = {}
-        self._offsets: dict[str, float] = {}
+        self._clocks: dict[str, VideoClock] = {}
         self._keypoints: dict[str, int] = {}
         self._mounts: dict[str, str] = {}
         self._start_ns = 0
@@ -106,7 +107,7 @@ class _SceneReader:
             self._tell(sentence, sentence)
         self._start_ns = setup.start_ns
         self._names = self._gathered.names(setup)
-        self._offsets = self._gathered.time_offsets()
+        self._clocks = self._gathered.clocks()
         self._keypoints = {camera.name: len(camera.keypoints) for camera in setup.cameras}
         self._mounts = {camera.name: camera.mount.sensor for camera in setup.cameras if camera.mount is not None}
         self.setup_known = True
@@ -133,8 +134,8 @@ class _SceneReader:
             if route.kind is ImuSample:
                 sensor = self._mounts.get(name) or route.channel.topic.rpartition("/")[2]
                 return imu_sample_of(message, name, self._start_ns, sensor)
-            offset = self._offsets.get(route.owner, 0.0)
-            return video_frame_of(message, name, self._start_ns, self._keypoints.get(name), offset)
+            clock = self._clocks.get(route.owner)
+            return video_frame_of(message, name, self._start_ns, self._keypoints.get(name), clock)
         except FileFormatError as error:
             self._tell(route.kind.DESCRIPTOR.name, str(error))
             return None

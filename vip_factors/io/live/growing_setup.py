@@ -16,6 +16,7 @@ from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.live import LiveCamera, LiveSetup
+from vip_factors.sensors.video_clock import VideoClock
 
 SAMPLES = (ImuSample, Detections2D)
 # What comes once, by the names of the messages.
@@ -94,9 +95,9 @@ class GatheredSetup:
         wearers = {owner: wearer.name for owner, wearer in zip(self._wearers, setup.wearers, strict=True)}
         return wearers | {owner: camera.name for owner, camera in zip(self._cameras, setup.cameras, strict=True)}
 
-    def time_offsets(self) -> dict[str, float]:
-        """Seconds to add to a camera's times to get the IMUs', by what its topics begin with."""
-        return {owner: info.time_offset_s for owner, info in self._infos().items()}
+    def clocks(self) -> dict[str, VideoClock]:
+        """What lies between each camera's clock and the IMUs', by what its topics begin with."""
+        return {owner: VideoClock(info.time_offset_s, info.time_drift) for owner, info in self._infos().items()}
 
     def findings(self) -> list[str]:
         """What of the file's cameras cannot be used ahead of time."""

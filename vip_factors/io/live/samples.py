@@ -12,6 +12,7 @@ from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample as ImuMessage
 from vip_factors.io.schemas.live_message_pb2 import LiveMessage
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
+from vip_factors.sensors.video_clock import VideoClock
 
 
 def sample_message(sample: LiveSample, start_ns: int = 0, frame: int = 0) -> LiveMessage:
@@ -81,7 +82,7 @@ def rotation_of(message: QuaternionWxyz) -> Array | None:
 
 
 def video_frame_of(
-    message: Detections2D, camera: str, start_ns: int, keypoints: int | None = None, time_offset: float = 0.0
+    message: Detections2D, camera: str, start_ns: int, keypoints: int | None = None, clock: VideoClock | None = None
 ) -> VideoFrame:
     """One video frame.
 
@@ -90,7 +91,7 @@ def video_frame_of(
         camera: its name.
         start_ns: absolute time of t = 0.
         keypoints: of every person; None if that is not known.
-        time_offset: seconds to add to the video's times to get the IMUs'.
+        clock: what lies between the video's clock and the IMUs'; None: nothing.
 
     Raises:
         FileFormatError: if a person has another number of keypoints.
@@ -98,7 +99,7 @@ def video_frame_of(
     if message.seconds == 0 and message.HasField("timestamp"):
         time = (time_ns_of(message.timestamp) - start_ns) / NS_PER_S
     else:
-        time = message.seconds + time_offset
+        time = message.seconds + (0.0 if clock is None else clock.late(message.seconds))
     people = message.people
     K = keypoints if keypoints is not None else (len(people[0].confidence) if people else 0)
     for person in people:

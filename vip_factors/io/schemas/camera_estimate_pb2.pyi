@@ -8,20 +8,24 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class CameraEstimateInfo(_message.Message):
-    __slots__ = ("name", "time_offset_s", "poses", "has_residuals", "wearers", "residual_frames")
+    __slots__ = ("name", "time_offset_s", "poses", "has_residuals", "wearers", "residual_frames", "time_drift", "clock_sigma")
     NAME_FIELD_NUMBER: _ClassVar[int]
     TIME_OFFSET_S_FIELD_NUMBER: _ClassVar[int]
     POSES_FIELD_NUMBER: _ClassVar[int]
     HAS_RESIDUALS_FIELD_NUMBER: _ClassVar[int]
     WEARERS_FIELD_NUMBER: _ClassVar[int]
     RESIDUAL_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    TIME_DRIFT_FIELD_NUMBER: _ClassVar[int]
+    CLOCK_SIGMA_FIELD_NUMBER: _ClassVar[int]
     name: str
     time_offset_s: float
     poses: int
     has_residuals: bool
     wearers: int
     residual_frames: int
-    def __init__(self, name: _Optional[str] = ..., time_offset_s: _Optional[float] = ..., poses: _Optional[int] = ..., has_residuals: bool = ..., wearers: _Optional[int] = ..., residual_frames: _Optional[int] = ...) -> None: ...
+    time_drift: float
+    clock_sigma: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, name: _Optional[str] = ..., time_offset_s: _Optional[float] = ..., poses: _Optional[int] = ..., has_residuals: bool = ..., wearers: _Optional[int] = ..., residual_frames: _Optional[int] = ..., time_drift: _Optional[float] = ..., clock_sigma: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class CameraPose(_message.Message):
     __slots__ = ("timestamp", "seconds", "frame", "rotation_wxyz", "p_world_camera", "covariance")

@@ -1,0 +1,26 @@
+"""Video clock: how far the video's clock is off the sensors', and how fast it drifts from them; a prior on both.
+
+What the video shows at the sensors' time ``t`` was taken ``Δ(t) = o + d (t − m)`` seconds later, with the offset ``o``
+at the recording's middle ``m`` and the drift ``d``. A keypoint that moves by ``v`` pixels a second would have been seen
+at ``z − v Δ(t)``, so a reprojection's residual grows by ``v Δ(t)``: its derivatives are ``v`` and ``v (t − m)``. The
+prior's residual is ``(o, d)``, in seconds and seconds a second.
+"""
+
+from dataclasses import dataclass
+
+from vip_factors.geometry.rotations import Array
+
+
+@dataclass(frozen=True)
+class VideoClockSettings:
+    """How far the clock may be off."""
+
+    offset_sigma: float = 0.05  # s: a clap found by eye is good to a video frame or two
+    # s/s. Quartz clocks are a few 1e-5 apart, those of warm phones 1e-4; a rate told as 30 for 29.97 Hz is off by 1e-3,
+    # and that is the usual mistake. A minute of walking tells a drift to 2e-4.
+    drift_sigma: float = 1e-3
+
+
+def seconds_late(offset: float, drift: float, time: Array, middle: float) -> Array:
+    """Seconds by which the video's clock is to be put forward at instants ``time``, of any shape."""
+    return offset + drift * (time - middle)

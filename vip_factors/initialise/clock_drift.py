@@ -1,0 +1,157 @@
+"""How fast the video's clock drifts from the sensors': offsets in stretches of the recording, and a line through them.
+
+Each stretch has its own curve of agreement over offsets (see :mod:`clock_correlation`). The line along which they agree
+best together is searched for first, so that a stretch whose own best offset is a step off does not count; then each
+stretch's peak beside that line is one measurement of it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from vip_factors.geometry.rotations import Array
+from vip_factors.initialise.clock_correlation import correlation_curve, peak_vertex
+from vip_factors.initialise.clock_signals import Smoothing
+from vip_factors.initialise.clock_tracks import ImageTrack
+from vip_factors.sensors.scene import Camera, Scene
+
+OFFSETS_S = 0.35  # either side of the offset that was found for the whole
+GRID_S = 0.008  # between lines, at their ends: a tenth of a peak's width
+FIT_S = 0.05  # over which a peak is a parabola
+BESIDE_S = 0.06  # from the line, where a stretch has its own peak
+
+
+@dataclass(frozen=True)
+class DriftSettings:
+    """How a drift is looked for.
+
+    Attributes:
+        use: off: clocks run alike.
+        stretch: seconds of one: enough steps to tell an offset to some milliseconds.
+        least_stretches: that make a line.
+        most: seconds a second; a rate told as 30 for 29.97 Hz is half of it, quartz clocks are a hundred times better.
+        least_gain: nats of a stretch that counts.
+        told: seconds from the video's start to its end, from which on a drift matters.
+        sure: standard deviations of one that is told.
+    """
+
+    use: bool = True
+    stretch: float = 20.0
+    least_stretches: int = 3
+    most: float = 2e-3
+    least_gain: float = 10.0
+    told: float = 0.010
+    sure: float = 4.0
+
+
+@dataclass(frozen=True)
+class ClockDrift:
+    """A line through the offsets of stretches.
+
+    Attributes:
+        per_second: seconds more to add in every second of the video.
+        sigma: its standard deviation.
+        middle: of the video's times, where the line has the offset ``seconds``.
+        seconds: to add there to the video's times to get the sensors'.
+        duration: of the video, seconds.
+        stretches: that told.
+    """
+
+    per_second: float
+    sigma: float
+    middle: float
+    seconds: float
+    duration: float
+    stretches: int
+
+    def matters(self, settings: DriftSettings) -> bool:
+        """Whether it is larger than what is worth telling, and surely there."""
+        is_sure = abs(self.per_second) > settings.sure * self.sigma
+        return is_sure and abs(self.per_second) * self.duration > settings.told
+
+
+def find_drift(
+    scene: Scene, camera: Camera, tracks: Sequence[ImageTrack], seconds: float, independent_hz: float,
+    smoothing: Smoothing, settings: DriftSettings,
+) -> ClockDrift | None:  # fmt: skip
+    """The drift about the offset of the whole; None where too few stretches tell one.
+
+    Args:
+        scene, camera, tracks: as for the offset.
+        seconds: the offset of the whole.
+        independent_hz: how many instants per second count as independent.
+        smoothing: of both sides.
+        settings: of the search.
+    """
+    start, end = min(one.time[0] for one in tracks), max(one.time[-1] for one in tracks)
+    count = int((end - start) // settings.stretch)
+    if count < settings.least_stretches:
+        return None
+    edges, middle = np.linspace(start, end, count + 1), (start + end) / 2
+    reach = OFFSETS_S + settings.most * (end - start) / 2
+    when, curves, offset = [], [], np.zeros(0)
+    for first, last in pairwise(edges.tolist()):
+        cut = [part for track in tracks if (part := _between(track, first, last, seconds)) is not None]
+        if cut:
+            curve = correlation_curve(scene, camera, cut, reach, independent_hz, smoothing)
+            when.append((first + last) / 2 - middle)
+            curves.append(np.maximum(curve.gain, 0.0))
+            offset = curve.offset
+    if len(curves) < settings.least_stretches:
+        return None
+    time, gain = np.array(when), np.stack(curves)
+    line = _best_line(offset, gain, time, (end - start) / 2, settings.most)
+    measured = _fitted(offset, gain, time, line, settings)
+    if measured is None:
+        return None
+    own, drift, sigma, used = measured
+    return ClockDrift(drift, sigma, float(middle), seconds + own, float(end - start), used)
+
+
+def _between(track: ImageTrack, first: float, last: float, seconds: float) -> ImageTrack | None:
+    """What of a track lies in a stretch, its times put forward; None for hardly anything."""
+    inside = (track.time >= first) & (track.time <= last)
+    if inside.sum() < 2:
+        return None
+    return replace(track, time=track.time[inside] + seconds, pixels=track.pixels[inside], size=track.size[inside])
+
+
+def _best_line(offset: Array, gain: Array, time: Array, half: float, most: float) -> tuple[float, float]:
+    """Offset in the middle and drift of the line ``o + d t`` along which all curves together are highest."""
+    at_middle = offset[np.abs(offset) <= OFFSETS_S]
+    best, found = -1.0, (0.0, 0.0)
+    steps = int(np.ceil(most * half / GRID_S))
+    for drift in np.linspace(-most, most, 2 * steps + 1):
+        along = [
+            np.interp(at_middle + drift * t, offset, own, left=0.0, right=0.0)
+            for t, own in zip(time, gain, strict=True)
+        ]
+        total = np.sum(along, axis=0)
+        place = int(np.argmax(total))
+        if total[place] > best:
+            best, found = float(total[place]), (float(at_middle[place]), float(drift))
+    return found
+
+
+def _fitted(
+    offset: Array, gain: Array, time: Array, line: tuple[float, float], settings: DriftSettings
+) -> tuple[float, float, float, int] | None:
+    """Offset, drift, its standard deviation, and how many stretches told: each by its peak beside the line."""
+    rows = []
+    for t, own in zip(time, gain, strict=True):
+        near = np.flatnonzero(np.abs(offset - (line[0] + line[1] * t)) <= BESIDE_S)
+        if len(near) and own[near].max() >= settings.least_gain:
+            rows.append((t, *peak_vertex(offset, own, int(near[np.argmax(own[near])]), FIT_S)))
+    if len(rows) < settings.least_stretches:
+        return None
+    t, peak, weight = np.array(rows).T
+    A = np.stack([np.ones_like(t), t], axis=1)
+    information = (A.T * weight) @ A
+    own, drift = np.linalg.solve(information, (A.T * weight) @ peak)
+    left = peak - own - drift * t
+    # Beside what the curves' widths promise, stretches scatter by what limbs and detectors do differently in each.
+    scatter = float(np.sum(weight * left**2) / max(len(t) - 2, 1))
+    sigma = np.sqrt(np.linalg.inv(information)[1, 1] * max(scatter, 1.0))
+    return float(own), float(drift), float(sigma), len(rows)

@@ -1,0 +1,36 @@
+"""The video's clock as it was found: what was seen is put onto the frames anew with it, and a drift is told."""
+
+from collections.abc import Iterator
+
+from vip_factors.estimate import CameraEstimate
+from vip_factors.problem.state import CameraState
+from vip_factors.sensors.scene import Camera
+from vip_factors.sensors.video_clock import VideoClock
+
+TOLD_S = 0.010  # over a recording: hands that swing at 2 m/s are 2 cm elsewhere
+SURE = 3.0  # standard deviations of a drift that is told
+
+
+def middle_of(camera: Camera) -> float:
+    """The sensors' time in the middle of a video; 0 of none."""
+    time = camera.timed_detections.time
+    return float(time[0] + time[-1]) / 2 if len(time) else 0.0
+
+
+def found_clock(state: CameraState, middle: float) -> VideoClock:
+    """From the sensors' time that a video was supposed to have to the one that was found."""
+    return VideoClock().corrected(state.clock, state.clock_drift, middle)
+
+
+def clock_findings(camera: Camera, found: CameraEstimate) -> Iterator[str]:
+    """A sentence about a video whose clock drifts from the sensors' further than the scene said."""
+    time = camera.detections.time
+    drift = found.time_drift - camera.time_drift
+    if not len(time) or found.clock_sigma is None:
+        return
+    seconds = drift * float(time[-1] - time[0])
+    if abs(seconds) > TOLD_S and abs(drift) > SURE * found.clock_sigma[1]:
+        yield (
+            f"the video's clock drifts from the sensors' by {1e3 * seconds:+.0f} ms from its start to its end "
+            f"({1e6 * drift:+.0f} ± {1e6 * found.clock_sigma[1]:.0f} ppm); the estimate follows it"
+        )

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vip_factors.body.keypoint_offsets import KeypointOffsets
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import SensorCalibration
@@ -61,6 +62,7 @@ class Camera:
         known_path: poses to be believed instead of estimated, if any.
         time_offset: seconds to add to the video's times to get the IMUs'.
         video: to look at.
+        keypoint_offsets: where its detector puts its keypoints, if that was found before.
     """
 
     name: str
@@ -71,6 +73,7 @@ class Camera:
     known_path: CameraPath | None = None
     time_offset: float = 0.0
     video: Video | None = None
+    keypoint_offsets: KeypointOffsets | None = None
 
 
 @dataclass(frozen=True)

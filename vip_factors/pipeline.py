@@ -112,6 +112,8 @@ def smooth_scene(
 ) -> SceneEstimate:  # fmt: skip
     """Reconstruct a scene: of its wearers' IMUs and of what its cameras saw, or of the IMUs alone.
 
+    A long one is solved in windows (:class:`~vip_factors.settings.WindowSettings`), unless there are extra factors.
+
     Args:
         scene: with or without cameras; one that never shows a wearer is left out, and a finding says so.
         settings: of all rooms.

@@ -45,8 +45,9 @@ HASTY = replace(
 def test_windows_are_as_the_whole() -> None:
     """The same frames, wearers and detections, and a motion that is as near to the truth."""
     scene = at_10_hz(filmed_gestures("fixed", seconds=4.5))
-    whole = smooth_scene(scene, replace(HASTY, windows=replace(HASTY.windows, use=False)))
-    estimate = smooth_scene(scene, replace(HASTY, windows=replace(HASTY.windows, calibration_stretch_s=9.0)))
+    settings = replace(HASTY, covariance=True, windows=replace(HASTY.windows, calibration_stretch_s=9.0))
+    whole = smooth_scene(scene, replace(settings, windows=replace(HASTY.windows, use=False)))
+    estimate = smooth_scene(scene, settings)
     assert [one.stage for one in estimate.reports if one.stage.startswith("video")] == [
         "video-inertial fusion", *(f"video-inertial fusion, window {number}" for number in (1, 2, 3))
     ]  # fmt: skip
@@ -57,6 +58,8 @@ def test_windows_are_as_the_whole() -> None:
     errors = [np.median(root_relative(each, scene)) for each in (estimate, whole)]
     assert errors[0] < 1.2 * errors[1]
     assert_nothing_leaps(estimate)
+    ratio = one.covariance.joint_sigma / other.covariance.joint_sigma
+    assert 0.7 < np.median(ratio) < 1.1
     assert scene.truth is not None
     assert estimate.wearer_of_detection.shape == scene.truth.wearer.shape
     assert np.mean(estimate.wearer_of_detection == scene.truth.wearer) > 0.9
@@ -74,7 +77,7 @@ def test_a_carried_camera_that_loses_everybody_from_file_to_file(tmp_path: Path)
     assert sampled is not None
     source = filmed_scene(sampled)
     assert source is not None
-    long = smooth_long_scene(source, replace(HASTY, covariance=True))
+    long = smooth_long_scene(source, replace(HASTY, frame_rate=5.0))
     assert long is not None
     write_long_scene_estimate(replace(long, parts=lightly(long.parts)), out)
     estimate = read_scene_estimate(out)
@@ -83,7 +86,6 @@ def test_a_carried_camera_that_loses_everybody_from_file_to_file(tmp_path: Path)
     assert len(estimate.camera.path) == len(estimate.wearers[0].motion) == long.frames
     assert_nothing_leaps(estimate)
     for one in estimate.wearers:
-        assert np.all(np.isfinite(one.covariance.root))
         assert all(np.all(np.diff(own.heading_time) > 0) for own in one.calibration.values())
     assert scene.truth is not None
     surely = estimate.wearer_of_detection >= 0

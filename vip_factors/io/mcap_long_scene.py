@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from vip_factors.io.mcap_by_time import McapByTime
-from vip_factors.io.mcap_contents import McapMessages
+from vip_factors.io.mcap_contents import McapContents, McapMessages
 from vip_factors.io.mcap_detections import detections_of
 from vip_factors.io.mcap_imu import read_streams
 from vip_factors.io.mcap_messages import naming, of_topic
@@ -63,8 +63,9 @@ class LongSceneFile:
             RecordingError, FileFormatError: if what was measured is unusable.
         """
         reach = start - MARGIN_S, end + MARGIN_S
-        messages = self._messages(*reach)
-        wearers = [replace(one.head, imus=one.between(*reach)) for one in self.wearers]
+        contents = self._contents(*reach)
+        messages = list(contents.messages.values())
+        wearers = [replace(one.head, imus=one.among(contents, *reach)) for one in self.wearers]
         with naming(self.file.path):
             cameras = [self._camera(number, messages, start, end) for number in range(len(self.ends))]
         return self._scene(cameras, wearers)
@@ -77,7 +78,8 @@ class LongSceneFile:
         start, end, count = max(start, float(time[0])), min(end, float(np.nextafter(time[-1], np.inf))), 0
         while start < end:
             until = min(start + COUNTED_S, end)
-            for one in of_topic(self.file.path, self._messages(start, until), self._detections(0), Detections2D):
+            messages = list(self._contents(start, until).messages.values())
+            for one in of_topic(self.file.path, messages, self._detections(0), Detections2D):
                 count += len(one.people) * (start <= one.seconds + self.ends[0].time_offset < until)
             start = until
         return count
@@ -105,12 +107,12 @@ class LongSceneFile:
     def _scene(self, cameras: Sequence[Camera], wearers: Sequence[Recording]) -> Scene:
         return Scene(self.name, tuple(wearers), cameras[0], None, tuple(cameras[1:]))
 
-    def _messages(self, start: float, end: float) -> list[McapMessages]:
+    def _contents(self, start: float, end: float) -> McapContents:
         first, last = (
             self._start_ns + round((one + slack) * NS_PER_S)
             for one, slack in ((start, -CLOCK_SLACK_S), (end, CLOCK_SLACK_S))
         )
-        return list(self.file.between(max(first, 0), last).messages.values())
+        return self.file.between(max(first, 0), last)
 
     def _camera(self, number: int, messages: Sequence[McapMessages], start: float, end: float) -> Camera:
         """One camera with what it filmed between two instants, and what the sensor on it measured."""

@@ -96,7 +96,14 @@ class SampledFile:
             self.head.start_ns + round((one + slack) * NS_PER_S)
             for one, slack in ((start, -CLOCK_SLACK_S), (end, CLOCK_SLACK_S))
         )
-        contents = self.file.between(max(first, 0), last)
+        return self.among(self.file.between(max(first, 0), last), start, end)
+
+    def among(self, contents: McapContents, start: float, end: float) -> Mapping[str, ImuStream]:
+        """The same among messages that were read already.
+
+        Raises:
+            RecordingError, FileFormatError: if the samples are unusable.
+        """
         with naming(self.file.path):
             streams = read_streams(self.file.path, self.channels(contents), self.head.start_ns)
         found = {}

@@ -104,6 +104,7 @@ class SceneCalibration:
         camera_path: of the first camera over the stretch; a single pose if it stands still.
         R_camera_imu: mounting of the sensor on it.
         keypoint_offsets: of its detector.
+        clock: seconds by which the video's clock is still to be put forward.
         is_world_known: whether the pose of a camera was given: the floor is at z = 0 then.
     """
 
@@ -111,6 +112,7 @@ class SceneCalibration:
     camera_path: CameraPath
     R_camera_imu: Array
     keypoint_offsets: KeypointOffsets
+    clock: float
     is_world_known: bool
 
     @classmethod
@@ -124,7 +126,7 @@ class SceneCalibration:
         known = any(camera.known_path is not None for camera in scene.cameras)
         return cls(
             tuple(WearerCalibration.of(*one) for one in wearers), fused.camera_path, state.camera.R_camera_imu,
-            offsets, known,
+            offsets, state.camera.clock, known,
         )  # fmt: skip
 
     def declared(self, scene: Scene, is_first: bool, settings: Settings) -> tuple[Scene, tuple[str, ...]]:
@@ -152,7 +154,10 @@ class SceneCalibration:
         if mount is not None:
             mount = replace(mount, R_camera_imu=self.R_camera_imu)
         known = camera.known_path if camera.moving or camera.known_path is not None else self.camera_path
-        return replace(camera, mount=mount, known_path=known, keypoint_offsets=self.keypoint_offsets)
+        offset = camera.time_offset + self.clock
+        return replace(
+            camera, mount=mount, known_path=known, keypoint_offsets=self.keypoint_offsets, time_offset=offset
+        )
 
     def settings(self, settings: Settings) -> Settings:
         """Those of windows: what is declared is kept, and headings are as sure as the frames before have left them."""
@@ -165,7 +170,8 @@ class SceneCalibration:
         factors = replace(factors, heading_prior=replace(factors.heading_prior, least_sigma_deg=least))
         if not self.is_world_known:  # a camera that was found knows of no floor
             camera = replace(camera, ground_contact=replace(camera.ground_contact, use=False))
-        return replace(settings, calibration=held, factors=factors, camera=camera)
+        fusion = replace(settings.fusion, estimate_clock=False)
+        return replace(settings, calibration=held, factors=factors, camera=camera, fusion=fusion)
 
 
 def _size(sigma: Array, otherwise: float) -> float:

@@ -22,6 +22,8 @@ from vip_factors.stages.sensor_corrections import SensorCorrections
 from vip_factors.stages.solver import Progress, Solver
 from vip_factors.stages.windows import WindowPlan
 
+LOOKS = 3  # at stretches that are spread over a scene, where the first does not show every wearer
+
 
 def calibrate_scene(
     source: LongScene, plan: WindowPlan, settings: Settings, progress: Progress
@@ -32,7 +34,7 @@ def calibrate_scene(
     """
     coarse = -(-plan.frames // plan.factor)
     best: tuple[int, SceneCalibration, SceneEstimate] | None = None
-    for begin in range(0, max(coarse - plan.stretch // 2, 1), plan.stretch):
+    for begin in sorted({round(one) for one in np.linspace(0, max(coarse - plan.stretch, 0), LOOKS)}):
         stretch = slice(begin, min(begin + plan.stretch, coarse))
         found = _stretch(source, plan, stretch, settings, Solver(stiff(settings), progress, name=settings.solver))
         if found is not None and (best is None or found[0] > best[0]):
@@ -61,7 +63,9 @@ def _stretch(
     names = [one.subject.name for one in scene.wearers]
     filmed = start_filming(associated, wearers, settings)
     fused, associated = fuse_in_rounds(filmed, associated, names, settings, solver)
-    estimate = scene_estimate(scene, fused, fused, associated, tuple(solver.reports), settings)
+    estimate = scene_estimate(
+        scene, fused, fused, associated, tuple(solver.reports), replace(settings, covariance=False)
+    )
     estimate = _with_starts(replace(estimate, findings=(*about_sensors, *estimate.findings)), names, wearers)
     sigmas = [np.array([one.calibration[name].mounting_sigma for name in one.sensors]) for one in estimate.wearers]
     shown = sum(any(len(each.seen[number]) for each in associated) for number in range(len(names)))

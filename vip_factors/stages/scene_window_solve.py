@@ -102,14 +102,14 @@ def solve_scene_window(
     covariance = _covariance(scene, found.fused, fine) if settings.covariance else None
     names = [one.subject.name for one in scene.wearers]
     estimates = tuple(decode_wearers(names, "VIP", fine.model, fine.state, covariance))
-    first = measured.cameras[0]
+    first, clock = measured.cameras[0], scene.cameras[0].time_offset
     wearer = np.full(len(first.detections), -1)
     if found.associated[0].camera.name == first.name:
         wearer = found.associated[0].association.wearer
     return SceneWindow(
         span,
         estimates,
-        decode_camera(first.name, fine.model, fine.state, covariance, first.time_offset),
+        decode_camera(first.name, fine.model, fine.state, covariance, clock),
         tuple(Headings.of(*one) for one in zip(found.fused.model.wearers, found.fused.state.wearers, strict=True)),
         first.detections.time[first.detections.frame] + first.time_offset,
         wearer,
@@ -119,9 +119,9 @@ def solve_scene_window(
 
 
 def _begin(before: SceneWindow, number: int, span: slice) -> Begin:
-    motion = before.wearers[number].motion
-    place = motion.p_world_pelvis[span.start - before.frames.start]
-    return Begin(before.headings[number], place, float(motion.time[-1]))
+    motion, first = before.wearers[number].motion, span.start - before.frames.start
+    pose = motion.R_parent_child[first], motion.p_world_pelvis[first]
+    return Begin(before.headings[number], *pose, float(motion.time[-1]))
 
 
 def _last(before: SceneWindow) -> tuple[CameraPath, float]:

@@ -7,7 +7,9 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.initialise.calibration import InitialCalibration
+from vip_factors.problem.state import WearerState
 from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.sampled import frames_of
 from vip_factors.sensors.scene import Camera
@@ -15,6 +17,7 @@ from vip_factors.settings import Settings
 from vip_factors.stages.associated_cameras import AssociatedCamera
 from vip_factors.stages.filming import Filmed, camera_problem, inertial_orientations
 from vip_factors.stages.inertial import Tracked, inertial_tracker
+from vip_factors.stages.inertial_model import inertial_model, walking
 from vip_factors.stages.scene_calibration import Headings, WearerCalibration
 from vip_factors.stages.solver import Solver
 
@@ -25,11 +28,13 @@ class Begin:
 
     Attributes:
         headings: as known before.
-        p_world_pelvis: ``(3,)`` metres at the window's first frame; None of the first window.
+        R_parent_child, p_world_pelvis: ``(24, 3, 3)`` and ``(3,)`` metres, the pose at the window's first frame; None
+            of the first window.
         known_until: seconds until when the wearer's place is known from before.
     """
 
     headings: Headings
+    R_parent_child: Array | None = None
     p_world_pelvis: Array | None = None
     known_until: float = -np.inf
 
@@ -52,9 +57,11 @@ def begun(
     frames = frames_of(recording.imus, sensors, time)
     mountings = np.stack([recording.placement.site(name).R_bone_sensor for name in sensors])
     nearest = begin.headings.at(max(float(time[0]), begin.known_until))
-    tracked = inertial_tracker(
-        recording, frames, settings, solver, InitialCalibration(nearest, np.zeros(len(sensors)), mountings)
-    )
+    calibration = InitialCalibration(nearest, np.zeros(len(sensors)), mountings)
+    if begin.R_parent_child is not None and not frames.orientation_valid.any():
+        tracked = _unmoved(recording, frames, calibration, begin.R_parent_child, settings)
+    else:
+        tracked = inertial_tracker(recording, frames, settings, solver, calibration)
     model, state = tracked.model, tracked.state
     factors = replace(model.settings, sole=replace(model.settings.sole, thickness=known.sole))
     model = replace(model, settings=factors, prior_headings=begin.headings.at(float(time[0])))
@@ -64,6 +71,19 @@ def begun(
         shift = begin.p_world_pelvis - state.p_world_pelvis[0]
         state = replace(state, p_world_pelvis=state.p_world_pelvis + shift)
     return Tracked(model, state)
+
+
+def _unmoved(
+    recording: Recording, frames: ImuFrames, calibration: InitialCalibration, R_parent_child: Array, settings: Settings
+) -> Tracked:
+    """A wearer in a window in which none of the sensors measured anything: as at its beginning."""
+    model, T = inertial_model(recording, frames, calibration, settings), len(frames)
+    model = walking(model, settings.calibration)
+    state = WearerState(
+        np.tile(R_parent_child, (T, 1, 1, 1)), np.zeros((T, 3)), calibration.headings, calibration.R_bone_sensor,
+        model.prior.mean, hinges=model.hinge_prior.mean,
+    )  # fmt: skip
+    return Tracked(model, state.with_knots(len(model.heading_knots)))
 
 
 def continued(

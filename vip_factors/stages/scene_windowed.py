@@ -59,7 +59,9 @@ def smooth_scene_windows(source: LongScene, settings: Settings, progress: Progre
         return None
     calibration, stretch = found
     moves = source.head.cameras[0].moving
-    gathered = _Gathered(GatheredFindings(stretch.findings), [[] for _ in source.wearers])
+    drift = set(_drifts(stretch.wearers))  # is of the whole to tell
+    known = [sentence for sentence in stretch.findings if sentence not in drift]
+    gathered = _Gathered(GatheredFindings(known), [[] for _ in source.wearers])
     head = _head(source, stretch, plan)
     parts = _parts(source, calibration, plan, settings, progress, gathered, head.camera is not None)
 
@@ -146,7 +148,6 @@ def _closed(head: SceneEstimate, source: LongScene, plan: WindowPlan, gathered: 
         replace(one, calibration=_calibration(one, headings))
         for one, headings in zip(head.wearers, gathered.headings, strict=True)
     )
-    drift = [sentence for one in wearers for sentence in drift_findings(f"wearer '{one.motion.name}'", one.calibration)]
     last = float(plan.time(slice(plan.frames - 1, plan.frames))[0])
     unseen = source.detected(-np.inf, plan.start), source.detected(float(np.nextafter(last, np.inf)), np.inf)
     before, after = (np.full(count, -1) for count in unseen)
@@ -154,8 +155,13 @@ def _closed(head: SceneEstimate, source: LongScene, plan: WindowPlan, gathered: 
         head,
         wearers=wearers,
         wearer_of_detection=np.concatenate([before, *gathered.wearer, after]).astype(int),
-        findings=(*gathered.findings.sentences(), *drift),
+        findings=(*gathered.findings.sentences(), *_drifts(wearers)),
     )
+
+
+def _drifts(wearers: Sequence[Estimate]) -> Iterator[str]:
+    for one in wearers:
+        yield from drift_findings(f"wearer '{one.motion.name}'", one.calibration)
 
 
 def _first_pose(stretch: SceneEstimate) -> CameraEstimate | None:

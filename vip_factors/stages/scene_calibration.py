@@ -101,7 +101,7 @@ class SceneCalibration:
 
     Attributes:
         wearers: in their order.
-        camera_path: of the first camera over the stretch; a single pose if it stands still.
+        camera_path: of the first camera over the stretch; a single pose if it stands still. None if it is nowhere.
         R_camera_imu: mounting of the sensor on it.
         keypoint_offsets: of its detector.
         clock: seconds by which the video's clock is still to be put forward.
@@ -109,7 +109,7 @@ class SceneCalibration:
     """
 
     wearers: tuple[WearerCalibration, ...]
-    camera_path: CameraPath
+    camera_path: CameraPath | None
     R_camera_imu: Array
     keypoint_offsets: KeypointOffsets
     clock: float
@@ -117,16 +117,26 @@ class SceneCalibration:
 
     @classmethod
     def of(
-        cls, scene: Scene, fused: Fused, mounting_sigmas: Sequence[Array], corrections: Sequence[SensorCorrections]
-    ) -> "SceneCalibration":
-        """Of a stretch's coarse solution; ``mounting_sigmas`` ``(S, 3)`` radians of each wearer, NaN if unknown."""
+        cls, scene: Scene, fused: Fused, filmed_by: Camera, mounting_sigmas: Sequence[Array],
+        corrections: Sequence[SensorCorrections],
+    ) -> "SceneCalibration":  # fmt: skip
+        """Of a stretch's coarse solution.
+
+        Args:
+            scene: the stretch.
+            fused: the solution.
+            filmed_by: the camera whose path it has: the first one, if that is of use.
+            mounting_sigmas: ``(S, 3)`` radians of each wearer, NaN if unknown.
+            corrections: of each wearer's sensors.
+        """
         model, state = fused.model, fused.state
         wearers = zip(scene.wearers, model.wearers, state.wearers, mounting_sigmas, corrections, strict=True)
         offsets = KeypointOffsets(state.detector.keypoint_offsets, model.camera.prior_offsets.sigma)
         known = any(camera.known_path is not None for camera in scene.cameras)
+        path = fused.camera_path if filmed_by is scene.camera else None
         return cls(
-            tuple(WearerCalibration.of(*one) for one in wearers), fused.camera_path, state.camera.R_camera_imu,
-            offsets, state.camera.clock, known,
+            tuple(WearerCalibration.of(*one) for one in wearers), path, state.camera.R_camera_imu, offsets,
+            state.camera.clock, known,
         )  # fmt: skip
 
     def declared(self, scene: Scene, is_first: bool, settings: Settings) -> tuple[Scene, tuple[str, ...]]:

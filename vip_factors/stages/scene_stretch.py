@@ -69,7 +69,8 @@ def _stretch(
     estimate = _with_starts(replace(estimate, findings=(*about_sensors, *estimate.findings)), names, wearers)
     sigmas = [np.array([one.calibration[name].mounting_sigma for name in one.sensors]) for one in estimate.wearers]
     shown = sum(any(len(each.seen[number]) for each in associated) for number in range(len(names)))
-    return shown, SceneCalibration.of(scene, fused, sigmas, corrections), estimate
+    found = SceneCalibration.of(scene, fused, associated[0].camera, sigmas, corrections)
+    return shown, found, estimate
 
 
 def _with_starts(estimate: SceneEstimate, names: Sequence[str], wearers: Sequence[Tracked]) -> SceneEstimate:

@@ -42,6 +42,7 @@ class SceneWindow:
         headings: of each wearer's sensors.
         detected_at: ``(N,)`` seconds of the first camera's detections.
         wearer: ``(N,)`` whom each of them shows, −1 for nobody.
+        is_placed: whether a camera at a known place saw a wearer: the world is that camera's.
         reports: of its solves.
         findings: on it.
     """
@@ -52,6 +53,7 @@ class SceneWindow:
     headings: tuple[Headings, ...]
     detected_at: Array
     wearer: np.ndarray
+    is_placed: bool = False
     reports: tuple[SolveReport, ...] = ()
     findings: tuple[str, ...] = ()
 
@@ -113,6 +115,7 @@ def solve_scene_window(
         tuple(Headings.of(*one) for one in zip(found.fused.model.wearers, found.fused.state.wearers, strict=True)),
         first.detections.time[first.detections.frame] + first.time_offset,
         wearer,
+        any(each.shows_somebody and each.camera.known_path is not None for each in found.associated),
         tuple(solver.reports),
         (*about_sensors, *_findings(measured, scene, found.associated, fine, estimates)),
     )
@@ -130,19 +133,20 @@ def _last(before: SceneWindow) -> tuple[CameraPath, float]:
 
 
 def _coarsely(
-    scene: Scene, trackers: Sequence[Tracked], begins: Sequence[Begin], last: tuple[CameraPath, float],
+    scene: Scene, trackers: Sequence[Tracked], begins: Sequence[Begin], last: tuple[CameraPath | None, float],
     settings: Settings, solver: Solver,
 ) -> _Coarse:  # fmt: skip
-    """Association and fusion; where no wearer is seen, before a camera that is where it was ``last``."""
+    """Association and fusion; a first camera that sees no wearer is where it was ``last``."""
     names = [one.subject.name for one in scene.wearers]
     motions = [motion_of(one.model, one.state, name) for one, name in zip(trackers, names, strict=True)]
     filmed_by = watch(scene, trackers, motions, settings, solver.telling("association"))
-    associated = of_use(filmed_by)
-    if not associated:
-        first = filmed_by[0]
-        camera = unseeing(first, *last, trackers[0].model.frames.time, settings)
-        associated = (replace(first, camera=camera),)
-        settings = replace(settings, fusion=replace(settings.fusion, rounds=1))  # who is seen is not found by a guess
+    associated = of_use(filmed_by) or tuple(each for each in filmed_by if each.camera.known_path is not None)
+    if not any(each.camera is scene.camera for each in associated):
+        first = unseeing(filmed_by[0].camera, *last, trackers[0].model.frames.time, settings)
+        if first.known_path is not None:
+            associated = (replace(filmed_by[0], camera=first), *associated)
+    if not any(each.shows_somebody for each in associated):  # who is seen is not to be found by a guess
+        settings = replace(settings, fusion=replace(settings.fusion, rounds=1))
     filmed = continued(start_filming(associated, trackers, settings), trackers, associated, begins, settings)
     fused, associated = fuse_in_rounds(filmed, associated, names, settings, solver)
     return _Coarse(fused, filmed, associated)

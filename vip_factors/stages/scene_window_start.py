@@ -122,20 +122,19 @@ def _from_before(tracked: Tracked, p_world_start: Array, seen: Array) -> Tracked
     return replace(tracked, model=replace(tracked.model, is_gauge=True), state=state)
 
 
-def unseeing(each: AssociatedCamera, path: CameraPath, heading: float, time: Array, settings: Settings) -> Camera:
+def unseeing(camera: Camera, path: CameraPath | None, heading: float, time: Array, settings: Settings) -> Camera:
     """A camera that sees no wearer in a window, where it was last: turned by its sensor, if it has one, and unmoved.
 
     Args:
-        each: it.
-        path: its, before.
+        camera: it.
+        path: its, before; None if it was nowhere.
         heading: radians, of the sensor on it.
         time: ``(T,)`` of the window's frames.
         settings: of windows.
     """
-    camera = each.camera
     if not camera.moving or camera.known_path is not None:
         return camera
-    there = path.at(time)
+    there = (path or CameraPath(time[:1], np.eye(3)[None], np.zeros((1, 3)))).at(time)
     valid, measured = inertial_orientations(camera_problem(camera, time, settings), len(time))
     if not valid.any():
         return replace(camera, known_path=there)

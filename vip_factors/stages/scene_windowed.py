@@ -106,11 +106,11 @@ def _windows(
     """Every window, in one world."""
     spans, before = plan.windows(), None
     first = source.head.cameras[0]
-    carried = first.moving and first.known_path is None and not calibration.is_world_known
+    carried = first.moving and first.known_path is None
     for number, span in enumerate(spans):
         own = Solver(stiff(settings), lambda stage, fraction: None, name=settings.solver)
         window = solve_scene_window(source, calibration, before, plan, span, settings, own)
-        if before is not None and carried:
+        if before is not None and carried and not window.is_placed:
             window = moved(window, before, settings.factors.floor_contact.use)
         reports = tuple(replace(one, stage=f"{one.stage}, window {number + 1}") for one in window.reports)
         window = before = replace(window, reports=reports)

@@ -1,7 +1,7 @@
 """What the estimators return: motion, calibration, how sure they are, and how the solve went. Plain data."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -296,3 +296,70 @@ class SceneEstimate:
     settings: Mapping[str, str] = field(default_factory=dict)
     detector: DetectorEstimate | None = None
     association: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ScenePart:
+    """Some consecutive frames of a scene's estimate that is made part by part.
+
+    Attributes:
+        first: number of the first of them.
+        wearers: of each, in the scene's order.
+        camera: at these frames; of one that stands still, with its one pose. None if it is nowhere.
+        wearer_of_detection: ``(N,)`` of the detections that follow those of the part before.
+        reports: of the solves that made them.
+    """
+
+    first: int
+    wearers: tuple[EstimatePart, ...]
+    camera: CameraEstimate | None
+    wearer_of_detection: np.ndarray
+    reports: tuple[SolveReport, ...] = ()
+
+
+@dataclass(frozen=True)
+class LongSceneEstimate:
+    """The estimate of a filmed scene that need not be in memory at once.
+
+    Attributes:
+        head: all but the frames: its wearers' motions have none, and its camera's path is the first pose.
+        camera_moves: whether the camera has a pose for each frame.
+        frames: how many there will be.
+        parts: in the order of time, made as they are asked for, once.
+        closed: the head, with what is known of the whole once all parts were made: findings, headings over time, who is
+            who.
+    """
+
+    head: SceneEstimate
+    camera_moves: bool
+    frames: int
+    parts: Iterator[ScenePart]
+    closed: Callable[[], SceneEstimate]
+
+    def whole(self) -> SceneEstimate:
+        """All parts together, in memory."""
+        parts = list(self.parts)
+        head = self.closed()
+        wearers = tuple(
+            LongEstimate(one, self.frames, iter([part.wearers[number] for part in parts])).whole()
+            for number, one in enumerate(head.wearers)
+        )
+        reports = (*head.reports, *(report for part in parts for report in part.reports))
+        cameras = [part.camera for part in parts if part.camera is not None]
+        camera = _whole_camera(cameras) if len(cameras) == len(parts) else None
+        return replace(head, wearers=wearers, camera=camera, reports=reports)
+
+
+def _whole_camera(parts: list[CameraEstimate]) -> CameraEstimate:
+    first = parts[0]
+    paths, covariances = [one.path for one in parts], [one.covariance for one in parts if one.covariance is not None]
+    moves = any(len(one) > 1 for one in paths)
+    residuals = [one.residual_px for one in parts if one.residual_px is not None]
+    return replace(
+        first,
+        path=CameraPath(
+            *(np.concatenate([getattr(one, name) for one in paths]) for name in vars(first.path))
+        ) if moves else first.path,
+        covariance=np.concatenate(covariances) if moves and len(covariances) == len(parts) else first.covariance,
+        residual_px=np.concatenate(residuals) if len(residuals) == len(parts) else None,
+    )  # fmt: skip

@@ -10,23 +10,25 @@ from threadpoolctl import threadpool_limits
 
 from vip_factors.assembly.objective import WearerObjective
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, LongEstimate, PoseCovariance, SceneEstimate
+from vip_factors.estimate import Estimate, LongEstimate, LongSceneEstimate, PoseCovariance, SceneEstimate
 from vip_factors.factor_graph.extra import ExtraFactors, UserTerms
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import resample
+from vip_factors.sensors.long_scene import LongScene, SceneInMemory
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.sampled import RecordingInMemory, SampledRecording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.solve.marginals import chain_marginals
-from vip_factors.stages.associated_cameras import of_use, watch_again
+from vip_factors.stages.associated_cameras import of_use
 from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.decode import decode, pose_covariance
 from vip_factors.stages.filming import start_filming
 from vip_factors.stages.first_association import first_association
-from vip_factors.stages.fusion import fuse, fuse_finely
+from vip_factors.stages.fusion import fuse_finely
+from vip_factors.stages.fusion_rounds import fuse_in_rounds
 from vip_factors.stages.heading_drift import drift_findings
 from vip_factors.stages.inertial import Tracked, at_frames, calibrated, inertial_tracker, inertial_trackers
 from vip_factors.stages.inertial_model import alone, kept, method_of, with_contacts
@@ -34,13 +36,16 @@ from vip_factors.stages.open_graph import factor_graph
 from vip_factors.stages.posture_findings import posture_findings
 from vip_factors.stages.reporting import scene_estimate, who_is_who
 from vip_factors.stages.scene_frames import scene_frames
+from vip_factors.stages.scene_stretch import stiff
+from vip_factors.stages.scene_windowed import covered, smooth_scene_windows
 from vip_factors.stages.sensor_checks import checked, checked_scene
 from vip_factors.stages.solver import Progress, Solver
 from vip_factors.stages.windowed import is_long, smooth_windows
 
-__all__ = ["factor_graph", "is_long", "smooth", "smooth_long", "smooth_scene"]
+__all__ = ["covered", "factor_graph", "is_long", "smooth", "smooth_long", "smooth_long_scene", "smooth_scene"]
 
 DEFAULT = Settings()
+UNSEEN = "no wearer was found in the video: the estimate is of the IMUs alone, without a camera"
 UNPLACED = "without a camera the wearers are not placed relative to one another"
 # NumPy multiplies thousands of small matrices here: a second thread in each product costs more than it brings, and
 # twice the time where another program wants the core.
@@ -107,6 +112,8 @@ def smooth_scene(
 ) -> SceneEstimate:  # fmt: skip
     """Reconstruct a scene: of its wearers' IMUs and of what its cameras saw, or of the IMUs alone.
 
+    A long one is solved in windows (:class:`~vip_factors.settings.WindowSettings`), unless there are extra factors.
+
     Args:
         scene: with or without cameras; one that never shows a wearer is left out, and a finding says so.
         settings: of all rooms.
@@ -119,27 +126,23 @@ def smooth_scene(
     """
     if scene.camera is None or not settings.fusion.use_camera:
         return _inertial(scene, settings, progress, (), extra_factors)
+    source = SceneInMemory(scene)
+    if extra_factors is None and not settings.calibration.from_truth and is_long(covered(source), settings):
+        long = smooth_long_scene(source, settings, progress)
+        if long is not None:
+            return long.whole()
     measured = scene
     scene, about_sensors = checked_scene(measured, settings)
-    stiff = replace(settings.solve, relative_decrease=settings.fusion.relative_decrease)
-    solver = _solver(settings, stiff, progress, extra_factors)
+    solver = _solver(settings, stiff(settings), progress, extra_factors)
     frames = scene_frames(scene, settings.frame_rate, settings.coarse_factor)
     wearers = inertial_trackers(scene, frames.coarse, settings, solver)
-    tell = solver.telling("association")
     names = [wearer.subject.name for wearer in scene.wearers]
     wearers, filmed_by = first_association(scene, wearers, settings, solver)
     associated = of_use(filmed_by)
     if not associated:
-        alone = "no wearer was found in the video: the estimate is of the IMUs alone, without a camera"
-        return _inertial(measured, settings, progress, (*who_is_who(scene, filmed_by), alone), extra_factors)
+        return _inertial(measured, settings, progress, (*who_is_who(scene, filmed_by), UNSEEN), extra_factors)
     filmed = start_filming(associated, wearers, settings)
-    fused = fuse(filmed, None, associated, settings, solver)
-    for _ in range(settings.fusion.rounds - 1):
-        associated = watch_again(associated, fused.camera_path, fused.clock, fused.motions(names), settings, tell)
-        fused = fuse(filmed, fused, associated, settings, solver)
-    for _ in range(settings.fusion.refits):
-        if not fused.is_settled():
-            fused = fuse(filmed, fused, associated, settings, solver)
+    fused, associated = fuse_in_rounds(filmed, associated, names, settings, solver)
     fine = fuse_finely(scene, filmed, fused, associated, frames.fine, settings, solver)
     estimate = scene_estimate(scene, fused, fine, associated, tuple(solver.reports), settings)
     told = tuple(
@@ -177,6 +180,29 @@ def smooth_long(
         findings = (*findings, UNPLACED)
     method = estimates[0].head.method
     return SceneEstimate(name, method, (), findings=findings, settings=flatten(settings)), estimates
+
+
+def smooth_long_scene(
+    source: LongScene, settings: Settings = DEFAULT, progress: Progress | None = None
+) -> LongSceneEstimate | None:
+    """Reconstruct a scene with a camera that need not fit into memory, window by window.
+
+    What all frames share is found now; windows are solved as the parts of the estimate are asked for.
+
+    Args:
+        source: the scene.
+        settings: of all rooms.
+        progress: called with the name of the stage and the fraction of it done.
+
+    Returns:
+        The estimate; None if no wearer was found in the video: each is to be reconstructed without it.
+
+    Raises:
+        InputError, RecordingError: for a scene that cannot be used.
+        SolveError: if the problem is not determined.
+    """
+    estimate = smooth_scene_windows(source, settings, progress or (lambda stage, fraction: None))
+    return None if estimate is None else replace(estimate, head=replace(estimate.head, settings=flatten(settings)))
 
 
 def _about_starts(names: Sequence[str], wearers: Sequence[Tracked]) -> Iterator[str]:

@@ -76,14 +76,16 @@ class WindowSettings:
     """How a long recording is solved without all of it in memory: in overlapping windows, after its calibration."""
 
     use: bool = True  # off: every recording is solved at once, in 0.4 MB a frame
-    # Of a recording without a camera: what is shorter is solved at once, in 8 GB or less.
+    # What is shorter is solved at once, in 8 GB or less of one wearer, and its sensors' clocks and accelerometers are
+    # looked over first, which wants the whole (of a scene with a camera: that stretch of it that calibrates).
     above_s: float = 300.0
     window_s: float = 60.0  # 3,600 frames, 1 GB; overlaps are solved twice, so shorter windows take longer
     # Windows settle from either end of it and meet in the middle: what lies beyond a window's end shows in its last
     # two seconds. Of 13 sensors, overlaps of 2 s left a millimetre and 0.2° in the motion, 6 s 0.06 mm and 0.004°.
     overlap_s: float = 6.0
     # Stretches, spread over the recording, of whose frames headings, mountings and the mean pose are found together:
-    # three minutes and 20 s, coarsely, take 1.5 GB.
+    # three minutes and 20 s, coarsely, take 1.5 GB. A scene with a camera is calibrated from as many seconds in one
+    # piece, which shows who is who: from its beginning, where a pose may be declared, or from where everybody is seen.
     calibration_stretches: int = 8
     calibration_stretch_s: float = 25.0
 

@@ -16,7 +16,7 @@ from vip_factors.estimate import SceneEstimate
 from vip_factors.settings import Settings
 
 if TYPE_CHECKING:
-    from vip_factors.estimate import EstimatePart, LongEstimate
+    from vip_factors.estimate import EstimatePart, LongEstimate, ScenePart
     from vip_factors.io.mcap_sampled import SampledScene
 
 
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 class SmoothOptions:
     """Reconstruct a recording: motion, headings and mountings of the sensors, as an estimate file.
 
-    With a camera in it: all wearers in one world, and the camera's path. Without: each wearer from the IMUs alone, and
-    what is longer than --windows.above-s window by window, in the memory of one.
+    With a camera in it: all wearers in one world, and the camera's path. Without: each wearer from the IMUs alone.
+    What is longer than --windows.above-s is solved window by window, in the memory of one.
 
     Every setting of the pipeline is an option; --settings reads them from a file, and options win over it.
     """
@@ -58,8 +58,10 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     out = options.out or beside(options.recording[0], ".estimate.mcap")
     check_target(out, options.overwrite)
     sampled = _in_windows(options.recording, options.tree)
-    if sampled is not None:
+    if sampled is not None and (not sampled.has_camera or not options.tree.fusion.use_camera):
         _smooth_windows(sampled, options, out)
+        return
+    if sampled is not None and _smooth_filmed_windows(sampled, options, out):
         return
     scene = read_scenes(options.recording)
     from vip_factors.pipeline import smooth_scene
@@ -80,16 +82,15 @@ def _in_windows(paths: Sequence[Path], settings: Settings) -> "SampledScene | No
         return None
     with warnings.catch_warnings(record=True) as told:
         sampled = open_sampled_parts(paths)
-    if sampled is None or (sampled.has_camera and settings.fusion.use_camera):
-        return None
-    if not any(is_long(one.interval, settings) for one in sampled.wearers):
+    if sampled is None or not any(is_long(one.interval, settings) for one in sampled.wearers):
         return None
     for one in told:  # else whoever reads it at once says so
         warnings.warn(one.message, stacklevel=2)
     return sampled
 
 
-def _smooth_windows(sampled: "SampledScene", options: SmoothOptions, out: Path) -> None:
+def _smooth_windows(sampled: "SampledScene", options: SmoothOptions, out: Path, findings: tuple[str, ...] = ()) -> None:
+    """Each wearer by the sensors alone; ``findings`` are told beside those of the estimates."""
     from vip_factors.cli.settings_file import flattened
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.io.mcap_long_estimate import write_long_estimate
@@ -100,7 +101,7 @@ def _smooth_windows(sampled: "SampledScene", options: SmoothOptions, out: Path) 
         settings = flattened(options.tree)
         counted = [_Counted(replace(one, head=replace(one.head, settings=settings))) for one in estimates]
         longs = [one.estimate for one in counted]
-        scene = replace(scene, settings=settings)
+        scene = replace(scene, settings=settings, findings=(*findings, *scene.findings))
         write_long_estimate(scene, longs, out, options.overwrite, sampled.wearers[0].head.start_ns)
     for one in counted:
         head = one.estimate.head
@@ -112,6 +113,38 @@ def _smooth_windows(sampled: "SampledScene", options: SmoothOptions, out: Path) 
     for finding in scene.findings:
         print(f"note: {finding}")
     print(out)
+
+
+def _smooth_filmed_windows(sampled: "SampledScene", options: SmoothOptions, out: Path) -> bool:
+    """Whether it was done: what cannot be read by time, or is short, is to be read at once."""
+    from vip_factors.cli.settings_file import flattened
+    from vip_factors.cli.terminal import progress_bar
+    from vip_factors.io.mcap_long_scene import filmed_scene
+    from vip_factors.io.mcap_long_scene_estimate import write_long_scene_estimate
+    from vip_factors.pipeline import UNSEEN, covered, is_long, smooth_long_scene
+
+    source, seconds = filmed_scene(sampled), list[float]()
+    if source is None or not is_long(covered(source), options.tree):
+        return False
+    with progress_bar() as tell:
+        estimate = smooth_long_scene(source, options.tree, tell)
+        if estimate is not None:
+            head = replace(estimate.head, settings=flattened(options.tree))
+            estimate = replace(estimate, head=head, parts=_timed(estimate.parts, seconds))
+            write_long_scene_estimate(estimate, out, options.overwrite, sampled.wearers[0].head.start_ns)
+    if estimate is None:
+        _smooth_windows(sampled, options, out, (UNSEEN,))
+    else:
+        _tell(estimate.closed(), estimate.frames, sum(seconds))
+        print(out)
+    return True
+
+
+def _timed(parts: "Iterator[ScenePart]", seconds: list[float]) -> "Iterator[ScenePart]":
+    """The parts, and seconds of the solves that made them."""
+    for part in parts:
+        seconds.append(sum(report.seconds for report in part.reports))
+        yield part
 
 
 class _Counted:
@@ -139,14 +172,15 @@ def _write(estimate: SceneEstimate, out: Path, overwrite: bool, start_ns: int) -
         write_scene_estimate(estimate, out, overwrite=overwrite, start_ns=start_ns)
 
 
-def _tell(estimate: SceneEstimate) -> None:
+def _tell(estimate: SceneEstimate, frames: int | None = None, seconds: float = 0.0) -> None:
+    """Of an estimate, or of one whose ``frames`` are not here and were solved in so many ``seconds`` more."""
     reports = [*estimate.reports, *(report for wearer in estimate.wearers for report in wearer.reports)]
-    seconds = sum(report.seconds for report in reports)
+    seconds += sum(report.seconds for report in reports)
     for wearer in estimate.wearers:
         motion = wearer.motion
+        count = len(motion) if frames is None else frames
         print(
-            f"{wearer.method}, {wearer.name}: {len(motion)} frames at {motion.rate:g} Hz from {len(wearer.sensors)} "
-            "sensors"
+            f"{wearer.method}, {wearer.name}: {count} frames at {motion.rate:g} Hz from {len(wearer.sensors)} sensors"
         )
     if estimate.camera is not None:
         given = int((estimate.wearer_of_detection >= 0).sum())

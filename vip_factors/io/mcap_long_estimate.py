@@ -7,7 +7,9 @@ from itertools import zip_longest
 
 from vip_factors.estimate import EstimatePart, LongEstimate, SceneEstimate
 from vip_factors.io.atomic import atomic_open
+from vip_factors.io.mcap_body import body_message
 from vip_factors.io.mcap_estimate import (
+    BODY,
     CALIBRATION,
     INFO,
     MOTION,
@@ -16,6 +18,7 @@ from vip_factors.io.mcap_estimate import (
     REPORT,
     RESIDUALS,
     SCENE,
+    SENSOR_PLACES,
     SINGLE,
     TRANSFORMS,
     info_message,
@@ -23,6 +26,7 @@ from vip_factors.io.mcap_estimate import (
     residual_messages,
 )
 from vip_factors.io.mcap_messages import calibration_message, motion_message, pose_messages
+from vip_factors.io.mcap_places import sensor_places_message
 from vip_factors.io.mcap_scene import point_messages, scene_wanted, shown_step, skeleton_scene, transform_messages
 from vip_factors.io.mcap_scene_estimate import INFO as SCENE_INFO
 from vip_factors.io.mcap_scene_estimate import WEARER, scene_info_message
@@ -59,7 +63,7 @@ def write_long_estimate(
     with atomic_open(path, "wb", overwrite) as file, MessageWriter(file, CHUNK_BYTES) as writer:
         if len(estimates) > 1:
             writer.write(SCENE_INFO, scene_info_message(scene, prefixes, start_ns), start_ns)
-        wearers = [_Wearer(writer, one, prefix, start_ns) for one, prefix in zip(estimates, prefixes, strict=True)]
+        wearers = [WearerWriter(writer, one, prefix, start_ns) for one, prefix in zip(estimates, prefixes, strict=True)]
         for parts in zip_longest(*(one.parts for one in estimates)):
             streams = [
                 stream
@@ -70,7 +74,7 @@ def write_long_estimate(
             writer.add_in_order(*streams)
 
 
-class _Wearer:
+class WearerWriter:
     """One wearer's topics; what comes once is written at the start."""
 
     def __init__(self, writer: MessageWriter, estimate: LongEstimate, prefix: str, start_ns: int) -> None:
@@ -81,6 +85,10 @@ class _Wearer:
         writer.write(prefix + INFO, info_message(head, start_ns), start_ns)
         writer.write(prefix + MOTION, motion, start_ns)
         writer.write(prefix + CALIBRATION, calibration_message(head.calibration), start_ns)
+        if head.body is not None:
+            writer.write(prefix + BODY, body_message(head.body), start_ns)
+        if head.sensor_places:
+            writer.write(prefix + SENSOR_PLACES, sensor_places_message(head.sensor_places), start_ns)
         for report in head.reports:
             writer.write(prefix + REPORT, report_message(report), start_ns)
         self._shown = scene_wanted(None, head.motion, estimate.frames)

@@ -15,6 +15,7 @@ from vip_factors.io.mcap_messages import is_ours, naming, of_topic
 from vip_factors.io.mcap_recording import IMU, recording_of
 from vip_factors.io.mcap_scene_recording import INFO, wearer_prefixes
 from vip_factors.io.mcap_writer import NS_PER_S
+from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
 from vip_factors.sensors.imu_stream import ImuStream
@@ -24,6 +25,7 @@ from vip_factors.sensors.sampled import LEAST_SAMPLES, SampledRecording
 
 TRUTH = "/truth/"
 ESTIMATE, CAMERA = "/estimate/", "/camera/"
+CAMERA_SCHEMAS = ("foxglove.CameraCalibration", "foxglove.PoseInFrame")  # not its images
 CLOCK_SLACK_S = 0.5  # between the time of a sample and that at which it was logged
 
 
@@ -95,7 +97,14 @@ class SampledFile:
             self.head.start_ns + round((one + slack) * NS_PER_S)
             for one, slack in ((start, -CLOCK_SLACK_S), (end, CLOCK_SLACK_S))
         )
-        contents = self.file.between(max(first, 0), last)
+        return self.among(self.file.between(max(first, 0), last), start, end)
+
+    def among(self, contents: McapContents, start: float, end: float) -> Mapping[str, ImuStream]:
+        """The same among messages that were read already.
+
+        Raises:
+            RecordingError, FileFormatError: if the samples are unusable.
+        """
         with naming(self.file.path):
             streams = read_streams(self.file.path, self.channels(contents), self.head.start_ns)
         found = {}
@@ -126,7 +135,7 @@ def open_sampled(path: str | os.PathLike[str]) -> SampledScene | None:
         InputError: if there is no such file.
         FileFormatError: if it is no MCAP file, or holds nothing of a recording.
     """
-    file = McapByTime(path, _comes_once, lambda channel: is_ours(channel, ImuSample))
+    file = McapByTime(path, _comes_once, _comes_in_time)
     messages = list(file.contents.messages.values())
     infos = of_topic(file.path, messages, INFO, SceneInfo)
     try:
@@ -162,5 +171,10 @@ def open_sampled_parts(paths: Sequence[str | os.PathLike[str]]) -> SampledScene 
 
 
 def _comes_once(channel: McapChannel) -> bool:
-    passed = channel.topic.startswith((ESTIMATE, CAMERA)) or TRUTH in channel.topic
-    return is_ours(channel) and not passed and not is_ours(channel, ImuSample)
+    passed = channel.topic.startswith(ESTIMATE) or TRUTH in channel.topic or _comes_in_time(channel)
+    of_camera = channel.topic.startswith(CAMERA) and channel.schema_name in CAMERA_SCHEMAS
+    return (is_ours(channel) or of_camera) and not passed
+
+
+def _comes_in_time(channel: McapChannel) -> bool:
+    return is_ours(channel, ImuSample) or is_ours(channel, Detections2D)

@@ -79,7 +79,7 @@ def write_scene_estimate(
         check_residuals(one)
     if not estimate.wearers:
         raise InputError(f"estimate '{estimate.name}' has no wearer: expected at least one")
-    prefixes = wearer_topics(_names(estimate), SINGLE, WEARER)
+    prefixes = wearer_prefixes(estimate)
     with estimate_file(path, overwrite, append_to, start_ns) as (writer, start_ns):
         writer.write(INFO, scene_info_message(estimate, prefixes, start_ns), start_ns)
         for report in estimate.reports:
@@ -110,38 +110,53 @@ def scene_info_message(estimate: SceneEstimate, prefixes: Sequence[str], start_n
     return info
 
 
-def _names(estimate: SceneEstimate) -> list[str]:
-    """A name for each wearer: the motion's, or where two have the same, their numbers."""
+def wearer_prefixes(estimate: SceneEstimate) -> list[str]:
+    """What each wearer's topics begin with: the motion's name, or where two have the same, their numbers."""
     names = [one.motion.name for one in estimate.wearers]
-    return names if len(set(names)) == len(names) else [str(number) for number in range(len(names))]
+    if len(set(names)) < len(names):
+        names = [str(number) for number in range(len(names))]
+    return wearer_topics(names, SINGLE, WEARER)
 
 
 def _camera_messages(
     writer: MessageWriter, camera: CameraEstimate, motion_time: Array, start_ns: int
 ) -> list[Iterable[TimedMessage]]:
     residual = camera.residual_px
+    write_camera(writer, camera, len(camera.path), 0 if residual is None else len(residual), start_ns)
+    streams = camera_path_messages(writer, camera, start_ns)
+    if residual is not None:
+        time = next((one for one in (camera.path.time, motion_time) if len(one) == len(residual)), motion_time[:1])
+        streams.append(camera_residual_messages(writer, residual, np.resize(time, len(residual)), start_ns))
+    return streams
+
+
+def write_camera(writer: MessageWriter, camera: CameraEstimate, poses: int, frames: int, start_ns: int) -> None:
+    """What comes once of a camera of which so many poses, and residuals of so many frames, will come in time."""
+    residual = camera.residual_px
     info = CameraEstimateInfo(
         name=camera.name,
         time_offset_s=camera.time_offset,
         time_drift=camera.time_drift,
         clock_sigma=camera.clock_sigma,
-        poses=len(camera.path),
+        poses=poses,
         has_residuals=residual is not None,
         wearers=residual.shape[1] if residual is not None else 0,
-        residual_frames=len(residual) if residual is not None else 0,
+        residual_frames=frames if residual is not None else 0,
     )
     writer.write(CAMERA_INFO, info, start_ns)
     writer.write(INTRINSICS, intrinsics_message(camera.model, camera.name, start_ns), start_ns)
     if camera.calibration is not None:
         writer.write(CALIBRATION, calibration_message({camera.name: camera.calibration}), start_ns)
-    streams: list[Iterable[TimedMessage]] = [
-        camera_pose_messages(writer, CAMERA_POSE, camera.path, start_ns, camera.covariance),
+
+
+def camera_path_messages(
+    writer: MessageWriter, camera: CameraEstimate, start_ns: int, first: int = 0
+) -> list[Iterable[TimedMessage]]:
+    """A camera's poses, the first of which has the number ``first``; and the same for viewers."""
+    return [
+        camera_pose_messages(writer, CAMERA_POSE, camera.path, start_ns, camera.covariance, first),
         path_messages(writer, CAMERA_PATH, camera.path, start_ns),
     ]
-    if residual is not None:
-        time = next((one for one in (camera.path.time, motion_time) if len(one) == len(residual)), motion_time[:1])
-        streams.append(_residual_messages(writer, residual, np.resize(time, len(residual)), start_ns))
-    return streams
 
 
 def camera_pose_messages(
@@ -168,10 +183,13 @@ def camera_pose_messages(
         yield time_ns, channel, message.SerializeToString()
 
 
-def _residual_messages(writer: MessageWriter, residual: Array, time: Array, start_ns: int) -> Iterator[TimedMessage]:
+def camera_residual_messages(
+    writer: MessageWriter, residual: Array, time: Array, start_ns: int, first: int = 0
+) -> Iterator[TimedMessage]:
+    """Reprojection errors ``(T, wearers)`` of frames at ``time`` ``(T,)``, numbered from ``first`` on."""
     channel = writer.channel(CAMERA_RESIDUALS, CameraResiduals)
-    for frame, time_ns in enumerate(nanoseconds(time, start_ns)):
-        message = CameraResiduals(frame=frame, pixels=residual[frame])
+    for row, time_ns in enumerate(nanoseconds(time, start_ns)):
+        message = CameraResiduals(frame=first + row, pixels=residual[row])
         set_timestamp(message.timestamp, time_ns)
         yield time_ns, channel, message.SerializeToString()
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vip_factors.body.keypoint_offsets import KeypointOffsets
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import SensorCalibration
@@ -69,6 +70,7 @@ class Camera:
         time_offset: seconds to add to the video's times to get the IMUs', at the video's time 0.
         time_drift: seconds more for every second of the video.
         video: to look at.
+        keypoint_offsets: where its detector puts its keypoints, if that was found before.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Camera:
     time_offset: float = 0.0
     video: Video | None = None
     time_drift: float = 0.0
+    keypoint_offsets: KeypointOffsets | None = None
 
     @property
     def clock(self) -> VideoClock:

@@ -161,7 +161,7 @@ def _first_path(
     if not camera.moving:
         path = standing_camera(seen, root)
         return path, _heading_on(path.at(time), problem)
-    valid, measured = _inertial_orientations(problem, len(time))
+    valid, measured = inertial_orientations(problem, len(time))
     if valid.any():
         return carried_camera(seen, root, time, interpolate_rotations(time[valid], measured, time))
     path = moving_camera(seen, root, time)
@@ -170,11 +170,11 @@ def _first_path(
 
 def _heading_on(path: CameraPath, problem: CameraProblem) -> float:
     """The heading of the camera's IMU that fits a path, radians; 0 without one."""
-    valid, measured = _inertial_orientations(problem, len(path))
+    valid, measured = inertial_orientations(problem, len(path))
     return robust_mean_angle(yaw_of(path.R_world_camera[valid] @ transpose(measured))) if valid.any() else 0.0
 
 
-def _inertial_orientations(problem: CameraProblem, frames: int) -> tuple[np.ndarray, Array]:
+def inertial_orientations(problem: CameraProblem, frames: int) -> tuple[np.ndarray, Array]:
     """In which frames ``(T,)`` the camera's IMU gave an orientation, and there ``R_inertial_camera`` ``(n, 3, 3)``."""
     if problem.imu is None:
         return np.zeros(frames, bool), np.zeros((0, 3, 3))

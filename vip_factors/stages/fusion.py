@@ -18,7 +18,7 @@ from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem,
 from vip_factors.problem.state import CameraState, DetectorState, SceneState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.frames import resample_streams
+from vip_factors.sensors.sampled import frames_of
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, Scene
 from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.settings import Settings
@@ -200,10 +200,10 @@ def at_full_rate(
     wearers, states = [], []
     found = zip(coarse.model.wearers, coarse.state.wearers, strict=True)
     for recording, tracked, (fused, own) in zip(scene.wearers, filmed.wearers, found, strict=True):
-        streams = [recording.imus[name] for name in tracked.model.frames.sensors]
         states.append(at_frames(own, before, time))
         bodied = _with_body_of(tracked.model, fused)
-        wearers.append(with_contacts(kept(bodied, resample_streams(streams, time)), states[-1], True))
+        frames = frames_of(recording.imus, tracked.model.frames.sensors, time)
+        wearers.append(with_contacts(kept(bodied, frames), states[-1], True))
     camera = replace(camera_problem(associated[0].camera, time, settings), free_clock=False)
     filming = coarse.state.camera
     camera = replace(camera, prior_heading=filming.heading)

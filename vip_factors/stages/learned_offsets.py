@@ -8,11 +8,13 @@ from vip_factors.sensors.scene import Camera
 
 
 def prior_offsets(camera: Camera, settings: KeypointOffsetSettings) -> KeypointOffsets | None:
-    """What was learnt of a camera's detector, where a file is named; None without one.
+    """What was found of a camera's detector before, or learnt of others where a file is named; None without either.
 
     Raises:
         FileFormatError, InputError: for a file that is none, or knows nothing of the camera's keypoints.
     """
+    if camera.keypoint_offsets is not None:
+        return camera.keypoint_offsets
     if settings.learned is None:
         return None
     known, name = read_keypoint_offsets(settings.learned).sets, camera.detections.keypoints.name

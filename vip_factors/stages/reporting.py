@@ -35,8 +35,8 @@ def scene_estimate(
 ) -> SceneEstimate:  # fmt: skip
     """The estimate: motions and camera of the full rate; bodies, and how sure what is shared is, of the coarse one."""
     assert scene.camera is not None
-    shared = _marginals_of_shared(coarse)
-    covariance = _covariance(coarse, fine) if settings.covariance else None
+    shared = marginals_of_shared(coarse)
+    covariance = full_rate_covariance(coarse, fine) if settings.covariance else None
     names = [wearer.subject.name for wearer in scene.wearers]
     wearers = tuple(
         replace(
@@ -83,7 +83,7 @@ def what_told(names: Sequence[str], association: Association) -> tuple[str, ...]
     )
 
 
-def _covariance(coarse: Fused, fine: Fused) -> SceneCovariance:
+def full_rate_covariance(coarse: Fused, fine: Fused) -> SceneCovariance:
     """How sure the poses of the full rate are: as sure as those of the nearest coarse frame.
 
     There headings and mountings are free: at the full rate they are kept, as if they were known. What is assumed of
@@ -100,7 +100,8 @@ def _covariance(coarse: Fused, fine: Fused) -> SceneCovariance:
     return covariance.at(np.searchsorted(middles, time))
 
 
-def _marginals_of_shared(fused: Fused) -> Mapping[int, Array] | None:
+def marginals_of_shared(fused: Fused) -> Mapping[int, Array] | None:
+    """How sure what all frames share is, by key; None if the data do not determine it."""
     objective = SceneObjective(fused.model)
     if not objective.static_keys:
         return {}

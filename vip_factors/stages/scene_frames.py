@@ -32,14 +32,33 @@ def scene_frames(scene: Scene, frame_rate: float, coarse_factor: int) -> SceneFr
         RecordingError: if the wearers share less than four coarse frames.
     """
     intervals = [wearer.interval for wearer in scene.wearers]
-    start, end = max(one[0] for one in intervals), min(one[1] for one in intervals)
+    interval = max(one[0] for one in intervals), min(one[1] for one in intervals)
+    first, rate, count = in_step(scene, interval, frame_rate, coarse_factor)
+    return SceneFrames(first + np.arange(count) / rate, coarse_factor)
+
+
+def in_step(
+    scene: Scene, interval: tuple[float, float], frame_rate: float, coarse_factor: int
+) -> tuple[float, float, int]:
+    """Frames within an interval (seconds) as :func:`scene_frames` places them: the first's seconds, rate and count.
+
+    Args:
+        scene: whose first camera's first video frames the frames are to meet.
+        interval: to cover.
+        frame_rate: Hz, about.
+        coarse_factor: every so-manieth frame is a coarse one: these are to meet video frames, not to lie between them.
+
+    Raises:
+        RecordingError: for less than four coarse frames.
+    """
+    start, end = interval
     rate, phase = frame_rate, start
     if scene.camera is not None and scene.camera.detections.rate > 0:
         video = scene.camera.detections.rate
         ratio = frame_rate / video
         rate = video * round(ratio) if ratio >= 1 else video / round(1 / ratio)
         phase = float(scene.camera.timed_detections.time[0])
-    first = phase + np.ceil((start - phase) * rate - 1e-6) / rate
+    first = phase + float(np.ceil((start - phase) * rate - 1e-6)) / rate
     if scene.camera is not None:  # coarse frames are to meet video frames, not to lie between them
         first += ((-round((first - phase) * rate)) % coarse_factor) / rate
     count = int(np.floor((end - first) * rate + 1e-6)) + 1
@@ -48,4 +67,4 @@ def scene_frames(scene: Scene, frame_rate: float, coarse_factor: int) -> SceneFr
             f"scene '{scene.name}': the sensors of all wearers together cover {max(end - start, 0.0):.2f} s: expected "
             f"{(3 * coarse_factor + 1) / rate:.2f} s or more"
         )
-    return SceneFrames(first + np.arange(count) / rate, coarse_factor)
+    return first, rate, count

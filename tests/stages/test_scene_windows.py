@@ -1,0 +1,190 @@
+"""Long scenes with a camera: windows against the whole, worlds joined, who is who, gaps, and memory."""
+
+import gc
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from filmed_gestures import QUICK, camera_of, filmed_gestures, without_detections
+from scene_sample import estimate_of, scene_sample
+
+from vip_factors.estimate import CameraEstimate, PoseCovariance, SceneEstimate, ScenePart
+from vip_factors.geometry.rotations import angle_between, rotation_z
+from vip_factors.initialise.suppositions import StartSettings
+from vip_factors.io.mcap_long_scene import filmed_scene
+from vip_factors.io.mcap_long_scene_estimate import write_long_scene_estimate
+from vip_factors.io.mcap_sampled import open_sampled
+from vip_factors.io.mcap_scene_estimate import read_scene_estimate
+from vip_factors.io.mcap_scene_recording import write_scene
+from vip_factors.pipeline import smooth_long_scene, smooth_scene
+from vip_factors.problem.scene import SceneProblem
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.scene import Scene
+from vip_factors.settings import CalibrationSettings, FusionSettings, WindowSettings
+from vip_factors.solve.levenberg_marquardt import SolveSettings
+from vip_factors.stages.scene_calibration import Headings
+from vip_factors.stages.scene_window_findings import GatheredFindings
+from vip_factors.stages.scene_window_join import moved, parts_of
+from vip_factors.stages.scene_window_solve import SceneWindow
+
+HASTY = replace(
+    QUICK,
+    frame_rate=10.0,
+    calibration=CalibrationSettings(start=StartSettings(search=False)),
+    fusion=FusionSettings(rounds=1, refits=0),
+    solve=SolveSettings(max_iterations=3),
+    windows=WindowSettings(
+        above_s=2.0, window_s=2.4, overlap_s=1.0, calibration_stretches=1, calibration_stretch_s=3.0
+    ),
+)
+
+
+def test_windows_are_as_the_whole() -> None:
+    """The same frames, wearers and detections, and a motion that is as near to the truth."""
+    scene = at_10_hz(filmed_gestures("fixed", seconds=4.5))
+    settings = replace(HASTY, covariance=True, windows=replace(HASTY.windows, calibration_stretch_s=9.0))
+    whole = smooth_scene(scene, replace(settings, windows=replace(HASTY.windows, use=False)))
+    estimate = smooth_scene(scene, settings)
+    assert [one.stage for one in estimate.reports if one.stage.startswith("video")] == [
+        "video-inertial fusion", *(f"video-inertial fusion, window {number}" for number in (1, 2, 3))
+    ]  # fmt: skip
+    (one,), (other,) = estimate.wearers, whole.wearers
+    assert (len(one.motion), one.motion.start, one.motion.rate) == (
+        len(other.motion), pytest.approx(other.motion.start), pytest.approx(other.motion.rate)
+    )  # fmt: skip
+    errors = [np.median(root_relative(each, scene)) for each in (estimate, whole)]
+    assert errors[0] < 1.2 * errors[1]
+    assert_nothing_leaps(estimate)
+    ratio = one.covariance.joint_sigma / other.covariance.joint_sigma
+    assert 0.7 < np.median(ratio) < 1.1
+    assert scene.truth is not None
+    assert estimate.wearer_of_detection.shape == scene.truth.wearer.shape
+    assert np.mean(estimate.wearer_of_detection == scene.truth.wearer) > 0.9
+    assert estimate.camera is not None
+    assert len(estimate.camera.path) == 1
+    assert estimate.camera.residual_px.shape == (len(one.motion), 1)
+
+
+def test_a_carried_camera_that_loses_everybody_from_file_to_file(tmp_path: Path) -> None:
+    """Two wearers keep their names over a window without a single detection of them, and nothing leaps."""
+    scene = at_10_hz(without_detections(filmed_gestures("walking", seconds=6.4, people=("anna", "ben")), 2.0, 5.0))
+    recording, out = tmp_path / "scene.mcap", tmp_path / "estimate.mcap"
+    write_scene(scene, recording)
+    sampled = open_sampled(recording)
+    assert sampled is not None
+    source = filmed_scene(sampled)
+    assert source is not None
+    long = smooth_long_scene(source, replace(HASTY, frame_rate=5.0))
+    assert long is not None
+    write_long_scene_estimate(replace(long, parts=lightly(long.parts)), out)
+    estimate = read_scene_estimate(out)
+    assert [one.name for one in estimate.wearers] == ["anna", "ben"]
+    assert estimate.camera is not None
+    assert len(estimate.camera.path) == len(estimate.wearers[0].motion) == long.frames
+    assert_nothing_leaps(estimate)
+    for one in estimate.wearers:
+        assert all(np.all(np.diff(own.heading_time) > 0) for own in one.calibration.values())
+    assert scene.truth is not None
+    surely = estimate.wearer_of_detection >= 0
+    assert surely.mean() > 0.5
+    assert np.mean(scene.truth.wearer[surely] == estimate.wearer_of_detection[surely]) > 0.9
+    assert any("from 2 to" in sentence or "from 3 to" in sentence for sentence in estimate.findings)
+
+
+def at_10_hz(scene: Scene) -> Scene:
+    """The scene with every third frame of its video, to save time."""
+    camera, truth = camera_of(scene), scene.truth
+    assert truth is not None
+    kept = camera.detections.frame % 3 == 0
+    own = camera.detections.select(kept)
+    detections = replace(own, time=own.time[::3], frame=own.frame // 3)
+    truth = replace(truth, wearer=truth.wearer[kept], pixels=None)
+    return replace(scene, camera=replace(camera, detections=detections), truth=truth)
+
+
+def lightly(parts: Iterator[ScenePart]) -> Iterator[ScenePart]:
+    """The parts, none of which needs more in memory than a few windows' solutions, and no window's problem."""
+    for part in parts:
+        kinds = Counter(type(one) for one in gc.get_objects())
+        assert kinds[SceneWindow] <= 4
+        assert kinds[SceneProblem] <= 2
+        yield part
+
+
+def root_relative(estimate: SceneEstimate, scene: Scene) -> np.ndarray:
+    """How far ``(T,)`` the joint that is worst is too near to the pelvis or too far from it, metres."""
+    motion, truth = estimate.wearers[0].motion, scene.wearers[0].truth
+    assert truth is not None
+    at = np.searchsorted(truth.motion.time, motion.time - 1e-6)
+    joints = [
+        one.state.p_world_joint[which] - one.p_world_pelvis[which][:, None]
+        for one, which in ((motion, slice(None)), (truth.motion, at))
+    ]
+    return np.abs(np.linalg.norm(joints[0], axis=2) - np.linalg.norm(joints[1], axis=2)).max(axis=1)
+
+
+def assert_nothing_leaps(estimate: SceneEstimate) -> None:
+    for one in estimate.wearers:
+        motion = one.motion
+        assert np.linalg.norm(np.diff(motion.p_world_pelvis, axis=0), axis=1).max() * motion.rate < 4.0  # m/s
+        turned = angle_between(motion.R_parent_child[1:, 0], motion.R_parent_child[:-1, 0])
+        assert np.rad2deg(turned.max()) * motion.rate < 500.0  # °/s
+
+
+def test_worlds_are_joined_exactly() -> None:
+    """Windows of a known scene, each turned and shifted: what is joined is where it was."""
+    truth = estimate_of(scene_sample(seconds=2.0))
+    motions, path = [one.motion for one in truth.wearers], truth.camera.path.at(truth.wearers[0].motion.time)
+    T = len(motions[0])
+    windows = list[SceneWindow]()
+    for number, span in enumerate((slice(0, 60), slice(40, 100), slice(80, T))):
+        yaw, shift = 0.7 * number, np.array([3.0 * number, -number, 0.0])
+        window = window_of(truth, span, path, yaw, shift)
+        windows.append(window if not windows else moved(window, windows[-1], True))
+    parts = list(parts_of(iter(windows)))
+    assert [part.first for part in parts] == [0, *np.cumsum([len(part.wearers[0].motion) for part in parts])[:-1]]
+    for number, motion in enumerate(motions):
+        found = [part.wearers[number].motion for part in parts]
+        for name in ("R_parent_child", "p_world_pelvis"):
+            together = np.concatenate([getattr(one, name) for one in found])
+            np.testing.assert_allclose(together, getattr(motion, name), atol=1e-9)
+        assert [one.start for one in found] == pytest.approx(
+            [motion.start + part.first / motion.rate for part in parts]
+        )
+    cameras = [part.camera for part in parts]
+    np.testing.assert_allclose(
+        np.concatenate([one.path.p_world_camera for one in cameras if one]), path.p_world_camera, atol=1e-9
+    )
+    np.testing.assert_array_equal(np.concatenate([part.wearer_of_detection for part in parts]), np.arange(T) % 3 - 1)
+    root = np.concatenate([part.wearers[0].covariance.root[:, 0, 0] for part in parts])
+    assert np.all(np.diff(root) >= -1e-12)  # as unsure as the windows before were
+
+
+def window_of(truth: SceneEstimate, span: slice, path: CameraPath, yaw: float, shift: np.ndarray) -> SceneWindow:
+    turn, wearers, T = rotation_z(yaw), [], span.stop - span.start
+    for one in truth.wearers:
+        motion = one.motion.frames(span)
+        R = motion.R_parent_child.copy()
+        R[:, 0] = turn @ R[:, 0]
+        motion = replace(motion, R_parent_child=R, p_world_pelvis=motion.p_world_pelvis @ turn.T + shift)
+        covariance = PoseCovariance(np.ones((T, 24, 3, 3)), np.arange(T)[:, None, None] * np.eye(3))
+        residuals = {kind: values[span] for kind, values in one.residuals.items()}
+        wearers.append(replace(one, motion=motion, covariance=covariance, residuals=residuals))
+    own = CameraPath(path.time[span], turn @ path.R_world_camera[span], path.p_world_camera[span] @ turn.T + shift)
+    camera = CameraEstimate("phone", truth.camera.model, own, None, None, np.zeros((T, 2)))
+    headings = tuple(Headings(own.time[[0, -1]], np.zeros((2, 1))) for _ in wearers)
+    return SceneWindow(span, tuple(wearers), camera, headings, own.time, np.arange(span.start, span.stop) % 3 - 1)
+
+
+def test_findings_are_told_once() -> None:
+    gathered = GatheredFindings(["known: 3 of 4 s"])
+    gathered.add(["known: 1 of 2 s", "odd by 3.5, 4.25 px", "odd by 9 px"], 0.0, 60.0)
+    gathered.add(["odd by 7 px", "other"], 54.0, 114.0)
+    assert gathered.sentences() == (
+        "known: 3 of 4 s",
+        "odd by 3.5, 4.25 px (from 0 to 60 s, and in 1 more windows)",
+        "other (from 54 to 114 s)",
+    )

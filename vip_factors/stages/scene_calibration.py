@@ -1,0 +1,192 @@
+"""What all frames of a long scene share, found from a stretch of it, and a scene that is declared to have it.
+
+Every window is then solved by the stages of a scene of its own: of wearers whose bodies, hinges and mountings are
+known, filmed by a camera whose detector is known, and, if it stands still, at a known pose.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vip_factors.body.hinge_estimate import hinge_estimates
+from vip_factors.body.keypoint_offsets import KeypointOffsets
+from vip_factors.geometry.rotations import Array
+from vip_factors.problem.state import WearerState
+from vip_factors.problem.wearer import WearerProblem
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.placement import Placement
+from vip_factors.sensors.recording import Recording, Subject
+from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.sensors.video_clock import VideoClock
+from vip_factors.settings import Settings
+from vip_factors.stages.fusion import Fused
+from vip_factors.stages.sensor_corrections import SensorCorrections
+from vip_factors.stages.video_drift import found_clock
+
+# Degrees, of a heading as the frames before have left it: as sure as a minute in front of a camera makes it.
+HEADING_DEG = 3.0
+
+
+@dataclass(frozen=True)
+class Headings:
+    """Of a wearer's sensors, over some time.
+
+    Attributes:
+        time: ``(K,)`` seconds of the knots; linear in between, and beyond them as at the nearest.
+        knots: ``(K, S)`` radians, not wrapped.
+    """
+
+    time: Array
+    knots: Array
+
+    @classmethod
+    def of(cls, model: WearerProblem, state: WearerState) -> "Headings":
+        """Those of a solution; constant ones have a knot in the middle of its frames."""
+        time = model.heading_knots if model.headings_walk else np.atleast_1d(np.mean(model.frames.time[[0, -1]]))
+        return cls(time, state.heading_knots[: len(time)])
+
+    def at(self, time: float) -> Array:
+        """``(S,)`` at an instant, seconds."""
+        return np.array([np.interp(time, self.time, column) for column in self.knots.T])
+
+
+@dataclass(frozen=True)
+class WearerCalibration:
+    """What all frames of a wearer share.
+
+    Attributes:
+        subject: with the body that was found.
+        placement: with mountings and places as found, of the sensors that are used.
+        headings: over the stretch.
+        drift_deg: ``(S,)`` degrees per √minute; empty where headings are constant.
+        sole: metres.
+        corrections: of the sensors.
+    """
+
+    subject: Subject
+    placement: Placement
+    headings: Headings
+    drift_deg: Array
+    sole: float
+    corrections: SensorCorrections
+
+    @classmethod
+    def of(
+        cls, recording: Recording, model: WearerProblem, state: WearerState, mounting_sigma: Array,
+        corrections: SensorCorrections,
+    ) -> "WearerCalibration":  # fmt: skip
+        """Of a solved stretch, whose body is the problem's; ``mounting_sigma`` ``(S, 3)`` radians, NaN if unknown."""
+        before, sensors = recording.subject, list(model.frames.sensors)
+        places = model.sensor_points.p_bone_point + state.sensor_places
+        sites = tuple(
+            site
+            if site.sensor not in sensors
+            else replace(
+                site,
+                p_bone_sensor=places[sensors.index(site.sensor)],
+                R_bone_sensor=state.R_bone_sensor[sensors.index(site.sensor)],
+                mounting_sigma=_size(mounting_sigma[sensors.index(site.sensor)], site.mounting_sigma),
+            )
+            for site in recording.placement.sites
+        )
+        found = hinge_estimates(state.hinges, model.hinge_prior.covariance)
+        subject = replace(before, skeleton=model.skeleton, length_prior=None, hinges=found)
+        sole = model.settings.sole.of(state.sole)
+        placement = replace(recording.placement, sites=sites)
+        return cls(subject, placement, Headings.of(model, state), model.heading_drift_deg, sole, corrections)
+
+
+@dataclass(frozen=True)
+class SceneCalibration:
+    """What all frames of a scene share.
+
+    Attributes:
+        wearers: in their order.
+        camera_path: of the first camera over the stretch; a single pose if it stands still. None if it is nowhere.
+        R_camera_imu: mounting of the sensor on it.
+        keypoint_offsets: of its detector.
+        clock: of the first camera's video.
+        is_world_known: whether the pose of a camera was given: the floor is at z = 0 then.
+    """
+
+    wearers: tuple[WearerCalibration, ...]
+    camera_path: CameraPath | None
+    R_camera_imu: Array
+    keypoint_offsets: KeypointOffsets
+    clock: VideoClock
+    is_world_known: bool
+
+    @classmethod
+    def of(
+        cls, scene: Scene, fused: Fused, filmed_by: Camera, mounting_sigmas: Sequence[Array],
+        corrections: Sequence[SensorCorrections],
+    ) -> "SceneCalibration":  # fmt: skip
+        """Of a stretch's coarse solution.
+
+        Args:
+            scene: the stretch.
+            fused: the solution.
+            filmed_by: the camera whose path it has: the first one, if that is of use.
+            mounting_sigmas: ``(S, 3)`` radians of each wearer, NaN if unknown.
+            corrections: of each wearer's sensors.
+        """
+        model, state = fused.model, fused.state
+        wearers = zip(scene.wearers, model.wearers, state.wearers, mounting_sigmas, corrections, strict=True)
+        offsets = KeypointOffsets(state.detector.keypoint_offsets, model.camera.prior_offsets.sigma)
+        known = any(camera.known_path is not None for camera in scene.cameras)
+        path = fused.camera_path if filmed_by is scene.camera else None
+        return cls(
+            tuple(WearerCalibration.of(*one) for one in wearers), path, state.camera.R_camera_imu, offsets,
+            found_clock(state.camera, model.camera.clock_middle, scene.cameras[0].clock), known,
+        )  # fmt: skip
+
+    def declared(
+        self, scene: Scene, is_first: bool, clock: VideoClock, settings: Settings
+    ) -> tuple[Scene, tuple[str, ...]]:
+        """A window of the scene with all this declared, its sensors put right, and sentences on these.
+
+        The first one begins with the wearers' declared poses. ``clock`` is that of the first camera's video.
+        """
+        found = [
+            known.corrections.applied(
+                replace(
+                    one, subject=known.subject, placement=known.placement,
+                    initial_pose=one.initial_pose if is_first else "none",
+                ),
+                settings,
+            )
+            for one, known in zip(scene.wearers, self.wearers, strict=True)
+        ]  # fmt: skip
+        assert scene.camera is not None
+        further = tuple(replace(one, keypoint_offsets=self.keypoint_offsets) for one in scene.further_cameras)
+        wearers, told = tuple(one for one, _ in found), tuple(sentence for _, own in found for sentence in own)
+        return replace(scene, wearers=wearers, camera=self._camera(scene.camera, clock), further_cameras=further), told
+
+    def _camera(self, camera: Camera, clock: VideoClock) -> Camera:
+        mount = camera.mount
+        if mount is not None:
+            mount = replace(mount, R_camera_imu=self.R_camera_imu)
+        known = camera.known_path if camera.moving or camera.known_path is not None else self.camera_path
+        return replace(
+            camera, mount=mount, known_path=known, keypoint_offsets=self.keypoint_offsets, time_offset=clock.offset,
+            time_drift=clock.drift,
+        )  # fmt: skip
+
+    def settings(self, settings: Settings) -> Settings:
+        """Those of windows: what is declared is kept, and headings are as sure as the frames before have left them."""
+        held = replace(
+            settings.calibration, estimate_mountings=False, estimate_body=False, estimate_hinges=False,
+            estimate_places=False, estimate_sole=False, estimate_keypoints=False,
+        )  # fmt: skip
+        factors, camera = settings.factors, settings.camera
+        least = min(HEADING_DEG, factors.heading_prior.least_sigma_deg)
+        factors = replace(factors, heading_prior=replace(factors.heading_prior, least_sigma_deg=least))
+        if not self.is_world_known:  # a camera that was found knows of no floor
+            camera = replace(camera, ground_contact=replace(camera.ground_contact, use=False))
+        return replace(settings, calibration=held, factors=factors, camera=camera)
+
+
+def _size(sigma: Array, otherwise: float) -> float:
+    """Root mean square of ``(3,)``, if known."""
+    return float(np.sqrt(np.mean(sigma**2))) if np.all(np.isfinite(sigma)) else otherwise

@@ -1,0 +1,181 @@
+"""A filmed scene of hours, window by window: each is solved as a scene of its own whose calibration is known.
+
+A window begins before the last one ends: there the wearers are where that has put them, and its headings are as that
+has left them. The world of a camera that stands still, or whose pose is known, is the same in all windows; before one
+that is carried, a window is moved to where the last one has its wearers and the camera.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vip_factors.estimate import CameraEstimate, Estimate, SolveReport
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.long_scene import LongScene
+from vip_factors.sensors.scene import Scene
+from vip_factors.settings import Settings
+from vip_factors.stages.associated_cameras import AssociatedCamera, of_use, watch
+from vip_factors.stages.decode import motion_of
+from vip_factors.stages.filming import Filmed, start_filming
+from vip_factors.stages.findings import find_oddities
+from vip_factors.stages.fusion import Fused, fuse_finely
+from vip_factors.stages.fusion_rounds import fuse_in_rounds
+from vip_factors.stages.inertial import Tracked
+from vip_factors.stages.reporting import full_rate_covariance, who_is_who
+from vip_factors.stages.scene_calibration import Headings, SceneCalibration
+from vip_factors.stages.scene_decode import SceneCovariance, decode_camera, decode_wearers
+from vip_factors.stages.scene_window_start import Begin, begun, continued, unseeing
+from vip_factors.stages.solver import Solver
+from vip_factors.stages.windows import WindowPlan
+
+
+@dataclass(frozen=True)
+class SceneWindow:
+    """A solved window.
+
+    Attributes:
+        frames: of the scene.
+        wearers: their estimates.
+        camera: its.
+        headings: of each wearer's sensors.
+        detected_at: ``(N,)`` seconds of the first camera's detections.
+        wearer: ``(N,)`` whom each of them shows, −1 for nobody.
+        is_placed: whether a camera at a known place saw a wearer: the world is that camera's.
+        reports: of its solves.
+        findings: on it.
+    """
+
+    frames: slice
+    wearers: tuple[Estimate, ...]
+    camera: CameraEstimate
+    headings: tuple[Headings, ...]
+    detected_at: Array
+    wearer: np.ndarray
+    is_placed: bool = False
+    reports: tuple[SolveReport, ...] = ()
+    findings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Coarse:
+    """A window solved on its coarse frames."""
+
+    fused: Fused
+    filmed: Filmed
+    associated: tuple[AssociatedCamera, ...]
+
+
+def solve_scene_window(
+    source: LongScene, calibration: SceneCalibration, before: SceneWindow | None, plan: WindowPlan, span: slice,
+    settings: Settings, solver: Solver,
+) -> SceneWindow:  # fmt: skip
+    """One window, in a world of its own if nothing ties it to the last one's.
+
+    Args:
+        source: the scene.
+        calibration: what all windows share.
+        before: the last one.
+        plan: of all.
+        span: its frames.
+        settings: of all.
+        solver: of the window.
+
+    Raises:
+        RecordingError: for samples that cannot be used.
+        SolveError: if its problem is not determined.
+    """
+    settings, time = calibration.settings(settings), plan.time(span)
+    measured = source.between(float(time[0]), float(time[-1]))
+    clock = calibration.clock if before is None else before.camera.clock
+    scene, about_sensors = calibration.declared(measured, span.start == 0, clock, settings)
+    coarse = time[:: plan.factor]
+    begins = [
+        Begin(known.headings) if before is None else _begin(before, number, span)
+        for number, known in enumerate(calibration.wearers)
+    ]
+    trackers = [
+        begun(recording, one.sensors, known, begin, coarse, settings, solver)
+        for recording, one, known, begin in zip(scene.wearers, source.wearers, calibration.wearers, begins, strict=True)
+    ]
+    last = (calibration.camera_path, 0.0) if before is None else _last(before)
+    found = _coarsely(scene, trackers, begins, last, settings, solver)
+    fine = fuse_finely(scene, found.filmed, found.fused, found.associated, time, settings, solver)
+    covariance = _covariance(scene, found.fused, fine) if settings.covariance else None
+    names = [one.subject.name for one in scene.wearers]
+    estimates = tuple(decode_wearers(names, "VIP", fine.model, fine.state, covariance))
+    first = measured.cameras[0]
+    wearer = np.full(len(first.detections), -1)
+    if found.associated[0].camera.name == first.name:
+        wearer = found.associated[0].association.wearer
+    return SceneWindow(
+        span,
+        estimates,
+        decode_camera(first.name, fine.model, fine.state, covariance, clock),
+        tuple(Headings.of(*one) for one in zip(found.fused.model.wearers, found.fused.state.wearers, strict=True)),
+        first.timed_detections.time[first.detections.frame],
+        wearer,
+        any(each.shows_somebody and each.camera.known_path is not None for each in found.associated),
+        tuple(solver.reports),
+        (*about_sensors, *_findings(measured, scene, found.associated, fine, estimates)),
+    )
+
+
+def _begin(before: SceneWindow, number: int, span: slice) -> Begin:
+    motion, first = before.wearers[number].motion, span.start - before.frames.start
+    pose = motion.R_parent_child[first], motion.p_world_pelvis[first]
+    return Begin(before.headings[number], *pose, float(motion.time[-1]))
+
+
+def _last(before: SceneWindow) -> tuple[CameraPath, float]:
+    camera = before.camera
+    return camera.path, 0.0 if camera.calibration is None else camera.calibration.heading
+
+
+def _coarsely(
+    scene: Scene, trackers: Sequence[Tracked], begins: Sequence[Begin], last: tuple[CameraPath | None, float],
+    settings: Settings, solver: Solver,
+) -> _Coarse:  # fmt: skip
+    """Association and fusion; a first camera that sees no wearer is where it was ``last``."""
+    names = [one.subject.name for one in scene.wearers]
+    motions = [motion_of(one.model, one.state, name) for one, name in zip(trackers, names, strict=True)]
+    filmed_by = watch(scene, trackers, motions, settings, solver.telling("association"))
+    associated = of_use(filmed_by) or tuple(each for each in filmed_by if each.camera.known_path is not None)
+    if not any(each.camera is scene.camera for each in associated):
+        first = unseeing(filmed_by[0].camera, *last, trackers[0].model.frames.time, settings)
+        if first.known_path is not None:
+            associated = (replace(filmed_by[0], camera=first), *associated)
+    if not any(each.shows_somebody for each in associated):  # who is seen is not to be found by a guess
+        settings = replace(settings, fusion=replace(settings.fusion, rounds=1))
+    filmed = continued(start_filming(associated, trackers, settings), trackers, associated, begins, settings)
+    fused, associated = fuse_in_rounds(filmed, associated, names, settings, solver)
+    return _Coarse(fused, filmed, associated)
+
+
+def _covariance(scene: Scene, fused: Fused, fine: Fused) -> SceneCovariance:
+    """Of a window's poses, with mountings as sure as they were found."""
+    wearers = tuple(
+        replace(
+            model, free_mountings=True,
+            mounting_sigma=np.array([one.placement.site(name).mounting_sigma for name in model.frames.sensors]),
+        )
+        for one, model in zip(scene.wearers, fused.model.wearers, strict=True)
+    )  # fmt: skip
+    return full_rate_covariance(replace(fused, model=replace(fused.model, wearers=wearers)), fine)
+
+
+def _findings(
+    measured: Scene, scene: Scene, associated: Sequence[AssociatedCamera], fine: Fused, estimates: Sequence[Estimate]
+) -> list[str]:
+    """What is odd about a window, but for drift, which is of all of them; cameras are as they were given."""
+    given = {camera.name: camera for camera in measured.cameras}
+    associated = [replace(each, camera=given[each.camera.name]) for each in associated]
+    still = [
+        replace(one, calibration={
+            name: replace(own, heading_time=np.zeros(0), heading_path=np.zeros(0))
+            for name, own in one.calibration.items()
+        })
+        for one in estimates
+    ]  # fmt: skip
+    return [*who_is_who(scene, associated), *find_oddities(scene, associated, fine, still)]

@@ -1,0 +1,209 @@
+"""The estimate of a filmed scene that is solved window by window: calibrated from a stretch, then from end to end."""
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.estimate import CameraEstimate, Estimate, LongSceneEstimate, PoseCovariance, SceneEstimate, ScenePart
+from vip_factors.geometry.rotations import wrap_angle
+from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.long_scene import LongScene
+from vip_factors.settings import Settings
+from vip_factors.stages.heading_drift import drift_findings
+from vip_factors.stages.scene_calibration import Headings, SceneCalibration
+from vip_factors.stages.scene_frames import in_step
+from vip_factors.stages.scene_stretch import calibrate_scene, stiff
+from vip_factors.stages.scene_window_findings import GatheredFindings
+from vip_factors.stages.scene_window_join import moved, parts_of
+from vip_factors.stages.scene_window_solve import SceneWindow, solve_scene_window
+from vip_factors.stages.solver import Progress, Solver
+from vip_factors.stages.video_drift import DRIFTS, clock_findings
+from vip_factors.stages.windowed import WINDOWS
+from vip_factors.stages.windows import WindowPlan
+
+LOOK_S = 10.0  # s of video that tell its rate
+LEAST_CLOCKS = 2  # windows through whose clocks there is a line
+
+
+@dataclass
+class _Gathered:
+    """What windows teach of the whole, as they go by."""
+
+    findings: GatheredFindings
+    headings: list[list[Headings]] = field(default_factory=list)
+    wearer: list[np.ndarray] = field(default_factory=list)
+    clocks: list[tuple[float, float]] = field(default_factory=list)  # seconds of the video, and how late it is there
+
+
+def covered(source: LongScene) -> tuple[float, float]:
+    """Seconds from which and until when the sensors of all wearers measure."""
+    intervals = [one.interval for one in source.wearers]
+    return max(one[0] for one in intervals), min(one[1] for one in intervals)
+
+
+def smooth_scene_windows(source: LongScene, settings: Settings, progress: Progress) -> LongSceneEstimate | None:
+    """The estimate of a scene with a camera; calibrated now, and solved as its parts are asked for.
+
+    None if no wearer is found in the video, wherever it is looked for.
+
+    Raises:
+        InputError, RecordingError: for a scene that cannot be used; for samples, as parts are asked for.
+        SolveError: if the problem is not determined; likewise.
+    """
+    plan = scene_plan(source, settings)
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = calibrate_scene(source, plan, settings, progress)
+    if found is None:
+        return None
+    calibration, stretch = found
+    drift = set(_drifts(stretch.wearers))  # is of the whole to tell, and so is the video's
+    moves = source.head.cameras[0].moving
+    known = [one for one in stretch.findings if one not in drift and not one.startswith(DRIFTS)]
+    gathered = _Gathered(GatheredFindings(known), [[] for _ in source.wearers])
+    head = _head(source, stretch, plan)
+    parts = _parts(source, calibration, plan, settings, progress, gathered, head.camera is not None)
+
+    def closed() -> SceneEstimate:
+        return _closed(head, source, plan, gathered)
+
+    return LongSceneEstimate(head, moves, plan.frames, parts, closed)
+
+
+def scene_plan(source: LongScene, settings: Settings) -> WindowPlan:
+    """Windows of frames that are in step with the video.
+
+    Raises:
+        RecordingError: if the wearers share hardly any frame.
+    """
+    interval = covered(source)
+    look = source.video_start if np.isfinite(source.video_start) else interval[0]
+    video = source.between(look, look + LOOK_S)
+    first, rate, count = in_step(video, interval, settings.frame_rate, settings.coarse_factor)
+    own, factor = settings.windows, settings.coarse_factor
+    window, overlap = (factor * max(round(s * rate / factor), 2) for s in (own.window_s, own.overlap_s))
+    stretch = round(own.calibration_stretches * own.calibration_stretch_s * rate / factor)
+    return WindowPlan(first, rate, count, factor, window, overlap, 1, stretch)
+
+
+def _parts(
+    source: LongScene, calibration: SceneCalibration, plan: WindowPlan, settings: Settings, progress: Progress,
+    gathered: _Gathered, has_camera: bool,
+) -> Iterator[ScenePart]:  # fmt: skip
+    progress(WINDOWS, 0.0)
+    with threadpool_limits(limits=1, user_api="blas"):
+        windows = _windows(source, calibration, plan, settings, progress, gathered)
+        for part in parts_of(windows):
+            gathered.wearer.append(part.wearer_of_detection)
+            yield part if has_camera else replace(part, camera=None)
+
+
+def _windows(
+    source: LongScene, calibration: SceneCalibration, plan: WindowPlan, settings: Settings, progress: Progress,
+    gathered: _Gathered,
+) -> Iterator[SceneWindow]:  # fmt: skip
+    """Every window, in one world."""
+    spans, before = plan.windows(), None
+    first = source.head.cameras[0]
+    carried = first.moving and first.known_path is None
+    for number, span in enumerate(spans):
+        own = Solver(stiff(settings), lambda stage, fraction: None, name=settings.solver)
+        window = solve_scene_window(source, calibration, before, plan, span, settings, own)
+        if before is not None and carried and not window.is_placed:
+            window = moved(window, before, settings.factors.floor_contact.use)
+        reports = tuple(replace(one, stage=f"{one.stage}, window {number + 1}") for one in window.reports)
+        window = before = replace(window, reports=reports)
+        time = plan.time(span)
+        gathered.findings.add(window.findings, float(time[0]), float(time[-1]))
+        for own_headings, headings in zip(gathered.headings, window.headings, strict=True):
+            own_headings.append(headings)
+        gathered.clocks.append(_clock_in(window, float(time[0] + time[-1]) / 2))
+        progress(WINDOWS, (number + 1) / len(spans))
+        yield window
+
+
+def _head(source: LongScene, stretch: SceneEstimate, plan: WindowPlan) -> SceneEstimate:
+    """The estimate of the calibrating stretch without its frames."""
+    return replace(
+        stretch,
+        name=source.head.name,
+        wearers=tuple(_without_frames(one, plan) for one in stretch.wearers),
+        camera=_first_pose(stretch),
+        wearer_of_detection=np.zeros(0, int),
+    )
+
+
+def _without_frames(one: Estimate, plan: WindowPlan) -> Estimate:
+    none = replace(
+        one.motion, R_parent_child=one.motion.R_parent_child[:0], p_world_pelvis=one.motion.p_world_pelvis[:0],
+        rate=plan.rate, start=plan.start,
+    )  # fmt: skip
+    empty = None if one.covariance is None else PoseCovariance(np.zeros((0, JOINT_COUNT, 3, 3)), np.zeros((0, 3, 3)))
+    residuals = {kind: values[:0] for kind, values in one.residuals.items()}
+    return replace(one, motion=none, covariance=empty, residuals=residuals)
+
+
+def _closed(head: SceneEstimate, source: LongScene, plan: WindowPlan, gathered: _Gathered) -> SceneEstimate:
+    wearers = tuple(
+        replace(one, calibration=_calibration(one, headings))
+        for one, headings in zip(head.wearers, gathered.headings, strict=True)
+    )
+    last = float(plan.time(slice(plan.frames - 1, plan.frames))[0])
+    unseen = source.detected(-np.inf, plan.start), source.detected(float(np.nextafter(last, np.inf)), np.inf)
+    before, after = (np.full(count, -1) for count in unseen)
+    camera, first = _with_clock(head.camera, gathered.clocks), source.head.cameras[0]
+    clock = () if camera is None else clock_findings(first, camera, plan.frames / plan.rate)
+    return replace(
+        head,
+        wearers=wearers,
+        camera=camera,
+        wearer_of_detection=np.concatenate([before, *gathered.wearer, after]).astype(int),
+        findings=(*gathered.findings.sentences(), *_drifts(wearers), *clock),
+    )
+
+
+def _clock_in(window: SceneWindow, time: float) -> tuple[float, float]:
+    clock = window.camera.clock
+    own = (time - clock.offset) / (1 + clock.drift)
+    return own, clock.late(own)
+
+
+def _with_clock(camera: CameraEstimate | None, clocks: Sequence[tuple[float, float]]) -> CameraEstimate | None:
+    """The camera with a clock through what windows found of it."""
+    if camera is None or len(clocks) < LEAST_CLOCKS:
+        return camera
+    time, late = np.array(clocks).T
+    drift, offset = np.polyfit(time, late, 1)
+    return replace(camera, time_offset=float(offset), time_drift=float(drift))
+
+
+def _drifts(wearers: Sequence[Estimate]) -> Iterator[str]:
+    for one in wearers:
+        yield from drift_findings(f"wearer '{one.motion.name}'", one.calibration)
+
+
+def _first_pose(stretch: SceneEstimate) -> CameraEstimate | None:
+    camera = stretch.camera
+    if camera is None:
+        return None
+    path, residual = camera.path, camera.residual_px
+    path = CameraPath(path.time[:1], path.R_world_camera[:1], path.p_world_camera[:1])
+    return replace(camera, path=path, covariance=None, residual_px=None if residual is None else residual[:0])
+
+
+def _calibration(one: Estimate, headings: Sequence[Headings]) -> dict[str, SensorCalibration]:
+    """Headings over all windows: each has its own until the next one begins."""
+    kept = [own.time < after.time[0] for own, after in itertools.pairwise(headings)]
+    kept.append(np.ones(len(headings[-1].time), bool))
+    time = np.concatenate([own.time[which] for own, which in zip(headings, kept, strict=True)])
+    knots = np.concatenate([own.knots[which] for own, which in zip(headings, kept, strict=True)])
+    found = {}
+    for sensor, path in zip(one.sensors, knots.T, strict=True):
+        heading = float(wrap_angle(path[0]))
+        moves = {"heading_time": time, "heading_path": heading + path - path[0]} if len(time) > 1 else {}
+        found[sensor] = replace(one.calibration[sensor], heading=heading, **moves)
+    return found

@@ -8,7 +8,8 @@ from vip_factors.sensors.scene import Camera
 from vip_factors.sensors.video_clock import VideoClock
 
 TOLD_S = 0.010  # over a recording: hands that swing at 2 m/s are 2 cm elsewhere
-SURE = 3.0  # standard deviations of a drift that is told
+OFF_S = 0.030  # a video frame at 30 Hz
+SURE = 3.0  # standard deviations of what is told
 
 
 def middle_of(camera: Camera) -> float:
@@ -23,11 +24,18 @@ def found_clock(state: CameraState, middle: float) -> VideoClock:
 
 
 def clock_findings(camera: Camera, found: CameraEstimate) -> Iterator[str]:
-    """A sentence about a video whose clock drifts from the sensors' further than the scene said."""
+    """Sentences about a video whose clock is off the sensors', or drifts from them, further than the scene said."""
     time = camera.detections.time
     drift = found.time_drift - camera.time_drift
     if not len(time) or found.clock_sigma is None:
         return
+    middle = float(time[0] + time[-1]) / 2
+    off = found.clock.late(middle) - camera.clock.late(middle)
+    if abs(off) > max(OFF_S, SURE * found.clock_sigma[0]):
+        yield (
+            f"the video's clock is {1e3 * off:+.0f} ± {1e3 * found.clock_sigma[0]:.0f} ms off what the scene says, and "
+            "was put right; if it is off by more than 100 ms, find its offset first (vip-factors sync)"
+        )
     seconds = drift * float(time[-1] - time[0])
     if abs(seconds) > TOLD_S and abs(drift) > SURE * found.clock_sigma[1]:
         yield (

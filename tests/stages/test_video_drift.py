@@ -26,7 +26,9 @@ def camera(seconds: float) -> Camera:
 
 def found(drift: float, sigma: float) -> CameraEstimate:
     still = CameraPath(np.zeros(1), np.eye(3)[None], np.zeros((1, 3)))
-    return CameraEstimate("camera", LENS, still, time_drift=drift, clock_sigma=(0.001, sigma))
+    middle = 150.0  # of the longer videos, where the offset is the scene's
+    offset = (1e-4 - drift) * middle
+    return CameraEstimate("camera", LENS, still, time_offset=offset, time_drift=drift, clock_sigma=(0.001, sigma))
 
 
 def test_a_drift_beyond_what_the_scene_said_is_told() -> None:
@@ -44,6 +46,12 @@ def test_little_or_unsure_drifts_are_not(seconds: float, drift: float, sigma: fl
 def test_nothing_is_said_of_a_clock_that_was_kept() -> None:
     kept = replace(found(3e-4, 1e-6), clock_sigma=None)
     assert list(clock_findings(camera(300.0), kept)) == []
+
+
+def test_an_offset_of_some_video_frames_is_told() -> None:
+    off = replace(found(1e-4, 1e-5), time_offset=0.08)
+    (told,) = clock_findings(camera(300.0), off)
+    assert "+80 ± 1 ms off what the scene says" in told
 
 
 def test_the_middle_is_on_the_sensors_clock() -> None:

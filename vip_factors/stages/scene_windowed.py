@@ -22,7 +22,7 @@ from vip_factors.stages.scene_window_findings import GatheredFindings
 from vip_factors.stages.scene_window_join import moved, parts_of
 from vip_factors.stages.scene_window_solve import SceneWindow, solve_scene_window
 from vip_factors.stages.solver import Progress, Solver
-from vip_factors.stages.video_drift import DRIFTS, clock_findings
+from vip_factors.stages.video_drift import CLOCK, clock_findings
 from vip_factors.stages.windowed import WINDOWS
 from vip_factors.stages.windows import WindowPlan
 
@@ -63,7 +63,7 @@ def smooth_scene_windows(source: LongScene, settings: Settings, progress: Progre
     calibration, stretch = found
     drift = set(_drifts(stretch.wearers))  # is of the whole to tell, and so is the video's
     moves = source.head.cameras[0].moving
-    known = [one for one in stretch.findings if one not in drift and not one.startswith(DRIFTS)]
+    known = [one for one in stretch.findings if one not in drift and not one.startswith(CLOCK)]
     gathered = _Gathered(GatheredFindings(known), [[] for _ in source.wearers])
     head = _head(source, stretch, plan)
     parts = _parts(source, calibration, plan, settings, progress, gathered, head.camera is not None)
@@ -156,7 +156,7 @@ def _closed(head: SceneEstimate, source: LongScene, plan: WindowPlan, gathered: 
     unseen = source.detected(-np.inf, plan.start), source.detected(float(np.nextafter(last, np.inf)), np.inf)
     before, after = (np.full(count, -1) for count in unseen)
     camera, first = _with_clock(head.camera, gathered.clocks), source.head.cameras[0]
-    clock = () if camera is None else clock_findings(first, camera, plan.frames / plan.rate)
+    clock = () if camera is None else clock_findings(first, camera, (plan.start, last))
     return replace(
         head,
         wearers=wearers,

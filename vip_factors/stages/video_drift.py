@@ -10,8 +10,9 @@ from vip_factors.sensors.scene import Camera
 from vip_factors.sensors.video_clock import VideoClock
 
 TOLD_S = 0.010  # over a recording: hands that swing at 2 m/s are 2 cm elsewhere
-SURE = 3.0  # standard deviations of a drift that is told
-DRIFTS = "the video's clock drifts from the sensors'"
+OFF_S = 0.030  # a video frame at 30 Hz
+SURE = 3.0  # standard deviations of what is told
+CLOCK = "the video's clock "
 
 
 def middle_of(camera: Camera) -> float:
@@ -25,22 +26,28 @@ def found_clock(state: CameraState, middle: float, supposed: VideoClock | None =
     return (supposed or VideoClock()).corrected(state.clock, state.clock_drift, middle)
 
 
-def clock_findings(camera: Camera, found: CameraEstimate, video_s: float | None = None) -> Iterator[str]:
-    """A sentence about a video whose clock drifts from the sensors' further than the scene said.
+def clock_findings(camera: Camera, found: CameraEstimate, video: tuple[float, float] | None = None) -> Iterator[str]:
+    """Sentences about a video whose clock is off the sensors', or drifts from them, further than the scene said.
 
     Args:
         camera: as the scene has it.
         found: as it was estimated.
-        video_s: length of the video, if the camera does not have all of its frames.
+        video: its seconds from and until, if the camera does not have all of its frames.
     """
-    if video_s is None:
-        video_s = float(np.ptp(camera.detections.time)) if len(camera.detections.time) else 0.0
-    drift = found.time_drift - camera.time_drift
-    if found.clock_sigma is None:
+    time = camera.detections.time if video is None else np.array(video)
+    if not len(time) or found.clock_sigma is None:
         return
-    seconds = drift * video_s
+    middle = float(time[0] + time[-1]) / 2
+    off = found.clock.late(middle) - camera.clock.late(middle)
+    if abs(off) > max(OFF_S, SURE * found.clock_sigma[0]):
+        yield (
+            f"{CLOCK}is {1e3 * off:+.0f} ± {1e3 * found.clock_sigma[0]:.0f} ms off what the scene says, and was put "
+            "right; if it is off by more than 100 ms, find its offset first (vip-factors sync)"
+        )
+    drift = found.time_drift - camera.time_drift
+    seconds = drift * float(time[-1] - time[0])
     if abs(seconds) > TOLD_S and abs(drift) > SURE * found.clock_sigma[1]:
         yield (
-            f"{DRIFTS} by {1e3 * seconds:+.0f} ms from its start to its end "
+            f"{CLOCK}drifts from the sensors' by {1e3 * seconds:+.0f} ms from its start to its end "
             f"({1e6 * drift:+.0f} ± {1e6 * found.clock_sigma[1]:.0f} ppm); the estimate follows it"
         )

@@ -10,6 +10,7 @@ from vip_factors.geometry.rotations import Array
 HEIGHT_BAND = 0.03  # m above the lowest point within which a point may bear the body: soles and floors are not flat
 SPEED_SCALE = 0.4  # m/s: a planted foot rolls slower than this, a swinging one moves at 2–4 m/s
 SMOOTHING = 0.1  # s over which confidence is averaged: a contact lasts longer than that
+ROUNDING = 1e-6  # frames: at 15 Hz it is one and a half of them, and the last digit of a time must not say one or two
 
 
 def contact_points(skeleton: Skeleton, sole: float = 0.0) -> tuple[tuple[int, Array], ...]:
@@ -51,5 +52,6 @@ def contact_confidence(body: BodyState, points: tuple[tuple[int, Array], ...], s
     speed = np.linalg.norm(velocity, axis=2)
     height = p[:, :, 2] - p[:, :, 2].min(axis=1, keepdims=True)
     confidence = np.exp(-0.5 * (speed / SPEED_SCALE) ** 2 - 0.5 * (height / HEIGHT_BAND) ** 2)
-    averaged = uniform_filter1d(confidence, max(1, round(SMOOTHING / step)), axis=0)
+    frames = max(1, round(SMOOTHING / step + ROUNDING))
+    averaged = uniform_filter1d(confidence, frames, axis=0)
     return np.clip(averaged, 0.0, 1.0)  # the running sum rounds to slightly below zero

@@ -21,7 +21,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.solve.marginals import chain_marginals
-from vip_factors.stages.associated_cameras import of_use, watch_again
+from vip_factors.stages.associated_cameras import look_again, of_use, watch_again
 from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.decode import decode, pose_covariance
 from vip_factors.stages.filming import start_filming
@@ -140,6 +140,7 @@ def smooth_scene(
     for _ in range(settings.fusion.refits):
         if not fused.is_settled():
             fused = fuse(filmed, fused, associated, settings, solver)
+    associated = look_again(associated, fused.camera_path, fused.motions(names), settings)
     fine = fuse_finely(scene, filmed, fused, associated, frames.fine, settings, solver)
     estimate = scene_estimate(scene, fused, fine, associated, tuple(solver.reports), settings)
     told = tuple(

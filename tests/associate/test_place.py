@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from association_samples import MODEL, Sample, scene
 
-from vip_factors.associate.associate import associate, make_context
+from vip_factors.associate.associate import Association, add_left_over, associate, make_context
 from vip_factors.associate.features import Context
 from vip_factors.associate.place import left_over
 from vip_factors.associate.settings import AssociationSettings
@@ -95,3 +95,16 @@ def test_three_joints_are_too_few(context: Context, sample: Sample) -> None:
 def test_a_wearer_who_was_hardly_ever_seen_has_no_place(context: Context, sample: Sample) -> None:
     seldom = np.where(sample.detections.frame < 5, sample.wearer, -1)
     assert np.array_equal(left_over(context, sample.camera, seldom), seldom)
+
+
+def test_those_left_over_are_added_when_places_are_known_better(sample: Sample) -> None:
+    N = len(sample.detections)
+    R, p = np.tile(np.eye(3), (N, 1, 1)), np.full((N, 3), np.nan)
+    before = Association(sure(sample), np.where(sure(sample) >= 0, 0.95, 0.0), R, p, np.full(N, np.nan))
+    found = add_left_over(before, sample.detections, MODEL, sample.motions, sample.camera)
+    assert np.array_equal(found.wearer, sample.wearer)
+    assert np.array_equal(found.by_place, before.wearer != found.wearer)
+    kept = add_left_over(
+        before, sample.detections, MODEL, sample.motions, sample.camera, AssociationSettings(by_place=False)
+    )
+    assert kept is before

@@ -106,6 +106,26 @@ def associate(
     return replace(result, findings=find_oddities(detections, context, odds, motions, result.wearer))
 
 
+def add_left_over(
+    association: Association, detections: Detections, model: CameraModel, motions: Sequence[Motion],
+    camera: CameraPath, settings: AssociationSettings | None = None,
+) -> Association:  # fmt: skip
+    """An association with the detections added that lie where wearers are found to be since.
+
+    Args:
+        association: of the same detections; what it gives stays.
+        detections, model, motions, camera, settings: as of :func:`associate`.
+    """
+    settings = settings or AssociationSettings()
+    if not settings.by_place:
+        return association
+    context = make_context(detections, model, motions, camera, None, fitted=False)
+    if context.camera is None:
+        return association
+    clothes = _clothes(context, detections, association.wearer) if settings.by_clothes else None
+    return _with_left_over(association, context, context.camera, settings.least_confidence, clothes)
+
+
 def _decided(
     context: Context, features: Array, odds: Array, logistic: Mapping[str, Logistic], settings: AssociationSettings,
     progress: Callable[[float], None] | None,
@@ -155,15 +175,15 @@ def _with_left_over(
         confidence=np.where(added, confidence, result.confidence),
         R_camera_world=np.where(added[:, None, None], R, result.R_camera_world),
         p_camera_world=np.where(added[:, None], p, result.p_camera_world),
-        by_place=added,
+        by_place=added | result.by_place if len(result.by_place) else added,
     )
 
 
 def make_context(
     detections: Detections, model: CameraModel, motions: Sequence[Motion], camera: CameraPath | None,
-    gravity_camera: Array | None,
+    gravity_camera: Array | None, fitted: bool = True,
 ) -> Context:  # fmt: skip
-    """Hypothesis cameras and tracklets of a recording. Arguments as :func:`associate`'s."""
+    """Hypothesis cameras, if they are to be fitted, and tracklets of a recording. Arguments as :func:`associate`'s."""
     F = len(detections.time)
     up = None
     if gravity_camera is not None:
@@ -173,8 +193,9 @@ def make_context(
             up = -gravity_camera / np.linalg.norm(gravity_camera, axis=1, keepdims=True)
     rays, weight = model.normalise(detections.pixels), used_confidence(detections)
     wearers = tuple(wearer_points(motion, detections.keypoints, detections.time) for motion in motions)
+    looked_at = detections if fitted else detections.select(np.zeros(len(detections), bool))
     return Context(
-        hypotheses=hypotheses(detections, rays, wearers),
+        hypotheses=hypotheses(looked_at, rays[: len(looked_at)], wearers),
         wearers=wearers,
         names=detections.keypoints.keypoints,
         rays=rays,

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.associate.associate import Association, associate
+from vip_factors.associate.associate import Association, add_left_over, associate
 from vip_factors.body.motion import Motion
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.camera import Sightings
@@ -72,6 +72,23 @@ def watch_again(
             each.camera.known_path if number else path, gravity_in_camera(each.camera, detections.time),
             _part(tell, number, len(associated)),
         )  # fmt: skip
+        again.append(replace(each, association=association))
+    return tuple(again)
+
+
+def look_again(
+    associated: Sequence[AssociatedCamera], path: CameraPath, clock: VideoClock, motions: Sequence[Motion],
+    settings: Settings,
+) -> tuple[AssociatedCamera, ...]:  # fmt: skip
+    """Detections that are nobody's added to whom they show by now, in the world of :func:`watch_again`."""
+    again = []
+    for number, each in enumerate(associated):
+        known = each.camera.known_path if number else path
+        association, detections = each.association, each.detections if number else each.detections.timed(clock)
+        if known is not None:
+            association = add_left_over(
+                association, detections, each.camera.model, motions, known, settings.association
+            )
         again.append(replace(each, association=association))
     return tuple(again)
 

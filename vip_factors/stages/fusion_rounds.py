@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from vip_factors.settings import Settings
-from vip_factors.stages.associated_cameras import AssociatedCamera, watch_again
+from vip_factors.stages.associated_cameras import AssociatedCamera, look_again, watch_again
 from vip_factors.stages.filming import Filmed
 from vip_factors.stages.fusion import Fused, fuse
 from vip_factors.stages.solver import Solver
@@ -32,4 +32,5 @@ def fuse_in_rounds(
     for _ in range(settings.fusion.refits):
         if not fused.is_settled():
             fused = fuse(filmed, fused, associated, settings, solver)
-    return fused, tuple(associated)
+    associated = look_again(associated, fused.camera_path, fused.clock, fused.motions(names), settings)
+    return fused, associated

@@ -11,24 +11,26 @@ import pytest
 from filmed_gestures import QUICK, camera_of, filmed_gestures, without_detections
 from scene_sample import estimate_of, scene_sample
 
-from vip_factors.estimate import CameraEstimate, PoseCovariance, SceneEstimate, ScenePart
+from vip_factors import pipeline
+from vip_factors.cli.main import main
+from vip_factors.estimate import CameraEstimate, LongSceneEstimate, PoseCovariance, SceneEstimate, ScenePart
 from vip_factors.geometry.rotations import angle_between, rotation_z
 from vip_factors.initialise.suppositions import StartSettings
-from vip_factors.io.mcap_long_scene import filmed_scene
-from vip_factors.io.mcap_long_scene_estimate import write_long_scene_estimate
-from vip_factors.io.mcap_sampled import open_sampled
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.io.mcap_scene_recording import write_scene
-from vip_factors.pipeline import smooth_long_scene, smooth_scene
+from vip_factors.pipeline import smooth_scene
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.long_scene import LongScene
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import CalibrationSettings, FusionSettings, WindowSettings
+from vip_factors.settings import CalibrationSettings, FusionSettings, Settings, WindowSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.scene_calibration import Headings
 from vip_factors.stages.scene_window_findings import GatheredFindings
 from vip_factors.stages.scene_window_join import moved, parts_of
 from vip_factors.stages.scene_window_solve import SceneWindow
+from vip_factors.stages.scene_windowed import smooth_scene_windows
+from vip_factors.stages.solver import Progress
 
 HASTY = replace(
     QUICK,
@@ -40,13 +42,20 @@ HASTY = replace(
         above_s=2.0, window_s=2.4, overlap_s=1.0, calibration_stretches=1, calibration_stretch_s=3.0
     ),
 )
+# The same, and half as many frames.
+OPTIONS = (
+    "--frame-rate", "5", "--coarse-factor", "1", "--calibration.start.no-search", "--fusion.rounds", "1",
+    "--fusion.refits", "0", "--solve.max-iterations", "3", "--windows.above-s", "2", "--windows.window-s", "2.4",
+    "--windows.overlap-s", "1", "--windows.calibration-stretches", "1", "--windows.calibration-stretch-s", "3",
+)  # fmt: skip
 
 
-def test_windows_are_as_the_whole() -> None:
+def test_windows_are_as_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same frames, wearers and detections, and a motion that is as near to the truth."""
     scene = at_10_hz(filmed_gestures("fixed", seconds=4.5))
     settings = replace(HASTY, covariance=True, windows=replace(HASTY.windows, calibration_stretch_s=9.0))
     whole = smooth_scene(scene, replace(settings, windows=replace(HASTY.windows, use=False)))
+    monkeypatch.setattr(pipeline, "smooth_scene_windows", lightly)
     estimate = smooth_scene(scene, settings)
     assert [one.stage for one in estimate.reports if one.stage.startswith("video")] == [
         "video-inertial fusion", *(f"video-inertial fusion, window {number}" for number in (1, 2, 3))
@@ -68,22 +77,19 @@ def test_windows_are_as_the_whole() -> None:
     assert estimate.camera.residual_px.shape == (len(one.motion), 1)
 
 
-def test_a_carried_camera_that_loses_everybody_from_file_to_file(tmp_path: Path) -> None:
+def test_a_carried_camera_that_loses_everybody_from_file_to_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Two wearers keep their names over a window without a single detection of them, and nothing leaps."""
     scene = at_10_hz(without_detections(filmed_gestures("walking", seconds=6.4, people=("anna", "ben")), 2.0, 5.0))
     recording, out = tmp_path / "scene.mcap", tmp_path / "estimate.mcap"
     write_scene(scene, recording)
-    sampled = open_sampled(recording)
-    assert sampled is not None
-    source = filmed_scene(sampled)
-    assert source is not None
-    long = smooth_long_scene(source, replace(HASTY, frame_rate=5.0))
-    assert long is not None
-    write_long_scene_estimate(replace(long, parts=lightly(long.parts)), out)
+    assert main(["smooth", str(recording), "--out", str(out), *OPTIONS]) == 0
     estimate = read_scene_estimate(out)
+    assert f"VIP, anna: {len(estimate.wearers[0].motion)} frames at 5 Hz" in capsys.readouterr().out
     assert [one.name for one in estimate.wearers] == ["anna", "ben"]
     assert estimate.camera is not None
-    assert len(estimate.camera.path) == len(estimate.wearers[0].motion) == long.frames
+    assert len(estimate.camera.path) == len(estimate.wearers[0].motion) == len(estimate.camera.residual_px)
     assert_nothing_leaps(estimate)
     for one in estimate.wearers:
         assert all(np.all(np.diff(own.heading_time) > 0) for own in one.calibration.values())
@@ -105,13 +111,18 @@ def at_10_hz(scene: Scene) -> Scene:
     return replace(scene, camera=replace(camera, detections=detections), truth=truth)
 
 
-def lightly(parts: Iterator[ScenePart]) -> Iterator[ScenePart]:
-    """The parts, none of which needs more in memory than a few windows' solutions, and no window's problem."""
-    for part in parts:
-        kinds = Counter(type(one) for one in gc.get_objects())
-        assert kinds[SceneWindow] <= 4
-        assert kinds[SceneProblem] <= 2
-        yield part
+def lightly(source: LongScene, settings: Settings, progress: Progress) -> LongSceneEstimate | None:
+    """Windows, of which no more is in memory while parts are made than a few solutions, and no problem."""
+
+    def watched(parts: Iterator[ScenePart]) -> Iterator[ScenePart]:
+        for part in parts:
+            kinds = Counter(type(one) for one in gc.get_objects())
+            assert kinds[SceneWindow] <= 4
+            assert kinds[SceneProblem] <= 2
+            yield part
+
+    estimate = smooth_scene_windows(source, settings, progress)
+    return None if estimate is None else replace(estimate, parts=watched(estimate.parts))
 
 
 def root_relative(estimate: SceneEstimate, scene: Scene) -> np.ndarray:

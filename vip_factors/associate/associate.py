@@ -137,17 +137,19 @@ def _decided(
     log_odds = verdict.log_odds(verdict_features(context, features[rows], odds[rows], programme, chosen))
     confidence = 1 / (1 + np.exp(-np.clip(log_odds, -50, 50)))
     sure = confidence >= settings.least_confidence
-    sure[sure] = ~_contradicted(context, rows[chosen][sure])
+    sure[sure] = ~_contradicted(context, rows[chosen][sure], odds)
     sure &= _seen_again(programme.wearer[chosen], sure, settings.least_choices)
     return _result(context, odds, rows[chosen][sure], confidence[sure], len(context.frame))
 
 
-def _contradicted(context: Context, rows: np.ndarray) -> np.ndarray:
+def _contradicted(context: Context, rows: np.ndarray, odds: Array) -> np.ndarray:
     """Of chosen hypotheses ``(C,)``, those of somebody else than whom the wearer's tracklet shows."""
     there = context.hypotheses.detection[rows]
     wearer = np.full(len(context.frame), -1)
     wearer[there] = context.hypotheses.wearer[rows]
-    wrong = contradicted(context.frame, context.track, wearer)
+    own = np.zeros(len(wearer))
+    own[there] = odds[rows]
+    wrong = contradicted(context.frame, context.track, wearer, own)
     wrong |= passing(context.track, np.where(wrong, -1, wearer), context.weight, context.rate)
     return wrong[there]
 
@@ -165,7 +167,7 @@ def _with_left_over(
 ) -> Association:
     """The same with the detections that lie where a wearer is."""
     wearer = left_over(context, camera, result.wearer, clothes)
-    added = (wearer != result.wearer) & ~contradicted(context.frame, context.track, wearer)
+    added = (wearer != result.wearer) & ~contradicted(context.frame, context.track, wearer, -result.unary)
     wearer = np.where(added, wearer, result.wearer)
     R = transpose(camera.R_world_camera)[context.frame]
     p = -(R @ camera.p_world_camera[context.frame][..., None])[..., 0]

@@ -1,40 +1,43 @@
 """A tracklet is one person: whoever is a wearer for long is not somebody else in between.
 
-Two people of one frame are two persons. If one's tracklet is found to be a wearer much more often than the other's,
-choices of that other one, made while both are in the picture, were mistakes: strangers move alike for a while.
+Two people of one frame are two persons. If one's tracklet is a wearer, the other's is not, then or at any other time:
+strangers move alike for a while, and in a pose that all hold nobody can be told apart.
 """
 
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
 
-MUCH_OFTENER = 2.0  # times: tracklets are linked where that is plain, and still a few hold two people
+MUCH_MORE = 2.0  # times the evidence: tracklets are linked where that is plain, and still a few hold two people
+BOTH_FRAMES = 5  # in which both are there and the one is chosen: links are blurred for a moment at crossings
+SURE, UNSURE = 12.0, 0.5  # log-odds of a single choice as evidence, at most and at least
 LEAST_SHARE = 0.2  # of a tracklet's whole people that must be the wearer: nobody is so for a moment only
 LONG_S = 1.0  # tracklets of which that is asked
 WHOLE = 0.75  # of the keypoints that the best tenth shows: half hidden people are not asked to be found by motion
 
 
-def contradicted(frame: np.ndarray, track: np.ndarray, wearer: np.ndarray) -> np.ndarray:
-    """Which choices ``(N,)`` another tracklet in the same frame, which is the wearer much oftener, speaks against.
+def contradicted(frame: np.ndarray, track: np.ndarray, wearer: np.ndarray, odds: Array) -> np.ndarray:
+    """Which choices ``(N,)`` are of tracklets beside which another one was the wearer, with much more evidence.
 
     Args:
         frame, track: ``(N,)`` video frame and tracklet of each detection.
         wearer: ``(N,)`` who was chosen, −1 for nobody.
+        odds: ``(N,)`` log-odds of each choice on its own; anything elsewhere, NaN too.
     """
     wrong = np.zeros(len(wearer), bool)
-    if not len(wearer):
+    if not np.any(wearer >= 0):
         return wrong
-    often = np.zeros((int(wearer.max()) + 1, int(track.max()) + 1), int)
-    np.add.at(often, (wearer[wearer >= 0], track[wearer >= 0]), 1)
-    first, last = np.full(often.shape[1], int(frame.max())), np.zeros(often.shape[1], int)
-    np.minimum.at(first, track, frame)
-    np.maximum.at(last, track, frame)
-    for w, own in enumerate(often):
-        rival = np.zeros(int(frame.max()) + 1, int)  # how often the oftenest tracklet that lasts over a frame is w
-        for k in np.flatnonzero((own > 0) & (own == often.max(axis=0))):
-            lasts = slice(first[k], last[k] + 1)
-            rival[lasts] = np.maximum(rival[lasts], own[k])
-        wrong |= (wearer == w) & (rival[frame] > MUCH_OFTENER * own[track])
+    evidence = np.zeros((int(wearer.max()) + 1, int(track.max()) + 1))
+    given = wearer >= 0
+    np.add.at(evidence, (wearer[given], track[given]), np.clip(np.nan_to_num(odds[given]), UNSURE, SURE))
+    theirs = (evidence > 0) & (evidence == evidence.max(axis=0))  # whose each tracklet is most
+    for w, own in enumerate(evidence):
+        rivals = [(own[k], frame[(track == k) & (wearer == w)]) for k in np.flatnonzero(theirs[w])]
+        for k in np.flatnonzero(own > 0):
+            there = frame[track == k]
+            beside = (np.sum((at >= there[0]) & (at <= there[-1])) for much, at in rivals if much > MUCH_MORE * own[k])
+            if any(count >= BOTH_FRAMES for count in beside):
+                wrong |= (wearer == w) & (track == k)
     return wrong
 
 

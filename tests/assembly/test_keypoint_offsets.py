@@ -26,7 +26,7 @@ def seen_with_offsets() -> tuple[SceneProblem, SceneState]:
     loose = KeypointOffsetSettings(10.0, 10.0, 10.0)
     settings = replace(settings, keypoint_offset=loose, reprojection=replace(settings.reprojection, loss=SQUARE))
     camera, views = replace(problem.camera, settings=settings, imu=None, free_clock=False), []
-    state = replace(state, camera=replace(state.camera, clock=0.0), detector=DetectorState())
+    state = replace(state, camera=replace(state.camera, clock=0.0, clock_drift=0.0), detector=DetectorState())
     R, centre = state.camera.poses.R_world_camera, state.camera.poses.p_world_camera
     for view, wearer, own in zip(problem.views, problem.wearers, state.wearers, strict=True):
         body = forward_kinematics(wearer.skeleton_at(own.body), own.R_parent_child, own.p_world_pelvis)
@@ -36,7 +36,7 @@ def seen_with_offsets() -> tuple[SceneProblem, SceneState]:
         points = view.body_points
         stretched = wearer.variation.of_points(wearer.skeleton, points.bones, points.p_bone_point) @ own.body
         p = body.points(np.array(points.bones), points.p_bone_point + stretched + shift)
-        views.append(replace(view, pixels=camera.model.project((p - centre[:, None]) @ R)))
+        views.append(replace(view, pixels=camera.model.project((p - centre[:, None]) @ R), clock=(0.0, 0.0)))
     return replace(problem, camera=camera, views=tuple(views)), state
 
 

@@ -66,6 +66,7 @@ def test_in_real_time_answers_have_an_age(scene: Scene) -> None:
     assert "age of answers" in latency_table(result)
 
 
+@pytest.mark.slow
 def test_gtsams_smoothers_are_timed_on_the_same_factors(scene: Scene) -> None:
     stream = LongStream(scene, TRIALS)
     times = run_references(stream, stream.setup, LiveSettings(lag_s=0.15), 2, lambda stage, fraction: None)

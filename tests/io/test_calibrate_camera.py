@@ -38,7 +38,10 @@ def exact_views(board: Checkerboard, where: list, sigma_px: float = 0.1, camera:
     return views
 
 
-@pytest.mark.parametrize("board", [CHECKERBOARD, CHARUCO], ids=["checkerboard", "charuco"])
+@pytest.mark.parametrize(
+    "board",
+    [pytest.param(CHECKERBOARD, id="checkerboard", marks=pytest.mark.slow), pytest.param(CHARUCO, id="charuco")],
+)
 def test_intrinsics_and_floor_from_images(tmp_path: Path, ray: np.ndarray, board) -> None:
     random = np.random.default_rng(0)
     for index, pose in enumerate(poses(board, 14, random)):

@@ -151,6 +151,7 @@ def two_cameras() -> Scene:
     return simulate_scene([Performer("anna", motion, preset("tnt10", motion.skeleton))], settings, seed=5)
 
 
+@pytest.mark.slow
 def test_two_cameras_tell_more_than_one() -> None:
     two = track(two_cameras())
     one = track(replace(two_cameras(), further_cameras=(), truth=None))

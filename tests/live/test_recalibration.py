@@ -69,6 +69,7 @@ def test_what_is_known_is_not_forgotten(anew: Tracked) -> None:
         assert np.rad2deg(abs(wrap_angle(after[name].heading - before[name].heading))) < 40
 
 
+@pytest.mark.slow
 def test_a_script_that_tracks_at_its_top_level_ends(tmp_path: Path) -> None:
     """No process may run a user's script again: it would track, and begin a process, and so on."""
     script = tmp_path / "session.py"

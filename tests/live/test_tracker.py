@@ -230,6 +230,7 @@ def test_a_known_camera_holds_the_wearer_in_place() -> None:
     assert align_yaw(late.p_world_pelvis, true) is not None
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow() -> None:
     scene = unfilmed(filmed_gestures("fixed", 3.0))
     tracker = FixedLagTracker(LiveSetup.of(scene), SETTINGS)

@@ -78,6 +78,7 @@ def test_everybody_visible_wears_no_imus() -> None:
     assert_imus_alone(estimate)
 
 
+@pytest.mark.slow
 def test_two_wearers_with_the_same_motion() -> None:
     estimate = smooth_scene(filmed_gestures(people=("anna", "bob"), in_step=True), HASTY)
     sentence(estimate, "'anna' and 'bob'", "cannot be told apart")

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 from filmed_gestures import QUICK, camera_of
 
 from vip_factors.estimate import SceneEstimate
@@ -74,6 +75,7 @@ def test_a_first_camera_that_shows_nobody_is_left_out() -> None:
     assert global_mm(scene, estimate) < 80
 
 
+@pytest.mark.slow
 def test_known_cameras_that_show_nobody_do_no_harm() -> None:
     scene = filmed("hand-held", cameras=2)
     blind = replace(scene, further_cameras=tuple(map(seeing_nobody, scene.further_cameras)), truth=None)

@@ -20,7 +20,8 @@ from vip_factors.geometry.rotations import Array
 class SlipSettings:
     """When the last seconds contradict what was known of a sensor."""
 
-    # of data that the calibration was found from, before anything is judged by it: that of five is 40° off at times.
+    # of data that the calibration was found from, before anything is judged by it, or it is called unsettled: that of
+    # five seconds is 40° off at times.
     learnt_s: float = 9.0
     windows_s: tuple[float, ...] = (1.0, 2.0, 4.0)  # a gesture shows a slip within one; a slow one takes longer
     # Directions in which the last seconds say less than this share of what is known by now are not judged.

@@ -139,7 +139,8 @@ class FixedLagTracker:
             if again is not None:
                 self._answers.begin_anew()
                 self._answers.find(*corrections(smoother, again.smoother, self._found.seconds))
-                self._tell_of_doubts(self._found.started)
+                if self._found.seconds >= self.settings.slip.learnt_s:
+                    self._tell_of_doubts(self._found.started)
                 self._learnt_s = max(self._learnt_s, self._found.seconds)
                 tracking, self._found = again, None
         self._recalibrator.begin(tracking.smoother.state(newest))
@@ -206,7 +207,7 @@ class FixedLagTracker:
         return answers
 
     def _tell_of_doubts(self, started: Started) -> None:
-        """Tell, once, of a calibration that is not settled; of a second of standing still that goes without saying."""
+        """Tell, once, of a calibration that is not settled; of seconds of standing still that goes without saying."""
         if not self._has_told_of_doubts:
             self._answers.find(*started.findings)
             self._has_told_of_doubts = bool(started.findings)

@@ -17,10 +17,11 @@ from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.frames import coarser
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.stages.associated_cameras import AssociatedCamera, of_use, watch, watch_again
-from vip_factors.stages.decode import motion_of
+from vip_factors.stages.associated_cameras import AssociatedCamera, of_use
 from vip_factors.stages.filming import Filmed, start_filming
-from vip_factors.stages.fusion import Fused, at_full_rate, fuse
+from vip_factors.stages.first_association import first_association
+from vip_factors.stages.fusion import Fused, at_full_rate
+from vip_factors.stages.fusion_rounds import fuse_in_rounds
 from vip_factors.stages.inertial import Tracked, at_frames, first_calibration, inertial_tracker
 from vip_factors.stages.inertial_model import kept, loosened, with_contacts
 from vip_factors.stages.solver import Solver
@@ -121,16 +122,12 @@ def _filmed(scene: Scene, wearers: Sequence[Tracked], settings: LiveSettings, so
     if not any(len(camera.detections) for camera in scene.cameras):
         return None
     names = [one.subject.name for one in scene.wearers]
-    motions = [motion_of(one.model, one.state, name) for one, name in zip(wearers, names, strict=True)]
-    associated = of_use(watch(scene, wearers, motions, settings, lambda fraction: None))
+    wearers, filmed_by = first_association(scene, wearers, settings, solver)
+    associated = of_use(filmed_by)
     if not associated:
         return None
     filmed = start_filming(associated, wearers, settings)
-    fused = fuse(filmed, None, associated, settings, solver)
-    for _ in range(settings.fusion.rounds - 1):
-        path, clock, motions = fused.camera_path, fused.clock, fused.motions(names)
-        associated = watch_again(associated, path, clock, motions, settings, lambda fraction: None)
-        fused = fuse(filmed, fused, associated, settings, solver)
+    fused, associated = fuse_in_rounds(filmed, associated, names, settings, solver)
     return CoarseSolution(scene, tuple(wearers), fused, filmed, tuple(associated))
 
 

@@ -5,9 +5,9 @@ import cv2
 import numpy as np
 import pytest
 
+from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
 from vip_factors.errors import InputError
 from vip_factors.viz.chart import tick_step
-from vip_factors.viz.mannequin import ESTIMATE_COLOURS, Side
 from vip_factors.viz.picture import filmstrip
 
 

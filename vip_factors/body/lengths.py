@@ -114,3 +114,11 @@ def _landmarks(offsets: Array, of: dict[str, float]) -> dict[str, Landmark]:
         points[f"{side}_toe_tip"] = Landmark(ball, np.array([0.0, sole, (1 - FOOT_BALL) * whole]))
         points[f"{side}_fingertip"] = Landmark(hand, np.array([x * tip, 0.0, 0.0]))
     return points
+
+
+def stature_of(skeleton: Skeleton) -> float:
+    """Stature in metres, or from the leg's length where a skeleton has no landmarks."""
+    if {"head_top", "left_heel"} <= set(skeleton.landmarks):
+        return skeleton.stature
+    thigh, shank = skeleton.bone_length("left_knee"), skeleton.bone_length("left_ankle")
+    return (thigh + shank) / LEGS

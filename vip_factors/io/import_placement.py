@@ -3,12 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
+from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import InputError
 from vip_factors.io.imported import ImportedLog
 from vip_factors.io.placement_file import SensorEntry
 from vip_factors.io.toml_values import nearest
-from vip_factors.sensors.placement import PRESETS, SITES, Placement, SensorSite, place, stature_of
+from vip_factors.sensors.placement import PRESETS, SITES, Placement, SensorSite, place
 from vip_factors.sensors.recording import DEFAULT_STATURE_M
 
 # A preset's name, or site → sensor name, or sensor name → entry of a placement file; None leaves it to the log.

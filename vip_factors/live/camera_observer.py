@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState
+from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.factors.adaptive_biweight import adaptive_biweight
 from vip_factors.factors.camera_pose import CameraPoses
@@ -13,7 +14,6 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.live.association import NOBODY, CameraPose, OnlineAssociation, OnlineAssociationSettings
 from vip_factors.problem.scene import CameraFactorSettings, KeypointView
 from vip_factors.sensors.live import LiveCamera, VideoFrame
-from vip_factors.sensors.placement import stature_of
 from vip_factors.stages.ground import ground_view, seen_feet
 from vip_factors.stages.views import AREA_OF_HEIGHT, RAYLEIGH_MEDIAN, pixel_sigma, points_on_body
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.body.lengths import LEGS
+from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import JOINT_NAMES, Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
@@ -211,11 +211,3 @@ def preset(
     names = sensors or {}
     sites = tuple(place(site, skeleton, names.get(site), mounting_sigma) for site in PRESETS[name])
     return Placement(sites, name)
-
-
-def stature_of(skeleton: Skeleton) -> float:
-    """Stature in metres, or from the leg's length where a skeleton has no landmarks."""
-    if {"head_top", "left_heel"} <= set(skeleton.landmarks):
-        return skeleton.stature
-    thigh, shank = skeleton.bone_length("left_knee"), skeleton.bone_length("left_ankle")
-    return (thigh + shank) / LEGS

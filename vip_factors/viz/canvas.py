@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vip_factors.body.mannequin import Colour
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.viz.mannequin import Colour
 from vip_factors.viz.new_file import new_file
 
 OVERSAMPLING = 3  # on top of OpenCV's own smoothing: thin curves stay even

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.body.mannequin import Colour
 from vip_factors.geometry.rotations import Array
 from vip_factors.viz.canvas import Canvas
 from vip_factors.viz.chart import GRID, LABEL, tick_step
-from vip_factors.viz.mannequin import Colour
 
 TEXT = 17
 

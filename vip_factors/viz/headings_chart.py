@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vip_factors.body.mannequin import Colour
 from vip_factors.viz.canvas import Canvas, mixed
 from vip_factors.viz.chart import GRID, LABEL, tick_step
 from vip_factors.viz.headings import HeadingRow
-from vip_factors.viz.mannequin import Colour
 
 INK: Colour = (40, 46, 58)
 TRUTH: Colour = (40, 46, 58)

@@ -3,10 +3,10 @@
 import numpy as np
 import rerun as rr
 
+from vip_factors.body.mannequin import Colour
 from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LiveEstimate, LiveWearerEstimate
 from vip_factors.sensors.live import LiveSetup
-from vip_factors.viz.mannequin import Colour
 from vip_factors.viz.rerun_body import time_column
 from vip_factors.viz.rerun_series import sensor_colours
 from vip_factors.viz.wearer_colours import wearer_colour

@@ -10,6 +10,7 @@ import numpy as np
 import rerun as rr
 
 from vip_factors.body.keypoints import KeypointSet
+from vip_factors.body.mannequin import Side
 from vip_factors.body.motion import Motion
 from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
@@ -19,7 +20,6 @@ from vip_factors.sensors.reprojection import keypoints_in_image
 from vip_factors.viz.compare import floor_height
 from vip_factors.viz.live_layout import live_blueprint
 from vip_factors.viz.live_series import LiveSeries
-from vip_factors.viz.mannequin import Side
 from vip_factors.viz.rerun_body import log_poses, log_sensors, log_shape
 from vip_factors.viz.rerun_camera import log_camera, log_camera_poses, log_frustum
 from vip_factors.viz.rerun_image import log_image_border, log_people_frames, log_people_style

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState
+from vip_factors.body.mannequin import ESTIMATE_COLOURS, SENSOR_COLOUR, TRUTH_COLOUR, Colour, Side, mannequin, part_of
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
@@ -15,7 +16,6 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.viz.canvas import Canvas, Rod, mixed
 from vip_factors.viz.chart import draw_chart
 from vip_factors.viz.compare import Compare, common_frames, floor_height, onto_truth, position_error_mm
-from vip_factors.viz.mannequin import ESTIMATE_COLOURS, SENSOR_COLOUR, TRUTH_COLOUR, Colour, Side, mannequin, part_of
 
 INK, SOFT_INK, WHITE = (40, 46, 58), (120, 128, 140), (255, 255, 255)
 GHOST = mixed(TRUTH_COLOUR, WHITE, 0.35)

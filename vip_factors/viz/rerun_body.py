@@ -6,13 +6,13 @@ import numpy as np
 import rerun as rr
 from rerun.components import FillMode
 
+from vip_factors.body.mannequin import SENSOR_COLOUR, Colour, Segment, Side, mannequin
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, Skeleton
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.placement import Placement
-from vip_factors.viz.mannequin import SENSOR_COLOUR, Colour, Segment, Side, mannequin
 
 TIMELINE = "time"
 SENSOR_HALF_SIZE_M = (0.022, 0.016, 0.007)  # a usual body-worn IMU's box: 45 × 32 × 14 mm

@@ -3,10 +3,10 @@
 import numpy as np
 import rerun as rr
 
+from vip_factors.body.mannequin import TRUTH_COLOUR, Colour
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.viz.mannequin import TRUTH_COLOUR, Colour
 from vip_factors.viz.rerun_body import TRAIL_RADIUS_M, time_column
 
 FRUSTUM_M = 0.6  # from the camera to its image plane as drawn: seen from afar, but not in front of the wearers

@@ -6,11 +6,11 @@ import numpy as np
 import rerun as rr
 
 from vip_factors.body.keypoints import KeypointSet
+from vip_factors.body.mannequin import Colour
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.scene import Video
 from vip_factors.viz.image_limbs import limb_pairs
-from vip_factors.viz.mannequin import Colour
 from vip_factors.viz.rerun_body import time_column
 
 BORDER_COLOUR: Colour = (82, 88, 98)

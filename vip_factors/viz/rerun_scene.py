@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
+from vip_factors.body.mannequin import TRUTH_COLOUR, Colour, Side
 from vip_factors.errors import InputError
 from vip_factors.estimate import SceneEstimate
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.compare import floor_height
-from vip_factors.viz.mannequin import TRUTH_COLOUR, Colour, Side
 from vip_factors.viz.rerun_body import log_body, log_sensors, log_trail
 from vip_factors.viz.rerun_camera import CAMERA_COLOUR, log_camera, log_camera_trail, log_true_camera
 from vip_factors.viz.rerun_image import log_image_border, log_people, log_video

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
+from vip_factors.body.mannequin import Colour
 from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.recording import Recording
-from vip_factors.viz.mannequin import Colour
 from vip_factors.viz.rerun_body import time_column
 
 # Seventeen tell-apart colours for up to seventeen sensors: hues in golden steps, three lightnesses.

@@ -7,13 +7,13 @@ from typing import Protocol
 import numpy as np
 import rerun as rr
 
+from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.sensors.recording import Recording
 from vip_factors.viz.compare import Compare, common_frames, floor_height, onto_truth, position_error_mm
 from vip_factors.viz.layout import blueprint
-from vip_factors.viz.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
 from vip_factors.viz.new_file import new_file
 from vip_factors.viz.rerun_body import log_body, log_rest_body, log_sensors, log_trail
 from vip_factors.viz.rerun_series import log_curve, log_measurements, log_residuals, sensor_colours

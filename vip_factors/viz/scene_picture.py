@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from vip_factors.body.mannequin import Colour
 from vip_factors.errors import InputError
 from vip_factors.estimate import SceneEstimate
 from vip_factors.geometry.rotations import Array
@@ -13,7 +14,6 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.viz.canvas import Canvas, mixed
 from vip_factors.viz.curves_chart import Curve, draw_curves
 from vip_factors.viz.image_limbs import limb_pairs
-from vip_factors.viz.mannequin import Colour
 from vip_factors.viz.scene_world import DrawnScene, drawn_scene
 from vip_factors.viz.video_frames import video_frames
 from vip_factors.viz.wearer_colours import STRANGER_COLOUR, UNCLAIMED, wearer_colour

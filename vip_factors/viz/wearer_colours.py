@@ -1,7 +1,7 @@
 """One colour per wearer, the same in the image, in the world and in every plot; nobody's is grey."""
 
+from vip_factors.body.mannequin import Colour, Side
 from vip_factors.viz.canvas import mixed
-from vip_factors.viz.mannequin import Colour, Side
 
 # Bright enough on a dark video, dark enough on white paper, and apart for the common kinds of colour blindness
 # (after Okabe & Ito's set).

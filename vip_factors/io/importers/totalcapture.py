@@ -11,6 +11,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from vip_factors.body.lengths import stature_of
 from vip_factors.body.motion import Motion
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
@@ -28,7 +29,7 @@ from vip_factors.io.importers.totalcapture_files import (
     sensors_file,
 )
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import SITES, Placement, SensorSite, place, stature_of
+from vip_factors.sensors.placement import SITES, Placement, SensorSite, place
 
 FORMAT = "totalcapture"
 

@@ -5,9 +5,9 @@ from enum import StrEnum
 
 import numpy as np
 
+from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import JOINT_NAMES, Skeleton, joint_index
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.placement import stature_of
 
 
 class Side(StrEnum):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.mannequin import Side, mannequin
 from vip_factors.body.skeleton import JOINT_COUNT, PARENTS
-from vip_factors.viz.mannequin import Side, mannequin
 
 
 def test_segments_reach_every_joint_and_mirror() -> None:

@@ -23,6 +23,7 @@ COMMANDS = {
     "graph": "draw the factor graph of a recording: variables and factors, by kind, with counts",
     "stream": "track sensors and detections as they arrive: a file that grows, the network, standard input",
     "evaluate": "compare an estimate with the truth",
+    "export": "write an estimate into files of other programs: the suffix tells the format",
     "view": "look at recordings and estimates in Rerun",
     "train": "learn the pose prior, or the weights of the association, from motions",
     "benchmark": "measure accuracy, association, honesty, speed and memory",

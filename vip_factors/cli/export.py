@@ -1,0 +1,43 @@
+"""``vip-factors export``: an estimate in the formats of other programs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from vip_factors.cli.options import Flag, parse
+from vip_factors.errors import InputError
+from vip_factors.io.export.settings import ExportSettings
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """Write an estimate into files of other programs; the suffix tells the format.
+
+    Several wearers in a format that holds one person get a file each: walk.npz becomes walk.Ada.npz and walk.Bea.npz.
+    """
+
+    files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE FILE [FILE …]")]
+    """Estimate (.mcap), and the files to write."""
+    overwrite: Flag = False
+    """Replace files that exist."""
+    settings: Annotated[ExportSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
+        default_factory=ExportSettings
+    )
+
+
+def main(prog: str, arguments: Sequence[str]) -> None:
+    """Run the command."""
+    options = parse(ExportOptions, prog, arguments)
+    if len(options.files) < 2:
+        raise InputError("expected an estimate and at least one file to write: vip-factors export ESTIMATE FILE …")
+    from vip_factors.io.export.files import export
+    from vip_factors.io.mcap_scene_estimate import read_scene_estimate
+
+    source, *targets = options.files
+    estimate = read_scene_estimate(source)
+    for target in targets:
+        for written in export(estimate, target, options.settings, options.overwrite):
+            print(written)

@@ -1,0 +1,1 @@
+"""Estimates in the formats of other programs: one file a format."""

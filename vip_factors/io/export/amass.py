@@ -1,0 +1,34 @@
+"""AMASS-style npz: SMPL-H pose vectors and root path, Z up, hands at rest."""
+
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.estimate import SceneEstimate
+from vip_factors.geometry.rotations import log
+from vip_factors.io.export.settings import ExportSettings
+from vip_factors.io.motions.amass import BODY_JOINTS, P_MODEL_PELVIS
+
+POSE_WIDTH = 156  # of SMPL-H: 22 joints of the body and 30 of the hands, three numbers each
+BETAS = 16
+
+
+def write_amass(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> None:
+    """Write one wearer's motion as ``poses`` ``(T, 156)`` rad, ``trans`` ``(T, 3)`` m, ``betas``, ``gender`` and rate.
+
+    The body itself is not SMPL's: ``betas`` are zero, of the mean shape, whose pelvis joint ``trans`` is counted from.
+    Turns of the two hand bones of SMPL have no place among those of SMPL-H.
+    """
+    motion = estimate.wearers[0].motion
+    poses = np.zeros((len(motion), POSE_WIDTH))
+    poses[:, : 3 * BODY_JOINTS] = log(motion.R_parent_child[:, :BODY_JOINTS]).reshape(len(motion), -1)
+    with path.open("wb") as file:
+        np.savez_compressed(
+            file,
+            poses=poses,
+            trans=motion.p_world_pelvis - P_MODEL_PELVIS,
+            betas=np.zeros(BETAS),
+            gender=np.array("neutral"),
+            mocap_framerate=np.array(motion.rate),
+            mocap_frame_rate=np.array(motion.rate),
+        )

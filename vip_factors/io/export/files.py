@@ -1,0 +1,91 @@
+"""The format of an exported file is told by its suffix."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import cast
+
+from vip_factors.errors import InputError
+from vip_factors.estimate import SceneEstimate
+from vip_factors.io.atomic import atomic_path, check_target
+from vip_factors.io.export.settings import ExportSettings
+
+Writer = Callable[[SceneEstimate, Path, ExportSettings], None]
+"""Writes all wearers of an estimate (one, if the format holds one person only) into a file."""
+
+
+@dataclass(frozen=True)
+class ExportFormat:
+    """A format that an estimate can be written in.
+
+    Attributes:
+        writer: ``module:function`` in this folder, imported when asked for; a :data:`Writer`.
+        holds: what of an estimate, in words.
+        several: whether one file holds several wearers.
+    """
+
+    writer: str
+    holds: str
+    several: bool = False
+
+    def load(self) -> Writer:
+        """The writer itself."""
+        module, _, function = self.writer.partition(":")
+        return cast(Writer, getattr(import_module(f"vip_factors.io.export.{module}"), function))
+
+
+FORMATS: dict[str, ExportFormat] = {
+    ".npz": ExportFormat("amass:write_amass", "poses and root path, as AMASS has them"),
+}
+
+
+def export(
+    estimate: SceneEstimate,
+    path: Path,
+    settings: ExportSettings = ExportSettings(),  # noqa: B008
+    overwrite: bool = False,
+) -> tuple[Path, ...]:
+    """Write an estimate into the format that the suffix of ``path`` names.
+
+    Args:
+        estimate: of one wearer or several.
+        path: the file; of several wearers in a format that holds one, ``walk.bvh`` becomes ``walk.Ada.bvh`` …
+        settings: what is written.
+        overwrite: whether files that exist may be replaced.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        InputError: for an unknown suffix or wearer, or a file that may not be written.
+    """
+    known = FORMATS.get(path.suffix.lower())
+    if known is None:
+        raise InputError(f"{path}: expected a file that ends in {', '.join(FORMATS)}")
+    chosen = _chosen(estimate, settings.wearer)
+    parts = [chosen] if known.several else [replace(chosen, wearers=(one,)) for one in chosen.wearers]
+    paths = file_names(path, parts)
+    for one in paths:
+        check_target(one, overwrite)
+    write = known.load()
+    for part, target in zip(parts, paths, strict=True):
+        with atomic_path(target, overwrite) as temporary:
+            write(part, temporary, settings)
+    return tuple(paths)
+
+
+def file_names(path: Path, parts: Sequence[SceneEstimate]) -> list[Path]:
+    """One name for each part: the path itself, or with the wearer's name before the suffix."""
+    if len(parts) == 1:
+        return [path]
+    return [path.with_name(f"{path.stem}.{part.wearers[0].name}{path.suffix}") for part in parts]
+
+
+def _chosen(estimate: SceneEstimate, wearer: str | None) -> SceneEstimate:
+    if wearer is None:
+        return estimate
+    names = [one.name for one in estimate.wearers]
+    if wearer not in names:
+        raise InputError(f"no wearer '{wearer}' in the estimate: expected one of {', '.join(names)}")
+    return replace(estimate, wearers=(estimate.wearers[names.index(wearer)],))

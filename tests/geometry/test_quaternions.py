@@ -103,3 +103,12 @@ def test_smooth_interpolation_goes_through_all_and_keeps_the_ends() -> None:
     assert smoothly < 0.02 * linearly
     np.testing.assert_allclose(interpolate_smoothly(time, R, [-1.0, 9.0]), R[[0, -1]], atol=1e-12)
     np.testing.assert_allclose(interpolate_smoothly([1.0], R[:1], [0.0, 2.0]), R[[0, 0]], atol=1e-12)
+
+
+def test_an_order_may_be_a_plain_string_and_another_word_is_refused() -> None:
+    R = exp(np.array([0.3, -0.2, 0.9]))
+    for order in Order:
+        assert np.array_equal(quaternion_from_matrix(R, order.value), quaternion_from_matrix(R, order))
+        assert np.allclose(matrix_from_quaternion(quaternion_from_matrix(R, order), order.value), R)
+    with pytest.raises(InputError, match="wxyz or xyzw"):
+        quaternion_from_matrix(R, "w-first")

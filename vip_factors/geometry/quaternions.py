@@ -20,11 +20,11 @@ class Order(StrEnum):
     XYZW = "xyzw"
 
 
-def matrix_from_quaternion(quaternion: ArrayLike, order: Order) -> Array:
+def matrix_from_quaternion(quaternion: ArrayLike, order: Order | str) -> Array:
     """Rotation matrices ``(..., 3, 3)`` of quaternions ``(..., 4)`` in the given order, normalised first.
 
     Raises:
-        InputError: where a quaternion is not of unit length within 5 %, or not finite.
+        InputError: where a quaternion is not of unit length within 5 %, or not finite; for an unknown order.
     """
     q = np.asarray(quaternion, dtype=float)
     norm = np.linalg.norm(q, axis=-1)
@@ -36,7 +36,7 @@ def matrix_from_quaternion(quaternion: ArrayLike, order: Order) -> Array:
             "check the columns and their order"
         )
     q = q / norm[..., None]
-    w, x, y, z = np.moveaxis(q if order is Order.WXYZ else np.roll(q, 1, axis=-1), -1, 0)
+    w, x, y, z = np.moveaxis(q if _scalar_first(order) else np.roll(q, 1, axis=-1), -1, 0)
     R = np.empty((*q.shape[:-1], 3, 3))
     R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = (
         1 - 2 * (y * y + z * z),
@@ -56,11 +56,22 @@ def matrix_from_quaternion(quaternion: ArrayLike, order: Order) -> Array:
     return R
 
 
-def quaternion_from_matrix(R: ArrayLike, order: Order) -> Array:
-    """Unit quaternions ``(..., 4)`` in the given order, scalar part not negative, of rotations ``(..., 3, 3)``."""
+def quaternion_from_matrix(R: ArrayLike, order: Order | str) -> Array:
+    """Unit quaternions ``(..., 4)`` in the given order, scalar part not negative, of rotations ``(..., 3, 3)``.
+
+    Raises:
+        InputError: for an unknown order.
+    """
     w, v = _quaternion_parts(np.asarray(R, dtype=float))
-    parts = [w[..., None], v] if order is Order.WXYZ else [v, w[..., None]]
+    parts = [w[..., None], v] if _scalar_first(order) else [v, w[..., None]]
     return np.concatenate(parts, axis=-1)
+
+
+def _scalar_first(order: Order | str) -> bool:
+    """Whether the scalar part stands first; a plain string of the same letters is taken too."""
+    if order not in list(Order):
+        raise InputError(f"order of a quaternion '{order}': expected {' or '.join(Order)}")
+    return order == Order.WXYZ
 
 
 def interpolate_rotations(time: ArrayLike, R: ArrayLike, query: ArrayLike) -> Array:

@@ -12,6 +12,7 @@ from vip_factors.initialise.sensor_delays import SensorClockSettings
 from vip_factors.initialise.suppositions import StartSettings
 from vip_factors.problem.scene import CameraFactorSettings
 from vip_factors.problem.wearer import FactorSettings
+from vip_factors.ranges import NotNegative, NotNegativeInt, check_ranges
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 LEAST_OVERLAPS = 2  # to a window: one at each end
@@ -45,7 +46,9 @@ class CalibrationSettings:
     # leaves 0.4° per degree of drift between knots 60 s apart); none: constant, as in the papers. Shorter recordings
     # than half of it have constant headings.
     heading_knot_s: float | None = 40.0
-    passes: int = 2  # coarse solves: foot contacts found with the first headings are found again with better ones
+    passes: NotNegativeInt = (
+        2  # coarse solves: foot contacts found with the first headings are found again with better ones
+    )
     from_truth: bool = False  # start from the recording's true calibration: for experiments
     start: StartSettings = field(default_factory=StartSettings)
 
@@ -59,7 +62,7 @@ class FusionSettings:
     # Rounds of association and fusion: the second knows camera, headings and mountings (thesis 4.3).
     rounds: int = 2
     # More solves at most, while the detector turns out much better than believed: true 2D poses, say.
-    refits: int = 2
+    refits: NotNegativeInt = 2
     # Foot contacts beside a camera that stands still or is known: it holds the root by itself, and contacts found in
     # running are wrong by centimetres. A moving camera needs them: they hold the world.
     contacts_with_standing_camera: bool = False
@@ -82,7 +85,7 @@ class WindowSettings:
     window_s: float = 60.0  # 3,600 frames, 1 GB; overlaps are solved twice, so shorter windows take longer
     # Windows settle from either end of it and meet in the middle: what lies beyond a window's end shows in its last
     # two seconds. Of 13 sensors, overlaps of 2 s left a millimetre and 0.2° in the motion, 6 s 0.06 mm and 0.004°.
-    overlap_s: float = 6.0
+    overlap_s: NotNegative = 6.0
     # Stretches, spread over the recording, of whose frames headings, mountings and the mean pose are found together:
     # three minutes and 20 s, coarsely, take 1.5 GB. A scene with a camera is calibrated from as many seconds in one
     # piece, which shows who is who: from its beginning, where a pose may be declared, or from where everybody is seen.
@@ -128,6 +131,9 @@ class Settings:
     windows: WindowSettings = field(default_factory=WindowSettings)
     # gtsam: GTSAM's own optimiser, on the same factors one by one: a hundred times slower, for seconds of a recording.
     solver: SolverName = SolverName.OWN
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 def flatten(settings: Settings) -> dict[str, str]:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vip_factors.errors import InputError
+from vip_factors.ranges import NotNegative, NotNegativeInt, Share
 
 
 @dataclass(frozen=True)
@@ -12,20 +13,20 @@ class AssociationSettings:
 
     gate: float = -5.0
     """Log-odds below which a hypothesis is not considered at all: one in 150."""
-    rivals: int = 3
+    rivals: NotNegativeInt = 3
     """Hypotheses kept per wearer and frame, the likeliest: the right one is hardly ever fourth."""
-    inter_weight: float = 0.16
+    inter_weight: NotNegative = 0.16
     """Weight of each edge between two frames: edges to neighbours tell nearly the same, so all of them together count
     like one."""
-    intra_weight: float = 0.5
+    intra_weight: NotNegative = 0.5
     """Weight of the edges between two wearers in a frame."""
     offsets: tuple[int, ...] = (1, 2, 4, 8, 16, 30)
     """Frames, at 30 per second, that edges span: up to a second (thesis 4.4.1), thinned as neighbours are alike."""
     window_s: float = 4.0
     """Seconds decided at once."""
-    overlap_s: float = 1.2
+    overlap_s: NotNegative = 1.2
     """Seconds decided again by the next window: more than the longest edge."""
-    least_confidence: float = 0.9
+    least_confidence: Share = 0.9
     """Choices less sure are dropped: a frame without a person costs little, a wrong person much."""
     least_choices: int = 3
     """Of a wearer who is surely seen in fewer frames, none is kept: a stranger moves alike for a moment."""

@@ -10,6 +10,9 @@ from vip_factors.body.skeleton import JOINT_COUNT, Skeleton
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 
+FASTEST_HZ = 1e6  # what is faster than a million frames a second is a mistake of units
+FARTHEST_M = 1e8  # nobody is farther from the origin than the Earth is wide, and its square is still a number
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -38,8 +41,15 @@ class Motion:
                 f"motion '{self.name}': rotations {self.R_parent_child.shape} and root {self.p_world_pelvis.shape}: "
                 "expected (T, 24, 3, 3) and (T, 3)"
             )
-        if not self.rate > 0:
+        if not 0 < self.rate <= FASTEST_HZ:
             raise InputError(f"motion '{self.name}': rate {self.rate} Hz: expected a positive number")
+        sound = np.isfinite(self.R_parent_child).all(axis=(1, 2, 3)) & (np.abs(self.p_world_pelvis) < FARTHEST_M).all(1)
+        if not np.all(sound):
+            at = int(np.argmin(sound))
+            raise InputError(
+                f"motion '{self.name}': frame {at} holds numbers that are no pose (root {self.p_world_pelvis[at]} m): "
+                "expected finite rotations and positions"
+            )
 
     def __len__(self) -> int:
         return len(self.p_world_pelvis)

@@ -19,8 +19,9 @@ MANY = 7.0  # nats: a thousand times
 
 def motion_text(motion: Motion) -> str:
     """Length, rate and body of a motion."""
+    lasts = f", {motion.time[0]:.2f} to {motion.time[-1]:.2f} s" if len(motion) else ""
     return (
-        f"  {len(motion)} frames at {motion.rate:g} Hz, {motion.time[0]:.2f} to {motion.time[-1]:.2f} s\n"
+        f"  {len(motion)} frames at {motion.rate:g} Hz{lasts}\n"
         f"  body: {motion.skeleton.source}\n  {lengths_text(motion.skeleton)}"
     )
 

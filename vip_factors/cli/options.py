@@ -6,6 +6,8 @@ from typing import TypeVar, cast
 
 import tyro
 
+from vip_factors.ranges import check_ranges
+
 Options = TypeVar("Options")
 
 
@@ -30,10 +32,13 @@ def parse(
         none_is_a_value: offer the word None where a field may be None (a filter that can be switched off, say).
 
     Raises:
+        InputError: for a number that is out of its range.
         SystemExit: after ``--help`` (0) and for options that do not fit (2), which are told on stderr.
     """
     config = [tyro.conf.EnumChoicesFromValues, *([] if none_is_a_value else [tyro.conf.DisallowNone])]
-    return cast(Options, tyro.cli(options, prog=prog, args=list(arguments), default=default, config=config))
+    given = cast(Options, tyro.cli(options, prog=prog, args=list(arguments), default=default, config=config))
+    check_ranges(given)
+    return given
 
 
 def beside(path: Path, ending: str) -> Path:

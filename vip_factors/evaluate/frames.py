@@ -35,8 +35,11 @@ def common_frames(estimate: Motion, truth: Motion) -> tuple[Motion, Motion, slic
         estimate they are.
 
     Raises:
-        InputError: if they do not overlap.
+        InputError: if they do not overlap, or one is empty.
     """
+    for motion, which in ((estimate, "estimate"), (truth, "truth")):
+        if len(motion) == 0:
+            raise InputError(f"{which} '{motion.name}' has no poses: expected at least one; is its file cut off?")
     inside = np.flatnonzero(
         (estimate.time >= truth.time[0] - TIME_TOLERANCE) & (estimate.time <= truth.time[-1] + TIME_TOLERANCE)
     )

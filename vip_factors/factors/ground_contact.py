@@ -15,6 +15,7 @@ from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.factors.sole import sole_shift
 from vip_factors.geometry.rotations import Array, hat
+from vip_factors.ranges import NotNegative, Share
 from vip_factors.sensors.camera_model import CameraModel
 
 
@@ -48,8 +49,8 @@ class GroundContactSettings:
     # (13.7, 9.5); at 0.01 poses bend to it.
     floor_sigma: float = 0.06
     acceleration_scale: float = 5.0  # m/s²: feet that accelerate more are believed in proportion less (Kaichi: β_G)
-    least_confidence: float = 0.05  # below it nothing is left to say
-    least_grazing_deg: float = 3.0  # a flatter ray meets the floor anywhere: a pixel is metres
+    least_confidence: Share = 0.05  # below it nothing is left to say
+    least_grazing_deg: NotNegative = 3.0  # a flatter ray meets the floor anywhere: a pixel is metres
     farthest: float = 20.0  # m along the ray
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # a foot on a step must let go
 

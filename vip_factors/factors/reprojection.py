@@ -13,6 +13,7 @@ from vip_factors.factors.adaptive_biweight import AdaptiveBiweightSettings
 from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import Array, hat, transpose
+from vip_factors.ranges import NotNegative, Share
 from vip_factors.sensors.camera_model import CameraModel
 
 
@@ -24,10 +25,10 @@ class ReprojectionSettings:
     # keypoint times the square root of the person's area: OpenPose's scatter is 0.5.
     spread: float = 0.5
     # Errors last for many frames, so that one frame says less than its scatter: sigma is so many times the scatter.
-    persistence: float = 5.0
+    persistence: NotNegative = 5.0
     adaptive: bool = True  # after a first fit the spread is that of the residuals: detectors differ
-    least_px: float = 1.0  # detectors answer on a grid of a few pixels
-    least_confidence: float = 0.1  # below it detectors guess
+    least_px: NotNegative = 1.0  # detectors answer on a grid of a few pixels
+    least_confidence: Share = 0.1  # below it detectors guess
     # px, standard deviation of every fully confident keypoint alike; none: by its OKS sigma and the person's size.
     fixed_px: float | None = None
     biweight: AdaptiveBiweightSettings = field(default_factory=AdaptiveBiweightSettings)

@@ -9,6 +9,7 @@ prior's residual is ``(o, d)``, in seconds and seconds a second.
 from dataclasses import dataclass
 
 from vip_factors.geometry.rotations import Array
+from vip_factors.ranges import NotNegative
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class VideoClockSettings:
     offset_sigma: float = 0.05  # s: a clap found by eye is good to a video frame or two
     # s/s. Quartz clocks are a few 1e-5 apart, those of warm phones 1e-4; a rate told as 30 for 29.97 Hz is off by 1e-3,
     # and that is the usual mistake. A minute of walking tells a drift to 2e-4.
-    drift_sigma: float = 1e-3
+    drift_sigma: NotNegative = 1e-3
 
 
 def seconds_late(offset: float, drift: float, time: Array, middle: float) -> Array:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
+from vip_factors.ranges import NotNegative, NotNegativeInt
 from vip_factors.sensors.imu_stream import ImuStream
 
 GRAVITY = 9.81
@@ -21,14 +22,14 @@ class AccelerometerSettings:
     check: bool = True  # off: they are taken as they are
     # Of gravity, told from here on and corrected: sound ones are off by up to 1.5 %, some by 3 where nobody calibrated.
     scale_error: float = 0.04
-    deviations: float = 4.0  # standard deviations that a scale is off one by
+    deviations: NotNegative = 4.0  # standard deviations that a scale is off one by
     # m/s that a sensor's vertical speed may differ between start and end: with it gravity is weighed in motion, over
     # the whole recording.
     speed_change: float = 2.0
     # Of gravity, least standard deviation: zero offsets are as much, and no scale.
     least_sigma: float = 0.005
     clipped_samples: int = 2  # on end at either end of the range, which no motion does by itself
-    clipped_runs: int = 2  # of those: once may be chance
+    clipped_runs: NotNegativeInt = 2  # of those: once may be chance
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from scipy.signal import find_peaks
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.clock_tracks import ImageTrack
+from vip_factors.ranges import NotNegativeInt
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 
@@ -51,7 +52,7 @@ class EventSettings:
     apart: float = 0.2
     agree: float = 0.03
     rival: float = 0.7
-    most: int = 30
+    most: NotNegativeInt = 30
 
 
 @dataclass(frozen=True)

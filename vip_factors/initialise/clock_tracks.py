@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from vip_factors.geometry.rotations import Array
+from vip_factors.ranges import NotNegativeInt, Share
 from vip_factors.sensors.detections import Detections
 
 
@@ -22,12 +23,12 @@ class TrackSettings:
         most: tracks used at most, the longest: bystanders come and go in thousands.
     """
 
-    least_confidence: float = 0.2
+    least_confidence: Share = 0.2
     reach: float = 0.35
     doubt: float = 1.5
     longest_gap: float = 0.25
     shortest: float = 2.0
-    most: int = 40
+    most: NotNegativeInt = 40
 
 
 @dataclass(frozen=True)

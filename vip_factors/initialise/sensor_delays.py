@@ -9,6 +9,7 @@ from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.link_delay import joint_signal, link_delay
 from vip_factors.initialise.sensor_tree import Link
+from vip_factors.ranges import NotNegative
 from vip_factors.sensors.imu_stream import ImuStream
 
 LIMBS = ("knee", "ankle", "foot", "elbow", "wrist", "hand")  # what the lower bone of a link within a limb is called
@@ -21,7 +22,7 @@ class SensorClockSettings:
     check: bool = True  # off: clocks agree, whatever the motion says
     correct: bool = True  # off: delays are told, and left
     least: float = 0.024  # s: as much as sensors in step have seemed apart, for soft tissue follows the bone
-    deviations: float = 4.0  # standard deviations that a delay is off nought by
+    deviations: NotNegative = 4.0  # standard deviations that a delay is off nought by
     # s, of what skin and muscle delay: sensors in step (MTw) seem up to 10 ms apart across knees, ankles and elbows …
     limb_sigma: float = 0.0055
     trunk_sigma: float = 0.009  # … and up to 23 ms across hips, shoulders and the spine.

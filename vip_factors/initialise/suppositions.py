@@ -6,6 +6,7 @@ import numpy as np
 
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, angle_between, wrap_angle
+from vip_factors.ranges import Share
 
 # Of the mean lean of trunk, thighs and shanks over a recording: walkers' and standers' are within 10°, sitters' not.
 UPRIGHT_SIGMA = np.deg2rad(15.0)
@@ -21,8 +22,8 @@ class StartSettings:
     # factors.agreeing_headings states it. Thirteen of one make lay within −10° to +4°, one of them at −33°.
     agree_deg: float = 15.0
     # Chances of a sensor that follows no rule: strapped on anyhow (three of thirteen), or started elsewhere (one).
-    strange_strap: float = 0.1
-    strange_frame: float = 0.05
+    strange_strap: Share = 0.1
+    strange_frame: Share = 0.05
     # Nats by which a start has to be more likely than the next that differs, to be taken for settled: 20 to 1.
     settled: float = 3.0
     stretch_s: float = 30.0  # of the recording that is looked at

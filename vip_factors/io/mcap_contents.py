@@ -173,10 +173,15 @@ class RecordWalk:
             elif channel_id not in self.contents.messages:
                 self.nameless += 1
         elif opcode in (SCHEMA, CHANNEL):
-            try:
-                (self._schema if opcode == SCHEMA else self._channel)(bytes(content))
-            except (struct.error, UnicodeDecodeError):
-                self.contents.damage.append("the description of a channel is malformed: its messages are left out")
+            self._description(opcode, bytes(content))
+
+    def _description(self, opcode: int, content: bytes) -> None:
+        from mcap.exceptions import McapError
+
+        try:
+            (self._schema if opcode == SCHEMA else self._channel)(content)
+        except (struct.error, UnicodeDecodeError, McapError):
+            self.contents.damage.append("the description of a channel is malformed: its messages are left out")
 
     def _schema(self, content: bytes) -> None:
         from mcap.data_stream import ReadDataStream

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from google.protobuf.message import Message
     from google.protobuf.timestamp_pb2 import Timestamp
 
+LATEST_NS = 2**63  # 2262: what a signed number of 64 bits holds
 PACKAGE = "vip_factors."  # of our schemas
 M = TypeVar("M", bound="Message")
 
@@ -57,7 +58,13 @@ def rotation(message: QuaternionWxyz) -> Array:
 
 
 def set_timestamp(message: "Timestamp", time_ns: int) -> None:
-    """Write an absolute time into a message in place."""
+    """Write an absolute time into a message in place.
+
+    Raises:
+        InputError: for a time that no clock shows.
+    """
+    if not abs(time_ns) < LATEST_NS:
+        raise InputError(f"a time of {time_ns / NS_PER_S:.4g} s since 1970: expected one before 2262")
     message.seconds, message.nanos = divmod(time_ns, NS_PER_S)
 
 

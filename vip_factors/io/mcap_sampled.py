@@ -20,7 +20,7 @@ from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.parts import wearers_in_parts
-from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.recording import Recording, nothing_placed
 from vip_factors.sensors.sampled import LEAST_SAMPLES, SampledRecording
 
 TRUTH = "/truth/"
@@ -61,10 +61,7 @@ class SampledFile:
             RecordingError: if no sensor is placed.
         """
         if not self.sensors:
-            raise RecordingError(
-                f"recording '{self.head.name}': none of its sensors ({', '.join(self.ends.imus) or 'none'}) is placed "
-                "on the body; name the placement"
-            )
+            raise nothing_placed(self.head.name, self.ends.imus)
         streams = [self.ends.imus[name] for name in self.sensors]
         return float(min(one.time[0] for one in streams)), float(max(one.time[-1] for one in streams))
 

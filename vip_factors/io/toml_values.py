@@ -12,6 +12,8 @@ import numpy as np
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 
+LARGEST = 1e100  # no quantity of ours is larger, and its square is still a number
+
 
 def nearest(word: str, known: Iterable[str]) -> str:
     """``; did you mean 'x'?`` for the known word that is most alike, or all known words if none is."""
@@ -60,7 +62,7 @@ def number_at(path: Path, where: str, value: Any) -> float:
     Raises:
         InputError: if it is none; ``where`` it stands in the file.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
         raise InputError(f"{path}: {where} is {value!r}: expected a number")
     return float(value)
 

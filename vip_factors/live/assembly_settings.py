@@ -3,6 +3,7 @@
 from dataclasses import dataclass, fields
 
 from vip_factors.errors import InputError
+from vip_factors.ranges import NotNegative
 
 
 @dataclass(frozen=True)
@@ -11,13 +12,13 @@ class AssemblySettings:
 
     # Before the first frame: sensors switched on together have all begun by then (radio links take 0.1 s), and the
     # tracker wants a second of samples before its first pose anyway.
-    settle: float = 0.5
+    settle: NotNegative = 0.5
     # A frame waits so long for a sensor that has fallen behind the others: three packets at 60 Hz, which is what
     # radio links repeat; a fifth of the lag of a quarter of a second. Sensors slower than 20 Hz need a longer one.
-    patience: float = 0.05
+    patience: NotNegative = 0.05
     # A sensor's sample counts as arrived in order, once a sample so much newer has arrived: 0, because TCP, files and
     # drivers keep the order of each sensor. Of sources over UDP, one frame or more: all answers are so much later.
-    reordering: float = 0.0
+    reordering: NotNegative = 0.0
     # Without a sample for so long a sensor is no longer waited for: longer than a body blocks the radio (0.25 s).
     dead_after: float = 1.0
     # A silence of all sensors: after a longer one nobody knows where the wearers are, and tracking begins anew.

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from vip_factors.errors import InputError
+from vip_factors.ranges import NotNegative, Share
 
 
 @dataclass(frozen=True)
@@ -14,17 +15,17 @@ class OnlineAssociationSettings:
     that are 2° off and roots known to 5 cm: rounded, as they are much alike from scene to scene.
     """
 
-    shape_weight: float = 4.5
+    shape_weight: NotNegative = 4.5
     """Log-odds lost with each e-fold of the shape's mean squared error (in sigmas; 0.4 if right, 2.5 if wrong)."""
-    misfit_weight: float = 0.75
+    misfit_weight: NotNegative = 0.75
     """Log-odds lost with each major joint that is seen and does not fit."""
     bias: float = 1.0
     """Log-odds where both are zero: a person taken at random is mostly a wrong one."""
     near: float = 1.5
     """Log-odds won by being exactly where the wearer should be."""
-    position_weight: float = 3.5
+    position_weight: NotNegative = 3.5
     """Log-odds lost with each e-fold of ``1 +`` a quarter of the squared Mahalanobis distance of the position."""
-    least_shape: float = 0.1
+    least_shape: NotNegative = 0.1
     """Added to the shape's error: a better fit than that is luck."""
     surely: float = 5.0
     """Most that one frame's appearance may say for or against a person: errors of detectors last for many frames."""
@@ -40,9 +41,9 @@ class OnlineAssociationSettings:
     """Uncertainty across the view up to which the regression above holds; a wider one makes a position say less."""
     memory_s: float = 1.0
     """Over which a track's evidence is averaged: a step and its swing, after which people have moved differently."""
-    memory_weight: float = 2.0
+    memory_weight: NotNegative = 2.0
     """Of that evidence against one frame's: a second holds a few independent looks at somebody, not thirty."""
-    stay: float = 2.0
+    stay: NotNegative = 2.0
     """Log-odds for the person who continues, in the image, whom the wearer was before: a bystander may pass."""
     gate: float = 14.0
     """Squared Mahalanobis distance of a position (three numbers) beyond which nobody is taken: one in 300 if all
@@ -58,7 +59,7 @@ class OnlineAssociationSettings:
     """By which the position of a lost wearer becomes more uncertain, besides what the caller says: a slow walk."""
     most_lost_m: float = 4.0
     """At most so much: the size of a room."""
-    recover: float = 0.3
+    recover: Share = 0.3
     """Mean log-odds of appearance over ``memory_s`` that a track needs to be taken for a lost wearer. It starts at
     zero, so that this is reached after a tenth of a second by a person who fits well, never by one who does not."""
     recover_margin: float = 0.5
@@ -69,7 +70,7 @@ class OnlineAssociationSettings:
     """Uncertainty of the position after that: the prediction has followed the wrong person."""
     switch: float = 6.0
     """Log-odds lost, within the lag, with a step from one track to another."""
-    blink: float = 0.5
+    blink: NotNegative = 0.5
     """Log-odds lost, within the lag, with a step to nobody or back: detectors blink, but not every other frame."""
 
     def __post_init__(self) -> None:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from vip_factors.ranges import NotNegative
 from vip_factors.settings import CalibrationSettings
 
 
@@ -17,7 +18,7 @@ class RecalibrationSettings:
     longest_s: float = 40.0
     # s of the stream between the last of that data and the first answer that has it, at least: on a core of its own the
     # batch stages need about as long for the first of it. A replay waits, and gives the same answers on any machine.
-    delay_s: float = 2.0
+    delay_s: NotNegative = 2.0
     # Standard deviations are taken so many times as large: on foreign scenes mountings are off by 1.4 sigma.
     inflation: float = 2.0
     frames: int = 30  # that tracking goes on from

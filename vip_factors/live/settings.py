@@ -8,6 +8,7 @@ from vip_factors.live.recalibration_settings import RecalibrationSettings
 from vip_factors.live.slip_test import SlipSettings
 from vip_factors.live.watch import WatchSettings
 from vip_factors.problem.blocks import RELINEARISE_DEG, WanderSettings
+from vip_factors.ranges import NotNegative, NotNegativeInt
 from vip_factors.settings import CalibrationSettings, FusionSettings, Settings
 
 
@@ -18,7 +19,7 @@ class RelinearisationSettings:
     angle_deg: float = 1.0  # a joint that moved by less is linear to some thousandths
     length_m: float = 0.02
     shared_deg: float = RELINEARISE_DEG
-    most: int = 6  # frames at once, the newest: what an update may cost
+    most: NotNegativeInt = 6  # frames at once, the newest: what an update may cost
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,12 @@ class LiveSettings(Settings):
     lag_s: float = 0.25  # Kaichi's users and animators want answers within a blink
     camera_retry_s: float = 0.5  # until the first camera is looked for again that showed no wearer; then ever rarer
     start_s: float = 1.0  # of data before the first answer: a step or a gesture shows where the sensors point
-    spread_share: float = 0.02  # of what one video frame says of how detections scatter: two seconds of them count
-    start_iterations: int = 2  # over the first frames, from where the batch stages put them
+    spread_share: NotNegative = (
+        0.02  # of what one video frame says of how detections scatter: two seconds of them count
+    )
+    start_iterations: NotNegativeInt = 2  # over the first frames, from where the batch stages put them
     # Over which answers make up for what is believed anew of the past; else they tremble by some millimetres.
-    answer_filter_s: float = 0.1
+    answer_filter_s: NotNegative = 0.1
     # Frames to each update; those between are predicted, by how their sensors turned. Video comes 30 times a second.
     solve_every: int = 2
     covariance_every: int = 12  # frames between covariances of the smoothed pose, which cost 4 ms

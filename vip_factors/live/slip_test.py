@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
+from vip_factors.ranges import NotNegative, Share
 
 
 @dataclass(frozen=True)
@@ -25,15 +26,15 @@ class SlipSettings:
     learnt_s: float = 9.0
     windows_s: tuple[float, ...] = (1.0, 2.0, 4.0)  # a gesture shows a slip within one; a slow one takes longer
     # Directions in which the last seconds say less than this share of what is known by now are not judged.
-    share: float = 0.2
+    share: Share = 0.2
     # Squared standard deviations: four are expected of independent errors; those of limbs and cameras last for seconds.
     # Without a slip up to 36 were seen of turns as large; after one of 40°, 43 where little was known, else 400.
     evidence: float = 40.0
     angle_deg: float = 20.0  # of the mounting or heading, by the last seconds alone
     # A sensor that was knocked is estimated anew at once, and has moved if it is elsewhere by then.
-    confirmed_s: float = 1.0
+    confirmed_s: NotNegative = 1.0
     confirming: float = 16.0  # squared standard deviations: it was suspected already; steps of feet reach 4
-    rest_s: float = 1.0  # after which a sensor that is estimated anew can be judged again
+    rest_s: NotNegative = 1.0  # after which a sensor that is estimated anew can be judged again
 
 
 class _Estimate(NamedTuple):

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, log, transpose
+from vip_factors.ranges import NotNegative
 
 IMPACT = 3  # sensors knocked together: a landing
 
@@ -19,11 +20,11 @@ class WatchSettings:
     knock_deg_s2: float = 40_000.0
     knock_deg: float = 30.0  # by which a knocked sensor is still turned when it is quiet, if it has moved
     impact_s: float = 0.2  # within which three sensors or more are knocked by a landing: straps slip one by one
-    quiet_s: float = 0.07  # without a knock: tissue rings at 8 Hz and more
-    ringing_s: float = 0.5  # and no longer than that
-    steady_s: float = 0.05  # over which a limb's turning is averaged: what it would have gone on with
-    rest_s: float = 3.0  # after which the same sensor may be judged again: that long re-estimating takes
-    settle_s: float = 2.0  # after a start nothing is judged: mountings are still being found
+    quiet_s: NotNegative = 0.07  # without a knock: tissue rings at 8 Hz and more
+    ringing_s: NotNegative = 0.5  # and no longer than that
+    steady_s: NotNegative = 0.05  # over which a limb's turning is averaged: what it would have gone on with
+    rest_s: NotNegative = 3.0  # after which the same sensor may be judged again: that long re-estimating takes
+    settle_s: NotNegative = 2.0  # after a start nothing is judged: mountings are still being found
     heading_sigma_deg: float = 40.0  # how far a sensor set anew may point elsewhere
     mounting_sigma_deg: float = 30.0  # how far a strap slips
 

@@ -8,6 +8,7 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 
 UNDISTORT_STEPS = 6  # Newton's: four reach 1e-12 on strong wide-angle lenses
+LARGEST_IMAGE = 1_000_000  # pixels a side: no camera has more, and a file that says so is damaged
 NEAREST_M = 0.1  # points nearer than this, or behind the camera, are projected as if at this depth
 
 
@@ -29,8 +30,10 @@ class CameraModel:
     distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if not (self.width > 0 and self.height > 0):
-            raise InputError(f"camera image of {self.width} by {self.height} pixels: expected positive numbers")
+        if not (0 < self.width <= LARGEST_IMAGE and 0 < self.height <= LARGEST_IMAGE):
+            raise InputError(
+                f"camera image of {self.width} by {self.height} pixels: expected numbers between 1 and {LARGEST_IMAGE}"
+            )
         if not all(np.isfinite(f) and f > 0 for f in self.focal):
             raise InputError(f"camera focal lengths {self.focal}: expected two positive numbers of pixels")
         if not np.all(np.isfinite(self.centre)):

@@ -11,7 +11,7 @@ from vip_factors.errors import InputError, RecordingError
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.recording import Recording, nothing_placed
 
 LEAP = 1.5  # steps: what is further apart are frames of two stretches
 
@@ -86,10 +86,7 @@ def resample(recording: Recording, rate: float, sensors: list[str] | None = None
         raise InputError(f"frame rate {rate:g} Hz: expected a positive number")
     names = recording.placed if sensors is None else sensors
     if not names:
-        raise RecordingError(
-            f"recording '{recording.name}': none of its sensors ({', '.join(recording.imus) or 'none'}) is placed on "
-            "the body; name the placement"
-        )
+        raise nothing_placed(recording.name, recording.imus)
     streams = [recording.imus[name] for name in names]
     start, end = min(s.time[0] for s in streams), max(s.time[-1] for s in streams)
     count = int(np.floor((end - start) * rate + 1e-6)) + 1

@@ -1,6 +1,6 @@
 """A recording: who wore what, and what the sensors said."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from vip_factors.body.anthropometry import LikelyBody, likely_body
@@ -127,3 +127,13 @@ class Recording:
             raise RecordingError(f"recording '{self.name}' has no IMU stream: expected at least one")
         streams = list(self.imus.values())
         return float(min(s.time[0] for s in streams)), float(max(s.time[-1] for s in streams))
+
+
+def nothing_placed(name: str, imus: Iterable[str]) -> RecordingError:
+    """What to raise for a recording none of whose sensors can be used, given their names."""
+    sensors = ", ".join(imus)
+    if not sensors:
+        return RecordingError(f"recording '{name}' holds no samples of any sensor: was its file cut off?")
+    return RecordingError(
+        f"recording '{name}': none of its sensors ({sensors}) is placed on the body; name the placement"
+    )

@@ -2,7 +2,11 @@
 
 from dataclasses import dataclass
 
+from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
+
+FARTHEST_S = 1e10  # three centuries: one clock may count from 1970 and the other from its start
+FASTEST = 0.5  # what drifts more is no clock of the same time
 
 
 @dataclass(frozen=True)
@@ -17,6 +21,13 @@ class VideoClock:
 
     offset: float = 0.0
     drift: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (abs(self.offset) < FARTHEST_S and abs(self.drift) < FASTEST):
+            raise InputError(
+                f"video's clock off by {self.offset:g} s and {self.drift:g} s a second: expected seconds between two "
+                f"clocks that show the same time, and a drift below {FASTEST:g}"
+            )
 
     def late(self, time: float) -> float:
         """Seconds to add at an instant of the video."""

@@ -25,6 +25,7 @@ _QUANTITIES = {
 _AXES = {"acc": ("X", "Y", "Z"), "gyr": ("X", "Y", "Z"), "quat": ("S", "X", "Y", "Z")}
 _UNITS = {"g": GRAVITY, "deg/s": np.deg2rad(1.0), "°/s": np.deg2rad(1.0)}  # everything else is in SI already
 EPOCH_MICROSECONDS = 1e12  # a time above this is microseconds since 1970 (1e12 µs is January 1970), not seconds
+LATEST = 9.2e15  # microseconds: what nanoseconds in 64 bits can tell
 
 
 @dataclass
@@ -92,6 +93,8 @@ def _format7(rows: list[list[str]], path: Path) -> _Layout:
     starts = [i for i, cell in enumerate(rows[0]) if i and cell.strip().isdigit()]
     if not starts:
         raise FileFormatError(f"{path}, line 1: no device id after '{rows[0][0]}': expected one per sensor")
+    if starts[-1] >= min(len(rows[1]), len(rows[2])):
+        raise FileFormatError(f"{path}, lines 2 and 3 end before the columns of the device in column {starts[-1] + 1}")
     for start, end in zip(starts, [*starts[1:], len(rows[1])], strict=True):
         label = next((cell.strip() for cell in rows[0][start + 1 : end] if cell.strip()), rows[0][start].strip())
         quantity = ""
@@ -103,7 +106,9 @@ def _format7(rows: list[list[str]], path: Path) -> _Layout:
 
 def _slash_names(rows: list[list[str]], path: Path) -> _Layout:
     """Settings, then one line of ``Sensor/Quantity/Axis`` and one of units."""
-    at = next(i for i, row in enumerate(rows) if row[0].strip() == "Time")
+    at = next((i for i, row in enumerate(rows) if row[0].strip() == "Time"), None)
+    if at is None:
+        raise FileFormatError(f"{path}: no line whose first cell is 'Time': expected the names of the columns there")
     layout = _Layout(at + 1, len(rows[at]))
     for column, name in enumerate(rows[at]):
         parts = name.strip().split("/")
@@ -135,6 +140,9 @@ def _values(rows: list[list[str]], layout: _Layout, path: Path) -> tuple[Array, 
             raise FileFormatError(f"{path}, sample {i + 1}: {error}") from error
     for column, factor in layout.units.items():
         table[:, column] *= factor
+    if not np.all(np.abs(table[:, 0]) < LATEST):
+        at = int(np.argmin(np.abs(table[:, 0]) < LATEST))
+        raise FileFormatError(f"{path}, sample {at + 1}: time {data[at][0]!r}: expected a number")
     _, first = np.unique(table[:, 0], return_index=True)
     if len(first) < len(table):
         notes.append(f"{path.name}: {len(table) - len(first)} samples with a repeated time stamp dropped")

@@ -1,0 +1,84 @@
+"""A setting that is out of its range is refused before any work, and named."""
+
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import Any
+
+import pytest
+
+from vip_factors.errors import InputError
+from vip_factors.live.settings import LiveSettings
+from vip_factors.ranges import NotNegative, Range, Share, check_ranges
+from vip_factors.settings import Settings
+
+
+@dataclass(frozen=True)
+class Inner:
+    part: Share = 0.5
+    off: NotNegative = 1.0
+    choice: float | None = None
+
+
+@dataclass(frozen=True)
+class Outer:
+    sigma: float = 2.0
+    shift: float = 0.0
+    count: int = 3
+    switch: bool = True
+    offsets: tuple[float, ...] = (1.0,)
+    inner: Inner = field(default_factory=Inner)
+
+
+@pytest.mark.parametrize("changes", [{}, {"shift": -3.0}, {"inner": Inner(1.0, 0.0)}, {"inner": Inner(choice=-1.0)}])
+def test_what_is_within_passes(changes: dict[str, Any]) -> None:
+    check_ranges(Outer(**changes))
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (Outer(sigma=0.0), "sigma is 0.0: expected a finite number, more than 0"),
+        (Outer(sigma=float("inf")), "sigma is inf"),
+        (Outer(shift=float("nan")), "shift is nan: expected a finite number"),
+        (Outer(count=-1), "count is -1"),
+        (Outer(offsets=(1.0, float("inf"))), "offsets"),
+        (Outer(inner=Inner(1.5)), "inner.part is 1.5: expected a finite number, 0 or more and 1 at most"),
+        (Outer(inner=Inner(off=-1.0)), "inner.off is -1.0: expected a finite number, 0 or more"),
+        (Outer(inner=Inner(choice=float("inf"))), "inner.choice is inf"),
+    ],
+)
+def test_what_is_not_is_named_with_what_was_expected(settings: Outer, words: str) -> None:
+    with pytest.raises(InputError) as told:
+        check_ranges(settings)
+    assert words in str(told.value)
+
+
+def test_a_range_says_what_it_allows() -> None:
+    assert 0.0 in Range(least=0)
+    assert 0.0 not in Range(above=0)
+    assert float("nan") not in Range()
+    assert str(Range()) == "a finite number"
+
+
+def numbers(settings: Any, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    found = []
+    for one in fields(settings):
+        value = getattr(settings, one.name)
+        if is_dataclass(value):
+            found += numbers(value, (*path, one.name))
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            found.append((*path, one.name))
+    return found
+
+
+def changed(settings: Any, path: tuple[str, ...], value: float) -> Any:
+    first, *rest = path
+    inner = changed(getattr(settings, first), tuple(rest), value) if rest else value
+    return replace(settings, **{first: inner})
+
+
+@pytest.mark.parametrize("whole", [Settings(), LiveSettings()], ids=["smooth", "stream"])
+def test_no_setting_may_be_infinite(whole: Settings) -> None:
+    for path in numbers(whole):
+        for value in (float("inf"), float("nan")):
+            with pytest.raises(InputError):
+                changed(whole, path, value)

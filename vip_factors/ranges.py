@@ -1,0 +1,89 @@
+"""What a number among settings may be: stated once, at its field, and checked once, before any work."""
+
+import math
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from vip_factors.errors import InputError
+
+
+@dataclass(frozen=True)
+class Range:
+    """Which numbers are allowed; stated as ``Annotated[float, Range(...)]`` where the usual rule does not hold.
+
+    Attributes:
+        least: the smallest.
+        above: all must be larger than this.
+        most: the largest.
+    """
+
+    least: float = -math.inf
+    above: float = -math.inf
+    most: float = math.inf
+
+    def __contains__(self, value: float) -> bool:
+        return math.isfinite(value) and self.above < value and self.least <= value <= self.most
+
+    def __str__(self) -> str:
+        words = []
+        if self.above > -math.inf:
+            words.append(f"more than {self.above:g}")
+        if self.least > -math.inf:
+            words.append(f"{self.least:g} or more")
+        if self.most < math.inf:
+            words.append(f"{self.most:g} at most")
+        return "a finite number" + (f", {' and '.join(words)}" if words else "")
+
+
+ANY = Range()
+POSITIVE = Range(above=0)
+NotNegative = Annotated[float, Range(least=0)]
+"""A setting that 0 switches off."""
+NotNegativeInt = Annotated[int, Range(least=0)]
+"""A count that may be none."""
+Share = Annotated[float, Range(least=0, most=1)]
+"""A part of a whole."""
+
+
+def check_ranges(settings: Any, prefix: str = "") -> None:
+    """Refuse a number among settings that is out of its range.
+
+    The range is the one that is stated at the field. Where none is, every number has to be finite, and to be positive
+    if its default is: a standard deviation, a rate, a length, a count.
+
+    Args:
+        settings: a dataclass, with dataclasses in it.
+        prefix: what stands before the names of its fields, in the sentence about a wrong one.
+
+    Raises:
+        InputError: for the first number that is out of its range; it is named with its value and the range.
+    """
+    hints = _hints(settings.__class__)
+    for one in fields(settings):
+        value, name = getattr(settings, one.name), f"{prefix}{one.name}"
+        if is_dataclass(value):
+            check_ranges(value, f"{name}.")
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            allowed = _stated(hints[one.name]) or _usual(one.default)
+            if value not in allowed:
+                raise InputError(f"{name} is {value}: expected {allowed}")
+        elif isinstance(value, tuple) and not all(math.isfinite(n) for n in value if isinstance(n, float)):
+            raise InputError(f"{name} is {value}: expected finite numbers")
+
+
+@cache
+def _hints(settings: type[object]) -> dict[str, Any]:
+    return get_type_hints(settings, include_extras=True)
+
+
+def _stated(hint: Any) -> Range | None:
+    """The range that a field's type carries, at its top or in one of its alternatives (a number, or None)."""
+    if get_origin(hint) is Annotated:
+        return next((one for one in hint.__metadata__ if isinstance(one, Range)), None)
+    return next((found for one in get_args(hint) if (found := _stated(one)) is not None), None)
+
+
+def _usual(default: Any) -> Range:
+    positive = isinstance(default, int | float) and not isinstance(default, bool) and default > 0
+    return POSITIVE if positive else ANY

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vip_factors.body.anatomical_frames import R_BONE_SEGMENT, mirrored, segment_orientations
+from vip_factors.body.anatomical_frames import mirrored, segment_axes, segment_orientations
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.joint_angles import ANGLE_DEFINITIONS, joint_angle_sigmas, joint_angles
 from vip_factors.body.motion import Motion
-from vip_factors.body.skeleton import JOINT_COUNT, joint_index
+from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.evaluate.joint_angle import hip_flexion_of, knee_flexion_of
 from vip_factors.geometry.axis_sequence import rotation_of_sequence
@@ -157,8 +157,10 @@ def test_angles_to_rotations_and_back(degrees: tuple[float, float, float], joint
         R_above_below = mirrored(R_above_below)
     R = calibration_pose("n-pose")
     child, parent = joint_index(joint), joint_index(above)
-    R[child] = R_BONE_SEGMENT[parent] @ R_above_below @ R_BONE_SEGMENT[child].T
-    found = joint_angles(Motion(skeleton_from_stature(1.75), R[None], np.zeros((1, 3)), 1.0))
+    skeleton = skeleton_from_stature(1.75)
+    axes = segment_axes(skeleton)
+    R[child] = axes[parent] @ R_above_below @ axes[child].T
+    found = joint_angles(Motion(skeleton, R[None], np.zeros((1, 3)), 1.0))
     at = [number for number, one in enumerate(found.definitions) if one.joint == joint]
     assert np.allclose(found.degrees[0, at], degrees, atol=1e-6)
 
@@ -186,3 +188,13 @@ def test_an_unknown_angle_is_told() -> None:
 def test_segments_are_parallel_to_the_room_in_anatomical_posture() -> None:
     found = segment_orientations(standing(left_elbow=90 * UP, right_elbow=-90 * UP))
     assert np.allclose(found, np.eye(3), atol=1e-12)
+
+
+def test_limbs_are_straight_where_their_joint_centres_are_in_line() -> None:
+    bent = standing()
+    offsets = bent.skeleton.p_parent_joint.copy()
+    offsets[joint_index("left_wrist")] = 0.25 * np.array([np.cos(0.4), 0.0, np.sin(0.4)])  # forward of where it was
+    found = joint_angles(Motion(Skeleton(offsets), bent.R_parent_child, np.zeros((1, 3)), 1.0))
+    assert found.of("left_elbow_flexion")[0] == pytest.approx(np.degrees(0.4))
+    assert found.of("left_elbow_pronation")[0] == pytest.approx(90)
+    assert found.of("right_elbow_flexion")[0] == pytest.approx(0, abs=1e-9)

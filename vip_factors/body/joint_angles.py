@@ -5,7 +5,8 @@ the upper segment's mediolateral axis, rotation about the lower one's long axis,
 between. Trunk, neck, elbows and wrists likewise, and shoulders, the upper arm against the thorax, by plane of
 elevation, elevation and axial rotation (Wu et al. 2005, J. Biomech. 38). Pelvis: rotation, obliquity, tilt in that
 order (Baker 2001, J. Biomech. 34), so that tilt means the same whichever way somebody walks. Both sides have the same
-signs. All angles are zero in the anatomical posture of :mod:`~vip_factors.body.anatomical_frames`.
+signs. All angles are zero in the anatomical posture of :mod:`~vip_factors.body.anatomical_frames`, of a body whose
+limbs are straight in it.
 """
 
 from collections.abc import Iterator
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.body.anatomical_frames import R_BONE_SEGMENT, mirrored, segment_orientations
+from vip_factors.body.anatomical_frames import mirrored, segment_axes, segment_orientations
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import PARENTS, joint_index
 from vip_factors.errors import InputError
@@ -190,13 +191,13 @@ def joint_angle_sigmas(motion: Motion, covariance: Array) -> Array:
     Returns:
         NaN for trunk, neck and shoulders, which several joints turn: how their errors go together is not known.
     """
-    R = segment_orientations(motion)
+    R, axes = segment_orientations(motion), segment_axes(motion.skeleton)
     sigmas = np.full((len(motion), len(ANGLE_DEFINITIONS)), np.nan)
     for number, joint in enumerate(_JOINTS):
         bone = joint_index(joint.below)
         if PARENTS[bone] != (joint_index(joint.above) if joint.above else -1):
             continue
-        R_bone_segment, R_above_below = R_BONE_SEGMENT[bone], _between(joint, R)
+        R_bone_segment, R_above_below = axes[bone], _between(joint, R)
         turned = [
             _angles(joint, R_above_below @ R_bone_segment.T @ exp(step) @ R_bone_segment)
             for step in (*_STEP * np.eye(3), *-_STEP * np.eye(3))

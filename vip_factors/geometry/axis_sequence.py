@@ -47,6 +47,21 @@ def sequence_of_rotation(R: Array, axes: str) -> Array:
     return np.stack([a, b, np.where(locked, 0.0, c)], axis=-1)
 
 
+def continuous(angles: Array) -> Array:
+    """The same rotations by angles ``(T, ..., 3)`` about three different axes, each frame's next to the frame before.
+
+    Every rotation has two triples, ``(a, b, c)`` and ``(a + π, π − b, c + π)``, and each angle any number of turns.
+    """
+    found = np.array(angles, dtype=float)
+    for frame in range(1, len(found)):
+        before, one = found[frame - 1], found[frame]
+        other = one * [1.0, -1.0, 1.0] + np.pi
+        one, other = (near - 2 * np.pi * np.round((near - before) / (2 * np.pi)) for near in (one, other))
+        nearer = np.abs(other - before).sum(axis=-1) < np.abs(one - before).sum(axis=-1)
+        found[frame] = np.where(nearer[..., None], other, one)
+    return found
+
+
 def _checked(axes: str) -> tuple[str, ...]:
     if len(axes) != 3 or set(axes) - set("xyz") or axes[0] == axes[1] or axes[1] == axes[2]:
         raise InputError(f"axes '{axes}': expected three of x, y, z, no two neighbours the same, such as 'zxy'")

@@ -28,6 +28,7 @@ NEIGHBOURS = {("geometry", "errors"), ("ranges", "errors")}
 # Third parties that only some rooms may see.
 FENCED = {
     "gtsam": {"solve", "factor_graph"},
+    "ezc3d": {"io"},
     "mcap": {"io"},
     "mcap_protobuf": {"io"},
     "mcap_ros2": {"io"},

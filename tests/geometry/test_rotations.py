@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from vip_factors.geometry import rotations as so3
@@ -145,3 +145,12 @@ def test_stacks_are_treated_one_by_one() -> None:
         np.testing.assert_array_equal(R[i, j], so3.exp(v[i, j]))
         np.testing.assert_allclose(so3.log(R)[i, j], so3.log(R[i, j]), atol=1e-15)
         np.testing.assert_allclose(so3.right_jacobian(v)[i, j], so3.right_jacobian(v[i, j]))
+
+
+@given(directions(), directions())
+def test_the_smallest_rotation_between_directions(start: np.ndarray, end: np.ndarray) -> None:
+    assume(start @ end > -0.99)
+    R = so3.rotation_between(2 * start, end)
+    assert is_rotation(R)
+    np.testing.assert_allclose(R @ start, end, atol=1e-9)
+    np.testing.assert_allclose(so3.angle_between(np.eye(3), R), np.arccos(np.clip(start @ end, -1, 1)), atol=1e-6)

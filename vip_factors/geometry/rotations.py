@@ -149,6 +149,13 @@ def transpose(R: ArrayLike) -> Array:
     return np.swapaxes(np.asarray(R, dtype=float), -1, -2)
 
 
+def rotation_between(start: ArrayLike, end: ArrayLike) -> Array:
+    """The smallest rotation ``(3, 3)`` that takes one direction ``(3,)`` to another, not opposite, one."""
+    a, b = (np.asarray(v, dtype=float) / np.linalg.norm(v) for v in (start, end))
+    axis = hat(np.cross(a, b))
+    return np.eye(3) + axis + axis @ axis / (1 + a @ b)
+
+
 def angle_between(R_a: ArrayLike, R_b: ArrayLike) -> Array:
     """Geodesic distance in radians, ``(...)``, between stacks of rotations (thesis eq. 2.74)."""
     return np.linalg.norm(log(transpose(R_a) @ np.asarray(R_b, dtype=float)), axis=-1)

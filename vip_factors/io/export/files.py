@@ -37,6 +37,11 @@ class ExportFormat:
 
 FORMATS: dict[str, ExportFormat] = {
     ".npz": ExportFormat("amass:write_amass", "poses and root path, as AMASS has them"),
+    ".csv": ExportFormat("csv_tables:write_csv", "joint positions and joint angles, as a table"),
+    ".trc": ExportFormat("opensim_trc:write_trc", "joint centres and keypoints as markers, for OpenSim"),
+    ".mot": ExportFormat("opensim_mot:write_mot", "coordinates of OpenSim's model Rajagopal2016"),
+    ".sto": ExportFormat("opensense_sto:write_opensense", "orientations of segments, for OpenSense"),
+    ".c3d": ExportFormat("c3d_points:write_c3d", "joint centres, keypoints and joint angles as points"),
 }
 
 

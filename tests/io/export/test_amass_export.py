@@ -1,10 +1,12 @@
 """AMASS files that we write are read as the motion that they are of."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, SceneEstimate
 from vip_factors.io.export.files import export
@@ -37,3 +39,21 @@ def test_each_wearer_gets_a_file(tmp_path: Path) -> None:
 def test_an_unknown_suffix_names_those_that_are_known(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"\.npz"):
         export(_scene("Ada"), tmp_path / "walk.doc")
+
+
+def test_the_wearers_own_lengths_come_back_too(tmp_path: Path) -> None:
+    motion = gestures(0.1, skeleton=skeleton_from_stature(1.58))
+    (path,) = export(SceneEstimate("walk", "IT", (Estimate("Ada", "IT", motion, {}),)), tmp_path / "walk.npz")
+    assert np.allclose(read_amass(path).state.p_world_joint, motion.state.p_world_joint, atol=1e-9)
+    assert read_amass(path, stature_m=1.9).skeleton.stature == pytest.approx(1.9, abs=0.01)
+
+
+def test_it_holds_what_other_readers_ask_for(tmp_path: Path) -> None:
+    scene = _scene("Ada")
+    motion = replace(scene.wearers[0].motion, rate=59.9999999999)
+    (path,) = export(replace(scene, wearers=(replace(scene.wearers[0], motion=motion),)), tmp_path / "walk.npz")
+    with np.load(path) as file:
+        T = len(motion)
+        shapes = {name: file[name].shape for name in ("poses", "trans", "betas", "dmpls")}
+        assert shapes == {"poses": (T, 156), "trans": (T, 3), "betas": (16,), "dmpls": (T, 8)}
+        assert (str(file["gender"]), int(file["mocap_framerate"]), int(file["mocap_frame_rate"])) == ("neutral", 60, 60)

@@ -6,9 +6,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import cast
 
+import numpy as np
+
 from vip_factors.errors import InputError
 from vip_factors.estimate import SceneEstimate
 from vip_factors.io.atomic import atomic_path, check_target
+from vip_factors.io.export.resample import resampled
 from vip_factors.io.export.settings import ExportSettings
 
 Writer = Callable[[SceneEstimate, Path, ExportSettings], None]
@@ -36,7 +39,10 @@ class ExportFormat:
 
 
 FORMATS: dict[str, ExportFormat] = {
+    ".bvh": ExportFormat("bvh:write_bvh", "skeleton and motion, for animation programs"),
+    ".glb": ExportFormat("gltf:write_gltf", "bodies that move, and the camera's path", several=True),
     ".npz": ExportFormat("amass:write_amass", "poses and root path, as AMASS has them"),
+    ".pkl": ExportFormat("three_dpw:write_three_dpw", "poses, camera and 2D poses, as 3DPW has them", several=True),
 }
 
 
@@ -63,8 +69,8 @@ def export(
     known = FORMATS.get(path.suffix.lower())
     if known is None:
         raise InputError(f"{path}: expected a file that ends in {', '.join(FORMATS)}")
-    chosen = _chosen(estimate, settings.wearer)
-    parts = [chosen] if known.several else [replace(chosen, wearers=(one,)) for one in chosen.wearers]
+    chosen = resampled(_chosen(estimate, settings.wearer), settings.frame_rate)
+    parts = [chosen] if known.several else [_alone(chosen, number) for number in range(len(chosen.wearers))]
     paths = file_names(path, parts)
     for one in paths:
         check_target(one, overwrite)
@@ -88,4 +94,17 @@ def _chosen(estimate: SceneEstimate, wearer: str | None) -> SceneEstimate:
     names = [one.name for one in estimate.wearers]
     if wearer not in names:
         raise InputError(f"no wearer '{wearer}' in the estimate: expected one of {', '.join(names)}")
-    return replace(estimate, wearers=(estimate.wearers[names.index(wearer)],))
+    return _alone(estimate, names.index(wearer))
+
+
+def _alone(estimate: SceneEstimate, number: int) -> SceneEstimate:
+    """One wearer of a scene, with what the camera saw of that one."""
+    camera = estimate.camera
+    if camera is not None and camera.residual_px is not None:
+        camera = replace(camera, residual_px=camera.residual_px[:, [number]])
+    return replace(
+        estimate,
+        wearers=(estimate.wearers[number],),
+        camera=camera,
+        wearer_of_detection=np.where(estimate.wearer_of_detection == number, 0, -1),
+    )

@@ -1,0 +1,35 @@
+"""Estimates that the tests of exports write, and where the joints of a file lie in the estimate's world."""
+
+from functools import cache
+
+import numpy as np
+from scene_sample import estimate_of, scene_sample
+
+from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.motion import Motion
+from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.geometry.rotations import Array, exp
+from vip_factors.sensors.scene import Scene
+
+TENTH_MM = 1e-4
+
+
+@cache
+def filmed() -> tuple[Scene, SceneEstimate]:
+    """Two people who walk past a camera that moves, and what is known of them: the truth."""
+    scene = scene_sample(0.5)
+    return scene, estimate_of(scene)
+
+
+def any_pose(seed: int = 3, frames: int = 6) -> SceneEstimate:
+    """One person in poses that no body takes."""
+    rng = np.random.default_rng(seed)
+    R = exp(rng.normal(0, 1.5, (frames, 24, 3)))
+    motion = Motion(skeleton_from_stature(1.62), R, rng.normal(0, 2, (frames, 3)), 29.97)
+    return SceneEstimate("poses", "VIP", (Estimate("Ada", "VIP", motion, {}),))
+
+
+def zup(p_yup: Array) -> Array:
+    """Points ``(..., 3)`` of a world with Y up where the estimate has them."""
+    x, y, z = np.moveaxis(np.asarray(p_yup, float), -1, 0)
+    return np.stack([x, -z, y], axis=-1)

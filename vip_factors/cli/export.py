@@ -36,11 +36,15 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     options = parse(ExportOptions, prog, arguments)
     if len(options.files) < 2:
         raise InputError("expected an estimate and at least one file to write: vip-factors export ESTIMATE FILE …")
+    from vip_factors.cli.terminal import waiting
     from vip_factors.io.export.files import export
     from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 
     source, *targets = options.files
-    estimate = read_scene_estimate(source)
+    with waiting(f"reading {source.name}"):
+        estimate = read_scene_estimate(source)
     for target in targets:
-        for written in export(estimate, target, options.settings, options.overwrite):
-            print(written)
+        with waiting(f"writing {target.name}"):
+            written = export(estimate, target, options.settings, options.overwrite)
+        for path in written:
+            print(path)

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from animated import TENTH_MM, smpl_joints
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, SceneEstimate
 from vip_factors.io.export.files import export
+from vip_factors.io.export.settings import ExportSettings
 from vip_factors.io.motions.amass import BODY_JOINTS, read_amass
 from vip_factors.simulate.gestures import gestures
 
@@ -28,6 +30,22 @@ def test_poses_and_root_come_back(tmp_path: Path) -> None:
     assert np.allclose(found.R_parent_child[:, body], motion.R_parent_child[:, body], atol=1e-9)
     assert np.allclose(found.p_world_pelvis, motion.p_world_pelvis, atol=1e-9)
     assert found.rate == motion.rate
+
+
+def test_plain_numpy_finds_the_joints_where_the_estimate_has_them(tmp_path: Path) -> None:
+    scene = _scene("Ada")
+    (path,) = export(scene, tmp_path / "walk.npz", ExportSettings(frame_rate=60.0))
+    with np.load(path) as file:
+        assert not file["poses"][:, 66:].any()  # hands, which SMPL has as two more joints
+        p_pelvis = file["trans"] + [0.0, -0.23, 0.03]  # the pelvis of the mean shape at rest
+        found = smpl_joints(file["poses"][:, :72], p_pelvis, file["joint_offsets"])
+    known = scene.wearers[0].motion.state.p_world_joint[::2]
+    assert np.abs(found - known)[:, :22].max() < TENTH_MM / 1000
+
+
+def test_a_wearers_name_may_hold_what_file_names_cannot(tmp_path: Path) -> None:
+    written = export(_scene("Ada/1", "Bea: 2"), tmp_path / "walk.npz")
+    assert [path.name for path in written] == ["walk.Ada_1.npz", "walk.Bea_ 2.npz"]
 
 
 def test_each_wearer_gets_a_file(tmp_path: Path) -> None:

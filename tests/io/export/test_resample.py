@@ -1,15 +1,18 @@
 """Estimates at another frame rate."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from animated import filmed
+from animated import any_pose, filmed
 
 from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, PoseCovariance, SceneEstimate
 from vip_factors.geometry.rotations import angle_between
+from vip_factors.io.export.files import export
 from vip_factors.io.export.resample import resampled
+from vip_factors.io.export.settings import ExportSettings
 
 
 def _camera(estimate: SceneEstimate) -> CameraEstimate:
@@ -63,6 +66,12 @@ def test_uncertainty_and_gaps_go_along() -> None:
     assert found.motion.time[7] == pytest.approx(10.5 / 60)
     assert np.isnan(found.residuals["orientation_deg"][7])
     assert np.isfinite(found.residuals["orientation_deg"][[6, 8]]).all()
+
+
+@pytest.mark.parametrize("suffix", [".bvh", ".glb", ".npz", ".pkl"])
+def test_one_frame_can_be_written_at_any_rate(suffix: str, tmp_path: Path) -> None:
+    (path,) = export(any_pose(frames=1), tmp_path / f"a{suffix}", ExportSettings(frame_rate=50.0))
+    assert path.stat().st_size > 0
 
 
 @pytest.mark.parametrize("rate", [0.0, -30.0, float("nan"), float("inf")])

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from animated import TENTH_MM, filmed, zup
-from scipy.spatial.transform import Rotation
+from animated import TENTH_MM, filmed, smpl_joints, zup
 
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
@@ -18,7 +17,6 @@ from vip_factors.io.mcap_scene_recording import write_scene
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 
-SMPL_PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21)
 # Keypoints of OpenPose's 18 that lie on joints of SMPL: elbows, wrists, knees, ankles.
 KEYPOINTS, JOINTS = [3, 6, 4, 7, 9, 12, 10, 13], [19, 18, 21, 20, 5, 4, 8, 7]
 
@@ -33,16 +31,6 @@ def recording(tmp_path: Path) -> Path:
 def content_of(path: Path) -> dict[str, Any]:
     with path.open("rb") as file:
         return pickle.load(file, encoding="latin1")
-
-
-def joints_of(poses: Array, p_pelvis: Array, offsets: Array) -> Array:
-    R = Rotation.from_rotvec(poses.reshape(-1, 3)).as_matrix().reshape(-1, 24, 3, 3)
-    p = np.repeat(p_pelvis[:, None], 24, axis=1)
-    for joint, parent in enumerate(SMPL_PARENTS):
-        if parent >= 0:
-            p[:, joint] = p[:, parent] + R[:, parent] @ offsets[joint]
-            R[:, joint] = R[:, parent] @ R[:, joint]
-    return p
 
 
 def pixels_of(content: dict[str, Any], person: int) -> Array:
@@ -64,7 +52,7 @@ def test_joints_lie_where_the_estimate_has_them(tmp_path: Path) -> None:
         for key, frames in (("", slice(None, None, 2)), ("_60Hz", slice(None))):
             trans = content[f"trans{key}"][person]
             pelvis = trans + (told[0, 0] - content["trans"][person][0])
-            found = joints_of(content[f"poses{key}"][person], pelvis, one.motion.skeleton.p_parent_joint)
+            found = smpl_joints(content[f"poses{key}"][person], pelvis, one.motion.skeleton.p_parent_joint)
             assert np.abs(zup(found) - known[frames]).max() < TENTH_MM / 1000
     assert content["img_frame_ids"].tolist() == list(range(0, 31, 2))
     assert content["genders"] == ["n", "n"]

@@ -1,5 +1,6 @@
 """The format of an exported file is told by its suffix."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -13,6 +14,8 @@ from vip_factors.estimate import SceneEstimate
 from vip_factors.io.atomic import atomic_path, check_target
 from vip_factors.io.export.resample import resampled
 from vip_factors.io.export.settings import ExportSettings
+
+FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]')  # in names of files, on one system or another
 
 Writer = Callable[[SceneEstimate, Path, ExportSettings], None]
 """Writes all wearers of an estimate (one, if the format holds one person only) into a file."""
@@ -85,7 +88,8 @@ def file_names(path: Path, parts: Sequence[SceneEstimate]) -> list[Path]:
     """One name for each part: the path itself, or with the wearer's name before the suffix."""
     if len(parts) == 1:
         return [path]
-    return [path.with_name(f"{path.stem}.{part.wearers[0].name}{path.suffix}") for part in parts]
+    names = [FORBIDDEN.sub("_", part.wearers[0].name) for part in parts]
+    return [path.with_name(f"{path.stem}.{name}{path.suffix}") for name in names]
 
 
 def _chosen(estimate: SceneEstimate, wearer: str | None) -> SceneEstimate:

@@ -10,6 +10,7 @@ from vip_factors.geometry.rotations import Array
 
 SIDES = 12  # corners of a cross-section
 CAP_RINGS = 3  # between the equator of a round end and its pole
+BEYOND = 0.25  # share of the next bone in a round end: half would bend more softly, but knees thin at deep bends
 AT_JOINT_M = 1e-6  # an end this near to a joint lies there
 
 
@@ -106,23 +107,27 @@ def _clean(radius: Array) -> Array:
 def _blend(skeleton: Skeleton, segment: Segment, along: Array) -> tuple[np.ndarray, Array]:
     """Bones ``(V, 2)`` and the share ``(V,)`` of the first, the segment's own.
 
-    Where a segment ends at a joint, the bone beyond takes over within one radius to either side.
+    Where a segment ends at a joint, the bone beyond gets its share from one radius before the joint on.
     """
     bones = np.full((len(along), 2), segment.bone)
     share = np.ones(len(along))
     length = float(np.linalg.norm(segment.p_bone_end - segment.p_bone_start))
     parent = PARENTS[segment.bone]
     if parent >= 0 and np.linalg.norm(segment.p_bone_start) < AT_JOINT_M:
-        own = _smooth_step(along / (2 * segment.radius_start) + 0.5)
-        bones[own < 1, 1] = parent
-        share = np.minimum(share, own)
+        _hand_over(bones, share, parent, along / segment.radius_start)
     for child, above in enumerate(PARENTS):
         at = np.linalg.norm(segment.p_bone_end - skeleton.p_parent_joint[child])
         if above == segment.bone and at < AT_JOINT_M:
-            own = _smooth_step((length - along) / (2 * segment.radius_end) + 0.5)
-            bones[(own < 1) & (own < share), 1] = child
-            share = np.minimum(share, own)
+            _hand_over(bones, share, child, (length - along) / segment.radius_end)
     return bones, share
+
+
+def _hand_over(bones: np.ndarray, share: Array, other: int, before: Array) -> None:
+    """Let another bone have its part of the corners that lie ``before`` a joint, counted in radii."""
+    own = 1 - BEYOND * (1 - _smooth_step(before))
+    more = own < share
+    bones[more, 1] = other
+    share[more] = own[more]
 
 
 def _smooth_step(x: Array) -> Array:

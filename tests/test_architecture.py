@@ -35,6 +35,8 @@ FENCED = {
     "google": {"io"},
     "rerun": {"viz"},
     "websockets": {"io"},
+    "pygltflib": {"io"},
+    "pythonosc": {"io"},
     "cv2": {"associate", "initialise", "io", "viz", "sensors"},
     "vqf": {"sensors"},
     "tyro": {"cli"},

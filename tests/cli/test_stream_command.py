@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -59,6 +60,22 @@ def test_a_recording_is_played_into_all_sinks(run: Callable, scene: Path, tmp_pa
     assert evaluation.code == 0, evaluation.err
     assert run("view", out, scene, "--save", tmp_path / "view.rrd").code == 0
     assert "fixed lag" in run("info", out).out
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_avatars_get_poses(run: Callable, scene: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
+        ear.bind(("127.0.0.1", 0))
+        ear.settimeout(10)
+        port = ear.getsockname()[1]
+        done = run("stream", scene, "--vmc", f"127.0.0.1:{port}")
+        assert done.code == 0, done.err
+        heard = b"".join(ear.recv(65536) for _ in range(40))  # of 122: more may not fit into the socket's buffer
+    assert heard.count(b"/VMC/Ext/OK") == 20
+    assert f"ann on port {port}, bob on port {port + 1}" in done.err
+    done = run("stream", scene, "--vmc", "nowhere")
+    assert done.code == 2
+    assert "host:port" in done.err
 
 
 @pytest.mark.usefixtures("stubbed")

@@ -16,6 +16,9 @@ from vip_factors.io.export.settings import ExportSettings
 class ExportOptions:
     """Write an estimate into files of other programs; the suffix tells the format.
 
+    .bvh and .glb are for animation programs; .npz holds poses as AMASS has them, .pkl poses, camera and 2D poses as
+    3DPW has them.
+
     Several wearers in a format that holds one person get a file each: walk.npz becomes walk.Ada.npz and walk.Bea.npz.
     """
 
@@ -33,11 +36,15 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     options = parse(ExportOptions, prog, arguments)
     if len(options.files) < 2:
         raise InputError("expected an estimate and at least one file to write: vip-factors export ESTIMATE FILE …")
+    from vip_factors.cli.terminal import waiting
     from vip_factors.io.export.files import export
     from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 
     source, *targets = options.files
-    estimate = read_scene_estimate(source)
+    with waiting(f"reading {source.name}"):
+        estimate = read_scene_estimate(source)
     for target in targets:
-        for written in export(estimate, target, options.settings, options.overwrite):
-            print(written)
+        with waiting(f"writing {target.name}"):
+            written = export(estimate, target, options.settings, options.overwrite)
+        for path in written:
+            print(path)

@@ -14,7 +14,7 @@ from vip_factors.cli.named import named_tree
 from vip_factors.cli.options import Flag, parse
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
-from vip_factors.io.live.settings import LiveSourceSettings
+from vip_factors.io.live.settings import LiveSourceSettings, VmcPose
 from vip_factors.live.settings import LiveSettings
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from vip_factors.cli.terminal import StatusLine
     from vip_factors.io.live.source import LiveSource
     from vip_factors.io.live_mcap import LiveMcapSink
+    from vip_factors.io.live_vmc import LiveVmcSink
     from vip_factors.sensors.live import LiveSetup
     from vip_factors.viz.live_rerun import LiveRerunSink
 
@@ -53,6 +54,11 @@ class StreamOptions:
     """Show it in a viewer that runs already, at rerun+http://host:9876/proxy say."""
     rerun_serve: int | None = None
     """Port on which Rerun's viewers may connect."""
+    vmc: str | None = None
+    """Send VMC messages for avatars to host:port (Unity, Unreal, Blender, VSeeFace … listen on 39539); of several
+    wearers the second is sent to the next port, and so on."""
+    vmc_pose: VmcPose = VmcPose.NEWEST
+    """Pose that is sent: the newest, or the smoothed one, a lag later but without corrections."""
     real_time: Flag = False
     """Play a recording back in its own time instead of as fast as it can be tracked."""
     follow: Flag = False
@@ -96,6 +102,10 @@ def _check(options: StreamOptions) -> None:
     for wanted in (options.out, options.rerun_save):
         if wanted is not None:
             check_target(wanted, options.overwrite)
+    if options.vmc is not None:
+        from vip_factors.io.live_vmc import check_vmc
+
+        check_vmc(options.vmc)
     if not 0 < options.tree.lag_s < float("inf"):
         raise InputError(f"a lag of {options.tree.lag_s:g} s: expected a positive number of seconds, such as 0.25")
 
@@ -120,8 +130,9 @@ def _run(options: StreamOptions, interrupts: "Interrupts", line: "StatusLine") -
         tracker = FixedLagTracker(setup, options.tree, real_time=not played or options.follow)
         file = _file(options, setup, stack)
         viewers = _viewers(options, setup, stack)
+        avatars = _avatars(options, setup, stack, line)
         json = [LiveJsonSink(sys.stdout)] if options.json else []
-        session = Session(tracker, [*json, *([file] if file is not None else [])], viewers, line)
+        session = Session(tracker, [*json, *([file] if file is not None else []), *avatars], viewers, line)
         for item in interrupts.until_asked(iter(source)):
             session.take(item)
             if session.over:
@@ -131,6 +142,7 @@ def _run(options: StreamOptions, interrupts: "Interrupts", line: "StatusLine") -
         if file is not None:
             file.close()
         told = [sentence for viewer in viewers for sentence in viewer.close()]
+        told += [sentence for avatar in avatars for sentence in avatar.close()]
         dropped = sum(viewer.dropped for viewer in viewers)
         if dropped:
             told.append(f"{dropped} frames were not drawn: Rerun was busy")
@@ -163,6 +175,18 @@ def _viewers(options: StreamOptions, setup: "LiveSetup", stack: ExitStack) -> "l
         stack.callback(viewer.close)
         viewers.append(viewer)
     return viewers
+
+
+def _avatars(options: StreamOptions, setup: "LiveSetup", stack: ExitStack, line: "StatusLine") -> "list[LiveVmcSink]":
+    if options.vmc is None:
+        return []
+    from vip_factors.io.live_vmc import LiveVmcSink
+
+    sink = LiveVmcSink(options.vmc, setup, options.vmc_pose)
+    stack.callback(sink.close)
+    if len(sink.ports) > 1:
+        line.note(f"note: VMC messages: {', '.join(f'{name} on port {port}' for name, port in sink.ports.items())}")
+    return [sink]
 
 
 def _conclude(options: StreamOptions, session: "Session", told: Sequence[str], interrupted: bool) -> None:

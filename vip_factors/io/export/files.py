@@ -1,15 +1,21 @@
 """The format of an exported file is told by its suffix."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import cast
 
+import numpy as np
+
 from vip_factors.errors import InputError
 from vip_factors.estimate import SceneEstimate
 from vip_factors.io.atomic import atomic_path, check_target
+from vip_factors.io.export.resample import resampled
 from vip_factors.io.export.settings import ExportSettings
+
+FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]')  # in names of files, on one system or another
 
 Writer = Callable[[SceneEstimate, Path, ExportSettings], None]
 """Writes all wearers of an estimate (one, if the format holds one person only) into a file."""
@@ -36,12 +42,15 @@ class ExportFormat:
 
 
 FORMATS: dict[str, ExportFormat] = {
+    ".bvh": ExportFormat("bvh:write_bvh", "skeleton and motion, for animation programs"),
+    ".glb": ExportFormat("gltf:write_gltf", "bodies that move, and the camera's path", several=True),
     ".npz": ExportFormat("amass:write_amass", "poses and root path, as AMASS has them"),
     ".csv": ExportFormat("csv_tables:write_csv", "joint positions and joint angles, as a table"),
     ".trc": ExportFormat("opensim_trc:write_trc", "joint centres and keypoints as markers, for OpenSim"),
     ".mot": ExportFormat("opensim_mot:write_mot", "coordinates of OpenSim's model Rajagopal2016"),
     ".sto": ExportFormat("opensense_sto:write_opensense", "orientations of segments, for OpenSense"),
     ".c3d": ExportFormat("c3d_points:write_c3d", "joint centres, keypoints and joint angles as points"),
+    ".pkl": ExportFormat("three_dpw:write_three_dpw", "poses, camera and 2D poses, as 3DPW has them", several=True),
 }
 
 
@@ -68,8 +77,8 @@ def export(
     known = FORMATS.get(path.suffix.lower())
     if known is None:
         raise InputError(f"{path}: expected a file that ends in {', '.join(FORMATS)}")
-    chosen = _chosen(estimate, settings.wearer)
-    parts = [chosen] if known.several else [replace(chosen, wearers=(one,)) for one in chosen.wearers]
+    chosen = resampled(_chosen(estimate, settings.wearer), settings.frame_rate)
+    parts = [chosen] if known.several else [_alone(chosen, number) for number in range(len(chosen.wearers))]
     paths = file_names(path, parts)
     for one in paths:
         check_target(one, overwrite)
@@ -84,7 +93,8 @@ def file_names(path: Path, parts: Sequence[SceneEstimate]) -> list[Path]:
     """One name for each part: the path itself, or with the wearer's name before the suffix."""
     if len(parts) == 1:
         return [path]
-    return [path.with_name(f"{path.stem}.{part.wearers[0].name}{path.suffix}") for part in parts]
+    names = [FORBIDDEN.sub("_", part.wearers[0].name) for part in parts]
+    return [path.with_name(f"{path.stem}.{name}{path.suffix}") for name in names]
 
 
 def _chosen(estimate: SceneEstimate, wearer: str | None) -> SceneEstimate:
@@ -93,4 +103,17 @@ def _chosen(estimate: SceneEstimate, wearer: str | None) -> SceneEstimate:
     names = [one.name for one in estimate.wearers]
     if wearer not in names:
         raise InputError(f"no wearer '{wearer}' in the estimate: expected one of {', '.join(names)}")
-    return replace(estimate, wearers=(estimate.wearers[names.index(wearer)],))
+    return _alone(estimate, names.index(wearer))
+
+
+def _alone(estimate: SceneEstimate, number: int) -> SceneEstimate:
+    """One wearer of a scene, with what the camera saw of that one."""
+    camera = estimate.camera
+    if camera is not None and camera.residual_px is not None:
+        camera = replace(camera, residual_px=camera.residual_px[:, [number]])
+    return replace(
+        estimate,
+        wearers=(estimate.wearers[number],),
+        camera=camera,
+        wearer_of_detection=np.where(estimate.wearer_of_detection == number, 0, -1),
+    )

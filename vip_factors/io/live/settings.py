@@ -1,10 +1,18 @@
 """How patient a live source is, and how much it takes."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 from vip_factors.errors import InputError
 
 MIB = 1024 * 1024
+
+
+class VmcPose(StrEnum):
+    """Which pose is sent: that of the newest frame, or the one a lag earlier that changes no more."""
+
+    NEWEST = "newest"
+    SMOOTHED = "smoothed"
 
 
 @dataclass(frozen=True)

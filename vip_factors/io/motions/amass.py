@@ -7,6 +7,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.lengths import stature_of
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton
 from vip_factors.body.smpl_file import smpl_body
@@ -32,7 +33,8 @@ def read_amass(
     Args:
         path: npz with ``poses`` ``(T, 156)`` or ``(T, 165)`` (or SMPL's 72), ``trans`` and a frame rate.
         model: a SMPL model file, from which with the file's ``betas`` the skeleton is made exactly.
-        stature_m: the person's height, where no model file is at hand; else a round figure by the file's ``gender``.
+        stature_m: the person's height, where no model file is at hand; else the skeleton that this package's export
+            puts beside the poses, or a round figure by the file's ``gender``.
         rate: frames per second, where the file does not say.
 
     Raises:
@@ -62,6 +64,10 @@ def _body(content: dict[str, Any], model: str | Path | None, stature_m: float | 
     if model is not None:
         body = smpl_body(model, content["betas"])
         return body.skeleton, body.p_model_pelvis
+    if content["joint_offsets"] is not None and stature_m is None:
+        bare = Skeleton(content["joint_offsets"])
+        landmarks = skeleton_from_stature(stature_of(bare)).landmarks
+        return Skeleton(bare.p_parent_joint, landmarks, "joint offsets of the file"), P_MODEL_PELVIS
     sex = content["gender"] if content["gender"] in ("male", "female") else None
     return skeleton_from_stature(stature_m or STATURE_M[sex], sex), P_MODEL_PELVIS
 
@@ -79,6 +85,7 @@ def _read(path: Path) -> dict[str, Any]:
                 "betas": np.asarray(file["betas"], dtype=float).ravel() if "betas" in file else None,
                 "gender": _text(file["gender"]) if "gender" in file else "",
                 "rate": rates[0] if rates else None,
+                "joint_offsets": np.asarray(file["joint_offsets"], dtype=float) if "joint_offsets" in file else None,
             }
     except FileFormatError:
         raise

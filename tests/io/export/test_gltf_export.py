@@ -1,0 +1,164 @@
+"""glTF files that we write, read as the specification says: JSON, one block of bytes, and the node tree."""
+
+import json
+import struct
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from animated import TENTH_MM, any_pose, filmed, zup
+from scipy.spatial.transform import Rotation
+
+from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.export.bone_names import bone_names
+from vip_factors.io.export.files import export
+from vip_factors.io.export.settings import BoneNames, ExportSettings
+
+DTYPES = {5126: np.float32, 5121: np.uint8, 5123: np.uint16, 5125: np.uint32}
+WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+
+
+class Glb:
+    """A file's content."""
+
+    def __init__(self, path: Path) -> None:
+        data = path.read_bytes()
+        size = struct.unpack_from("<I", data, 12)[0]
+        self.json: dict[str, Any] = json.loads(data[20 : 20 + size])
+        self._blob = data[28 + size :]
+        self.names = [node["name"] for node in self.json["nodes"]]
+        self.parents = {child: node for node, one in enumerate(self.json["nodes"]) for child in one.get("children", [])}
+
+    def array(self, accessor: int) -> Array:
+        one = self.json["accessors"][accessor]
+        view = self.json["bufferViews"][one["bufferView"]]
+        dtype, width = DTYPES[one["componentType"]], WIDTHS[one["type"]]
+        flat = np.frombuffer(self._blob, dtype, one["count"] * width, view["byteOffset"]).reshape(-1, width)
+        return flat / np.iinfo(dtype).max if one.get("normalized") else flat
+
+    def local(self, node: int, frame: int) -> Array:
+        """``(4, 4)``; the animation's keys are taken as they come."""
+        one = dict(self.json["nodes"][node])
+        for motion in self.json.get("animations", []):
+            for channel in motion["channels"]:
+                if channel["target"]["node"] == node:
+                    sampler = motion["samplers"][channel["sampler"]]
+                    one[channel["target"]["path"]] = self.array(sampler["output"])[frame]
+        T = np.eye(4)
+        T[:3, :3] = Rotation.from_quat(one.get("rotation", [0, 0, 0, 1])).as_matrix()
+        T[:3, 3] = one.get("translation", [0, 0, 0])
+        return T
+
+    def world(self, node: int, frame: int) -> Array:
+        T = self.local(node, frame)
+        return T if node not in self.parents else self.world(self.parents[node], frame) @ T
+
+    def skinned(self, wearer: int, frame: int) -> Array:
+        """Corners ``(V, 3)`` of a body."""
+        skin = self.json["skins"][wearer]
+        inverse = self.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
+        moved = np.array([self.world(node, frame) for node in skin["joints"]]) @ inverse
+        attributes = self.json["meshes"][wearer]["primitives"][0]["attributes"]
+        corners = np.c_[self.array(attributes["POSITION"]), np.ones(len(self.array(attributes["POSITION"])))]
+        weights, joints = self.array(attributes["WEIGHTS_0"]), self.array(attributes["JOINTS_0"])
+        return np.einsum("vk,vkij,vj->vi", weights, moved[joints], corners)[:, :3]
+
+
+@pytest.fixture(scope="module")
+def glb(tmp_path_factory: pytest.TempPathFactory) -> Glb:
+    (path,) = export(filmed()[1], tmp_path_factory.mktemp("glb") / "a.glb")
+    return Glb(path)
+
+
+def test_joints_lie_where_the_estimate_has_them(glb: Glb) -> None:
+    for wearer, one in enumerate(filmed()[1].wearers):
+        joints = glb.json["skins"][wearer]["joints"]
+        assert [glb.names[node] for node in joints] == list(JOINT_NAMES)
+        for frame in (0, 7, 30):
+            T = np.array([glb.world(node, frame) for node in joints])
+            assert np.abs(zup(T[:, :3, 3]) - one.motion.state.p_world_joint[frame]).max() < TENTH_MM / 10
+            R_world_bone = zup(np.swapaxes(T[:, :3, :3], 1, 2)).swapaxes(1, 2)
+            assert np.abs(R_world_bone - one.motion.state.R_world_bone[frame]).max() < 1e-5
+
+
+def test_keys_are_at_the_times_of_the_frames(glb: Glb) -> None:
+    time = glb.array(glb.json["animations"][0]["samplers"][0]["input"])[:, 0]
+    assert np.allclose(time, np.arange(31) / 60, atol=1e-6)
+    one = glb.json["accessors"][glb.json["animations"][0]["samplers"][0]["input"]]
+    assert (one["min"], one["max"]) == ([0.0], [0.5])
+
+
+def test_the_camera_sees_what_it_saw(glb: Glb) -> None:
+    scene, estimate = filmed()
+    node = glb.names.index("phone")
+    lens = glb.json["cameras"][glb.json["nodes"][node]["camera"]]["perspective"]
+    for frame in (0, 20):
+        p_world = estimate.wearers[1].motion.state.p_world_joint[frame]
+        p_yup = np.c_[p_world[:, 0], p_world[:, 2], -p_world[:, 1], np.ones(24)]
+        x, y, z = (np.linalg.inv(glb.world(node, frame)) @ p_yup.T)[:3]
+        scale = 1 / np.tan(lens["yfov"] / 2)
+        pixels = np.c_[640 + 640 * scale / lens["aspectRatio"] * x / -z, 360 - 360 * scale * y / -z]
+        path = estimate.camera.path
+        known = scene.camera.model.project((p_world - path.p_world_camera[frame]) @ path.R_world_camera[frame])
+        assert (z < 0).all()
+        assert np.abs(pixels - known).max() < 1e-2
+
+
+def test_the_skin_stands_on_the_floor_and_moves_with_the_bones(glb: Glb) -> None:
+    estimate = filmed()[1]
+    for wearer, one in enumerate(estimate.wearers):
+        skeleton = one.motion.skeleton
+        corners = glb.array(glb.json["meshes"][wearer]["primitives"][0]["attributes"]["POSITION"])
+        assert corners[:, 1].max() == pytest.approx(skeleton.stature, abs=0.02)
+        moved = zup(glb.skinned(wearer, 12))
+        top = skeleton.landmarks["head_top"]
+        state = one.motion.state
+        p_top = state.p_world_joint[12, top.bone] + state.R_world_bone[12, top.bone] @ top.p_bone_point
+        assert np.linalg.norm(moved - p_top, axis=1).min() < 0.01
+        # On either side of a knee that bends the skin hangs together: no corner flies off its bones.
+        nearest = np.linalg.norm(moved[:, None] - state.p_world_joint[12], axis=-1).min(axis=1)
+        assert nearest.max() < 0.3
+
+
+def test_weights_add_up_and_pass_over_at_joints(glb: Glb) -> None:
+    attributes = glb.json["meshes"][0]["primitives"][0]["attributes"]
+    weights, joints = glb.array(attributes["WEIGHTS_0"]), glb.array(attributes["JOINTS_0"])
+    assert np.allclose(weights.sum(axis=1), 1)
+    shank, thigh = JOINT_NAMES.index("left_knee"), JOINT_NAMES.index("left_hip")
+    at_knee = (np.sort(joints[:, :2], axis=1) == [thigh, shank]).all(axis=1) & (weights[:, 1] > 0)
+    assert 0.7 < weights[at_knee, 0].min() < 0.8
+
+
+def test_triangles_face_outwards(glb: Glb) -> None:
+    for primitive in glb.json["meshes"][0]["primitives"]:
+        corners = glb.array(primitive["attributes"]["POSITION"])
+        normals = glb.array(primitive["attributes"]["NORMAL"])
+        a, b, c = (glb.array(primitive["indices"]).reshape(-1, 3)).T
+        face = np.cross(corners[b] - corners[a], corners[c] - corners[a])
+        assert (np.einsum("ij,ij->i", face, normals[a] + normals[b] + normals[c]) > 0).all()
+
+
+def test_another_reader_loads_the_bodies(tmp_path: Path) -> None:
+    (path,) = export(filmed()[1], tmp_path / "a.glb")
+    scene = trimesh.load_scene(path)
+    assert sorted({name.rsplit("_", 1)[0] for name in scene.geometry}) == ["ann body", "bob body"]
+    assert path.stat().st_size < 500_000
+
+
+def test_names_and_one_wearer_without_a_camera(tmp_path: Path) -> None:
+    (path,) = export(any_pose(), tmp_path / "a.glb", ExportSettings(bone_names=BoneNames.HUMANIK))
+    glb = Glb(path)
+    assert [glb.names[node] for node in glb.json["skins"][0]["joints"]] == list(bone_names(BoneNames.HUMANIK))
+    assert "cameras" not in glb.json or not glb.json["cameras"]
+
+
+def test_the_package_that_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pygltflib", None)
+    with pytest.raises(InputError, match=r"vip-factors\[export\]"):
+        export(any_pose(), tmp_path / "a.glb")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,80 @@
+"""Estimates at another frame rate."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from animated import any_pose, filmed
+
+from vip_factors.errors import InputError
+from vip_factors.estimate import CameraEstimate, PoseCovariance, SceneEstimate
+from vip_factors.geometry.rotations import angle_between
+from vip_factors.io.export.files import export
+from vip_factors.io.export.resample import resampled
+from vip_factors.io.export.settings import ExportSettings
+
+
+def _camera(estimate: SceneEstimate) -> CameraEstimate:
+    assert estimate.camera is not None
+    return estimate.camera
+
+
+def test_the_same_rate_changes_nothing() -> None:
+    estimate = filmed()[1]
+    assert resampled(estimate, None) is estimate
+    assert resampled(estimate, 60.0 * (1 + 1e-12)) is estimate
+
+
+def test_half_the_rate_is_every_second_frame() -> None:
+    estimate = filmed()[1]
+    half = resampled(estimate, 30.0)
+    for one, before in zip(half.wearers, estimate.wearers, strict=True):
+        expected = before.motion.frames(slice(None, None, 2))
+        assert len(one.motion) == len(expected)
+        assert np.allclose(one.motion.R_parent_child, expected.R_parent_child, atol=1e-9)
+        assert np.allclose(one.motion.p_world_pelvis, expected.p_world_pelvis, atol=1e-9)
+        assert (one.motion.rate, one.motion.start) == (30.0, before.motion.start)
+        assert len(one.residuals["orientation_deg"]) == len(expected)
+    assert np.allclose(_camera(half).path.p_world_camera, _camera(estimate).path.p_world_camera[::2], atol=1e-9)
+
+
+def test_frames_in_between_lie_on_the_movement() -> None:
+    estimate = filmed()[1]
+    back = resampled(resampled(estimate, 30.0), 60.0)
+    found, known = back.wearers[0].motion, estimate.wearers[0].motion.frames(slice(0, 31))
+    assert len(found) == len(known)
+    assert np.rad2deg(angle_between(found.R_parent_child, known.R_parent_child)).max() < 0.05
+    assert np.abs(found.state.p_world_joint - known.state.p_world_joint).max() < 5e-4
+
+
+def test_a_rate_that_does_not_divide_keeps_within_the_recording() -> None:
+    motion = resampled(filmed()[1], 23.976).wearers[0].motion
+    assert motion.time[-1] <= 0.5 < motion.time[-1] + 1 / 23.976
+
+
+def test_uncertainty_and_gaps_go_along() -> None:
+    estimate = filmed()[1]
+    one, T = estimate.wearers[0], len(estimate.wearers[0].motion)
+    sigma = np.linspace(1.0, 2.0, T)
+    covariance = PoseCovariance(np.tile(np.eye(3), (T, 24, 1, 1)) * sigma[:, None, None, None], np.zeros((T, 3, 3)))
+    gap = np.full((T, 1), 3.0)
+    gap[10] = np.nan
+    one = replace(one, covariance=covariance, residuals={"orientation_deg": gap})
+    found = resampled(replace(estimate, wearers=(one,)), 40.0).wearers[0]
+    assert np.allclose(found.covariance.joints[:, 5, 1, 1], 1.0 + found.motion.time / 0.5)
+    assert found.motion.time[7] == pytest.approx(10.5 / 60)
+    assert np.isnan(found.residuals["orientation_deg"][7])
+    assert np.isfinite(found.residuals["orientation_deg"][[6, 8]]).all()
+
+
+@pytest.mark.parametrize("suffix", [".bvh", ".glb", ".npz", ".pkl"])
+def test_one_frame_can_be_written_at_any_rate(suffix: str, tmp_path: Path) -> None:
+    (path,) = export(any_pose(frames=1), tmp_path / f"a{suffix}", ExportSettings(frame_rate=50.0))
+    assert path.stat().st_size > 0
+
+
+@pytest.mark.parametrize("rate", [0.0, -30.0, float("nan"), float("inf")])
+def test_a_rate_must_be_positive(rate: float) -> None:
+    with pytest.raises(InputError, match="positive"):
+        resampled(filmed()[1], rate)

@@ -1,0 +1,146 @@
+"""3DPW-style files that we write, read by pickle and twenty lines of forward kinematics."""
+
+import pickle
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from animated import TENTH_MM, filmed, smpl_joints, zup
+
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.export.files import export
+from vip_factors.io.export.settings import ExportSettings
+from vip_factors.io.mcap_scene_recording import write_scene
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera_path import CameraPath
+
+# Keypoints of OpenPose's 18 that lie on joints of SMPL: elbows, wrists, knees, ankles.
+KEYPOINTS, JOINTS = [3, 6, 4, 7, 9, 12, 10, 13], [19, 18, 21, 20, 5, 4, 8, 7]
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.mcap"
+    write_scene(filmed()[0], path)
+    return path
+
+
+def content_of(path: Path) -> dict[str, Any]:
+    with path.open("rb") as file:
+        return pickle.load(file, encoding="latin1")
+
+
+def pixels_of(content: dict[str, Any], person: int) -> Array:
+    T, p = content["cam_poses"], content["jointPositions"][person].reshape(-1, 24, 3)
+    p = np.einsum("tij,tkj->tki", T[:, :3, :3], p) + T[:, None, :3, 3]
+    flat = p @ content["cam_intrinsics"].T
+    return flat[..., :2] / flat[..., 2:]
+
+
+def test_joints_lie_where_the_estimate_has_them(tmp_path: Path) -> None:
+    estimate = filmed()[1]
+    (path,) = export(estimate, tmp_path / "a.pkl")
+    content = content_of(path)
+    assert len(content["poses"]) == 2
+    for person, one in enumerate(estimate.wearers):
+        known = one.motion.state.p_world_joint
+        told = content["jointPositions"][person].reshape(-1, 24, 3)
+        assert np.abs(zup(told) - known[::2]).max() < TENTH_MM / 1000
+        for key, frames in (("", slice(None, None, 2)), ("_60Hz", slice(None))):
+            trans = content[f"trans{key}"][person]
+            pelvis = trans + (told[0, 0] - content["trans"][person][0])
+            found = smpl_joints(content[f"poses{key}"][person], pelvis, one.motion.skeleton.p_parent_joint)
+            assert np.abs(zup(found) - known[frames]).max() < TENTH_MM / 1000
+    assert content["img_frame_ids"].tolist() == list(range(0, 31, 2))
+    assert content["genders"] == ["n", "n"]
+    assert [one.shape for one in content["betas"]] == [(10,), (10,)]
+
+
+def test_with_the_recording_its_2d_poses_are_there(recording: Path, tmp_path: Path) -> None:
+    scene, estimate = filmed()
+    (path,) = export(estimate, tmp_path / "a.pkl", ExportSettings(recording=recording))
+    content = content_of(path)
+    frames = len(scene.camera.detections.time)
+    for person in range(2):
+        poses2d = content["poses2d"][person]
+        assert poses2d.shape == (frames, 3, 18)
+        found = poses2d[:, :2, KEYPOINTS].transpose(0, 2, 1)
+        assert np.abs(found - pixels_of(content, person)[:, JOINTS]).max() < 1e-3
+        assert np.allclose(poses2d[:, :2, 1], (poses2d[:, :2, 2] + poses2d[:, :2, 5]) / 2)
+        assert content["campose_valid"][person].all()
+
+
+def test_a_lens_that_distorts_is_taken_out_of_the_2d_poses(tmp_path: Path) -> None:
+    scene, estimate = filmed()
+    bent = CameraModel(1280, 720, (1000.0, 1000.0), (640.0, 360.0), (-0.2, 0.05, 0.001, -0.002))
+    known = scene.camera.detections
+    flat = (known.pixels - [640, 360]) / 1000
+    pixels = bent.project(np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1))
+    camera = replace(scene.camera, model=bent, detections=replace(known, pixels=pixels))
+    write_scene(replace(scene, camera=camera), tmp_path / "bent.mcap")
+    estimate = replace(estimate, camera=replace(estimate.camera, model=bent))
+    (path,) = export(estimate, tmp_path / "a.pkl", ExportSettings(recording=tmp_path / "bent.mcap"))
+    content = content_of(path)
+    found = content["poses2d"][1][:, :2, KEYPOINTS].transpose(0, 2, 1)
+    assert np.abs(found - pixels_of(content, 1)[:, JOINTS]).max() < 1e-2
+
+
+def test_one_wearer_alone_keeps_that_wearers_2d_poses(recording: Path, tmp_path: Path) -> None:
+    estimate = filmed()[1]
+    (both,) = export(estimate, tmp_path / "both.pkl", ExportSettings(recording=recording))
+    (one,) = export(estimate, tmp_path / "one.pkl", ExportSettings(wearer="bob", recording=recording))
+    assert np.array_equal(content_of(one)["poses2d"][0], content_of(both)["poses2d"][1])
+
+
+def test_pictures_outside_the_estimate_are_not_valid(recording: Path, tmp_path: Path) -> None:
+    estimate = filmed()[1]
+    path = estimate.camera.path
+    part = CameraPath(path.time[4:20], path.R_world_camera[4:20], path.p_world_camera[4:20])
+    short = replace(
+        estimate,
+        wearers=tuple(replace(one, motion=one.motion.frames(slice(4, 20))) for one in estimate.wearers),
+        camera=replace(estimate.camera, path=part),
+    )
+    (path,) = export(short, tmp_path / "a.pkl", ExportSettings(recording=recording))
+    content = content_of(path)
+    assert np.flatnonzero(content["campose_valid"][0]).tolist() == list(range(2, 10))
+    assert len(content["poses"][0]) == len(content["campose_valid"][0]) == 16
+    assert 0 <= content["img_frame_ids"].min() <= content["img_frame_ids"].max() < len(content["poses_60Hz"][0])
+
+
+def test_the_recording_may_tell_the_sex(tmp_path: Path) -> None:
+    scene, estimate = filmed()
+    ann, bob = scene.wearers
+    ann = replace(ann, subject=replace(ann.subject, sex="female"))
+    write_scene(replace(scene, wearers=(ann, bob)), tmp_path / "s.mcap")
+    (path,) = export(estimate, tmp_path / "a.pkl", ExportSettings(recording=tmp_path / "s.mcap"))
+    assert content_of(path)["genders"] == ["f", "n"]
+
+
+def test_the_world_has_y_up(tmp_path: Path) -> None:
+    (path,) = export(filmed()[1], tmp_path / "a.pkl")
+    joints = content_of(path)["jointPositions"][0].reshape(-1, 24, 3)
+    assert ((joints[:, 15] - joints[:, 7])[:, 1] > 1.0).all()
+
+
+def test_old_readers_know_all_that_is_in_it(tmp_path: Path) -> None:
+    (path,) = export(filmed()[1], tmp_path / "a.pkl")
+    pickled = path.read_bytes()
+    assert pickled[:2] == b"\x80\x02"
+    assert b"numpy._core" not in pickled  # NumPy before 1.26 has no such module
+
+
+def test_without_a_camera_no_frame_is_valid(tmp_path: Path) -> None:
+    (path,) = export(replace(filmed()[1], camera=None), tmp_path / "a.pkl", ExportSettings(frame_rate=15.0))
+    content = content_of(path)
+    assert not content["campose_valid"][1].any()
+    assert len(content["poses"][0]) == 8
+
+
+def test_another_recording_is_refused(recording: Path, tmp_path: Path) -> None:
+    strange = replace(filmed()[1], wearer_of_detection=np.zeros(5, int))
+    with pytest.raises(InputError, match="5"):
+        export(strange, tmp_path / "a.pkl", ExportSettings(recording=recording))

@@ -1,0 +1,183 @@
+"""glTF 2.0, binary: skinned bodies that move, and the camera that filmed them. Metres, Y up, as glTF has it."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vip_factors import __version__
+from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side, mannequin
+from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton
+from vip_factors.errors import InputError
+from vip_factors.estimate import CameraEstimate, Estimate, SceneEstimate
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.export.axes import R_YUP_WORLD
+from vip_factors.io.export.bone_names import bone_names
+from vip_factors.io.export.capsule_mesh import body_mesh
+from vip_factors.io.export.gltf_buffer import CORNERS, INDICES, GltfBuffer
+from vip_factors.io.export.settings import ExportSettings
+
+if TYPE_CHECKING:
+    from pygltflib import GLTF2
+
+NEAREST_M = 0.05  # what a camera draws begins here
+ROUGHNESS = 0.8
+STILL = 1e-7  # a turn or shift by less (rad or m, nearly) needs no keys: what a float32 can hold
+R_CAMERA_GLTF = np.diag([1.0, -1.0, -1.0])  # glTF's cameras have y up and look along −z
+
+
+def write_gltf(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> None:
+    """Write all wearers and the camera into one file, with one animation.
+
+    A body's bones have the axes of its T-pose (x to the left, y up, z forward). A camera has its vertical field of
+    view and aspect; a principal point off the image's middle and distortion have no place in the format.
+
+    Raises:
+        InputError: without the package that writes glTF.
+    """
+    file = _Scene(estimate.wearers[0].motion.start)
+    for one in estimate.wearers:
+        file.add_wearer(one, bone_names(settings.bone_names))
+    if estimate.camera is not None:
+        file.add_camera(estimate.camera)
+    path.write_bytes(file.whole())
+
+
+class _Scene:
+    """A glTF scene that is being put together; ``start`` is the instant that its animation begins."""
+
+    def __init__(self, start: float) -> None:
+        try:
+            import pygltflib
+        except ImportError as error:
+            raise InputError("glTF files need the package pygltflib: pip install 'vip-factors[export]'") from error
+        self._lib: Any = pygltflib
+        self._start = start
+        self._buffer = GltfBuffer()
+        self._gltf: GLTF2 = pygltflib.GLTF2(
+            asset=pygltflib.Asset(version="2.0", generator=f"vip-factors {__version__}"),
+            scene=0, scenes=[pygltflib.Scene(nodes=[])], materials=[_material(pygltflib, side) for side in Side],
+        )  # fmt: skip
+        self._motion = pygltflib.Animation(name="motion", channels=[], samplers=[])
+
+    def add_wearer(self, estimate: Estimate, names: tuple[str, ...]) -> None:
+        """A node with the wearer's name that holds the bones, and one with the body's mesh."""
+        gltf, motion = self._gltf, estimate.motion
+        holder = self._node(name=estimate.name, children=[len(gltf.nodes) + 1])
+        first = len(gltf.nodes)
+        for joint, name in enumerate(names):
+            children = [first + child for child, parent in enumerate(PARENTS) if parent == joint]
+            self._node(name=name, children=children, translation=motion.skeleton.p_parent_joint[joint].tolist())
+        mesh = self._mesh(motion.skeleton, estimate.name)
+        body = self._node(name=f"{estimate.name} body", mesh=mesh, skin=self._skin(motion.skeleton, first, holder))
+        gltf.scenes[0].nodes += [holder, body]
+
+        times = self._times(motion.time)
+        R = motion.R_parent_child.copy()
+        R[:, 0] = R_YUP_WORLD @ R[:, 0]
+        self._animate(first, "translation", times, motion.p_world_pelvis @ R_YUP_WORLD.T)
+        for joint in range(JOINT_COUNT):
+            self._animate(first + joint, "rotation", times, _quaternions(R[:, joint]))
+
+    def add_camera(self, camera: CameraEstimate) -> None:
+        """A node with the camera's name, which moves if the camera does."""
+        lib, model = self._lib, camera.model
+        yfov = 2 * np.arctan2(model.height / 2, model.focal[1])
+        aspect = (model.width / model.focal[0]) / (model.height / model.focal[1])
+        lens = lib.Perspective(yfov=float(yfov), aspectRatio=float(aspect), znear=NEAREST_M)
+        self._gltf.cameras.append(lib.Camera(name=camera.name, type="perspective", perspective=lens))
+        node = self._node(name=camera.name, camera=len(self._gltf.cameras) - 1)
+        self._gltf.scenes[0].nodes.append(node)
+        path = camera.path
+        times = self._times(path.time) if len(path) > 1 else None
+        self._animate(node, "translation", times, path.p_world_camera @ R_YUP_WORLD.T)
+        self._animate(node, "rotation", times, _quaternions(R_YUP_WORLD @ path.R_world_camera @ R_CAMERA_GLTF))
+
+    def whole(self) -> bytes:
+        """The file."""
+        gltf, buffer = self._gltf, self._buffer
+        if self._motion.channels:
+            gltf.animations = [self._motion]
+        gltf.accessors, gltf.bufferViews = buffer.accessors, buffer.views
+        gltf.buffers = [self._lib.Buffer(byteLength=len(buffer.data))]
+        gltf.set_binary_blob(bytes(buffer.data))
+        return b"".join(gltf.save_to_bytes())
+
+    def _node(self, **properties: Any) -> int:
+        self._gltf.nodes.append(self._lib.Node(**properties))
+        return len(self._gltf.nodes) - 1
+
+    def _times(self, time: Array) -> int:
+        return self._buffer.add((time - self._start).astype(np.float32), bounds=True)
+
+    def _animate(self, node: int, path: str, times: int | None, values: Array) -> None:
+        """The first value is the node's own; what changes becomes a channel of the animation."""
+        setattr(self._gltf.nodes[node], path, values[0].tolist())
+        if times is None or np.abs(values - values[0]).max() < STILL:
+            return
+        lib, motion = self._lib, self._motion
+        output = self._buffer.add(values.astype(np.float32))
+        motion.samplers.append(lib.AnimationSampler(input=times, output=output, interpolation="LINEAR"))
+        target = lib.AnimationChannelTarget(node=node, path=path)
+        motion.channels.append(lib.AnimationChannel(sampler=len(motion.samplers) - 1, target=target))
+
+    def _mesh(self, skeleton: Skeleton, name: str) -> int:
+        lib, add, body = self._lib, self._buffer.add, body_mesh(skeleton, mannequin(skeleton))
+        own = np.rint(255 * body.weight).astype(np.uint8)
+        nothing = np.zeros_like(own)
+        second = np.where(own < 255, body.bones[:, 1], 0)  # glTF wants 0 where a weight is 0
+        bones = np.stack([np.where(own > 0, body.bones[:, 0], 0), second, nothing, nothing], axis=1)
+        attributes = lib.Attributes(
+            POSITION=add((body.p_pelvis_corner + _stand(skeleton)).astype(np.float32), CORNERS, bounds=True),
+            NORMAL=add(body.normal.astype(np.float32), CORNERS),
+            JOINTS_0=add(bones.astype(np.uint8), CORNERS),
+            WEIGHTS_0=add(np.stack([own, 255 - own, nothing, nothing], axis=1), CORNERS, unit=True),
+        )
+        primitives = [
+            lib.Primitive(
+                attributes=attributes, indices=add(_indices(triangles), INDICES), material=[*Side].index(side)
+            )
+            for side, triangles in body.triangles.items()
+        ]
+        self._gltf.meshes.append(lib.Mesh(name=f"{name} body", primitives=primitives))
+        return len(self._gltf.meshes) - 1
+
+    def _skin(self, skeleton: Skeleton, first: int, holder: int) -> int:
+        inverse = np.broadcast_to(np.eye(4), (JOINT_COUNT, 4, 4)).copy()
+        inverse[:, 3, :3] = -(skeleton.p_pelvis_joint + _stand(skeleton))  # columns in rows
+        joints = list(range(first, first + JOINT_COUNT))
+        matrices = self._buffer.add(inverse.astype(np.float32))
+        self._gltf.skins.append(self._lib.Skin(joints=joints, inverseBindMatrices=matrices, skeleton=holder))
+        return len(self._gltf.skins) - 1
+
+
+def _stand(skeleton: Skeleton) -> Array:
+    """How far to lift the rest pose for it to stand on the floor, ``(3,)`` metres."""
+    lowest = skeleton.p_pelvis_joint[:, 1].min()
+    for one in skeleton.landmarks.values():
+        lowest = min(lowest, skeleton.p_pelvis_joint[one.bone, 1] + one.p_bone_point[1])
+    return np.array([0.0, -lowest, 0.0])
+
+
+def _quaternions(R: Array) -> Array:
+    """``(T, 4)`` w last; each on the side of the one before, for viewers that blend the numbers."""
+    q = quaternion_from_matrix(R, Order.XYZW)
+    turned = np.sum(q[1:] * q[:-1], axis=-1, keepdims=True) < 0
+    q[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)
+    return q
+
+
+def _indices(triangles: np.ndarray) -> np.ndarray:
+    flat = triangles.reshape(-1)
+    return flat.astype(np.uint16 if flat.max() < 65535 else np.uint32)
+
+
+def _material(lib: Any, side: Side) -> Any:
+    """The side's colour, in the linear shares that glTF counts in."""
+    share = np.array(ESTIMATE_COLOURS[side]) / 255
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    surface = lib.PbrMetallicRoughness(
+        baseColorFactor=[*np.round(linear, 4).tolist(), 1.0], metallicFactor=0.0, roughnessFactor=ROUGHNESS
+    )
+    return lib.Material(name=side.value, pbrMetallicRoughness=surface, alphaCutoff=None)

@@ -1,0 +1,166 @@
+"""3DPW-style pickle: SMPL poses of all wearers, the camera, and what a detector saw, frame by frame of the video.
+
+Layout: readme of the 3DPW data set (von Marcard et al., ECCV 2018). Its world has Y up; ``cam_poses`` take it to the
+camera, whose axes are OpenCV's.
+"""
+
+import pickle
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.errors import InputError
+from vip_factors.estimate import CameraEstimate, Estimate, SceneEstimate
+from vip_factors.geometry.rotations import Array, log, transpose
+from vip_factors.io.export.axes import R_YUP_WORLD
+from vip_factors.io.export.resample import poses_at
+from vip_factors.io.export.settings import ExportSettings
+from vip_factors.io.motions.amass import P_MODEL_PELVIS
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.scene import Scene
+
+VIDEO_RATE, IMU_RATE = 30.0, 60.0  # of 3DPW: the fields without a rate in their name, and those of "60Hz"
+BETAS = 10
+PROTOCOL = 2  # the newest that Python 2 reads
+COCO18 = (
+    "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",
+    "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle", "right_eye", "left_eye",
+    "right_ear", "left_ear",
+)  # fmt: skip
+
+
+def write_three_dpw(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> None:
+    """Write all wearers into one file, with ``N`` frames.
+
+    They are the video's frames if the recording is given, else 30 a second or as many as were asked for. ``betas`` are
+    zero, of the mean shape, for the body is not SMPL's: ``jointPositions`` are those of the wearer's own skeleton.
+
+    Raises:
+        InputError: for a recording that is not the one that the estimate was made from.
+        FileFormatError: for a recording that cannot be read.
+    """
+    scene = None if settings.recording is None else _scene(settings.recording, estimate)
+    video = _Video.of(estimate, scene, settings.frame_rate)
+    people = [_person(one, video) for one in estimate.wearers]
+    poses2d = [_poses2d(number, estimate, scene, len(video.time)) for number in range(len(people))]
+    frames_60hz = np.rint((video.time - estimate.wearers[0].motion.start) * IMU_RATE).astype(int)
+    sexes = {} if scene is None else {one.subject.name: one.subject.sex for one in scene.wearers}
+    content: dict[str, Any] = {
+        "sequence": estimate.name,
+        "betas": [np.zeros(BETAS) for _ in people],
+        "genders": [(sexes.get(one.name) or "neutral")[0] for one in estimate.wearers],
+        **{key: [person[key] for person in people] for key in people[0]},
+        "poses2d": poses2d,
+        "img_frame_ids": frames_60hz.clip(0, len(people[0]["poses_60Hz"]) - 1),
+        **_camera(estimate.camera, video.time),
+        "campose_valid": [_valid(one, estimate, scene, video) for one in poses2d],
+    }
+    path.write_bytes(_old_numpy(pickle.dumps(content, PROTOCOL)))
+
+
+@dataclass(frozen=True)
+class _Video:
+    """The frames that the fields without a rate are of: times ``(N,)``, and whether the estimate reaches there."""
+
+    time: Array
+    inside: np.ndarray
+
+    @classmethod
+    def of(cls, estimate: SceneEstimate, scene: Scene | None, frame_rate: float | None) -> "_Video":
+        known = estimate.wearers[0].motion.time
+        if scene is not None and scene.camera is not None and estimate.camera is not None:
+            time = scene.camera.detections.timed(estimate.camera.clock).time
+        else:
+            time = _steps(known, frame_rate or VIDEO_RATE)
+        slack = 1e-6
+        return cls(time, (time >= known[0] - slack) & (time <= known[-1] + slack))
+
+
+def _steps(time: Array, rate: float) -> Array:
+    return time[0] + np.arange(int(np.floor((time[-1] - time[0]) * rate + 1e-6)) + 1) / rate
+
+
+def _scene(path: Path, estimate: SceneEstimate) -> Scene:
+    from vip_factors.io.mcap_scene_recording import read_scene
+
+    scene = read_scene(path)
+    detections = 0 if scene.camera is None else len(scene.camera.detections)
+    if len(estimate.wearer_of_detection) not in (0, detections):
+        raise InputError(
+            f"{path} has {detections} detections, the estimate knows of {len(estimate.wearer_of_detection)}: expected "
+            "the recording that it was made from"
+        )
+    return scene
+
+
+def _person(estimate: Estimate, video: _Video) -> dict[str, Array]:
+    motion = estimate.motion
+    poses, trans, joints = {}, {}, np.zeros((0, 72))
+    for key, time in (("", video.time), ("_60Hz", _steps(motion.time, IMU_RATE))):
+        R_parent_child, p_world_pelvis = poses_at(motion, time)
+        R_parent_child[:, 0] = R_YUP_WORLD @ R_parent_child[:, 0]
+        p_yup_pelvis = p_world_pelvis @ R_YUP_WORLD.T
+        poses[f"poses{key}"] = log(R_parent_child).reshape(len(time), -1)
+        trans[f"trans{key}"] = p_yup_pelvis - P_MODEL_PELVIS
+        if not key:
+            state = forward_kinematics(motion.skeleton, R_parent_child, p_yup_pelvis)
+            joints = state.p_world_joint.reshape(len(time), -1)
+    return {**poses, **trans, "jointPositions": joints}
+
+
+def _camera(camera: CameraEstimate | None, time: Array) -> dict[str, Array]:
+    """Extrinsics ``(N, 4, 4)`` from the world, Y up, to the camera, and intrinsics; identity without a camera."""
+    cam_poses = np.broadcast_to(np.eye(4), (len(time), 4, 4)).copy()
+    if camera is None:
+        return {"cam_poses": cam_poses, "cam_intrinsics": np.eye(3)}
+    path = camera.path.at(time)
+    R_camera_world = transpose(path.R_world_camera)
+    cam_poses[:, :3, :3] = R_camera_world @ R_YUP_WORLD.T
+    cam_poses[:, :3, 3] = -np.einsum("tij,tj->ti", R_camera_world, path.p_world_camera)
+    return {"cam_poses": cam_poses, "cam_intrinsics": camera.model.K}
+
+
+def _valid(poses2d: Array, estimate: SceneEstimate, scene: Scene | None, video: _Video) -> np.ndarray:
+    """``(N,)`` whether a wearer can be looked for in a picture: seen there, if the recording is known to tell."""
+    if estimate.camera is None:
+        return np.zeros(len(video.time), bool)
+    return video.inside & (poses2d[:, 2].any(axis=1) if scene is not None else True)
+
+
+def _poses2d(number: int, estimate: SceneEstimate, scene: Scene | None, frames: int) -> Array:
+    """``(N, 3, 18)`` pixels x, y and confidence of a wearer's keypoints, undistorted; zero where there are none."""
+    found = np.zeros((frames, 3, len(COCO18)))
+    if scene is None or scene.camera is None or estimate.camera is None:
+        return found
+    mine = scene.camera.detections.select(np.flatnonzero(estimate.wearer_of_detection == number))
+    confidence, pixels = _coco18(mine)
+    model = estimate.camera.model
+    straight = model.normalise(pixels) * np.array(model.focal) + np.array(model.centre)
+    seen = (confidence > 0) & np.isfinite(straight).all(axis=-1)
+    rows = np.concatenate([straight, confidence[..., None]], axis=-1)
+    found[mine.frame] = np.where(seen[..., None], rows, 0.0).transpose(0, 2, 1)
+    return found
+
+
+def _coco18(detections: Detections) -> tuple[Array, Array]:
+    """Confidence ``(n, 18)`` and pixels ``(n, 18, 2)``; a neck that no detector gave lies between the shoulders."""
+    names = detections.keypoints.keypoints
+    confidence = np.zeros((len(detections), len(COCO18)))
+    pixels = np.full((*confidence.shape, 2), np.nan)
+    for column, name in enumerate(COCO18):
+        if name in names:
+            confidence[:, column] = detections.confidence[:, names.index(name)]
+            pixels[:, column] = detections.pixels[:, names.index(name)]
+    if "neck" not in names:
+        shoulders = [COCO18.index("left_shoulder"), COCO18.index("right_shoulder")]
+        confidence[:, COCO18.index("neck")] = confidence[:, shoulders].min(axis=1)
+        pixels[:, COCO18.index("neck")] = pixels[:, shoulders].mean(axis=1)
+    return confidence, pixels
+
+
+def _old_numpy(pickled: bytes) -> bytes:
+    """The same for readers with NumPy before 1.26, which knows arrays under their old module's name."""
+    return pickled.replace(b"cnumpy._core.", b"cnumpy.core.")

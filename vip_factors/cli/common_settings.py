@@ -79,9 +79,18 @@ class CommonSettings:
 
 
 @dataclass(frozen=True)
+class CommonLiveCalibration(CommonCalibration):
+    """What is found about sensors and body while it streams."""
+
+    estimate_body: bool = False
+    """Find the lengths of the body, where a camera sees it."""
+
+
+@dataclass(frozen=True)
 class CommonLiveSettings(CommonSettings):
     """The settings of a stream most often changed."""
 
+    calibration: CommonCalibration = field(default_factory=CommonLiveCalibration)
     lag_s: float = 0.25
     """Seconds between the newest pose and the smoothed one."""
     start_s: float = 1.0

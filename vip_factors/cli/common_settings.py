@@ -87,10 +87,19 @@ class CommonLiveCalibration(CommonCalibration):
 
 
 @dataclass(frozen=True)
+class CommonLiveFusion(CommonFusion):
+    """What is done with a camera while it streams."""
+
+    estimate_clock: bool = False
+    """Find how far the video's clock is off, within some milliseconds."""
+
+
+@dataclass(frozen=True)
 class CommonLiveSettings(CommonSettings):
     """The settings of a stream most often changed."""
 
     calibration: CommonCalibration = field(default_factory=CommonLiveCalibration)
+    fusion: CommonFusion = field(default_factory=CommonLiveFusion)
     lag_s: float = 0.25
     """Seconds between the newest pose and the smoothed one."""
     start_s: float = 1.0

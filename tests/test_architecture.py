@@ -19,7 +19,7 @@ ROWS = [
     {"settings"},
     {"stages", "configurations"},
     {"pipeline", "live"},
-    {"benchmark"},
+    {"benchmark", "tune"},
     {"cli"},
 ]
 ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}
@@ -41,6 +41,8 @@ FENCED = {
     "vqf": {"sensors"},
     "tyro": {"cli"},
     "rich": {"cli"},
+    "optuna": {"tune"},
+    "sqlalchemy": {"tune"},
 }
 
 

@@ -3,21 +3,14 @@
 from collections.abc import Callable
 from dataclasses import replace
 from enum import StrEnum
-from typing import Any, TypeVar
+from math import sqrt
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
+if TYPE_CHECKING:
+    from vip_factors.factors.robust import RobustLoss
+    from vip_factors.settings import Settings
 
-from vip_factors.factors.adaptive_biweight import AdaptiveBiweightSettings
-from vip_factors.factors.ground_contact import ContactFrom, GroundContactSettings, Weighing
-from vip_factors.factors.joint_limit import JointLimitSettings
-from vip_factors.factors.orientation import OrientationSettings
-from vip_factors.factors.pose_prior import PosePriorSettings
-from vip_factors.factors.reprojection import ReprojectionSettings
-from vip_factors.factors.robust import Loss, RobustLoss
-from vip_factors.factors.sole import SoleSettings
-from vip_factors.settings import Settings
-
-Tree = TypeVar("Tree", bound=Settings)
+Tree = TypeVar("Tree", bound="Settings")
 
 
 class Configuration(StrEnum):
@@ -42,12 +35,14 @@ GROUND_WEIGHT, GROUND_UNIT = 5e-3, 0.01  # m
 SIGMA_DEG = 4.0  # of orientation: fixes the scale of the whole cost, and by that nothing else
 
 
-def named_settings(name: Configuration | str) -> Settings:
+def named_settings(name: Configuration | str) -> "Settings":
     """The settings of a configuration.
 
     Raises:
         ValueError: for an unknown name.
     """
+    from vip_factors.settings import Settings
+
     return configured(Settings(), name)
 
 
@@ -61,17 +56,28 @@ def configured(own: Tree, name: Configuration | str) -> Tree:
     return changed
 
 
-def cauchy_of(weight: float, unit: float, orientation_sigma: float) -> tuple[float, RobustLoss]:
+def cauchy_of(weight: float, unit: float, orientation_sigma: float) -> "tuple[float, RobustLoss]":
     """Sigma (in the unit's own unit) and loss that stand for ``λ log(1 + (e / unit)²)`` beside ``Σ ‖ΔR‖²``.
 
     ``‖ΔR‖² ≈ 2 θ²`` and our ``θ² / 2 σ²`` differ by the factor ``1 / 4 σ²``, and ours is ``k²/2 log(1 + (e / k s)²)``:
     so ``k² = λ / 2 σ²`` and ``k s`` is the unit.
     """
-    k = float(np.sqrt(weight / 2) / orientation_sigma)
+    from vip_factors.factors.robust import Loss, RobustLoss
+
+    k = sqrt(weight / 2) / orientation_sigma
     return unit / k, RobustLoss(Loss.CAUCHY, k)
 
 
 def _kaichi(own: Tree, weighted: bool = True, contact: bool = True, camera: bool = True) -> Tree:
+    from vip_factors.factors.adaptive_biweight import AdaptiveBiweightSettings
+    from vip_factors.factors.ground_contact import ContactFrom, GroundContactSettings, Weighing
+    from vip_factors.factors.joint_limit import JointLimitSettings
+    from vip_factors.factors.orientation import OrientationSettings
+    from vip_factors.factors.pose_prior import PosePriorSettings
+    from vip_factors.factors.reprojection import ReprojectionSettings
+    from vip_factors.factors.robust import Loss, RobustLoss
+    from vip_factors.factors.sole import SoleSettings
+
     orientation = OrientationSettings(SIGMA_DEG, RobustLoss(Loss.SQUARE))
     limit, limit_loss = cauchy_of(ROM_WEIGHT, ROM_UNIT_DEG, orientation.sigma)
     pixel, pixel_loss = cauchy_of(KEYPOINT_WEIGHT, KEYPOINT_UNIT_PX, orientation.sigma)

@@ -17,7 +17,8 @@ from vip_factors.body.pose_prior import (
     save_pose_prior,
 )
 from vip_factors.body.skeleton import joint_index
-from vip_factors.body.train_prior import PriorTraining, train_pose_prior
+from vip_factors.body.train_prior import train_pose_prior
+from vip_factors.body.train_prior_settings import PriorTraining
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import exp
 

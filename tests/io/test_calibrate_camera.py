@@ -187,3 +187,29 @@ def test_images_and_videos(tmp_path: Path) -> None:
 def test_impossible_boards(make, words: str) -> None:
     with pytest.raises(InputError, match=words):
         make()
+
+
+def boards(ray: np.ndarray, board: Checkerboard, count: int = 3) -> list[np.ndarray]:
+    random = np.random.default_rng(0)
+    return [render(board, *pose, ray, random) for pose in poses(board, count, random)]
+
+
+def test_what_several_images_agree_on_is_named(ray: np.ndarray) -> None:
+    greys = boards(ray, Checkerboard(9, 6, SQUARE_M))
+    assert "a board of 9 x 6 inner corners was seen" in Checkerboard(7, 5).hint(greys)
+    assert "give that if it is all of it" in Checkerboard(10, 7).hint(greys)
+    assert Checkerboard(9, 6).hint(greys) == ""  # found, but blurred where it was looked for: its own size is no advice
+    assert Checkerboard(7, 5).hint([greys[1], np.full_like(greys[1], 128)]) == ""  # a chance find
+
+
+def test_noise_is_no_board(ray: np.ndarray) -> None:
+    random = np.random.default_rng(0)
+    blank = random.integers(0, 255, (480, 640)).astype(np.uint8)
+    for width in (1, 2, 4, 8):
+        assert Checkerboard(9, 6).hint([cv2.GaussianBlur(blank, (0, 0), width)]) == ""
+
+
+def test_a_board_of_three_by_three_is_refused() -> None:
+    with pytest.raises(InputError, match="at least 4 x 3"):
+        Checkerboard(3, 3)
+    assert Checkerboard(4, 3).text == "checkerboard of 4 x 3 inner corners"

@@ -164,3 +164,17 @@ def test_an_interrupt_leaves_the_old_file_and_no_trace(tmp_path: Path, monkeypat
         write_recording(walk(20), tmp_path / "r.mcap", overwrite=True)
     assert [path.name for path in tmp_path.iterdir()] == ["r.mcap"]
     assert (tmp_path / "r.mcap").read_bytes() == before
+
+
+def test_what_the_truth_does_not_know_is_kept(tmp_path: Path) -> None:
+    recording = walk()
+    known = frozenset({"pelvis", "left_hip", "right_hip"})
+    assert recording.truth is not None
+    write_recording(replace(recording, truth=replace(recording.truth, known_bones=known)), tmp_path / "a.mcap")
+    truth = read_recording(tmp_path / "a.mcap").truth
+    assert truth is not None
+    assert truth.known_bones == known
+    write_recording(recording, tmp_path / "b.mcap")
+    truth = read_recording(tmp_path / "b.mcap").truth
+    assert truth is not None
+    assert truth.known_bones is None

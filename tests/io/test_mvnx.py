@@ -318,3 +318,17 @@ def test_damage_is_refused_in_words_or_read_past(tmp_path_factory: pytest.TempPa
     path.write_bytes(damaged[rng.integers(4)])
     with contextlib.suppress(VipFactorsError):
         mvnx.read(path)
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(
+    ("name", "known"), [(REAL[0][0], None), (REAL[1][0], {"pelvis", "spine1", "head", "left_wrist"})]
+)
+def test_limbs_without_sensors_are_no_truth(data_folder: Path, name: str, known: set[str] | None) -> None:
+    bones = mvnx.read(data_folder / "mvnx" / name).truth_bones
+    if known is None:
+        assert bones is None
+    else:
+        assert bones is not None
+        assert bones >= known
+        assert bones.isdisjoint({"left_hip", "right_knee", "left_foot"})

@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,24 +9,9 @@ from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.motion import Motion
 from vip_factors.body.pose_prior import POSE_SIZE, PosePrior, joint_vector, mirror_joint_vector
 from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.body.train_prior_settings import PriorTraining
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-
-
-@dataclass(frozen=True)
-class PriorTraining:
-    """How frames become a Gaussian."""
-
-    rate: float = 4.0  # Hz: poses a quarter of a second apart are nearly independent in a walk
-    longest_clip: float = 10.0  # s: a longer clip counts no more than this, lest one long take set the prior
-    minimum_sigma_deg: float = 5.0  # added in quadrature: rest poses differ by as much between sources
-    minimum_toe_sigma_deg: float = 10.0  # few sources move the toes, which bend at every step
-    minimum_collar_sigma_deg: float = 8.0  # nor the clavicles, which rise with a lifted arm by up to 30 degrees
-    # Forearms turn by ±80°, in the wrist of most sources; with a bent elbow that shows in the elbow's x and z. Which
-    # way the elbow bends is the hinge factor's to say.
-    minimum_pronation_sigma_deg: float = 30.0
-    shrinkage: float = 0.1  # correlations shrink by this, so that no combination is forbidden for not having been seen
-    largest_violation_deg: float = 15.0  # of a joint limit: a frame beyond is a conversion gone wrong, and is dropped
 
 
 def train_pose_prior(motions: Iterable[Motion], settings: PriorTraining | None = None) -> PosePrior:

@@ -3,13 +3,15 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from vip_factors.cli.options import Flag, beside, parse
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate
+
+if TYPE_CHECKING:
+    from vip_factors.estimate import Estimate
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ def _check_picture(picture: Path) -> None:
         raise InputError(f"{picture}: expected the name of a picture that ends in .svg; give --picture another one")
 
 
-def _wearer(options: BodyOptions) -> Estimate:
+def _wearer(options: BodyOptions) -> "Estimate":
     from vip_factors.io.mcap_scene_estimate import read_scene_estimate
     from vip_factors.io.toml_values import nearest
 

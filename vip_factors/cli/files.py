@@ -3,12 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from vip_factors.body.motion import Motion
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import Estimate, SceneEstimate
-from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Scene
+
+if TYPE_CHECKING:
+    from vip_factors.body.motion import Motion
+    from vip_factors.estimate import Estimate, SceneEstimate
+    from vip_factors.sensors.recording import Recording
+    from vip_factors.sensors.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -21,14 +24,14 @@ class Opened:
         scene, scene_estimate: of several wearers, or with a camera.
     """
 
-    recording: Recording | None = None
-    estimate: Estimate | None = None
-    motion: Motion | None = None
-    scene: Scene | None = None
-    scene_estimate: SceneEstimate | None = None
+    recording: "Recording | None" = None
+    estimate: "Estimate | None" = None
+    motion: "Motion | None" = None
+    scene: "Scene | None" = None
+    scene_estimate: "SceneEstimate | None" = None
 
     @property
-    def truth(self) -> Motion | None:
+    def truth(self) -> "Motion | None":
         """The reference motion, if there is one."""
         if self.motion is not None:
             return self.motion
@@ -40,8 +43,11 @@ class Opened:
         """Whether several wearers or a camera are among it."""
         return self.scene is not None or self.scene_estimate is not None
 
-    def as_scene(self) -> tuple[Scene | None, SceneEstimate | None]:
+    def as_scene(self) -> "tuple[Scene | None, SceneEstimate | None]":
         """All of it as a scene: a plain recording or estimate is one of one wearer without a camera."""
+        from vip_factors.estimate import SceneEstimate
+        from vip_factors.sensors.scene import Scene
+
         scene, estimate = self.scene, self.scene_estimate
         if scene is None and self.recording is not None:
             scene = Scene(self.recording.name, (self.recording,))

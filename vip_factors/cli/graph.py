@@ -1,18 +1,21 @@
 """``vip-factors graph``: a recording or a scene in, a picture of its factor graph out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from vip_factors.cli.common_settings import CommonSettings
 from vip_factors.cli.named import named_tree
-from vip_factors.cli.options import Flag, beside, parse
+from vip_factors.cli.options import Flag, beside, parse_with_settings
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
-from vip_factors.settings import Settings
-from vip_factors.viz.graph_description import GraphDescription
+
+if TYPE_CHECKING:
+    from vip_factors.settings import Settings
+    from vip_factors.viz.graph_description import GraphDescription
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,8 @@ class GraphOptions:
 
     It is the graph in which headings, mountings and the camera are found, on every coarse-factor-th frame.
 
-    Every setting of the pipeline is an option; --settings reads them from a file, and options win over it.
+    Every setting of the pipeline is an option (--help-all tells them); --settings reads them from a file, and options
+    win over it.
     """
 
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
@@ -36,16 +40,15 @@ class GraphOptions:
     """TOML file with settings; a table for each group, such as [solve]."""
     overwrite: Flag = False
     """Replace the picture if it exists."""
-    tree: Annotated[Settings, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=Settings)
 
 
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
+    options, settings = parse_with_settings(GraphOptions, prog, arguments, CommonSettings, lambda: _defaults(arguments))
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.io.atomic import atomic_open, check_target
     from vip_factors.io.mcap_scene_recording import read_scene
 
-    options = parse(GraphOptions, prog, arguments, _defaults(arguments), none_is_a_value=True)
     picture = options.picture or beside(options.recording, ".graph.svg")
     if picture.suffix.lower() != ".svg":
         raise InputError(f"{picture}: expected the name of a picture that ends in .svg; give --picture another one")
@@ -56,7 +59,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.viz.graph_picture import graph_picture
 
     with progress_bar() as tell:
-        graph = factor_graph(scene, options.tree, tell)
+        graph = factor_graph(scene, settings, tell)
     names = [wearer.subject.name for wearer in scene.wearers]
     description = graph_description(graph, scene.name, names, options.frame)
     with atomic_open(picture, overwrite=options.overwrite) as file:
@@ -65,7 +68,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     print(picture)
 
 
-def _table(graph: GraphDescription) -> str:
+def _table(graph: "GraphDescription") -> str:
     lines = [f"{graph.frames} frames in {graph.seconds:.2f} s, of {', '.join(graph.wearers)}"]
     variables = {one.kind: one.count for one in graph.variable_kinds}
     factors = {one.kind: one.count for one in graph.factor_kinds}
@@ -76,7 +79,8 @@ def _table(graph: GraphDescription) -> str:
     return "\n".join([*lines, ""])
 
 
-def _defaults(arguments: Sequence[str]) -> GraphOptions | None:
-    """The options' defaults, with those of a configuration or settings file if named."""
-    tree = named_tree(arguments, Settings())
-    return None if tree is None else GraphOptions(recording=tyro.MISSING, tree=tree)
+def _defaults(arguments: Sequence[str]) -> "Settings":
+    """The defaults, with those of a configuration or settings file if named."""
+    from vip_factors.settings import Settings
+
+    return named_tree(arguments, Settings())

@@ -7,10 +7,6 @@ from typing import Annotated
 
 import tyro
 
-from vip_factors.cli.files import open_one
-from vip_factors.cli.info_places import sites_text
-from vip_factors.cli.info_recording import estimate_text, motion_text, recording_text
-from vip_factors.cli.info_scene import scene_estimate_text, scene_text
 from vip_factors.cli.options import Flag, parse
 from vip_factors.errors import InputError
 
@@ -31,6 +27,11 @@ class InfoOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(InfoOptions, prog, arguments)
+    from vip_factors.cli.files import open_one
+    from vip_factors.cli.info_places import sites_text
+    from vip_factors.cli.info_recording import estimate_text, motion_text, recording_text
+    from vip_factors.cli.info_scene import scene_estimate_text, scene_text
+
     if options.sites and options.file is None:
         print(sites_text())
         return

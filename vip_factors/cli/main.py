@@ -26,6 +26,7 @@ COMMANDS = {
     "export": "write an estimate into files of other programs: the suffix tells the format",
     "view": "look at recordings and estimates in Rerun",
     "train": "learn the pose prior, or the weights of the association, from motions",
+    "tune": "find weights of factors on recordings with truth, by Bayesian optimisation",
     "benchmark": "measure accuracy, association, honesty, speed and memory",
 }
 

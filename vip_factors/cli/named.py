@@ -2,22 +2,24 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from vip_factors.configurations import Configuration, configured
-from vip_factors.settings import Settings
 
-Tree = TypeVar("Tree", bound=Settings)
+if TYPE_CHECKING:
+    from vip_factors.settings import Settings
+
+Tree = TypeVar("Tree", bound="Settings")
 
 
-def named_tree(arguments: Sequence[str], own: Tree) -> Tree | None:
-    """What ``--configuration`` and ``--settings`` make of a command's own settings; None without either.
+def named_tree(arguments: Sequence[str], own: Tree) -> Tree:
+    """What ``--configuration`` and ``--settings`` make of a command's own settings.
 
     A configuration on the command line wins over that of the file, whose other settings stay.
     """
     name, path = given(arguments, "--configuration"), given(arguments, "--settings")
     if (path is None and name is None) or (name is not None and name not in list(Configuration)):
-        return None  # of an unknown name the parser tells
+        return own  # of an unknown name the parser tells
     tree = configured(own, name or Configuration.OWN)
     if path is None:
         return tree

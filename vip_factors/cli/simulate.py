@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.options import Flag, asks_for_short_help, parse, tell_short_help
 from vip_factors.errors import InputError
-from vip_factors.sensors.recording import Recording
 from vip_factors.simulate.detector_settings import DetectorSettings
 from vip_factors.simulate.settings import SimulateSettings
 
 if TYPE_CHECKING:
     from vip_factors.body.motion import Motion
+    from vip_factors.sensors.recording import Recording
     from vip_factors.sensors.scene import Scene
     from vip_factors.simulate.scene_settings import SceneSettings
 
@@ -57,7 +57,7 @@ class VideoOptions:
 
 
 @dataclass(frozen=True)
-class SimulateOptions:
+class SimulateCommand:
     """Make a recording with known truth from a motion: what sensors on that person would have measured.
 
     With --camera it becomes a scene: one or more wearers, bystanders, a camera, and what a 2D pose detector would
@@ -79,18 +79,29 @@ class SimulateOptions:
     seconds: float | None = None
     """Length of the package's own motion (20 if absent); in a scene, files are repeated or cut to it too."""
     noise_free: Flag = False
-    """Perfect sensors instead of realistic ones; error options given besides are ignored."""
+    """Perfect sensors instead of realistic ones; error options (of --help-all) given besides are ignored."""
     overwrite: Flag = False
     """Replace the recording if it exists."""
+    video: Annotated[VideoOptions, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=VideoOptions)
+
+
+@dataclass(frozen=True)
+class SimulateOptions(SimulateCommand):
+    """All of it: what is asked for, and what sensors and detector do wrong."""
+
     errors: Annotated[SimulateSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
         default_factory=SimulateSettings
     )
-    video: Annotated[VideoOptions, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=VideoOptions)
     detector: DetectorSettings = field(default_factory=DetectorSettings)
+
+
+SimulateOptions.__doc__ = SimulateCommand.__doc__  # what help begins with
 
 
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
+    if asks_for_short_help(arguments):
+        tell_short_help(SimulateCommand, prog)
     options = parse(SimulateOptions, prog, arguments, none_is_a_value=True)
     video = options.video
     if video.camera == "none" and (video.also or video.bystanders or video.cameras > 1 or video.known_camera_pose):
@@ -130,7 +141,7 @@ def _write_scene(options: SimulateOptions) -> str:
     )
 
 
-def simulated(options: SimulateOptions) -> Recording:
+def simulated(options: SimulateOptions) -> "Recording":
     """The recording that the options ask for."""
     from vip_factors.sensors.placement import preset
     from vip_factors.simulate.recording import simulate_recording

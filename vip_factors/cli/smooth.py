@@ -2,22 +2,22 @@
 
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from vip_factors.cli.common_settings import CommonSettings
 from vip_factors.cli.named import named_tree
-from vip_factors.cli.options import Flag, beside, parse
+from vip_factors.cli.options import Flag, beside, parse_with_settings
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
-from vip_factors.estimate import SceneEstimate
-from vip_factors.settings import Settings
 
 if TYPE_CHECKING:
-    from vip_factors.estimate import EstimatePart, LongEstimate, ScenePart
+    from vip_factors.estimate import EstimatePart, LongEstimate, SceneEstimate, ScenePart
     from vip_factors.io.mcap_sampled import SampledScene
+    from vip_factors.settings import Settings
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,8 @@ class SmoothOptions:
     With a camera in it: all wearers in one world, and the camera's path. Without: each wearer from the IMUs alone.
     What is longer than --windows.above-s is solved window by window, in the memory of one.
 
-    Every setting of the pipeline is an option; --settings reads them from a file, and options win over it.
+    Every setting of the pipeline is an option (--help-all tells them); --settings reads them from a file, and options
+    win over it.
     """
 
     recording: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
@@ -42,38 +43,39 @@ class SmoothOptions:
     """TOML file with settings; a table for each group, such as [solve]."""
     overwrite: Flag = False
     """Replace the estimate if it exists."""
-    tree: Annotated[Settings, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=Settings)
 
 
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
+    options, settings = parse_with_settings(
+        SmoothOptions, prog, arguments, CommonSettings, lambda: _defaults(arguments)
+    )
     from vip_factors.cli.settings_file import flattened
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.io.atomic import check_target
     from vip_factors.io.scene_building import read_scenes
 
-    options = parse(SmoothOptions, prog, arguments, _defaults(arguments), none_is_a_value=True)
     if not options.recording:
         raise InputError("no RECORDING.mcap to smooth is named")
     out = options.out or beside(options.recording[0], ".estimate.mcap")
     check_target(out, options.overwrite)
-    sampled = _in_windows(options.recording, options.tree)
-    if sampled is not None and (not sampled.has_camera or not options.tree.fusion.use_camera):
-        _smooth_windows(sampled, options, out)
+    sampled = _in_windows(options.recording, settings)
+    if sampled is not None and (not sampled.has_camera or not settings.fusion.use_camera):
+        _smooth_windows(sampled, options, settings, out)
         return
-    if sampled is not None and _smooth_filmed_windows(sampled, options, out):
+    if sampled is not None and _smooth_filmed_windows(sampled, options, settings, out):
         return
     scene = read_scenes(options.recording)
     from vip_factors.pipeline import smooth_scene
 
     with progress_bar() as tell:
-        estimate = smooth_scene(scene, options.tree, tell)
-    _write(replace(estimate, settings=flattened(options.tree)), out, options.overwrite, scene.wearers[0].start_ns)
+        estimate = smooth_scene(scene, settings, tell)
+    _write(replace(estimate, settings=flattened(settings)), out, options.overwrite, scene.wearers[0].start_ns)
     _tell(estimate)
     print(out)
 
 
-def _in_windows(paths: Sequence[Path], settings: Settings) -> "SampledScene | None":
+def _in_windows(paths: Sequence[Path], settings: "Settings") -> "SampledScene | None":
     """The recordings of files that are to be read and solved window by window; None if they are to be read at once."""
     from vip_factors.io.mcap_sampled import open_sampled_parts
     from vip_factors.pipeline import is_long
@@ -89,7 +91,9 @@ def _in_windows(paths: Sequence[Path], settings: Settings) -> "SampledScene | No
     return sampled
 
 
-def _smooth_windows(sampled: "SampledScene", options: SmoothOptions, out: Path, findings: tuple[str, ...] = ()) -> None:
+def _smooth_windows(
+    sampled: "SampledScene", options: SmoothOptions, settings: "Settings", out: Path, findings: tuple[str, ...] = ()
+) -> None:
     """Each wearer by the sensors alone; ``findings`` are told beside those of the estimates."""
     from vip_factors.cli.settings_file import flattened
     from vip_factors.cli.terminal import progress_bar
@@ -97,11 +101,11 @@ def _smooth_windows(sampled: "SampledScene", options: SmoothOptions, out: Path, 
     from vip_factors.pipeline import smooth_long
 
     with progress_bar() as tell:
-        scene, estimates = smooth_long(sampled.name, sampled.wearers, options.tree, tell)
-        settings = flattened(options.tree)
-        counted = [_Counted(replace(one, head=replace(one.head, settings=settings))) for one in estimates]
+        scene, estimates = smooth_long(sampled.name, sampled.wearers, settings, tell)
+        flat = flattened(settings)
+        counted = [_Counted(replace(one, head=replace(one.head, settings=flat))) for one in estimates]
         longs = [one.estimate for one in counted]
-        scene = replace(scene, settings=settings, findings=(*findings, *scene.findings))
+        scene = replace(scene, settings=flat, findings=(*findings, *scene.findings))
         write_long_estimate(scene, longs, out, options.overwrite, sampled.wearers[0].head.start_ns)
     for one in counted:
         head = one.estimate.head
@@ -115,7 +119,7 @@ def _smooth_windows(sampled: "SampledScene", options: SmoothOptions, out: Path, 
     print(out)
 
 
-def _smooth_filmed_windows(sampled: "SampledScene", options: SmoothOptions, out: Path) -> bool:
+def _smooth_filmed_windows(sampled: "SampledScene", options: SmoothOptions, settings: "Settings", out: Path) -> bool:
     """Whether it was done: what cannot be read by time, or is short, is to be read at once."""
     from vip_factors.cli.settings_file import flattened
     from vip_factors.cli.terminal import progress_bar
@@ -124,16 +128,16 @@ def _smooth_filmed_windows(sampled: "SampledScene", options: SmoothOptions, out:
     from vip_factors.pipeline import UNSEEN, covered, is_long, smooth_long_scene
 
     source, seconds = filmed_scene(sampled), list[float]()
-    if source is None or not is_long(covered(source), options.tree):
+    if source is None or not is_long(covered(source), settings):
         return False
     with progress_bar() as tell:
-        estimate = smooth_long_scene(source, options.tree, tell)
+        estimate = smooth_long_scene(source, settings, tell)
         if estimate is not None:
-            head = replace(estimate.head, settings=flattened(options.tree))
+            head = replace(estimate.head, settings=flattened(settings))
             estimate = replace(estimate, head=head, parts=_timed(estimate.parts, seconds))
             write_long_scene_estimate(estimate, out, options.overwrite, sampled.wearers[0].head.start_ns)
     if estimate is None:
-        _smooth_windows(sampled, options, out, (UNSEEN,))
+        _smooth_windows(sampled, options, settings, out, (UNSEEN,))
     else:
         _tell(estimate.closed(), estimate.frames, sum(seconds))
         print(out)
@@ -160,7 +164,7 @@ class _Counted:
             yield part
 
 
-def _write(estimate: SceneEstimate, out: Path, overwrite: bool, start_ns: int) -> None:
+def _write(estimate: "SceneEstimate", out: Path, overwrite: bool, start_ns: int) -> None:
     """One wearer without a camera is written as a plain estimate, which more programs know."""
     from vip_factors.io.mcap_estimate import write_estimate
     from vip_factors.io.mcap_scene_estimate import write_scene_estimate
@@ -172,7 +176,7 @@ def _write(estimate: SceneEstimate, out: Path, overwrite: bool, start_ns: int) -
         write_scene_estimate(estimate, out, overwrite=overwrite, start_ns=start_ns)
 
 
-def _tell(estimate: SceneEstimate, frames: int | None = None, seconds: float = 0.0) -> None:
+def _tell(estimate: "SceneEstimate", frames: int | None = None, seconds: float = 0.0) -> None:
     """Of an estimate, or of one whose ``frames`` are not here and were solved in so many ``seconds`` more."""
     reports = [*estimate.reports, *(report for wearer in estimate.wearers for report in wearer.reports)]
     seconds += sum(report.seconds for report in reports)
@@ -190,7 +194,8 @@ def _tell(estimate: SceneEstimate, frames: int | None = None, seconds: float = 0
         print(f"note: {finding}")
 
 
-def _defaults(arguments: Sequence[str]) -> SmoothOptions | None:
-    """The options' defaults, with those of a configuration or settings file if named."""
-    tree = named_tree(arguments, Settings())
-    return None if tree is None else SmoothOptions(recording=tyro.MISSING, tree=tree)
+def _defaults(arguments: Sequence[str]) -> "Settings":
+    """The defaults, with those of a configuration or settings file if named."""
+    from vip_factors.settings import Settings
+
+    return named_tree(arguments, Settings())

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from vip_factors.cli.common_settings import CommonLiveSettings
 from vip_factors.cli.named import named_tree
-from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.options import Flag, parse_with_settings
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
 from vip_factors.io.live.settings import LiveSourceSettings, VmcPose
-from vip_factors.live.settings import LiveSettings
 
 if TYPE_CHECKING:
     from vip_factors.cli.stream_session import Interrupts, Session
@@ -36,8 +36,8 @@ class StreamOptions:
     SOURCE is a recording (.mcap), played back, or followed while another program writes it; - for standard input;
     tcp://host:port or ws://host:port to listen there; tcp-connect://host:port to connect to a sender.
 
-    Ctrl-C ends the stream and completes the files. Every setting of the pipeline is an option; --settings reads them
-    from a file, and options win over it.
+    Ctrl-C ends the stream and completes the files. Every setting of the pipeline is an option (--help-all tells them);
+    --settings reads them from a file, and options win over it.
     """
 
     source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE")]
@@ -73,15 +73,16 @@ class StreamOptions:
     overwrite: Flag = False
     """Replace files that exist."""
     limits: LiveSourceSettings = field(default_factory=LiveSourceSettings)
-    tree: Annotated[LiveSettings, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=LiveSettings)
 
 
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
-    options = parse(StreamOptions, prog, arguments, _defaults(arguments), none_is_a_value=True)
+    options, settings = parse_with_settings(
+        StreamOptions, prog, arguments, CommonLiveSettings, lambda: _defaults(arguments)
+    )
     if options.lag is not None:
-        options = replace(options, tree=replace(options.tree, lag_s=options.lag))
-    _check(options)
+        settings = replace(settings, lag_s=options.lag)
+    _check(options, settings)
     from threadpoolctl import threadpool_limits
 
     from vip_factors.cli.stream_session import Interrupts
@@ -92,11 +93,11 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     with Interrupts() as interrupts:
         # Products of small matrices: a second thread in each costs more than it brings.
         with line, threadpool_limits(limits=1, user_api="blas"):
-            session, told = _run(options, interrupts, line)
-        _conclude(options, session, told, interrupts.asked)
+            session, told = _run(options, settings, interrupts, line)
+        _conclude(options, settings, session, told, interrupts.asked)
 
 
-def _check(options: StreamOptions) -> None:
+def _check(options: StreamOptions, settings: "LiveSettings") -> None:
     from vip_factors.io.atomic import check_target
 
     for wanted in (options.out, options.rerun_save):
@@ -110,7 +111,9 @@ def _check(options: StreamOptions) -> None:
         raise InputError(f"a lag of {options.tree.lag_s:g} s: expected a positive number of seconds, such as 0.25")
 
 
-def _run(options: StreamOptions, interrupts: "Interrupts", line: "StatusLine") -> tuple["Session", list[str]]:
+def _run(
+    options: StreamOptions, settings: "LiveSettings", interrupts: "Interrupts", line: "StatusLine"
+) -> tuple["Session", list[str]]:
     """Track until the end; returns what was counted, and what is to be said at last."""
     from vip_factors.cli.stream_session import Session
     from vip_factors.io.live.open import open_source
@@ -149,17 +152,21 @@ def _run(options: StreamOptions, interrupts: "Interrupts", line: "StatusLine") -
     return session, told
 
 
-def _file(options: StreamOptions, setup: "LiveSetup", stack: ExitStack) -> "LiveMcapSink | None":
+def _file(
+    options: StreamOptions, settings: "LiveSettings", setup: "LiveSetup", stack: ExitStack
+) -> "LiveMcapSink | None":
     if options.out is None:
         return None
     from vip_factors.cli.settings_file import flattened
     from vip_factors.io.live_mcap import LiveMcapSink
 
-    settings = flattened(options.tree)
-    return stack.enter_context(LiveMcapSink(options.out, setup, options.tree.frame_rate, settings, options.overwrite))
+    sink = LiveMcapSink(options.out, setup, settings.frame_rate, flattened(settings), options.overwrite)
+    return stack.enter_context(sink)
 
 
-def _viewers(options: StreamOptions, setup: "LiveSetup", stack: ExitStack) -> "list[LiveRerunSink]":
+def _viewers(
+    options: StreamOptions, settings: "LiveSettings", setup: "LiveSetup", stack: ExitStack
+) -> "list[LiveRerunSink]":
     from vip_factors.viz.live_rerun import LiveRerunSink, LiveTarget
 
     targets = [LiveTarget()] if options.rerun else []
@@ -171,7 +178,7 @@ def _viewers(options: StreamOptions, setup: "LiveSetup", stack: ExitStack) -> "l
         targets.append(LiveTarget(serve=options.rerun_serve))
     viewers = []
     for target in targets:
-        viewer = LiveRerunSink(setup, target, options.tree.frame_rate)
+        viewer = LiveRerunSink(setup, target, settings.frame_rate)
         stack.callback(viewer.close)
         viewers.append(viewer)
     return viewers
@@ -197,14 +204,14 @@ def _conclude(options: StreamOptions, session: "Session", told: Sequence[str], i
     for sentence in told:
         print(f"note: {sentence}", file=sys.stderr)
     if session.update_s:
-        print(summary(session.update_s, options.tree.frame_rate), file=place)
+        print(summary(session.update_s, settings.frame_rate), file=place)
         for path in (options.out, options.rerun_save):
             if path is not None and path.is_file():
                 print(path, file=place)
     elif not interrupted:
         raise InputError(
             f"{options.source} ended before there was anything to answer: expected at least "
-            f"{options.tree.start_s:g} s of samples of every placed sensor; nothing was written"
+            f"{settings.start_s:g} s of samples of every placed sensor; nothing was written"
         )
     if interrupted:
         raise SystemExit(INTERRUPTED)
@@ -221,7 +228,8 @@ def _silence_stdout() -> None:
     os.close(nothing)
 
 
-def _defaults(arguments: Sequence[str]) -> StreamOptions | None:
-    """The options' defaults, with those of a configuration or settings file if named."""
-    tree = named_tree(arguments, LiveSettings())
-    return None if tree is None else StreamOptions(source=tyro.MISSING, tree=tree)
+def _defaults(arguments: Sequence[str]) -> "LiveSettings":
+    """The defaults, with those of a configuration or settings file if named."""
+    from vip_factors.live.settings import LiveSettings
+
+    return named_tree(arguments, LiveSettings())

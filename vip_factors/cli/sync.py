@@ -1,18 +1,17 @@
 """``vip-factors sync``: how far the video's clock is off the sensors', and a scene that says so."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import tyro
 
-from vip_factors.cli.options import Flag, beside, parse
-from vip_factors.initialise.clock import ClockSettings
+from vip_factors.cli.common_settings import CommonClock
+from vip_factors.cli.options import Flag, beside, parse_with_settings
 
 if TYPE_CHECKING:
-    from vip_factors.initialise.clock import ClockOffset
+    from vip_factors.initialise.clock import ClockOffset, ClockSettings
 
 WIDTH, HEIGHT = 1200, 520  # pixels of the picture
 
@@ -38,12 +37,15 @@ class SyncOptions:
     """Picture (.png) of the agreement over all offsets."""
     overwrite: Flag = False
     """Replace files that exist."""
-    clock: Annotated[ClockSettings, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=ClockSettings)
 
 
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
-    options = parse(SyncOptions, prog, arguments)
+    options, settings = parse_with_settings(
+        SyncOptions, prog, arguments, CommonClock, _clock_settings, none_is_a_value=False
+    )
+    from math import isfinite
+
     from vip_factors.cli.terminal import waiting
     from vip_factors.errors import InputError
     from vip_factors.io.atomic import check_target
@@ -55,7 +57,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         check_target(out, options.overwrite)
     if options.picture is not None:
         check_target(options.picture, options.overwrite)
-    if options.seconds is not None and not np.isfinite(options.seconds):
+    if options.seconds is not None and not isfinite(options.seconds):
         raise InputError(f"--seconds {options.seconds}: expected a number")
     scene = read_scene(options.scene)
     if scene.camera is None:
@@ -66,7 +68,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         from vip_factors.initialise.clock import find_clock_offset
 
         with waiting("comparing video and sensors"):
-            found = find_clock_offset(scene, options.clock)
+            found = find_clock_offset(scene, settings)
         print(offset_text(found, scene.camera.time_offset))
         if options.picture is not None:
             draw_offset(found, options.picture, options.overwrite)
@@ -81,6 +83,12 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     camera = replace(scene.camera, time_offset=clock.offset, time_drift=clock.drift)
     write_scene(replace(scene, camera=camera), out, overwrite=options.overwrite)
     print(out)
+
+
+def _clock_settings() -> "ClockSettings":
+    from vip_factors.initialise.clock import ClockSettings
+
+    return ClockSettings()
 
 
 def offset_text(found: "ClockOffset", before: float = 0.0) -> str:
@@ -101,6 +109,8 @@ def draw_offset(found: "ClockOffset", path: Path, overwrite: bool = False) -> No
     Raises:
         InputError: if motions were not compared, or the file exists or is not named ``.png``.
     """
+    import numpy as np
+
     from vip_factors.errors import InputError
     from vip_factors.viz.canvas import Canvas
     from vip_factors.viz.chart import draw_chart

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from vip_factors.body.train_prior import PriorTraining
+from vip_factors.body.train_prior_settings import PriorTraining
 from vip_factors.cli.options import Flag, parse
 
 

@@ -3,14 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
 from vip_factors.cli.files import Opened, open_all, open_one
 from vip_factors.cli.options import Flag, parse
 from vip_factors.errors import InputError
-from vip_factors.viz.compare import Compare
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class ViewOptions:
     """Write a filmstrip (.png): poses in a row, of a scene frames of its video; needs nothing."""
     chart: Path | None = None
     """Write a chart (.png): joint error per frame of every estimate, headings with their uncertainty; needs nothing."""
-    compare: Compare = Compare.ROOT
+    compare: Literal["root", "world", "side"] = "root"
     """Where to draw the estimate beside the truth: on the true root path, in the true world, or to the side. Scenes
     are always drawn in the true world."""
     overwrite: Flag = False
@@ -109,6 +108,7 @@ def _chart(paths: Sequence[Path], png: Path, overwrite: bool) -> None:
 
 
 def _show(opened: Opened, save: Path | None, options: ViewOptions) -> None:
+    from vip_factors.viz.compare import Compare
     from vip_factors.viz.rerun_view import LiveViewer, SaveTo, show
 
     sink = LiveViewer() if save is None else SaveTo(save, options.overwrite)
@@ -117,7 +117,7 @@ def _show(opened: Opened, save: Path | None, options: ViewOptions) -> None:
 
         show_scene(*opened.as_scene(), sink)
         return
-    show(opened.recording, opened.estimate, opened.truth, sink, compare=options.compare)
+    show(opened.recording, opened.estimate, opened.truth, sink, compare=Compare(options.compare))
 
 
 def _screenshot(opened: Opened, png: Path, options: ViewOptions) -> None:

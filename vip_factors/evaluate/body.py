@@ -1,6 +1,6 @@
 """How near the body of an estimate is to the true one: lengths, joint centres, axes of elbows and knees."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from vip_factors.body.variation import lengths_of, width
 from vip_factors.estimate import BodyEstimate
 from vip_factors.evaluate import consistency
 from vip_factors.evaluate.calibration_metrics import consistency_metrics
+from vip_factors.evaluate.joints import EVERYTHING, Compared
 from vip_factors.evaluate.metrics import MM
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.rotations import Array
@@ -19,6 +20,7 @@ from vip_factors.geometry.rotations import Array
 LIMBS = {"thigh": "knee", "shank": "ankle", "upper arm": "elbow", "forearm": "wrist", "hand": "hand"}
 WIDTHS = {"hip width": "hip", "shoulder width": "shoulder"}
 UNSURE = ("hand",)  # told, but not in the mean: skeletons end hands where they like
+_ENDS = {name: (f"left_{end}", f"right_{end}") for name, end in (LIMBS | WIDTHS).items()} | {"trunk": ("neck",)}
 LEAST_BEND = np.deg2rad(30.0)  # a joint that bends less does not show its axis
 
 
@@ -34,8 +36,11 @@ def compared_lengths(skeleton: Skeleton) -> dict[str, float]:
     return {**limbs, **widths, "trunk": float(np.linalg.norm(rest[joint_index("neck")] - hips))}
 
 
-def length_table(skeleton: Skeleton, truth: Skeleton) -> dict[str, dict[str, float]]:
-    """Per length: ``estimate_mm``, ``truth_mm`` and ``error_mm`` (positive: found too long)."""
+def length_table(skeleton: Skeleton, truth: Skeleton, compared: Compared = EVERYTHING) -> dict[str, dict[str, float]]:
+    """Per length: ``estimate_mm``, ``truth_mm`` and ``error_mm`` (positive: found too long).
+
+    A truth that does not know how a limb moved has its length from a table, and it is left out.
+    """
     found, true = compared_lengths(skeleton), compared_lengths(truth)
     return {
         name: {
@@ -44,6 +49,7 @@ def length_table(skeleton: Skeleton, truth: Skeleton) -> dict[str, dict[str, flo
             "error_mm": MM * (found[name] - true[name]),
         }
         for name in true
+        if compared.positions(_ENDS[name])
     }
 
 
@@ -59,7 +65,11 @@ def joint_centre_error(skeleton: Skeleton, truth: Skeleton) -> Array:
 
 
 def body_metrics(
-    lengths: Mapping[str, Mapping[str, float]], body: BodyEstimate | None, motion: Motion, truth: Motion
+    lengths: Mapping[str, Mapping[str, float]],
+    body: BodyEstimate | None,
+    motion: Motion,
+    truth: Motion,
+    compared: Compared = EVERYTHING,
 ) -> dict[str, Metric]:
     """Mean errors of lengths and joint centres; with a body that was found, of hinges, and whether it is honest.
 
@@ -67,24 +77,27 @@ def body_metrics(
         lengths: of :func:`length_table`.
         body: what the estimate says of it.
         motion, truth: the estimate's and the true one.
+        compared: what the truth knows.
     """
-    errors = [abs(row["error_mm"]) for name, row in lengths.items() if name not in UNSURE]
-    centres = joint_centre_error(motion.skeleton, truth.skeleton)[1:]
+    off = [abs(row["error_mm"]) for name, row in lengths.items() if name not in UNSURE]
+    centres = joint_centre_error(motion.skeleton, truth.skeleton)[compared.positions()[1:]]
     table = {
-        "length_error": Metric(float(np.mean(errors)), "mm"),
+        "length_error": Metric(float(np.mean(off)), "mm"),
         "joint_centre_error": Metric(float(MM * centres.mean()), "mm"),
     }
     if body is None:
         return table
-    hinges = list(hinge_errors(body, truth).values())
+    errors = hinge_errors(body, truth)
+    hinges = [errors[name] for name in errors if compared.orientations((name,))]
     if hinges:
         table["hinge_axis_error"] = Metric(float(np.rad2deg(np.mean(hinges))), "deg")
-    return table | consistency_metrics("lengths", length_nees(body, truth.skeleton), 1)
+    return table | consistency_metrics("lengths", length_nees(body, truth.skeleton, tuple(lengths)), 1)
 
 
-def length_nees(body: BodyEstimate, truth: Skeleton) -> Array:
-    """NEES of the limbs and widths that were found, one by one ``(n,)``."""
-    true = {name: length for name, length in true_lengths(truth).items() if name not in UNSURE and name in body.names}
+def length_nees(body: BodyEstimate, truth: Skeleton, known: Collection[str] = (*LIMBS, *WIDTHS)) -> Array:
+    """NEES of the limbs and widths that were found and are ``known`` of the truth, one by one ``(n,)``."""
+    sure = [name for name in known if name not in UNSURE and name in body.names]
+    true = {name: length for name, length in true_lengths(truth).items() if name in sure}
     places = [body.names.index(name) for name in true]
     error = np.array(list(true.values())) - body.found[places]
     return consistency.nees(error[:, None], np.diag(body.covariance)[places][:, None, None])

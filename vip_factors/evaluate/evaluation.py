@@ -6,13 +6,15 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from vip_factors.body.motion import Motion
-from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.estimate import Estimate, PoseCovariance
 from vip_factors.evaluate import consistency, joint_angle, metrics, trajectory
 from vip_factors.evaluate.body import body_metrics, joint_centre_error, length_table
 from vip_factors.evaluate.calibration import calibration_error, heading_error_over_time, mean_and_95th
 from vip_factors.evaluate.calibration_metrics import calibration_metrics, consistency_metrics, sensor_table
 from vip_factors.evaluate.frames import common_frames
+from vip_factors.evaluate.joints import Compared
+from vip_factors.evaluate.summary import summary_lines
 from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines
 from vip_factors.sensors.placement import Placement
 from vip_factors.sensors.recording import Truth
@@ -43,6 +45,13 @@ class Evaluation:
     def __getitem__(self, metric: str) -> float:
         return self.metrics[metric].value
 
+    def __str__(self) -> str:
+        return "\n".join([*self.summary(), "", self.to_table().rstrip()])
+
+    def summary(self) -> list[str]:
+        """Five lines, each with the gauge that its errors are in."""
+        return summary_lines(self.metrics, {self.name: self.metrics})
+
     def to_table(self) -> str:
         """Markdown: the metrics, then joints, lengths and sensors."""
         lines = metric_lines(self.metrics) + row_lines("joint", self.joints) + row_lines("length", self.lengths)
@@ -68,20 +77,21 @@ def evaluate(
         InputError: if the two share no frame, or no sensor though both carry a calibration.
     """
     motion, reference, chosen = common_frames(estimate.motion, truth.motion)
-    table = _motion_metrics(motion, reference) | {
+    compared = Compared.of(truth.known_bones)
+    table = _motion_metrics(motion, reference, compared) | {
         "jitter": Metric(trajectory.jitter(motion), "m/s³"),
         # Of the truth as given: interpolated to other frames it would seem to shake.
         "jitter_truth": Metric(trajectory.jitter(truth.motion), "m/s³"),
     }
-    lengths = length_table(motion.skeleton, reference.skeleton)
-    table |= body_metrics(lengths, estimate.body, motion, reference)
-    joints = _joint_table(motion, reference)
+    lengths = length_table(motion.skeleton, reference.skeleton, compared)
+    table |= body_metrics(lengths, estimate.body, motion, reference, compared)
+    joints = _joint_table(motion, reference, compared)
     if estimate.covariance is not None:
         covariance = PoseCovariance(estimate.covariance.joints[chosen], estimate.covariance.root[chosen])
         values = consistency.joint_nees(motion, reference, covariance)
-        table |= consistency_metrics("joints", values[:, 1:], 3)
-        for joint, row in zip(range(len(JOINT_NAMES)), joints.values(), strict=True):
-            row["nees"] = consistency.summarise(values[:, joint], 3).nees
+        table |= consistency_metrics("joints", values[:, _turns(compared)], 3)
+        for name, row in joints.items():
+            row["nees"] = consistency.summarise(values[:, joint_index(name)], 3).nees
     sensors: dict[str, Mapping[str, float]] = {}
     if estimate.calibration and truth.calibration:
         error = calibration_error(estimate.calibration, truth.calibration, gauge)
@@ -98,40 +108,58 @@ def evaluate_motion(estimate: Motion, truth: Motion) -> Evaluation:
     return evaluate(Estimate(estimate.name, "motion", estimate, {}), Truth(truth))
 
 
-def _motion_metrics(motion: Motion, truth: Motion) -> dict[str, Metric]:
+def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[str, Metric]:
     root_cm, root_percent = trajectory.root_translation_error(motion, truth)
-    flexion = [[joint_angle.knee_flexion_of(one, side) for one in (motion, truth)] for side in ("left", "right")]
+    flexion = [[joint_angle.knee_flexion_of(one, side) for one in (motion, truth)] for side in _legs(compared)]
     knees, knees_centred = (
-        float(np.mean([compare(*pair) for pair in flexion]))
+        float(np.mean([compare(*pair) for pair in flexion])) if flexion else float("nan")
         for compare in (joint_angle.rmse, joint_angle.rmse_without_offset)
     )
     return {
-        "mpjpe": Metric(metrics.mpjpe(motion, truth), "mm"),
-        "mpjpe_true_body": Metric(metrics.mpjpe_true_body(motion, truth), "mm"),
-        "mpjae": Metric(metrics.mpjae(motion, truth), "deg"),
-        "mpjae_local": Metric(metrics.local_mpjae(motion, truth), "deg"),
-        "pa_mpjpe": Metric(metrics.pa_mpjpe(motion, truth), "mm"),
-        "root_relative_mpjpe": Metric(metrics.root_relative_mpjpe(motion, truth), "mm"),
-        "global_position_error": Metric(metrics.global_position_error(motion, truth), "cm"),
-        "yaw_aligned_position_error": Metric(trajectory.yaw_aligned_position_error(motion, truth), "cm"),
+        "mpjpe": Metric(metrics.mpjpe(motion, truth, compared), "mm"),
+        "mpjpe_true_body": Metric(metrics.mpjpe_true_body(motion, truth, compared), "mm"),
+        "mpjae": Metric(metrics.mpjae(motion, truth, compared), "deg"),
+        "mpjae_local": Metric(metrics.local_mpjae(motion, truth, compared), "deg"),
+        "pa_mpjpe": Metric(metrics.pa_mpjpe(motion, truth, compared), "mm"),
+        "root_relative_mpjpe": Metric(metrics.root_relative_mpjpe(motion, truth, compared), "mm"),
+        "global_position_error": Metric(metrics.global_position_error(motion, truth, compared), "cm"),
+        "yaw_aligned_position_error": Metric(trajectory.yaw_aligned_position_error(motion, truth, compared), "cm"),
         "root_translation_error": Metric(root_cm, "cm"),
         "root_translation_error_percent": Metric(root_percent, "%"),
-        "w_mpjpe": Metric(trajectory.w_mpjpe(motion, truth), "mm"),
-        "wa_mpjpe": Metric(trajectory.wa_mpjpe(motion, truth), "mm"),
-        "foot_sliding": Metric(trajectory.foot_sliding(motion, truth), "mm"),
-        "foot_sliding_truth": Metric(trajectory.foot_sliding(truth, truth), "mm"),
+        "w_mpjpe": Metric(trajectory.w_mpjpe(motion, truth, compared), "mm"),
+        "wa_mpjpe": Metric(trajectory.wa_mpjpe(motion, truth, compared), "mm"),
+        "foot_sliding": Metric(trajectory.foot_sliding(motion, truth, compared), "mm"),
+        "foot_sliding_truth": Metric(trajectory.foot_sliding(truth, truth, compared), "mm"),
         "knee_flexion_rmse": Metric(knees, "deg"),
         "knee_flexion_rmse_without_offset": Metric(knees_centred, "deg"),
     }
 
 
-def _joint_table(motion: Motion, truth: Motion) -> dict[str, dict[str, float]]:
-    alignment = metrics.align_frames(motion, truth)
+def _joint_table(motion: Motion, truth: Motion, compared: Compared) -> dict[str, dict[str, float]]:
+    """Joints whose place is known; their angles are not defined where the bone's turn is not known."""
+    alignment = metrics.align_frames(motion, truth, compared=compared)
     position = metrics.MM * metrics.position_error(motion, truth, alignment).mean(axis=0)
     orientation = np.rad2deg(metrics.orientation_error(motion, truth, alignment).mean(axis=0))
     local = np.rad2deg(metrics.local_orientation_error(motion, truth).mean(axis=0))
     centre = metrics.MM * joint_centre_error(motion.skeleton, truth.skeleton)
+    unknown = sorted(set(range(len(JOINT_NAMES))) - set(compared.orientations()))
+    orientation[unknown] = local[unknown] = np.nan
     return {
-        name: {"position_mm": float(p), "orientation_deg": float(o), "local_deg": float(r), "centre_mm": float(c)}
-        for name, p, o, r, c in zip(JOINT_NAMES, position, orientation, local, centre, strict=True)
+        JOINT_NAMES[row]: {
+            "position_mm": float(position[row]),
+            "orientation_deg": float(orientation[row]),
+            "local_deg": float(local[row]),
+            "centre_mm": float(centre[row]),
+        }
+        for row in compared.positions()
     }
+
+
+def _turns(compared: Compared) -> list[int]:
+    """Joints whose rotation against the bone above is known; the pelvis has none."""
+    return [row for row in compared.orientations() if row in compared.positions() and row]
+
+
+def _legs(compared: Compared) -> list[str]:
+    """Sides of which thigh and shank are known."""
+    return [side for side in ("left", "right") if len(compared.orientations((f"{side}_hip", f"{side}_knee"))) == 2]

@@ -1,6 +1,9 @@
 """Which joints each published metric averages over: named once, here."""
 
-from vip_factors.body.skeleton import joint_index
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, joint_index
 
 
 def _both(*names: str) -> tuple[str, ...]:
@@ -19,3 +22,31 @@ FEET = _both("foot")
 def indices(names: tuple[str, ...]) -> list[int]:
     """Their rows in a motion's joint axis."""
     return [joint_index(name) for name in names]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Which of the joints that a metric averages over are compared: those of which the truth knows anything.
+
+    Attributes:
+        bones: names of the bones whose motion the truth knows; None: all.
+    """
+
+    bones: frozenset[str] | None = None
+
+    @classmethod
+    def of(cls, bones: Collection[str] | None) -> "Compared":
+        """Of a truth that knows some bones, or all (None)."""
+        return cls(None if bones is None else frozenset(bones))
+
+    def orientations(self, names: tuple[str, ...] = JOINT_NAMES) -> list[int]:
+        """Rows of those bones among the named ones whose turn is known."""
+        return [row for row in indices(names) if self.bones is None or JOINT_NAMES[row] in self.bones]
+
+    def positions(self, names: tuple[str, ...] = JOINT_NAMES) -> list[int]:
+        """Rows of those joints among the named ones whose place is known: they sit on the bone above."""
+        above = {row: JOINT_NAMES[max(PARENTS[row], 0)] for row in indices(names)}
+        return [row for row, bone in above.items() if self.bones is None or bone in self.bones]
+
+
+EVERYTHING = Compared()

@@ -11,10 +11,11 @@ from vip_factors.estimate import CameraEstimate, SceneEstimate
 from vip_factors.evaluate.camera import camera_error, camera_metrics, common_instants, seen_instants
 from vip_factors.evaluate.evaluation import Evaluation, evaluate
 from vip_factors.evaluate.frames import common_frames
-from vip_factors.evaluate.joints import POSITION_JOINTS, indices
+from vip_factors.evaluate.joints import POSITION_JOINTS, Compared
 from vip_factors.evaluate.metrics import CM, position_error
 from vip_factors.evaluate.pairs import relative_position_error
 from vip_factors.evaluate.scene_metrics import association, camera_imu, honesty, reprojection, sensors
+from vip_factors.evaluate.summary import summary_lines
 from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines
 from vip_factors.geometry.alignment import Alignment
 from vip_factors.sensors.gauge import MotionPair, PathPair, move_motion, scene_gauge, yaw
@@ -40,6 +41,13 @@ class SceneEvaluation:
 
     def __getitem__(self, metric: str) -> float:
         return self.metrics[metric].value
+
+    def __str__(self) -> str:
+        return "\n".join([*self.summary(), "", self.to_table().rstrip()])
+
+    def summary(self) -> list[str]:
+        """Five lines, each with the gauge that its errors are in."""
+        return summary_lines(self.metrics, {name: one.metrics for name, one in self.wearers.items()})
 
     def to_table(self) -> str:
         """Markdown: the scene, pairs of wearers, then every wearer."""
@@ -121,6 +129,7 @@ def _wearer(
     recording = scene.wearers[index]
     assert recording.truth is not None
     one = evaluate(estimate.wearers[index], recording.truth, recording.placement, yaw(gauge) if tied else None)
-    error = position_error(move_motion(pair[0], gauge), pair[1])[:, indices(POSITION_JOINTS)]
+    known = Compared.of(recording.truth.known_bones).positions(POSITION_JOINTS)
+    error = position_error(move_motion(pair[0], gauge), pair[1])[:, known]
     metrics = {**one.metrics, "scene_position_error": Metric(float(CM * error.mean()), "cm")}
     return replace(one, metrics=metrics)

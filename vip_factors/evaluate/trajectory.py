@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from vip_factors.body.motion import Motion
-from vip_factors.evaluate.joints import FEET, indices
+from vip_factors.evaluate.joints import EVERYTHING, FEET, Compared
 from vip_factors.evaluate.metrics import CM, MM
 from vip_factors.geometry.alignment import align_rigid, align_similarity, align_yaw
 from vip_factors.geometry.rotations import Array
@@ -26,28 +26,30 @@ def root_translation_error(estimate: Motion, truth: Motion) -> tuple[float, floa
     return float(CM * error), float(100 * error / length) if length > PATH_MIN_M else float("nan")
 
 
-def yaw_aligned_position_error(estimate: Motion, truth: Motion) -> float:
+def yaw_aligned_position_error(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:
     """Mean position error in cm over 24 joints after one yaw and one translation for all frames.
 
     Exactly the gauge of an inertial reconstruction is removed: what is left is pose, drift and tilt.
     """
-    points, reference = (motion.state.p_world_joint.reshape(-1, 3) for motion in (estimate, truth))
+    points, reference = (
+        motion.state.p_world_joint[:, compared.positions()].reshape(-1, 3) for motion in (estimate, truth)
+    )
     moved = align_yaw(points, reference).apply(points)
     return float(CM * np.linalg.norm(moved - reference, axis=-1).mean())
 
 
-def w_mpjpe(estimate: Motion, truth: Motion) -> float:
+def w_mpjpe(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:
     """World MPJPE in mm: chunks of 100 frames, similarity fitted on each one's first two frames; 24 joints."""
-    return _chunked(estimate, truth, lambda points: points[:2])
+    return _chunked(estimate, truth, compared, lambda points: points[:2])
 
 
-def wa_mpjpe(estimate: Motion, truth: Motion) -> float:
+def wa_mpjpe(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:
     """World-aligned MPJPE in mm: chunks of 100 frames, similarity fitted on the whole chunk; 24 joints."""
-    return _chunked(estimate, truth, lambda points: points)
+    return _chunked(estimate, truth, compared, lambda points: points)
 
 
-def _chunked(estimate: Motion, truth: Motion, fitted: Callable[[Array], Array]) -> float:
-    points, reference = estimate.state.p_world_joint, truth.state.p_world_joint
+def _chunked(estimate: Motion, truth: Motion, compared: Compared, fitted: Callable[[Array], Array]) -> float:
+    points, reference = (motion.state.p_world_joint[:, compared.positions()] for motion in (estimate, truth))
     errors = []
     for first in range(0, len(points), CHUNK):
         chunk, target = points[first : first + CHUNK], reference[first : first + CHUNK]
@@ -68,12 +70,12 @@ def jitter(motion: Motion) -> float:
     return float(np.linalg.norm(jerk, axis=-1).mean())
 
 
-def foot_sliding(estimate: Motion, truth: Motion) -> float:
+def foot_sliding(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:
     """Mean displacement per frame of the estimated foot joints, in mm, while the true ones move less than 1 cm.
 
-    It depends on the frame rate, as published. NaN if the true feet never stand.
+    It depends on the frame rate, as published. NaN if the true feet never stand, or are not known.
     """
-    feet = indices(FEET)
+    feet = compared.positions(FEET)
     moved, reference = (
         np.linalg.norm(np.diff(motion.state.p_world_joint[:, feet], axis=0), axis=-1) for motion in (estimate, truth)
     )

@@ -97,6 +97,7 @@ def find_views(
         elif len(without) < 4 * HINT_IMAGES:
             without.append(image.grey)
     if not views:
+        tell("looking for other boards", 0.0)
         raise InputError(
             f"{source}: no {board.text} in {looked} images{board.hint(without[:: max(1, len(without) // HINT_IMAGES)])}"
         )

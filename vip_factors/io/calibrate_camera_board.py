@@ -1,5 +1,6 @@
 """The flat boards that cameras are calibrated with, and finding their corners in an image."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -11,6 +12,9 @@ from vip_factors.geometry.rotations import Array
 
 LEAST_CORNERS = 3  # a side, in both directions: fewer make no board that can be told from a window
 LEAST_SEEN = 8  # corners of a ChArUco board in an image: four fix a homography, the rest guard it
+# A detector that may find boards of any size finds the least that it may, in noise; and of a blurred board a part.
+HINT_CORNERS = 4  # a side, and more on the other
+HINT_AGREEING = 2  # images that show the same size
 HINT_IMAGES = 6  # looked at once more, slowly, when no board was found
 
 
@@ -66,6 +70,11 @@ class Checkerboard:
 
     def __post_init__(self) -> None:
         _check_size("checkerboard", self.columns, self.rows, LEAST_CORNERS, "inner corners", self.square_m)
+        if max(self.columns, self.rows) == LEAST_CORNERS:  # any cross of two bars is found to be one
+            raise InputError(
+                f"checkerboard of {self.columns} x {self.rows} inner corners: expected at least "
+                f"{LEAST_CORNERS + 1} x {LEAST_CORNERS}; anything in an image looks like less"
+            )
 
     @property
     def text(self) -> str:
@@ -111,12 +120,13 @@ class Checkerboard:
         import cv2
 
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_LARGER
+        seen: Counter[tuple[int, int]] = Counter()
         for grey in greys[:HINT_IMAGES]:
-            found, _, meta = cv2.findChessboardCornersSBWithMeta(grey, (LEAST_CORNERS, LEAST_CORNERS), flags)
-            if found and sorted(meta.shape) != sorted((self.columns, self.rows)):
-                rows, columns = sorted(meta.shape)
-                return f"; a board of {columns} x {rows} inner corners was seen: give that, or check the board"
-        return ""
+            found, _, meta = cv2.findChessboardCornersSBWithMeta(grey, (HINT_CORNERS, HINT_CORNERS), flags)
+            if found and max(meta.shape) > HINT_CORNERS:
+                seen[max(meta.shape), min(meta.shape)] += 1
+        own = (max(self.columns, self.rows), min(self.columns, self.rows))
+        return _told(seen, own, alone=len(greys) == 1)
 
 
 @dataclass(frozen=True)
@@ -194,6 +204,18 @@ class Charuco:
             return f"; {own} of its markers were seen: check the numbers of squares, columns first"
         count, best = max((seen(name), -index, name) for index, name in enumerate(_dictionaries()))[::2]
         return f"; {count} markers of {best} were seen: give that dictionary" if count >= LEAST_CORNERS else ""
+
+
+def _told(seen: Counter[tuple[int, int]], own: tuple[int, int], alone: bool) -> str:
+    """A size that several images agree on, of ``(columns, rows)`` seen, as a sentence; nothing of a chance find."""
+    seen.pop(own, None)
+    count, _, size = max(((count, size[0] * size[1], size) for size, count in seen.items()), default=(0, 0, own))
+    if count < (1 if alone else HINT_AGREEING):
+        return ""
+    columns, rows = size
+    if columns <= own[0] and rows <= own[1]:
+        return f"; {columns} x {rows} inner corners were seen: show the whole board, or give that if it is all of it"
+    return f"; a board of {columns} x {rows} inner corners was seen: give that, or check the board"
 
 
 def _dictionaries() -> dict[str, int]:

@@ -328,7 +328,7 @@ def _truth(log: ImportedLog, options: ImportOptions) -> Truth | None:
         if not len(inside):
             return None
         motion = motion.frames(slice(int(inside[0]), int(inside[-1]) + 1))
-    return Truth(replace(motion, start=motion.start - start))
+    return Truth(replace(motion, start=motion.start - start), known_bones=log.truth_bones)
 
 
 def _oriented(imus: Mapping[str, ImuStream], notes: list[str]) -> dict[str, ImuStream]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.body.length_prior import LengthPrior
+from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import FileFormatError
 from vip_factors.io.atomic import atomic_open
 from vip_factors.io.mcap_body import hinge_messages, hinges_of
@@ -83,7 +84,9 @@ def recording_messages(writer: MessageWriter, recording: Recording, prefix: str 
     ]
     truth = recording.truth
     if truth is not None:
-        writer.write(prefix + TRUTH_MOTION, motion_message(truth.motion), start_ns)
+        message = motion_message(truth.motion)
+        message.known_bones.extend(sorted(truth.known_bones or ()))
+        writer.write(prefix + TRUTH_MOTION, message, start_ns)
         if truth.calibration is not None:
             writer.write(prefix + TRUTH_CALIBRATION, calibration_message(truth.calibration), start_ns)
         streams.append(pose_messages(writer, prefix + TRUTH_POSE, truth.motion, start_ns))
@@ -248,7 +251,8 @@ def _truth(path: Path, ours: Sequence[McapMessages]) -> Truth | None:
     motion, _ = motion_of(motions[-1], poses)
     tell_lost_frames(path, motions[-1], motion)
     calibrations = of_topic(path, ours, TRUTH_CALIBRATION, CalibrationEstimate)
-    return Truth(motion, calibration_of(calibrations[-1]) if calibrations else None)
+    known = frozenset(motions[-1].known_bones) & set(JOINT_NAMES) or None
+    return Truth(motion, calibration_of(calibrations[-1]) if calibrations else None, known)
 
 
 def _tell_foreign(contents: McapContents, channels: Sequence[McapChannel]) -> None:

@@ -7,7 +7,7 @@ from vip_factors.body.anthropometry import LikelyBody, likely_body
 from vip_factors.body.hinge_estimate import HingeEstimate, HingePrior
 from vip_factors.body.length_prior import LengthPrior
 from vip_factors.body.motion import Motion
-from vip_factors.body.skeleton import Skeleton
+from vip_factors.body.skeleton import JOINT_NAMES, Skeleton
 from vip_factors.body.variation import BodyVariation
 from vip_factors.errors import RecordingError
 from vip_factors.sensors.calibration import Calibration
@@ -76,10 +76,23 @@ class Subject:
 
 @dataclass(frozen=True)
 class Truth:
-    """What a simulator or an optical system knows: motion, and calibration if it does."""
+    """What a simulator or an optical system knows: motion, and calibration if it does.
+
+    Attributes:
+        motion: of all 24 joints.
+        calibration: of the sensors, if known.
+        known_bones: names of the bones whose motion is known; None: all. What the rest does is a guess, and nothing to
+            measure by: limbs without a sensor in the motion of an inertial system, say.
+    """
 
     motion: Motion
     calibration: Calibration | None = None
+    known_bones: frozenset[str] | None = None
+
+    def __post_init__(self) -> None:
+        unknown = sorted((self.known_bones or frozenset()) - set(JOINT_NAMES))
+        if unknown:
+            raise RecordingError(f"truth of unknown bones {', '.join(unknown)}: expected some of SMPL's")
 
 
 @dataclass(frozen=True)

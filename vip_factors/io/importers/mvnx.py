@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, ancestors
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array, mean_rotation, transpose
@@ -18,6 +19,7 @@ from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.placement import Placement, SensorSite, place
 
 FORMAT = "mvnx"
+FULL_BODY = "FullBody"  # MVN's configuration in which every limb carries a sensor
 
 GRAVITY = np.array([0.0, 0.0, 9.80665])  # the value MVN subtracts
 # MVN's mountings come from a pose held by eye and some steps walked: better than a careless pose (15°), not exact.
@@ -72,6 +74,7 @@ def read(path: Path) -> ImportedLog:
         default_sites=sites,
         placement=placement,
         truth_motion=None if isinstance(body, str) else body.motion,
+        truth_bones=_known_bones(document, placement),
         stature_m=body.motion.skeleton.stature if isinstance(body, MvnBody) and body.has_landmarks else None,
         start_ns=_start_ns(document),
         notes=tuple(notes),
@@ -131,6 +134,20 @@ def _placement(imus: dict[str, ImuStream], body: MvnBody) -> Placement:
     return Placement(tuple(sites), FORMAT)
 
 
+def _known_bones(document: MvnxDocument, placement: Placement | None) -> frozenset[str] | None:
+    """Bones that carry a sensor, and those between such bones; None, which is all, where every limb has one."""
+    if placement is None or document.attributes.get("configuration", FULL_BODY) == FULL_BODY:
+        return None
+    worn = {site.bone_index for site in placement.sites}
+    between = {joint for joint in range(JOINT_COUNT) if worn & set(_below(joint)) and worn & set(ancestors(joint))}
+    return frozenset(JOINT_NAMES[joint] for joint in between)
+
+
+def _below(joint: int) -> list[int]:
+    """A joint and all that hang on it."""
+    return [other for other in range(JOINT_COUNT) if joint in ancestors(other)]
+
+
 def _notes_on(document: MvnxDocument, body: MvnBody) -> list[str]:
     notes = [
         f"segment orientations refer to {body.convention}; joints meet within {body.closure_m * 1000:.1f} mm; our "
@@ -138,7 +155,7 @@ def _notes_on(document: MvnxDocument, body: MvnBody) -> list[str]:
     ]
     if body.closure_m > SANE_CLOSURE_M:
         notes.append("MVN's joints do not meet in any known convention of its axes: distrust its motion")
-    if document.attributes.get("configuration", "FullBody") != "FullBody":
+    if document.attributes.get("configuration", FULL_BODY) != FULL_BODY:
         configuration = document.attributes["configuration"]
-        notes.append(f"MVN's configuration is {configuration}: limbs without sensors are no truth")
+        notes.append(f"MVN's configuration is {configuration}: limbs without sensors are no truth, and not compared")
     return notes

@@ -6,7 +6,8 @@ from pathlib import Path
 from vip_factors.body.held_out_clips import DAMAGED_CLIPS, held_out_names
 from vip_factors.body.motion import Motion
 from vip_factors.body.pose_prior import PosePrior
-from vip_factors.body.train_prior import PriorTraining, train_pose_prior
+from vip_factors.body.train_prior import train_pose_prior
+from vip_factors.body.train_prior_settings import PriorTraining
 from vip_factors.errors import InputError
 from vip_factors.io.motions.files import MOTION_SUFFIXES, motion_files, read_motion
 

@@ -27,15 +27,15 @@ from vip_factors.io.schemas import geometry_pb2 as vip__factors_dot_geometry__pb
 from vip_factors.io.schemas import subject_pb2 as vip__factors_dot_subject__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1bvip_factors/body_pose.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\x1a\x1avip_factors/geometry.proto\x1a\x19vip_factors/subject.proto\"u\n\nMotionInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0f\n\x07rate_hz\x18\x02 \x01(\x01\x12\x0f\n\x07start_s\x18\x03 \x01(\x01\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\'\n\x08skeleton\x18\x05 \x01(\x0b\x32\x15.vip_factors.Skeleton\"\xc7\x01\n\x08\x42odyPose\x12-\n\ttimestamp\x18\x01 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\r\n\x05\x66rame\x18\x02 \x01(\x04\x12\x1c\n\x14joint_rotations_wxyz\x18\x03 \x03(\x01\x12,\n\x0ep_world_pelvis\x18\x04 \x01(\x0b\x32\x14.vip_factors.Vector3\x12\x18\n\x10joint_covariance\x18\x05 \x03(\x01\x12\x17\n\x0froot_covariance\x18\x06 \x03(\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1bvip_factors/body_pose.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\x1a\x1avip_factors/geometry.proto\x1a\x19vip_factors/subject.proto\"\x8a\x01\n\nMotionInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0f\n\x07rate_hz\x18\x02 \x01(\x01\x12\x0f\n\x07start_s\x18\x03 \x01(\x01\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\'\n\x08skeleton\x18\x05 \x01(\x0b\x32\x15.vip_factors.Skeleton\x12\x13\n\x0bknown_bones\x18\x06 \x03(\t\"\xc7\x01\n\x08\x42odyPose\x12-\n\ttimestamp\x18\x01 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\r\n\x05\x66rame\x18\x02 \x01(\x04\x12\x1c\n\x14joint_rotations_wxyz\x18\x03 \x03(\x01\x12,\n\x0ep_world_pelvis\x18\x04 \x01(\x0b\x32\x14.vip_factors.Vector3\x12\x18\n\x10joint_covariance\x18\x05 \x03(\x01\x12\x17\n\x0froot_covariance\x18\x06 \x03(\x01\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'vip_factors.body_pose_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_MOTIONINFO']._serialized_start=132
-  _globals['_MOTIONINFO']._serialized_end=249
-  _globals['_BODYPOSE']._serialized_start=252
-  _globals['_BODYPOSE']._serialized_end=451
+  _globals['_MOTIONINFO']._serialized_start=133
+  _globals['_MOTIONINFO']._serialized_end=271
+  _globals['_BODYPOSE']._serialized_start=274
+  _globals['_BODYPOSE']._serialized_end=473
 # @@protoc_insertion_point(module_scope)

@@ -9,18 +9,20 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class MotionInfo(_message.Message):
-    __slots__ = ("name", "rate_hz", "start_s", "frames", "skeleton")
+    __slots__ = ("name", "rate_hz", "start_s", "frames", "skeleton", "known_bones")
     NAME_FIELD_NUMBER: _ClassVar[int]
     RATE_HZ_FIELD_NUMBER: _ClassVar[int]
     START_S_FIELD_NUMBER: _ClassVar[int]
     FRAMES_FIELD_NUMBER: _ClassVar[int]
     SKELETON_FIELD_NUMBER: _ClassVar[int]
+    KNOWN_BONES_FIELD_NUMBER: _ClassVar[int]
     name: str
     rate_hz: float
     start_s: float
     frames: int
     skeleton: _subject_pb2.Skeleton
-    def __init__(self, name: _Optional[str] = ..., rate_hz: _Optional[float] = ..., start_s: _Optional[float] = ..., frames: _Optional[int] = ..., skeleton: _Optional[_Union[_subject_pb2.Skeleton, _Mapping]] = ...) -> None: ...
+    known_bones: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, name: _Optional[str] = ..., rate_hz: _Optional[float] = ..., start_s: _Optional[float] = ..., frames: _Optional[int] = ..., skeleton: _Optional[_Union[_subject_pb2.Skeleton, _Mapping]] = ..., known_bones: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class BodyPose(_message.Message):
     __slots__ = ("timestamp", "frame", "joint_rotations_wxyz", "p_world_pelvis", "joint_covariance", "root_covariance")

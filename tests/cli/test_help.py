@@ -1,0 +1,63 @@
+"""Help is short, quick because it imports little, and says what the settings really are."""
+
+import subprocess
+import sys
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import pytest
+
+from vip_factors.cli.common_settings import CommonClock, CommonLiveSettings, CommonSettings
+from vip_factors.cli.main import COMMANDS
+from vip_factors.initialise.clock import ClockSettings
+from vip_factors.live.settings import LiveSettings
+from vip_factors.settings import Settings
+
+HEAVY = ("gtsam", "scipy", "cv2", "rerun", "mcap", "google.protobuf", "numpy", "optuna")
+MOST_LINES = 150  # at 80 columns; stream has as many options of its own, and 1100 lines of them all
+
+
+def test_help_imports_nothing_heavy() -> None:
+    program = (
+        "import sys\nfrom vip_factors.cli.main import COMMANDS, main\n"
+        "for command in COMMANDS:\n"
+        "    assert main([command, '--help']) == 0\n"
+        f"    heavy = [name for name in {HEAVY} if name in sys.modules]\n"
+        "    assert not heavy, (command, heavy)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("command", ["smooth", "graph", "stream", "sync", "simulate"])
+def test_short_help_names_the_way_to_all_of_it(run, command: str) -> None:
+    short, full = run(command, "--help"), run(command, "--help-all")
+    assert short.code == full.code == 0
+    assert f"vip-factors {command} --help-all" in short.out
+    assert len(short.out.splitlines()) < MOST_LINES
+    assert len(full.out.splitlines()) > len(short.out.splitlines())
+    hidden = {word.strip(",") for word in short.out.split() if word.startswith("--")} - {"--help-all", "--help-all)"}
+    assert hidden <= {word.strip(",") for word in full.out.split()}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_knows_the_long_help(run, command: str) -> None:
+    if command not in ("smooth", "graph", "stream"):  # those were asked above, and have hundreds of options
+        assert run(command, "--help-all").code == 0
+
+
+@pytest.mark.parametrize(
+    ("common", "tree"), [(CommonSettings, Settings), (CommonLiveSettings, LiveSettings), (CommonClock, ClockSettings)]
+)
+def test_settings_told_by_short_help_are_those_of_the_tree(common: type, tree: type) -> None:
+    _same(common(), tree(), "")
+
+
+def _same(common: Any, tree: Any, above: str) -> None:
+    for one in fields(common):
+        told, real = getattr(common, one.name), getattr(tree, one.name)
+        if is_dataclass(told):
+            _same(told, real, f"{above}{one.name}.")
+        else:
+            assert told == real, f"{above}{one.name}"
+            assert type(told) is type(real)

@@ -1,0 +1,83 @@
+"""Where stderr is no terminal, long work says now and then how far it is."""
+
+import sys
+from io import StringIO
+from threading import Event
+
+import pytest
+
+from vip_factors.cli import terminal
+
+
+class Pipe(StringIO):
+    """Standard error of a program in a pipe, that tells when a line came."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.came = Event()
+
+    def write(self, text: str) -> int:
+        written = super().write(text)
+        self.came.set()
+        return written
+
+    def wait(self) -> str:
+        self.came.clear()
+        assert self.came.wait(30), "nothing was said"
+        return self.getvalue()
+
+
+def piped(monkeypatch: pytest.MonkeyPatch) -> Pipe:
+    """In the test itself: between fixtures and test pytest puts its own standard error back."""
+    made = Pipe()
+    monkeypatch.setattr(sys, "stderr", made)
+    monkeypatch.setattr(terminal, "LINE_S", 0.01)
+    return made
+
+
+def test_a_pipe_hears_stage_and_share(monkeypatch: pytest.MonkeyPatch) -> None:
+    pipe = piped(monkeypatch)
+    with terminal.progress_bar() as tell:
+        tell("sparse inertial poser", 0.4)
+        pipe.wait()
+        pipe.wait()
+    assert "sparse inertial poser, 40 % (0 s)\n" in pipe.getvalue()
+    said = pipe.getvalue()
+    assert "\x1b" not in said  # no colours, no moving cursor
+    assert "\r" not in said
+
+
+def test_a_pipe_hears_what_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    pipe = piped(monkeypatch)
+    with terminal.waiting("reading a log"):
+        assert pipe.wait().startswith("reading a log (")
+
+
+def test_short_work_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    pipe = Pipe()
+    monkeypatch.setattr(sys, "stderr", pipe)
+    with terminal.progress_bar() as tell, terminal.waiting("a moment"):
+        tell("stage", 0.5)
+    assert pipe.getvalue() == ""
+
+
+def test_errors_pass_and_the_thread_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    pipe = piped(monkeypatch)
+    with pytest.raises(ZeroDivisionError), terminal.waiting("dividing"):
+        raise ZeroDivisionError
+    said = pipe.getvalue()
+    assert not pipe.came.wait(0.05) or pipe.getvalue() == said
+
+
+def test_a_stream_in_a_pipe_tells_its_status_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    pipe, clock = Pipe(), [0.0]
+    monkeypatch.setattr(sys, "stderr", pipe)
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: clock[0])
+    with terminal.StatusLine() as line, terminal.StatusLine(wanted=False) as silent:
+        line.show("1 s tracked")  # too soon
+        clock[0] = terminal.STREAM_LINE_S
+        assert line.shown
+        assert not silent.shown
+        line.show("10 s tracked")
+        assert not line.shown
+    assert pipe.getvalue() == "10 s tracked\n"

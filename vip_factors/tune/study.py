@@ -1,0 +1,163 @@
+"""A study: trials of settings, kept in a file as they are made, to be continued at any time."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vip_factors.errors import InputError, VipFactorsError
+from vip_factors.tune.leave_one_out import Errors, Trial, loss
+from vip_factors.tune.parameters import Parameter
+
+NAME = "vip-factors"
+STARTUP = 10  # trials at random at most, before the sampler has something to go by: optuna's own number
+STARTUP_SHARE = 5  # and of few trials in all only every fifth
+Judge = Callable[[str, Mapping[str, float]], float]
+"""The error of a recording (by name) with some values of the parameters."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a study is of; a study that was begun for something else is not continued.
+
+    Attributes:
+        recordings: names.
+        parameters: what is tuned.
+        untouched: the parameters' values before.
+        about: further words that have to be the same: what is measured, at which rate.
+    """
+
+    recordings: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    untouched: Mapping[str, float]
+    about: str = ""
+
+    def words(self) -> dict[str, str]:
+        """As the file keeps it."""
+        return {
+            "recordings": ", ".join(self.recordings),
+            "parameters": ", ".join(one.text for one in self.parameters),
+            "settings": ", ".join(f"{name} = {value:g}" for name, value in self.untouched.items()),
+            "measured": self.about,
+        }
+
+
+class Study:
+    """Trials in a file (SQLite, as optuna writes it: its dashboard opens it too).
+
+    Args:
+        path: of the file; made if absent.
+        task: what the study is of.
+        seed: of the sampler.
+
+    Raises:
+        InputError: if the file holds a study of something else, is none, or optuna is not installed.
+    """
+
+    def __init__(self, path: Path, task: Task, seed: int = 0) -> None:
+        self._optuna, self._task, self._seed = _optuna(), task, seed
+        self._distributions = {
+            one.name: self._optuna.distributions.FloatDistribution(one.low, one.high, log=one.log)
+            for one in task.parameters
+        }
+        with _readable(path):
+            self._study = self._optuna.create_study(
+                storage=f"sqlite:///{path}", study_name=NAME, load_if_exists=True, direction="minimize"
+            )
+            known = {name: self._study.user_attrs.get(name) for name in task.words()}
+        for name, words in task.words().items():
+            if known[name] is None:
+                self._study.set_user_attr(name, words)
+            elif known[name] != words:
+                raise InputError(
+                    f"{path} is a study of other {name} ({known[name]}): expected {words}; give another --study"
+                )
+
+    @property
+    def before(self) -> Errors | None:
+        """Errors with the settings as they were; None until they are measured."""
+        kept: dict[str, float] | None = self._study.user_attrs.get("before")
+        return kept
+
+    @property
+    def trials(self) -> tuple[Trial, ...]:
+        """All that came to an end, beginning with the settings as they were."""
+        if self.before is None:
+            return ()
+        complete = self._study.get_trials(states=[self._optuna.trial.TrialState.COMPLETE])
+        made = [Trial(one.number + 1, dict(one.params), one.user_attrs["errors"]) for one in complete]
+        return (Trial(0, dict(self._task.untouched), self.before), *made)
+
+    def run(self, count: int, judge: Judge, tell: Callable[[str, float], None] = lambda stage, done: None) -> None:
+        """Go on until there are ``count`` trials, beside the settings as they were.
+
+        Settings with which a recording cannot be solved are a trial that failed; an interrupt leaves all before it.
+
+        Args:
+            count: trials in all, those of earlier runs counted.
+            judge: measures.
+            tell: called with what is done and the fraction of all.
+        """
+        self._study.sampler = self._optuna.samplers.TPESampler(
+            n_startup_trials=min(STARTUP, max(1, count // STARTUP_SHARE)),
+            seed=self._seed + len(self._study.trials),  # continued, it does not draw the same numbers again
+        )
+        if self.before is None:
+            tell("settings as they are", 0.0)
+            self._study.set_user_attr("before", self._errors(self._task.untouched, judge))
+        while (made := self._made()) < count:
+            tell(f"trial {made + 1} of {count}", made / count)
+            self._try_one(judge)
+
+    def _made(self) -> int:
+        """Trials that came to an end, good or bad; not one that was interrupted."""
+        return sum("ended" in one.user_attrs for one in self._study.trials)
+
+    def _try_one(self, judge: Judge) -> None:
+        assert self.before is not None
+        trial = self._study.ask(self._distributions)
+        try:
+            errors = self._errors(trial.params, judge)
+        except VipFactorsError as error:
+            trial.set_user_attr("ended", str(error))
+            self._study.tell(trial, state=self._optuna.trial.TrialState.FAIL)
+            return
+        except BaseException:
+            self._study.tell(trial, state=self._optuna.trial.TrialState.FAIL)
+            raise
+        trial.set_user_attr("errors", errors)
+        trial.set_user_attr("ended", "")
+        self._study.tell(trial, loss(errors, self.before))
+
+    def _errors(self, values: Mapping[str, float], judge: Judge) -> dict[str, float]:
+        return {name: judge(name, values) for name in self._task.recordings}
+
+
+def _optuna() -> Any:
+    """The package, which is an extra.
+
+    Raises:
+        InputError: if it is not installed.
+    """
+    try:
+        import optuna
+    except ImportError as missing:
+        raise InputError("tuning needs optuna: pip install 'vip-factors[tune]'") from missing
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    return optuna
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """A file that is no database, as a sentence.
+
+    Raises:
+        InputError: if it is none.
+    """
+    from sqlalchemy.exc import DatabaseError
+
+    try:
+        yield
+    except DatabaseError as error:
+        raise InputError(f"{path}: cannot be read or written as a study: {error.orig}") from error

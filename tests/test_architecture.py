@@ -34,6 +34,8 @@ FENCED = {
     "google": {"io"},
     "rerun": {"viz"},
     "websockets": {"io"},
+    "av": {"viz"},
+    "PIL": {"viz"},
     "cv2": {"associate", "initialise", "io", "viz", "sensors"},
     "vqf": {"sensors"},
     "tyro": {"cli"},

@@ -22,10 +22,10 @@ REACH = 7.0  # in softnesses: a segment that far away adds a thousandth
 # Joints whose segments make a piece of their own, and the size of its grid's cells, in thousandths of stature.
 PIECES = (
     (("pelvis", "spine1", "spine2", "spine3", "neck", "left_collar", "right_collar", "left_hip", "right_hip",
-      "left_knee", "right_knee", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow"), 9.0),
-    (("head",), 6.0),
-    (("left_ankle", "left_foot"), 6.0), (("right_ankle", "right_foot"), 6.0),
-    (("left_wrist", "left_hand"), 3.6), (("right_wrist", "right_hand"), 3.6),
+      "left_knee", "right_knee", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow"), 11.0),
+    (("head",), 7.5),
+    (("left_ankle", "left_foot"), 7.5), (("right_ankle", "right_foot"), 7.5),
+    (("left_wrist", "left_hand"), 4.4), (("right_wrist", "right_hand"), 4.4),
 )  # fmt: skip
 
 

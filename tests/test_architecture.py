@@ -37,6 +37,8 @@ FENCED = {
     "websockets": {"io"},
     "pygltflib": {"io"},
     "pythonosc": {"io"},
+    "av": {"viz"},
+    "PIL": {"viz"},
     "cv2": {"associate", "initialise", "io", "viz", "sensors"},
     "vqf": {"sensors"},
     "tyro": {"cli"},

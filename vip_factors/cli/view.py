@@ -1,7 +1,7 @@
 """``vip-factors view``: look at recordings, scenes, estimates and motions, in Rerun or as pictures."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,6 +10,7 @@ import tyro
 from vip_factors.cli.files import Opened, open_all, open_one
 from vip_factors.cli.options import Flag, parse
 from vip_factors.errors import InputError
+from vip_factors.viz.film_settings import FilmSettings
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,9 @@ class ViewOptions:
     """Write a filmstrip (.png): poses in a row, of a scene frames of its video; needs nothing."""
     chart: Path | None = None
     """Write a chart (.png): joint error per frame of every estimate, headings with their uncertainty; needs nothing."""
+    video: Path | None = None
+    """Write a film (.mp4, .webp, .gif): bodies over the camera's video and in a room; needs vip-factors[film]."""
+    film: Annotated[FilmSettings, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=FilmSettings)
     compare: Literal["root", "world", "side"] = "root"
     """Where to draw the estimate beside the truth: on the true root path, in the true world, or to the side. Scenes
     are always drawn in the true world."""
@@ -45,14 +49,18 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         raise InputError("no file given: expected a recording, an estimate or a motion")
     from vip_factors.io.atomic import check_target
 
-    targets = (options.save, options.screenshot, options.picture, options.chart)
+    targets = (options.save, options.screenshot, options.picture, options.chart, options.video)
     for wanted in targets:
         if wanted is not None:
             check_target(wanted, options.overwrite)
+    if options.video is not None:
+        from vip_factors.viz.film_file import check_film
+
+        check_film(options.video)
     if options.chart is not None:
         _chart(options.files, options.chart, options.overwrite)
         print(options.chart)
-        if all(one is None for one in (options.save, options.screenshot, options.picture)):
+        if all(one is None for one in (options.save, options.screenshot, options.picture, options.video)):
             return
     opened = open_all(options.files)
     if opened.is_scene and opened.motion is not None:
@@ -60,6 +68,11 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     if options.picture is not None:
         _picture(opened, options.picture, options.overwrite)
         print(options.picture)
+    if options.video is not None:
+        from vip_factors.cli.view_film import write_film
+
+        write_film(opened, options.video, options.film, options.overwrite)
+        print(options.video)
     if options.screenshot is not None:
         _screenshot(opened, options.screenshot, options)
         print(options.screenshot)

@@ -1,0 +1,142 @@
+"""Bodies with skin and light: posed, shaded, and blended into a picture with smooth edges."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from vip_factors.body.body_mesh import BodyMesh
+from vip_factors.body.mannequin import Colour, Side, side_of
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.viz.eye import Eye
+from vip_factors.viz.triangles import COVERED_M, empty_depth, paint
+
+OVERSAMPLING = 2  # pixels a side, averaged: edges without steps
+NEARBY_M = 0.3  # nearer skin does not tell where in the picture a body is
+AMBIENT, KEY, RIM, GLOSS = 0.52, 0.72, 0.16, 0.10  # shares of light, chosen by eye
+OCCLUSION, OCCLUSION_M = 0.45, 0.10  # how dark what lies behind a near limb gets, and how far behind for all of it
+OCCLUSION_SPAN_M = 0.22  # around a pixel, in the body's own scale
+
+
+@dataclass(frozen=True)
+class Light:
+    """From where the room is lit: ``towards`` ``(3,)`` is the unit direction from the floor to the light."""
+
+    towards: np.ndarray
+
+
+class Figure:
+    """A body that moves, ready to be posed at any time.
+
+    Args:
+        mesh: its skin.
+        motion: in the world to be drawn.
+        colours: by side.
+    """
+
+    def __init__(self, mesh: BodyMesh, motion: Motion, colours: Mapping[Side, Colour]) -> None:
+        self.mesh, self.motion = mesh, motion
+        by_bone = np.array([colours[side_of(bone)] for bone in range(JOINT_COUNT)]) / 255
+        self.base = (mesh.weights @ by_bone).astype(np.float32)
+        self.faces = mesh.faces.astype(np.int32)
+
+    def shown_at(self, time: float) -> bool:
+        """Whether the motion knows an instant, within a frame."""
+        own = self.motion.time
+        return bool(own[0] - 1 / self.motion.rate <= time <= own[-1] + 1 / self.motion.rate)
+
+    def posed(self, time: float) -> "Posed":
+        """The skin at the frame nearest to an instant in seconds."""
+        motion = self.motion
+        frame = int(np.clip(round((time - motion.start) * motion.rate), 0, len(motion) - 1))
+        p, normal = self.mesh.posed(motion.state.R_world_bone[frame], motion.state.p_world_joint[frame])
+        return Posed(p.astype(np.float32), normal.astype(np.float32), self.base, self.faces)
+
+
+@dataclass(frozen=True)
+class Posed:
+    """One body at one instant: ``p`` and ``normal`` ``(V, 3)`` in the world, ``base`` ``(V, 3)`` colours, ``faces``."""
+
+    p: np.ndarray
+    normal: np.ndarray
+    base: np.ndarray
+    faces: np.ndarray
+
+    def lit(self, eye: Eye, light: Light) -> np.ndarray:
+        """Colours ``(V, 3)`` of the skin, 0 to 1: a light sky, a key light, a rim and a little gloss."""
+        towards = (eye.p_world_camera - self.p).astype(np.float32)
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        sun = light.towards.astype(np.float32)
+        half = towards + sun
+        half /= np.linalg.norm(half, axis=1, keepdims=True)
+        facing = np.clip(np.einsum("vi,vi->v", self.normal, towards), 0, 1)
+        key = np.clip(0.5 + 0.5 * self.normal @ sun, 0, 1) ** 1.7  # wrapped round the body: soft, as from a window
+        sky = 0.75 + 0.25 * self.normal[:, 2]
+        white = RIM * (1 - facing) ** 3 + GLOSS * np.clip(np.einsum("vi,vi->v", self.normal, half), 0, 1) ** 24
+        return np.clip(self.base * (AMBIENT * sky + KEY * key)[:, None] + white[:, None], 0, 1).astype(np.float32)
+
+
+def blend(
+    image: np.ndarray, eye: Eye, bodies: Sequence[Posed], light: Light, opacity: float = 1.0
+) -> np.ndarray | None:
+    """Draw bodies that hide each other into ``image`` ``(H, W, 3)`` float32, in place.
+
+    Returns:
+        How much of each pixel they cover, ``(H, W)``; None if they are not in the picture.
+    """
+    if not bodies:
+        return None
+    everyone = together(bodies)
+    pixels, depths = eye.project(everyone.p)
+    box = _box(pixels[depths > NEARBY_M], image.shape[1], image.shape[0])
+    if box is None:
+        return None
+    x, y, width, height = box
+    fine = np.zeros((height * OVERSAMPLING, width * OVERSAMPLING, 3), np.float32)
+    depth = empty_depth(height * OVERSAMPLING, width * OVERSAMPLING)
+    # A pixel's fine pixels lie around its centre, which is a whole number in both pictures.
+    at = (pixels - [x, y]) * OVERSAMPLING + (OVERSAMPLING - 1) / 2
+    paint(fine, depth, at, depths, everyone.faces, everyone.lit(eye, light))
+    covered = (depth < COVERED_M).astype(np.float32)
+    cover = cv2.resize(covered, (width, height), interpolation=cv2.INTER_AREA)
+    colour = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)  # already times the cover
+    colour *= _occlusion(depth[::OVERSAMPLING, ::OVERSAMPLING], eye)[..., None]
+    part = image[y : y + height, x : x + width]
+    part *= (1 - opacity * cover)[..., None]
+    part += opacity * colour
+    whole = np.zeros(image.shape[:2], np.float32)
+    whole[y : y + height, x : x + width] = cover
+    return whole
+
+
+def together(bodies: Sequence[Posed]) -> Posed:
+    """Several bodies as one."""
+    first = np.cumsum([0, *(len(body.p) for body in bodies[:-1])])
+    faces = [body.faces + np.int32(start) for body, start in zip(bodies, first, strict=True)]
+    p, normal, base = (np.concatenate([getattr(body, name) for body in bodies]) for name in ("p", "normal", "base"))
+    return Posed(p, normal, base, np.concatenate(faces))
+
+
+def _box(pixels: np.ndarray, width: int, height: int) -> tuple[int, int, int, int] | None:
+    """Left, top, width and height of the part of the picture in which points lie."""
+    if not len(pixels):
+        return None
+    left, top = np.clip(np.floor(pixels.min(axis=0)).astype(int) - 1, 0, [width, height]).tolist()
+    right, bottom = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 2, 0, [width, height]).tolist()
+    return (left, top, right - left, bottom - top) if right > left and bottom > top else None
+
+
+def _occlusion(depth: np.ndarray, eye: Eye) -> np.ndarray:
+    """Brightness: less where skin lies behind the mean depth of the skin around it, as under an arm."""
+    body = depth < COVERED_M
+    if not body.any():
+        return np.ones_like(depth)
+    filled: np.ndarray = np.where(body, depth, 0).astype(np.float32)
+    span = max(3, int(OCCLUSION_SPAN_M * eye.model.focal[0] / float(depth[body].mean())) | 1)
+    total = cv2.boxFilter(filled, -1, (span, span), normalize=False)
+    count = cv2.boxFilter(body.astype(np.float32), -1, (span, span), normalize=False)
+    behind = np.where(body, filled - total / np.maximum(count, 1), 0)
+    behind = np.asarray(cv2.GaussianBlur(behind, (0, 0), max(1.0, span / 12)))
+    return 1 - OCCLUSION * np.clip(behind / OCCLUSION_M, 0, 1)

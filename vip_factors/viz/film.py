@@ -1,0 +1,133 @@
+"""A film of an estimate: bodies over the camera's pictures, in a room, and headings as they settle."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.body.body_mesh import body_mesh
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.calibration import Calibration
+from vip_factors.viz.figure import Figure
+from vip_factors.viz.film_camera import CameraPane
+from vip_factors.viz.film_file import check_film, film_file
+from vip_factors.viz.film_headings import HeadingsPane
+from vip_factors.viz.film_room import RoomPane
+from vip_factors.viz.film_settings import FilmSettings
+from vip_factors.viz.scene_world import DrawnScene
+from vip_factors.viz.wearer_colours import skin_colours
+
+NO_CAMERA_RATE = 30.0  # frames per second
+PAPER = 255  # behind the panes
+GAP = 0.012  # between the panes, of the height
+Pane = CameraPane | RoomPane | HeadingsPane
+Box = tuple[int, int, int, int]
+"""Left, top, width and height in pixels."""
+
+
+def film(
+    drawn: DrawnScene,
+    path: Path,
+    settings: FilmSettings,
+    histories: Sequence[tuple[Array, list[Calibration]]] = (),
+    *,
+    overwrite: bool = False,
+    tell: Callable[[str, float], None] = lambda stage, fraction: None,
+) -> None:
+    """Draw and write a film.
+
+    Args:
+        drawn: the scene, its estimate, or both.
+        path: ends in .mp4, .webp or .gif.
+        settings: what is shown.
+        histories: by wearer, times and calibrations of a live estimate, to be drawn beside the room.
+        overwrite: replace an existing file.
+        tell: called with how much is done.
+
+    Raises:
+        InputError: if there is nothing to show, the name's suffix is none of a film, or a library is missing.
+    """
+    check_film(path)
+    if all(wearer.shown is None for wearer in drawn.wearers):
+        raise InputError("no motion for a film: give an estimate, or a recording with its truth")
+    if len(histories) and not any(len(times) > 1 for times, _ in histories):
+        raise InputError(
+            f"{settings.headings}: no headings over time in it: expected a live estimate, as vip-factors stream "
+            "RECORDING --out makes"
+        )
+    times, frames, rate = film_times(drawn, settings)
+    width, height, boxes = layout(drawn, settings.video_height, len(histories) > 0)
+    figures = [
+        Figure(body_mesh(wearer.shown.skeleton), wearer.shown, skin_colours(wearer.index))
+        for wearer in drawn.wearers
+        if wearer.shown is not None
+    ]
+    panes: list[tuple[Box, Pane]] = []
+    if "room" in boxes:
+        panes.append((boxes["room"], RoomPane(figures, times, boxes["room"][2:])))
+    if "camera" in boxes:
+        seen = CameraPane(drawn, figures, times, frames, boxes["camera"][2:], settings.video_opacity)
+        panes.append((boxes["camera"], seen))
+    if "headings" in boxes:
+        panes.append((boxes["headings"], HeadingsPane(drawn, histories, times, boxes["headings"][2:])))
+    picture = np.full((height, width, 3), PAPER, np.uint8)
+    with film_file(path, rate, overwrite) as file:
+        for index in range(len(times)):
+            for (left, top, w, h), pane in panes:
+                picture[top : top + h, left : left + w] = pane.draw(index)
+            file.add(picture)
+            tell("drawing the film", (index + 1) / len(times))
+
+
+def film_times(drawn: DrawnScene, settings: FilmSettings) -> tuple[Array, np.ndarray, float]:
+    """Instants ``(T,)`` in seconds, the video's frames then ``(T,)``, and pictures per second.
+
+    Raises:
+        InputError: if nothing is left of the time.
+    """
+    motions = [wearer.shown for wearer in drawn.wearers if wearer.shown is not None]
+    first, last = min(float(m.time[0]) for m in motions), max(float(m.time[-1]) for m in motions)
+    if settings.video_seconds is not None:
+        first, last = max(first, settings.video_seconds[0]), min(last, settings.video_seconds[1])
+    if drawn.detections is not None and len(drawn.detections.time) > 1 and drawn.path is not None:
+        video = drawn.detections.time
+        rate = (len(video) - 1) / float(video[-1] - video[0])
+    else:
+        rate = NO_CAMERA_RATE
+        video = np.arange(int(np.floor(last * rate)) + 1) / rate
+    step = max(1, int(np.ceil(rate / settings.video_rate - 0.01)))
+    frames = np.flatnonzero((video >= first - 1e-6) & (video <= last + 1e-6))[::step]
+    if not len(frames):
+        raise InputError(f"nothing to film between {first:.2f} and {last:.2f} s: expected seconds of the recording")
+    return video[frames], frames, rate / step
+
+
+def layout(drawn: DrawnScene, wanted: int, headings: bool) -> tuple[int, int, dict[str, Box]]:
+    """Width and height of the film, both even, and a box for each pane."""
+    height = wanted // 2 * 2
+    gap = max(2, round(GAP * height))
+    camera = drawn.model if drawn.path is not None and drawn.detections is not None else None
+    if camera is None and not headings:
+        width = _even(height * 16 / 9)
+        return width, height, {"room": (0, 0, width, height)}
+    shape = camera.width / camera.height if camera is not None else 1.0
+    if not headings:
+        seen, room = _even(height * shape), _even(0.8 * height)
+        return seen + gap // 2 * 2 + room, height, {
+            "camera": (0, 0, seen, height), "room": (seen + gap // 2 * 2, 0, room, height),
+        }  # fmt: skip
+    room, side = _even(1.05 * height), _even(0.85 * height)
+    left = room + gap // 2 * 2
+    boxes = {"room": (0, 0, room, height)}
+    top = 0
+    if camera is not None:
+        tall = min(round(side / shape), round(0.62 * height))
+        boxes["camera"] = (left, 0, side, tall)
+        top = tall + gap
+    boxes["headings"] = (left, top, side, height - top)
+    return left + side, height, boxes
+
+
+def _even(length: float) -> int:
+    return 2 * round(length / 2)

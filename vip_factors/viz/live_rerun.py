@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.live import LiveSetup, VideoFrame
 from vip_factors.viz.new_file import new_file
+from vip_factors.viz.viewer import rerun_command
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -178,7 +179,7 @@ def _open(target: LiveTarget, files: ExitStack, telling: Connection) -> "rr.Reco
         url = stream.serve_grpc(grpc_port=target.serve)
         telling.send(f"viewers may connect: rerun {url}")
     else:
-        stream.spawn(memory_limit=VIEWER_MEMORY)
+        rr.spawn(memory_limit=VIEWER_MEMORY, executable_path=rerun_command(), recording=stream)
     return stream
 
 

@@ -18,6 +18,7 @@ from vip_factors.viz.new_file import new_file
 from vip_factors.viz.rerun_body import log_body, log_rest_body, log_sensors, log_trail
 from vip_factors.viz.rerun_series import log_curve, log_measurements, log_residuals, sensor_colours
 from vip_factors.viz.summary import summary
+from vip_factors.viz.viewer import check_display, rerun_command
 
 APPLICATION = "vip_factors"
 ERROR_COLOUR = (196, 60, 70)
@@ -78,7 +79,7 @@ def send(view: View, sink: Sink) -> None:
     """Write a view to a file, complete or not at all, or open the viewer and send it there.
 
     Raises:
-        InputError: if the file exists.
+        InputError: if the file exists, or there is no display for the viewer.
         OSError: if the file cannot be written.
     """
     if isinstance(sink, SaveTo):
@@ -89,8 +90,9 @@ def send(view: View, sink: Sink) -> None:
             stream.flush()
             stream.disconnect()
         return
+    check_display("a file (SaveTo) instead of the live viewer")
     stream = rr.RecordingStream(APPLICATION)
-    stream.spawn()
+    rr.spawn(executable_path=rerun_command(), recording=stream)
     view.log(stream)
     stream.flush()
 

@@ -208,13 +208,15 @@ def _gathered(queue: Any, seconds: float) -> list[LiveEstimate | VideoFrame] | N
         if first is None:
             return None
         items.append(first)
-    time.sleep(seconds)
-    while True:
+    until = time.monotonic() + seconds
+    while (left := until - time.monotonic()) > 0:
         try:
-            item = queue.get_nowait()
+            # Taken out all the time, not at its end: what the pipe between the processes holds is no more than 64 KiB.
+            item = queue.get(timeout=left)
         except Empty:
-            return items
+            break
         if item is None:
             queue.put(None)  # found again after these have been drawn
-            return items
+            break
         items.append(item)
+    return items

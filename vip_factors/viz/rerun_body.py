@@ -100,15 +100,26 @@ def _turn_z_onto(direction: Array) -> Array:
     return quaternion / np.linalg.norm(quaternion)
 
 
-def log_sensors(stream: rr.RecordingStream, entity: str, placement: Placement, calibration: Calibration | None) -> None:
-    """Log each sensor as a box with its axes, fixed to its bone: as calibrated, else as placed roughly."""
+def log_sensors(
+    stream: rr.RecordingStream,
+    entity: str,
+    placement: Placement,
+    calibration: Calibration | None,
+    colours: Mapping[str, Colour],
+) -> None:
+    """Log each sensor as a box with its axes, fixed to its bone: as calibrated, else as placed roughly.
+
+    ``colours`` are those of its curves; a sensor without one is pale yellow.
+    """
     for site in placement.sites:
         known = None if calibration is None else calibration.get(site.sensor)
         R_bone_sensor = site.R_bone_sensor if known is None else known.R_bone_sensor
         path = f"{entity}/{site.bone}/{site.sensor}"
         pose = rr.Transform3D(translation=site.p_bone_sensor, mat3x3=R_bone_sensor)
         stream.log(path, pose, static=True)
-        box = rr.Boxes3D(half_sizes=[SENSOR_HALF_SIZE_M], colors=[SENSOR_COLOUR], fill_mode="solid")
+        box = rr.Boxes3D(
+            half_sizes=[SENSOR_HALF_SIZE_M], colors=[colours.get(site.sensor, SENSOR_COLOUR)], fill_mode="solid"
+        )
         stream.log(path, box, static=True)
         axes = rr.Arrows3D(vectors=SENSOR_AXIS_M * np.eye(3), colors=AXIS_COLOURS, radii=0.0025)
         stream.log(f"{path}/axes", axes, static=True)

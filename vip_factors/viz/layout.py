@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 
 from vip_factors.body.mannequin import Colour
 from vip_factors.body.motion import Motion
-from vip_factors.viz.eye import eye, forward_of
+from vip_factors.viz.rerun_eye import eye, forward_of
 from vip_factors.viz.sensor_legend import legend_view
 
 BACKGROUND: Colour = (222, 226, 231)  # bright, so that bodies stand out in every colour they have

@@ -5,7 +5,7 @@ import rerun.blueprint as rrb
 
 from vip_factors.body.motion import Motion
 from vip_factors.sensors.live import LiveSetup
-from vip_factors.viz.eye import abreast, eye, forward_of, spread_of
+from vip_factors.viz.rerun_eye import abreast, eye, forward_of, spread_of
 from vip_factors.viz.layout import LEGEND_SHARE, LEVEL, UPRIGHT, world_view
 from vip_factors.viz.live_series import HEADING_SIGMAS, HEADINGS, POSE_SIGMAS, UPDATE_MS
 from vip_factors.viz.scene_layout import IMAGE_BACKGROUND, IN_IMAGE

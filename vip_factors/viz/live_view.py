@@ -17,7 +17,7 @@ from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.live import LiveCamera, LiveSetup, VideoFrame
 from vip_factors.sensors.reprojection import keypoints_in_image
 from vip_factors.viz.compare import floor_height
-from vip_factors.viz.eye import centre_path
+from vip_factors.viz.rerun_eye import centre_path
 from vip_factors.viz.live_body import LiveBody
 from vip_factors.viz.live_layout import live_blueprint
 from vip_factors.viz.live_series import LiveSeries, colours_of

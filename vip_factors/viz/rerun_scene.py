@@ -12,7 +12,7 @@ from vip_factors.estimate import SceneEstimate
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.compare import floor_height
-from vip_factors.viz.eye import centre_path
+from vip_factors.viz.rerun_eye import centre_path
 from vip_factors.viz.layout import GHOST_COLOUR
 from vip_factors.viz.rerun_body import log_body, log_sensors, log_trail
 from vip_factors.viz.rerun_camera import FRUSTUM_COLOUR, log_camera, log_camera_trail, log_true_camera

@@ -6,7 +6,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.viz.eye import abreast, centre_path, eye, forward_of, spread_of
+from vip_factors.viz.rerun_eye import abreast, centre_path, eye, forward_of, spread_of
 from vip_factors.viz.layout import LEGEND_SHARE, LEVEL, UPRIGHT, span_axis, world_view
 from vip_factors.viz.rerun_scene_series import HEADINGS_IMAGE
 from vip_factors.viz.scene_world import DrawnScene

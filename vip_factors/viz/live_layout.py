@@ -5,10 +5,10 @@ import rerun.blueprint as rrb
 
 from vip_factors.body.motion import Motion
 from vip_factors.sensors.live import LiveSetup
-from vip_factors.viz.rerun_eye import abreast, eye, forward_of, spread_of
 from vip_factors.viz.layout import LEGEND_SHARE, LEVEL, UPRIGHT, world_view
 from vip_factors.viz.live_series import HEADING_SIGMAS, HEADINGS, POSE_SIGMAS, UPDATE_MS
-from vip_factors.viz.scene_layout import IMAGE_BACKGROUND, IN_IMAGE
+from vip_factors.viz.rerun_eye import abreast, eye, forward_of, spread_of
+from vip_factors.viz.scene_layout import IN_IMAGE, image_view
 from vip_factors.viz.sensor_legend import legend_view
 from vip_factors.viz.set_apart import APART_TITLE
 
@@ -17,7 +17,14 @@ ROOM_M = 0.2  # to either side of where people stand at the start: they will mov
 
 
 def live_blueprint(
-    setup: LiveSetup, shown: list[Motion], follow: str, image: str, summary: str, floor: float, apart: bool
+    setup: LiveSetup,
+    shown: list[Motion],
+    follow: str,
+    bodies: list[str],
+    image: str,
+    summary: str,
+    floor: float,
+    apart: bool,
 ) -> rrb.Blueprint:
     """The layout.
 
@@ -25,6 +32,7 @@ def live_blueprint(
         setup: of what is streamed.
         shown: the wearers' first poses, for placing the eye.
         follow: entity that the eye follows.
+        bodies: entities of the newest bodies.
         image: entity of the first camera's image.
         summary: entity of the text: findings, and what is drawn how.
         floor: height of the grid in metres.
@@ -39,10 +47,7 @@ def live_blueprint(
         f"World ({APART_TITLE})" if apart else "World", floor, controls, left_out
     )
     if setup.camera is not None:
-        model = setup.camera.model
-        rim = 0.02 * model.width
-        bounds = rrb.VisualBounds2D(x_range=(-rim, model.width + rim), y_range=(-rim, model.height + rim))
-        camera = rrb.Spatial2DView(origin=f"/{image}", name="Camera", background=IMAGE_BACKGROUND, visual_bounds=bounds)
+        camera = image_view("Camera", image, setup.camera.model, bodies)
         left = rrb.Vertical(left, camera, row_shares=[1.15, 1])
     right = rrb.Vertical(
         rrb.TextDocumentView(origin=f"/{summary}", name="Summary"),

@@ -17,13 +17,13 @@ from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.live import LiveCamera, LiveSetup, VideoFrame
 from vip_factors.sensors.reprojection import keypoints_in_image
 from vip_factors.viz.compare import floor_height
-from vip_factors.viz.rerun_eye import centre_path
 from vip_factors.viz.live_body import LiveBody
 from vip_factors.viz.live_layout import live_blueprint
 from vip_factors.viz.live_series import LiveSeries, colours_of
 from vip_factors.viz.live_summary import live_summary
 from vip_factors.viz.rerun_camera import log_camera, log_camera_poses, log_frustum
 from vip_factors.viz.rerun_centre import CENTRE, log_centre
+from vip_factors.viz.rerun_eye import centre_path
 from vip_factors.viz.rerun_image import log_image_border, log_people_frames, log_people_style
 from vip_factors.viz.rerun_names import (
     NOBODY_CLASS,
@@ -193,7 +193,9 @@ class LiveView:
             first = [moved(one, body.shift) for one, body in zip(first, self._bodies, strict=True)]
         floor = min(floor_height(one) for one in first)
         self._height = float(np.mean([one.p_world_pelvis[0, 2] for one in first]))
-        blueprint = live_blueprint(self._setup, first, CENTRE, IMAGE, SUMMARY, floor, self._apart)
+        blueprint = live_blueprint(
+            self._setup, first, CENTRE, [one.newest for one in self._bodies], IMAGE, SUMMARY, floor, self._apart
+        )
         self._stream.send_blueprint(blueprint)
         self._stream.set_time("time", duration=estimate.time)
         self._log_text()

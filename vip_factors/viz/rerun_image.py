@@ -13,7 +13,7 @@ from vip_factors.sensors.scene import Video
 from vip_factors.viz.image_limbs import limb_pairs
 from vip_factors.viz.rerun_body import time_column
 
-BORDER_COLOUR: Colour = (82, 88, 98)
+BORDER_COLOUR: Colour = (150, 157, 168)
 
 
 def log_people(

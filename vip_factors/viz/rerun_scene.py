@@ -12,11 +12,11 @@ from vip_factors.estimate import SceneEstimate
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.compare import floor_height
-from vip_factors.viz.rerun_eye import centre_path
 from vip_factors.viz.layout import GHOST_COLOUR
 from vip_factors.viz.rerun_body import log_body, log_sensors, log_trail
 from vip_factors.viz.rerun_camera import FRUSTUM_COLOUR, log_camera, log_camera_trail, log_true_camera
 from vip_factors.viz.rerun_centre import CENTRE, log_centre
+from vip_factors.viz.rerun_eye import centre_path
 from vip_factors.viz.rerun_image import log_image_border, log_people, log_video
 from vip_factors.viz.rerun_names import (
     class_of,
@@ -75,6 +75,7 @@ class _SceneView:
         log_joint_names(stream, "world", [wearer.name for wearer in drawn.wearers])
         for wearer in drawn.wearers:
             _log_wearer(stream, wearer, floor, colours)
+        entities = [_body_of(wearer) for wearer in drawn.wearers if wearer.shown is not None]
         follow = _log_centre(stream, drawn)
         _log_world_camera(stream, drawn)
         _log_image(stream, drawn)
@@ -86,7 +87,7 @@ class _SceneView:
         text = scene_summary(drawn, self.metrics)
         stream.log("summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
         stream.send_recording_name(drawn.name)
-        stream.send_blueprint(scene_blueprint(drawn, images, floor, plots, follow, legend))
+        stream.send_blueprint(scene_blueprint(drawn, images, floor, plots, follow, legend, entities))
 
 
 def _sensor_colours(drawn: DrawnScene) -> dict[str, Colour]:
@@ -109,12 +110,17 @@ def _log_centre(stream: rr.RecordingStream, drawn: DrawnScene) -> str | None:
     return CENTRE
 
 
+def _body_of(wearer: DrawnWearer) -> str:
+    """The entity of the body as drawn in colour."""
+    return f"world/{rr.escape_entity_path_part(wearer.name)}/{'estimate' if wearer.motion is not None else 'truth'}"
+
+
 def _log_wearer(stream: rr.RecordingStream, wearer: DrawnWearer, floor: float, sensors: dict[str, Colour]) -> None:
     if wearer.shown is None:
         return
     below = f"world/{rr.escape_entity_path_part(wearer.name)}"
     colours = body_colours(wearer.index)
-    body = f"{below}/estimate" if wearer.motion is not None else f"{below}/truth"
+    body = _body_of(wearer)
     log_body(stream, body, wearer.shown, colours)
     log_joints_style(stream, f"{body}/joints", wearer.index)
     log_joints(stream, f"{body}/joints", wearer.shown)

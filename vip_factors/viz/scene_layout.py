@@ -1,19 +1,20 @@
 """The blueprint of a scene: the world above the camera's image, text and plots beside them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import rerun.blueprint as rrb
 
 from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.viz.rerun_eye import abreast, centre_path, eye, forward_of, spread_of
 from vip_factors.viz.layout import LEGEND_SHARE, LEVEL, UPRIGHT, span_axis, world_view
+from vip_factors.viz.rerun_body import see_through
+from vip_factors.viz.rerun_eye import abreast, centre_path, eye, forward_of, spread_of
 from vip_factors.viz.rerun_scene_series import HEADINGS_IMAGE
 from vip_factors.viz.scene_world import DrawnScene
 from vip_factors.viz.sensor_legend import legend_view
 from vip_factors.viz.set_apart import APART_TITLE
 
-IMAGE_BACKGROUND = (22, 24, 28)
+IMAGE_BACKGROUND = (74, 81, 92)  # mid-tone: fine bright lines and coloured ones stand out
 IN_IMAGE = ("body", "detected")  # of a camera's image what does not belong into the world
 BESIDE = 3  # plots that stand below each other; the others are tabs
 
@@ -25,6 +26,7 @@ def scene_blueprint(
     plots: Mapping[str, str],
     follow: str | None,
     has_legend: bool,
+    bodies: Sequence[str] = (),
 ) -> rrb.Blueprint:
     """The layout of the viewer.
 
@@ -35,13 +37,15 @@ def scene_blueprint(
         plots: titles by entity, the main ones first.
         follow: entity that the eye follows, or None.
         has_legend: whether the legend of the sensors was logged.
+        bodies: entities of the bodies as drawn, for cameras without a video.
     """
     left_out = [f"{image}/{what}" for image in images.values() for what in IN_IMAGE]
     title = f"World ({APART_TITLE})" if drawn.apart else "World"
     left: rrb.View | rrb.Container = world_view(title, floor, _eye(drawn, follow), left_out)
     if drawn.detections is not None and drawn.model is not None:
         models = [drawn.model, *(camera.model for camera in drawn.further)]
-        views2d = [_image(*named, model) for named, model in zip(images.items(), models, strict=True)]
+        solid = [] if drawn.video is not None else bodies
+        views2d = [image_view(*named, model, solid) for named, model in zip(images.items(), models, strict=True)]
         below = views2d[0] if len(views2d) == 1 else rrb.Tabs(*views2d, active_tab=0)
         left = rrb.Vertical(left, below, row_shares=[1.15, 1])
     return rrb.Blueprint(
@@ -75,10 +79,26 @@ def span_of(drawn: DrawnScene) -> tuple[float, float]:
     return min(float(one[0]) for one in times), max(float(one[-1]) for one in times)
 
 
-def _image(title: str, entity: str, model: CameraModel) -> rrb.Spatial2DView:
+def image_view(title: str, entity: str, model: CameraModel, bodies: Sequence[str]) -> rrb.Spatial2DView:
+    """What a camera saw.
+
+    Args:
+        title: of the view.
+        entity: of the camera's image.
+        model: for the image's size.
+        bodies: entities in the world to be seen through the camera, where no video shows the people themselves.
+    """
+    hidden = [f"- /{body}/{what}" for body in bodies for what in ("joints/**", "head/name/**")]
+    looks = [see_through(body) for body in bodies]
     rim = 0.02 * model.width
-    bounds = rrb.VisualBounds2D(x_range=(-rim, model.width + rim), y_range=(-rim, model.height + rim))
-    return rrb.Spatial2DView(origin=f"/{entity}", name=title, background=IMAGE_BACKGROUND, visual_bounds=bounds)
+    return rrb.Spatial2DView(
+        origin=f"/{entity}",
+        name=title,
+        background=IMAGE_BACKGROUND,
+        contents=["$origin/**", *(f"/{body}/**" for body in bodies), *hidden],
+        overrides={f"/{one}": look for body in looks for one, look in body.items()},
+        visual_bounds=rrb.VisualBounds2D(x_range=(-rim, model.width + rim), y_range=(-rim, model.height + rim)),
+    )
 
 
 def _plot(entity: str, title: str, span: tuple[float, float]) -> rrb.TimeSeriesView:

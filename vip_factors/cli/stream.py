@@ -13,6 +13,7 @@ import tyro
 from vip_factors.cli.common_settings import CommonLiveSettings
 from vip_factors.cli.named import named_tree
 from vip_factors.cli.options import Flag, parse_with_settings
+from vip_factors.cli.rerun_targets import STREAM_INSTEAD, check_display, check_rerun_file
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
 from vip_factors.io.live.settings import LiveSourceSettings, VmcPose
@@ -100,6 +101,9 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 def _check(options: StreamOptions, settings: "LiveSettings") -> None:
     from vip_factors.io.atomic import check_target
 
+    check_rerun_file("--rerun-save", options.rerun_save)
+    if options.rerun:
+        check_display(STREAM_INSTEAD)
     for wanted in (options.out, options.rerun_save):
         if wanted is not None:
             check_target(wanted, options.overwrite)

@@ -9,6 +9,7 @@ import tyro
 
 from vip_factors.cli.files import Opened, open_all, open_one
 from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.rerun_targets import VIEW_INSTEAD, check_display, check_rerun_file
 from vip_factors.errors import InputError
 from vip_factors.viz.film_settings import FilmSettings
 
@@ -26,6 +27,12 @@ class ViewOptions:
     for --chart."""
     save: Path | None = None
     """Write a Rerun file (.rrd) instead of opening the viewer."""
+    serve: Flag = False
+    """Show it in a web browser: serve it until Ctrl-C, and print the address to open."""
+    host: str = "127.0.0.1"
+    """Where --serve listens: this machine alone, or 0.0.0.0 for everybody who can reach it."""
+    port: int = 9090
+    """Of the page that --serve serves; its data come from the port after it."""
     screenshot: Path | None = None
     """Write a picture (.png) of Rerun's view; needs Vulkan, in software (Mesa) if need be."""
     picture: Path | None = None
@@ -50,6 +57,9 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.io.atomic import check_target
 
     targets = (options.save, options.screenshot, options.picture, options.chart, options.video)
+    check_rerun_file("--save", options.save)
+    if not options.serve and all(one is None for one in targets):
+        check_display(VIEW_INSTEAD)
     for wanted in targets:
         if wanted is not None:
             check_target(wanted, options.overwrite)
@@ -60,7 +70,8 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     if options.chart is not None:
         _chart(options.files, options.chart, options.overwrite)
         print(options.chart)
-        if all(one is None for one in (options.save, options.screenshot, options.picture, options.video)):
+        others = (options.save, options.screenshot, options.picture, options.video)
+        if not options.serve and all(one is None for one in others):
             return
     opened = open_all(options.files)
     if opened.is_scene and opened.motion is not None:
@@ -79,7 +90,9 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     if options.save is not None:
         _show(opened, options.save, options)
         print(options.save)
-    if all(one is None for one in targets):
+    if options.serve:
+        _serve(opened, options)
+    elif all(one is None for one in targets):
         _show(opened, None, options)
 
 
@@ -143,3 +156,19 @@ def _screenshot(opened: Opened, png: Path, options: ViewOptions) -> None:
         rrd = Path(folder) / "view.rrd"
         _show(opened, rrd, options)
         screenshot(rrd, png, overwrite=options.overwrite)
+
+
+def _serve(opened: Opened, options: ViewOptions) -> None:
+    from tempfile import TemporaryDirectory
+
+    from vip_factors.cli.terminal import note
+    from vip_factors.viz.serve import serve
+
+    def tell(address: str) -> None:
+        print(address, flush=True)
+        note("serving; open this address in a browser, Ctrl-C ends it")
+
+    with TemporaryDirectory() as folder:
+        rrd = Path(folder) / "view.rrd"
+        _show(opened, rrd, options)
+        serve(rrd, options.host, options.port, tell)

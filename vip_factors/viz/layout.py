@@ -2,16 +2,20 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from vip_factors.body.mannequin import Colour
 from vip_factors.body.motion import Motion
-from vip_factors.geometry.rotations import Array
+from vip_factors.viz.rerun_eye import eye, forward_of
+from vip_factors.viz.sensor_legend import legend_view
 
-BACKGROUND = (30, 33, 39)  # the tone of the panels around it
-GRID = (70, 76, 86)
-EYE_DISTANCE_M = {1: 3.0, 2: 4.4}  # by how many bodies stand apart: a person fills two thirds of the view's height
+BACKGROUND: Colour = (222, 226, 231)  # bright, so that bodies stand out in every colour they have
+GRID: Colour = (178, 185, 194)
+GHOST_COLOUR: Colour = (92, 98, 108)  # what a body is compared with: dark on the bright background
+UPRIGHT, LEVEL = 1.1, 2.3  # width by height of the world's view: alone, and above a camera's image
+BESIDE_M = 0.6  # from the middle to either of two bodies that are compared side by side
+LEGEND_SHARE = 0.85  # of a plot's height
 KIND_TITLES = {
     "joint_error_mm": "Joint error (mm)",
     "orientation_deg": "Orientation residual (°)",
@@ -29,6 +33,8 @@ def blueprint(
     has_error: bool,
     residuals: Sequence[str],
     imus: Sequence[str],
+    span: tuple[float, float],
+    has_legend: bool,
 ) -> rrb.Blueprint:
     """The layout of the viewer.
 
@@ -40,54 +46,66 @@ def blueprint(
         has_error: whether ``plots/error/joint_error_mm`` exists.
         residuals: kinds below ``plots/residual``.
         imus: kinds below ``plots/imu``.
+        span: seconds that the plots show.
+        has_legend: whether the legend of the sensors was logged.
     """
-    world = rrb.Spatial3DView(
-        origin="/world",
-        name="Motion",
-        background=BACKGROUND,
-        line_grid=rrb.LineGrid3D(
-            visible=True, spacing=0.5, plane=rr.components.Plane3D([0, 0, 1], floor), stroke_width=1.0, color=GRID
-        ),
-        eye_controls=_eye(shown, follow, EYE_DISTANCE_M[apart]),
-    )
-    plots = [_plot("error", "joint_error_mm")] if has_error else []
-    plots += [_plot("residual", kind) for kind in residuals]
-    measured = [_plot("imu", kind) for kind in imus]
+    spread = BESIDE_M * (apart - 1)
+    controls = eye(shown.p_world_pelvis[0], forward_of(shown), spread, UPRIGHT, follow)
+    world = world_view("Motion", floor, controls)
+    plots = [_plot("error", "joint_error_mm", span)] if has_error else []
+    plots += [_plot("residual", kind, span) for kind in residuals]
+    measured = [_plot("imu", kind, span) for kind in imus]
     text = rrb.TextDocumentView(origin="/summary", name="Summary")
-    side: list[rrb.View | rrb.Container]
-    if plots:
-        side = [text, *plots]
-        if measured:
-            side.append(rrb.Tabs(*measured, name="Measured"))
-    else:
-        side = [text, *measured]
-    shares = [2.0 if plots else 1.0, *[1.0] * (len(side) - 1)]
+    side: list[rrb.View | rrb.Container] = [text, *plots]
+    if plots and measured:
+        side.append(rrb.Tabs(*measured, name="Measured"))
+    elif measured:
+        side += measured
+    shares = [2.6 if plots else 1.0, *[1.0] * (len(side) - 1)]
+    if has_legend:
+        side, shares = [*side, legend_view()], [*shares, LEGEND_SHARE]
     return rrb.Blueprint(
-        rrb.Horizontal(world, rrb.Vertical(*side, row_shares=shares), column_shares=[1.7, 1]),
+        rrb.Horizontal(world, rrb.Vertical(*side, row_shares=shares), column_shares=[1.6, 1]),
         rrb.TimePanel(state="collapsed", timeline="time", play_state="playing", loop_mode="all"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )
 
 
-def _plot(group: str, kind: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(
-        origin=f"/plots/{group}/{kind}", name=KIND_TITLES.get(kind, kind), plot_legend=rrb.PlotLegend(visible=False)
+def world_view(
+    name: str, floor: float, controls: rrb.EyeControls3D | None, left_out: Sequence[str] = ()
+) -> rrb.Spatial3DView:
+    """The 3D view: bright, with a grid on the floor.
+
+    Args:
+        name: its title.
+        floor: height of the grid in metres.
+        controls: of the eye.
+        left_out: entities below the world that do not belong into it.
+    """
+    grid = rrb.LineGrid3D(
+        visible=True, spacing=0.5, plane=rr.components.Plane3D([0, 0, 1], floor), stroke_width=1.0, color=GRID
+    )
+    return rrb.Spatial3DView(
+        origin="/world",
+        name=name,
+        background=BACKGROUND,
+        contents=["$origin/**", *(f"- /{entity}/**" for entity in left_out)],
+        line_grid=grid,
+        eye_controls=controls,
     )
 
 
-def _eye(shown: Motion, follow: str | None, distance: float) -> rrb.EyeControls3D:
-    """Look at the person from the front and left, a little from above."""
-    forward: Array = shown.state.R_world_bone[0, 0, :, 2] * [1, 1, 0]
-    norm = float(np.linalg.norm(forward))
-    forward = forward / norm if norm > 1e-6 else np.array([1.0, 0.0, 0.0])
-    left = np.array([-forward[1], forward[0], 0.0])
-    direction = 0.75 * forward + 0.60 * left + np.array([0.0, 0.0, 0.28])
-    target = shown.p_world_pelvis[0]
-    return rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital,
-        position=target + distance * direction / np.linalg.norm(direction),
-        look_target=target,
-        eye_up=(0.0, 0.0, 1.0),
-        tracking_entity=follow,
+def span_axis(span: tuple[float, float]) -> rrb.TimeAxis:
+    """The time axis of a plot: the recording's span in seconds, not that of whatever else was logged."""
+    at = rr.TimeRangeBoundary.absolute
+    return rrb.TimeAxis(view_range=rr.TimeRange(start=at(seconds=span[0]), end=at(seconds=span[1])))
+
+
+def _plot(group: str, kind: str, span: tuple[float, float]) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"/plots/{group}/{kind}",
+        name=KIND_TITLES.get(kind, kind),
+        plot_legend=rrb.PlotLegend(visible=False),
+        axis_x=span_axis(span),
     )

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.live import LiveSetup, VideoFrame
 from vip_factors.viz.new_file import new_file
+from vip_factors.viz.viewer import rerun_command
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -178,7 +179,7 @@ def _open(target: LiveTarget, files: ExitStack, telling: Connection) -> "rr.Reco
         url = stream.serve_grpc(grpc_port=target.serve)
         telling.send(f"viewers may connect: rerun {url}")
     else:
-        stream.spawn(memory_limit=VIEWER_MEMORY)
+        rr.spawn(memory_limit=VIEWER_MEMORY, executable_path=rerun_command(), recording=stream)
     return stream
 
 
@@ -207,13 +208,15 @@ def _gathered(queue: Any, seconds: float) -> list[LiveEstimate | VideoFrame] | N
         if first is None:
             return None
         items.append(first)
-    time.sleep(seconds)
-    while True:
+    until = time.monotonic() + seconds
+    while (left := until - time.monotonic()) > 0:
         try:
-            item = queue.get_nowait()
+            # Taken out all the time, not at its end: what the pipe between the processes holds is no more than 64 KiB.
+            item = queue.get(timeout=left)
         except Empty:
-            return items
+            break
         if item is None:
             queue.put(None)  # found again after these have been drawn
-            return items
+            break
         items.append(item)
+    return items

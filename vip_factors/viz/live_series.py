@@ -24,7 +24,7 @@ class LiveSeries:
         self._stream = stream
         self._parts = [rr.escape_entity_path_part(one.name) for one in setup.wearers]
         self._names = [one.name for one in setup.wearers]
-        self._colours = [sensor_colours([site.sensor for site in one.placement.sites]) for one in setup.wearers]
+        self._colours = colours_of(setup)
         self._known: set[str] = set()
         self._headings = -EVERY_S  # when the last points were sent
 
@@ -46,7 +46,7 @@ class LiveSeries:
 
     def _log_headings(self, index: int, wearer: LiveWearerEstimate, time: Array) -> None:
         for sensor, one in wearer.calibration.items():
-            colour = self._colours[index].get(sensor, UPDATE_COLOUR)
+            colour = self._colours.get(sensor, UPDATE_COLOUR)
             below = f"{self._parts[index]}/{rr.escape_entity_path_part(sensor)}"
             heading = np.rad2deg(np.angle(np.exp(1j * one.heading_at(time))))
             self._curve(f"{HEADINGS}/{below}", sensor, colour, time, heading)
@@ -61,6 +61,11 @@ class LiveSeries:
             self._stream.log(entity, rr.SeriesLines(colors=[colour], names=[name], widths=[1.5]), static=True)
         columns = rr.Scalars.columns(scalars=values[good])
         self._stream.send_columns(entity, indexes=[time_column(time[good])], columns=columns)
+
+
+def colours_of(setup: LiveSetup) -> dict[str, Colour]:
+    """One colour for sensors of the same name, whoever wears them."""
+    return sensor_colours(list(dict.fromkeys(site.sensor for one in setup.wearers for site in one.placement.sites)))
 
 
 def _sigma_deg(wearer: LiveWearerEstimate) -> float:

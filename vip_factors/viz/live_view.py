@@ -10,23 +10,34 @@ import numpy as np
 import rerun as rr
 
 from vip_factors.body.keypoints import KeypointSet
-from vip_factors.body.mannequin import Side
 from vip_factors.body.motion import Motion
 from vip_factors.geometry.rotations import Array
-from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
+from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.live import LiveCamera, LiveSetup, LiveWearer, VideoFrame
+from vip_factors.sensors.live import LiveCamera, LiveSetup, VideoFrame
 from vip_factors.sensors.reprojection import keypoints_in_image
 from vip_factors.viz.compare import floor_height
+from vip_factors.viz.live_body import LiveBody
 from vip_factors.viz.live_layout import live_blueprint
-from vip_factors.viz.live_series import LiveSeries
-from vip_factors.viz.rerun_body import log_poses, log_sensors, log_shape
+from vip_factors.viz.live_series import LiveSeries, colours_of
+from vip_factors.viz.live_summary import live_summary
 from vip_factors.viz.rerun_camera import log_camera, log_camera_poses, log_frustum
+from vip_factors.viz.rerun_centre import CENTRE, log_centre
+from vip_factors.viz.rerun_eye import centre_path
 from vip_factors.viz.rerun_image import log_image_border, log_people_frames, log_people_style
-from vip_factors.viz.wearer_colours import UNCLAIMED, body_colours, wearer_colour
+from vip_factors.viz.rerun_names import (
+    NOBODY_CLASS,
+    class_of,
+    log_joint_names,
+    log_keypoint_names,
+    pale_colour,
+)
+from vip_factors.viz.sensor_legend import log_legend
+from vip_factors.viz.set_apart import moved, set_apart
+from vip_factors.viz.wearer_colours import UNCLAIMED, wearer_colour
 
 CAMERA, IMAGE = "world/camera", "world/camera/image"
-FINDINGS = "findings"
+FINDINGS, SUMMARY = "findings", "summary"
 CALIBRATION_S = 1.0  # seconds between the sensors' mountings as drawn: they settle slowly
 NOBODY = -1
 
@@ -51,12 +62,17 @@ class LiveView:
     def __init__(self, stream: rr.RecordingStream, setup: LiveSetup, rate: float) -> None:
         self._stream, self._setup, self._rate = stream, setup, rate
         self._series = LiveSeries(stream, setup)
-        self._bodies = [_Body(stream, index, one, rate) for index, one in enumerate(setup.wearers)]
+        colours = colours_of(setup)
+        self._bodies = [LiveBody(stream, index, one, rate, colours) for index, one in enumerate(setup.wearers)]
+        self._findings: list[tuple[float, str]] = []
+        self._apart = setup.camera is None and len(setup.wearers) > 1
         self._pending: VideoFrame | None = None  # waits for the answer that says who is who in it
         self._mounted = -CALIBRATION_S  # when the sensors were drawn
-        self._laid_out = False
+        self._laid_out, self._height = False, 0.0
         stream.send_recording_name(setup.name)
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        log_joint_names(stream, "world", [one.name for one in setup.wearers])
+        log_legend(stream, colours)
         for camera in setup.cameras:
             self._log_camera_shape(camera)
 
@@ -67,10 +83,13 @@ class LiveView:
         if not estimates:
             return
         last = estimates[-1]
+        if not self._laid_out:
+            self._lay_out(estimates[0])
         for run in _runs(estimates):
-            for index, body in enumerate(self._bodies):
-                motion = body.log([one.wearers[index] for one in run])
+            motions = [body.log([one.wearers[index] for one in run]) for index, body in enumerate(self._bodies)]
+            for index, motion in enumerate(motions):
                 self._log_projected(index, motion, run)
+            self._log_centre(motions)
         if last.time - self._mounted >= CALIBRATION_S and last.wearers[0].calibration:
             for body, wearer in zip(self._bodies, last.wearers, strict=True):
                 body.log_sensors(wearer)
@@ -80,8 +99,6 @@ class LiveView:
             log_camera_poses(self._stream, CAMERA, path)
         self._series.log(estimates)
         self._log_findings(estimates)
-        if not self._laid_out:
-            self._lay_out(last)
 
     def _log_camera_shape(self, camera: LiveCamera) -> None:
         first = camera is self._setup.camera
@@ -89,6 +106,7 @@ class LiveView:
         if first:
             log_frustum(self._stream, entity, camera.model)
             log_image_border(self._stream, f"{IMAGE}/border", camera.model)
+            log_keypoint_names(self._stream, IMAGE, camera.keypoints, [one.name for one in self._setup.wearers])
             self._log_people_styles()
         elif camera.known_path is not None:
             log_camera(self._stream, entity, camera.known_path, camera.model)
@@ -96,11 +114,15 @@ class LiveView:
     def _log_people_styles(self) -> None:
         for index, wearer in enumerate(self._setup.wearers):
             colour = wearer_colour(index)
-            pale = (colour[0] + 255) // 2, (colour[1] + 255) // 2, (colour[2] + 255) // 2
             part = rr.escape_entity_path_part(wearer.name)
             log_people_style(self._stream, f"{IMAGE}/body/{part}", colour, line=2.6, dot=0.0, order=10.0)
-            log_people_style(self._stream, f"{IMAGE}/detected/{part}", pale, line=0.8, dot=2.6, order=20.0)
-        log_people_style(self._stream, f"{IMAGE}/detected/nobody's", UNCLAIMED, line=0.8, dot=2.6, order=20.0)
+            log_people_style(
+                self._stream, f"{IMAGE}/detected/{part}", pale_colour(index), line=0.0, dot=2.6, order=20.0,
+                names=class_of(index),
+            )  # fmt: skip
+        log_people_style(
+            self._stream, f"{IMAGE}/detected/nobody's", UNCLAIMED, line=0.8, dot=2.6, order=20.0, names=NOBODY_CLASS
+        )
 
     def _seen(self, items: Sequence[LiveEstimate | VideoFrame]) -> list[_SeenFrame]:
         """The first camera's video frames, each with what the first answer after it says of the people in it."""
@@ -130,7 +152,7 @@ class LiveView:
             name = self._setup.wearers[index].name if index >= 0 else "nobody's"
             people, frames = _people(seen, index, camera.keypoints)
             entity = f"{IMAGE}/detected/{rr.escape_entity_path_part(name)}"
-            log_people_frames(self._stream, entity, time, frames, people, camera.keypoints)
+            log_people_frames(self._stream, entity, time, frames, people, camera.keypoints, lines=index < 0)
 
     def _log_projected(self, index: int, motion: Motion, estimates: list[LiveEstimate]) -> None:
         """The newest bodies as the camera should see them."""
@@ -142,56 +164,42 @@ class LiveView:
         frames = np.arange(len(path))
         log_people_frames(self._stream, entity, path.time, frames, pixels, camera.keypoints, dots=False)
 
+    def _log_centre(self, motions: Sequence[Motion]) -> None:
+        """The point between the wearers, which the eye follows; its height is that at the start."""
+        time, centre = centre_path([moved(one, body.shift) for one, body in zip(motions, self._bodies, strict=True)])
+        log_centre(self._stream, time, centre * [1, 1, 0] + [0, 0, self._height])
+
     def _log_findings(self, estimates: list[LiveEstimate]) -> None:
+        """Every finding in the log, and in the text, which is logged anew at the moment of each."""
         for one in estimates:
+            if not one.findings:
+                continue
             self._stream.set_time("time", duration=one.time)
             for sentence in one.findings:
                 self._stream.log(FINDINGS, rr.TextLog(sentence, level=rr.TextLogLevel.INFO))
+                self._findings.append((one.time, sentence))
+            self._log_text()
+
+    def _log_text(self) -> None:
+        text = live_summary(self._setup, self._findings, self._apart)
+        self._stream.log(SUMMARY, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
     def _lay_out(self, estimate: LiveEstimate) -> None:
-        motion = self._bodies[0].motion([estimate.wearers[0].newest])
-        blueprint = live_blueprint(self._setup, motion, self._bodies[0].newest, IMAGE, FINDINGS, floor_height(motion))
+        """Before the first drawing: where the wearers stand, whence they are looked at, and the text."""
+        first = [body.motion([one.newest]) for body, one in zip(self._bodies, estimate.wearers, strict=True)]
+        if self._apart:
+            for body, shift in zip(self._bodies, set_apart(first), strict=True):
+                body.shift = shift
+            first = [moved(one, body.shift) for one, body in zip(first, self._bodies, strict=True)]
+        floor = min(floor_height(one) for one in first)
+        self._height = float(np.mean([one.p_world_pelvis[0, 2] for one in first]))
+        blueprint = live_blueprint(
+            self._setup, first, CENTRE, [one.newest for one in self._bodies], IMAGE, SUMMARY, floor, self._apart
+        )
         self._stream.send_blueprint(blueprint)
+        self._stream.set_time("time", duration=estimate.time)
+        self._log_text()
         self._laid_out = True
-
-
-class _Body:
-    """One wearer: the newest pose solid, the smoothed one, a lag earlier, see-through around it."""
-
-    def __init__(self, stream: rr.RecordingStream, index: int, wearer: LiveWearer, rate: float) -> None:
-        self._stream, self._wearer, self._rate = stream, wearer, rate
-        self._skeleton, self._colours = wearer.subject.body(), body_colours(index)
-        below = f"world/{rr.escape_entity_path_part(wearer.name)}"
-        self.newest, self._smoothed = f"{below}/newest", f"{below}/smoothed"
-        self._log_shape()
-
-    def _log_shape(self) -> None:
-        ghost = dict.fromkeys(Side, self._colours[Side.MIDDLE])
-        log_shape(self._stream, self.newest, self._skeleton, self._colours)
-        log_shape(self._stream, self._smoothed, self._skeleton, ghost, ghost=True)
-
-    def motion(self, poses: Sequence[LivePose]) -> Motion:
-        """Poses one frame apart."""
-        R = np.array([one.R_parent_child for one in poses])
-        p = np.array([one.p_world_pelvis for one in poses])
-        return Motion(self._skeleton, R, p, self._rate, poses[0].time, self._wearer.name)
-
-    def log(self, answers: list[LiveWearerEstimate]) -> Motion:
-        """Log the poses; returns the newest ones."""
-        body = answers[-1].skeleton
-        if body is not None and not np.array_equal(body.p_parent_joint, self._skeleton.p_parent_joint):
-            self._skeleton = body
-            self._log_shape()
-        newest = self.motion([one.newest for one in answers])
-        log_poses(self._stream, self.newest, newest)
-        smoothed = [one.smoothed for one in answers if one.smoothed is not None]
-        if smoothed:
-            log_poses(self._stream, self._smoothed, self.motion(smoothed))
-        return newest
-
-    def log_sensors(self, answer: LiveWearerEstimate) -> None:
-        """The sensors on the bones, as their mountings are believed to be now."""
-        log_sensors(self._stream, self.newest, self._wearer.placement, answer.calibration)
 
 
 def _runs(estimates: list[LiveEstimate]) -> list[list[LiveEstimate]]:

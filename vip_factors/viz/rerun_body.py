@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 import rerun as rr
-from rerun.components import FillMode
 
-from vip_factors.body.mannequin import SENSOR_COLOUR, Colour, Segment, Side, mannequin
+from vip_factors.body.body_mesh import BodyMesh, body_mesh
+from vip_factors.body.mannequin import SENSOR_COLOUR, Colour, Side, side_of
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, Skeleton
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
@@ -19,7 +19,9 @@ SENSOR_HALF_SIZE_M = (0.022, 0.016, 0.007)  # a usual body-worn IMU's box: 45 ×
 SENSOR_AXIS_M = 0.07  # long enough to see how a sensor is turned
 AXIS_COLOURS = ((224, 60, 60), (70, 170, 80), (60, 100, 220))
 TRAIL_RADIUS_M = 0.006
-GHOST_LINE_M = 0.001
+GHOST_ALPHA, GLASS_ALPHA = 110, 70  # of 255
+LAPPED = 0.12  # of a triangle's movement: pieces of the skin reach over joints, so that none gapes when it bends
+ALONE = 1.0  # every triangle once: where pieces overlap a see-through body would be darker
 
 
 def time_column(time: Array) -> rr.TimeColumn:
@@ -60,12 +62,36 @@ def log_poses(stream: rr.RecordingStream, entity: str, motion: Motion) -> None:
 def log_shape(
     stream: rr.RecordingStream, entity: str, skeleton: Skeleton, colours: Mapping[Side, Colour], *, ghost: bool = False
 ) -> None:
-    """Log the segments that move with the bones below ``entity``, for ever."""
-    segments = mannequin(skeleton)
+    """Log the skin that moves with the bones below ``entity``, for ever: a rigid piece per bone."""
+    mesh = body_mesh(skeleton)
+    tones = np.array([colours[side_of(bone)] for bone in range(len(JOINT_NAMES))], np.uint8)[mesh.bone]
     for bone, name in enumerate(JOINT_NAMES):
-        mine = [segment for segment in segments if segment.bone == bone]
-        if mine:
-            stream.log(f"{entity}/{name}", _capsules(mine, colours, ghost), static=True)
+        used, faces = _piece(mesh, bone, ALONE if ghost else LAPPED)
+        if not len(faces):
+            continue
+        R = mesh.R_bind_bone[bone]
+        shape = rr.Mesh3D(
+            vertex_positions=((mesh.p_bind[used] - mesh.p_bind_bone[bone]) @ R).astype(np.float32),
+            vertex_normals=(mesh.normal[used] @ R).astype(np.float32),
+            vertex_colors=tones[used],
+            triangle_indices=faces,
+            albedo_factor=(255, 255, 255, GHOST_ALPHA if ghost else 255),
+        )
+        stream.log(f"{entity}/{name}", shape, static=True)
+
+
+def _piece(mesh: BodyMesh, bone: int, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices ``(V,)`` of the mesh, and triangles ``(F, 3)`` of them, that move with a bone by at least a share."""
+    shares = mesh.weights[mesh.faces].mean(axis=1)
+    chosen = (shares[:, bone] > share) | (np.argmax(shares, axis=1) == bone)
+    used, faces = np.unique(mesh.faces[chosen], return_inverse=True)
+    return used, faces.reshape(-1, 3).astype(np.uint32)
+
+
+def see_through(entity: str) -> dict[str, rr.Mesh3D]:
+    """Overrides for a view in which the body below ``entity`` must not hide what is behind it."""
+    glass = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, GLASS_ALPHA))
+    return {f"{entity}/{name}": glass for name in JOINT_NAMES}
 
 
 def log_rest_body(stream: rr.RecordingStream, entity: str, motion: Motion, colours: Mapping[Side, Colour]) -> None:
@@ -77,38 +103,26 @@ def log_rest_body(stream: rr.RecordingStream, entity: str, motion: Motion, colou
     log_shape(stream, entity, motion.skeleton, colours)
 
 
-def _capsules(segments: list[Segment], colours: Mapping[Side, Colour], ghost: bool) -> rr.Capsules3D:
-    directions = np.array([s.p_bone_end - s.p_bone_start for s in segments])
-    return rr.Capsules3D(
-        lengths=np.linalg.norm(directions, axis=1),
-        radii=[(s.radius_start + s.radius_end) / 2 for s in segments],
-        translations=np.array([s.p_bone_start for s in segments]),
-        quaternions=[rr.Quaternion(xyzw=_turn_z_onto(direction)) for direction in directions],
-        colors=[colours[s.side] for s in segments],
-        fill_mode=FillMode.TransparentFillMajorWireframe if ghost else FillMode.Solid,
-        line_radii=GHOST_LINE_M if ghost else None,
-    )
+def log_sensors(
+    stream: rr.RecordingStream,
+    entity: str,
+    placement: Placement,
+    calibration: Calibration | None,
+    colours: Mapping[str, Colour],
+) -> None:
+    """Log each sensor as a box with its axes, fixed to its bone: as calibrated, else as placed roughly.
 
-
-def _turn_z_onto(direction: Array) -> Array:
-    """The shortest rotation of the z axis onto a direction, as a quaternion x, y, z, w."""
-    length = float(np.linalg.norm(direction))
-    unit = direction / length if length > 0 else np.array([0.0, 0.0, 1.0])
-    if unit[2] < -1 + 1e-9:  # straight down: half a turn about any horizontal axis
-        return np.array([1.0, 0.0, 0.0, 0.0])
-    quaternion = np.append(np.cross([0.0, 0.0, 1.0], unit), 1 + unit[2])
-    return quaternion / np.linalg.norm(quaternion)
-
-
-def log_sensors(stream: rr.RecordingStream, entity: str, placement: Placement, calibration: Calibration | None) -> None:
-    """Log each sensor as a box with its axes, fixed to its bone: as calibrated, else as placed roughly."""
+    ``colours`` are those of its curves; a sensor without one is pale yellow.
+    """
     for site in placement.sites:
         known = None if calibration is None else calibration.get(site.sensor)
         R_bone_sensor = site.R_bone_sensor if known is None else known.R_bone_sensor
         path = f"{entity}/{site.bone}/{site.sensor}"
         pose = rr.Transform3D(translation=site.p_bone_sensor, mat3x3=R_bone_sensor)
         stream.log(path, pose, static=True)
-        box = rr.Boxes3D(half_sizes=[SENSOR_HALF_SIZE_M], colors=[SENSOR_COLOUR], fill_mode="solid")
+        box = rr.Boxes3D(
+            half_sizes=[SENSOR_HALF_SIZE_M], colors=[colours.get(site.sensor, SENSOR_COLOUR)], fill_mode="solid"
+        )
         stream.log(path, box, static=True)
         axes = rr.Arrows3D(vectors=SENSOR_AXIS_M * np.eye(3), colors=AXIS_COLOURS, radii=0.0025)
         stream.log(f"{path}/axes", axes, static=True)

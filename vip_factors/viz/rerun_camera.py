@@ -3,14 +3,16 @@
 import numpy as np
 import rerun as rr
 
-from vip_factors.body.mannequin import TRUTH_COLOUR, Colour
+from vip_factors.body.mannequin import Colour
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.viz.rerun_body import TRAIL_RADIUS_M, time_column
 
+TRUE_FRUSTUM_COLOUR: Colour = (150, 156, 166)
 FRUSTUM_M = 0.6  # from the camera to its image plane as drawn: seen from afar, but not in front of the wearers
-CAMERA_COLOUR: Colour = (240, 210, 90)
+CAMERA_COLOUR: Colour = (240, 210, 90)  # of its curves
+FRUSTUM_COLOUR: Colour = (52, 58, 70)  # in the world, which is bright
 
 
 def log_camera(stream: rr.RecordingStream, entity: str, path: CameraPath, model: CameraModel) -> None:
@@ -21,13 +23,13 @@ def log_camera(stream: rr.RecordingStream, entity: str, path: CameraPath, model:
 
 def log_frustum(stream: rr.RecordingStream, entity: str, model: CameraModel) -> None:
     """Log the pinhole of a camera whose pose is logged at ``entity``."""
-    stream.log(f"{entity}/image", _pinhole(model, CAMERA_COLOUR), static=True)
+    stream.log(f"{entity}/image", _pinhole(model, FRUSTUM_COLOUR), static=True)
 
 
 def log_true_camera(stream: rr.RecordingStream, entity: str, path: CameraPath, model: CameraModel) -> None:
     """Log where the camera really was: a grey frustum."""
     _log_poses(stream, entity, path)
-    stream.log(f"{entity}/frustum", _pinhole(model, TRUTH_COLOUR), static=True)
+    stream.log(f"{entity}/frustum", _pinhole(model, TRUE_FRUSTUM_COLOUR), static=True)
 
 
 def log_camera_trail(stream: rr.RecordingStream, entity: str, path: CameraPath, colour: Colour) -> None:

@@ -13,7 +13,7 @@ from vip_factors.sensors.scene import Video
 from vip_factors.viz.image_limbs import limb_pairs
 from vip_factors.viz.rerun_body import time_column
 
-BORDER_COLOUR: Colour = (82, 88, 98)
+BORDER_COLOUR: Colour = (150, 157, 168)
 
 
 def log_people(
@@ -28,6 +28,7 @@ def log_people(
     line: float,
     dot: float,
     order: float,
+    names: int | None = None,
 ) -> None:
     """Log 2D skeletons below ``entity`` as ``limbs`` and ``points``.
 
@@ -41,13 +42,21 @@ def log_people(
         colour: of all of them.
         line, dot: widths in points of the screen, whatever the zoom; 0 leaves them out.
         order: what is drawn over what: higher is nearer.
+        names: Rerun's class of all of them, which names the keypoints and may link them; see ``rerun_names``.
     """
-    log_people_style(stream, entity, colour, line=line, dot=dot, order=order)
+    log_people_style(stream, entity, colour, line=line, dot=dot, order=order, names=names)
     log_people_frames(stream, entity, time, frame, pixels, keypoints, lines=line > 0, dots=dot > 0)
 
 
 def log_people_style(
-    stream: rr.RecordingStream, entity: str, colour: Colour, *, line: float, dot: float, order: float
+    stream: rr.RecordingStream,
+    entity: str,
+    colour: Colour,
+    *,
+    line: float,
+    dot: float,
+    order: float,
+    names: int | None = None,
 ) -> None:
     """Log how the skeletons below ``entity`` look, for ever; arguments as of :func:`log_people`."""
     # Rerun takes negative radii as points of the screen.
@@ -55,7 +64,9 @@ def log_people_style(
         style = rr.LineStrips2D.from_fields(colors=[colour], radii=[-line], draw_order=order)
         stream.log(f"{entity}/limbs", style, static=True)
     if dot > 0:
-        points = rr.Points2D.from_fields(colors=[colour], radii=[-dot], draw_order=order + 1)
+        points = rr.Points2D.from_fields(
+            colors=[colour], radii=[-dot], draw_order=order + 1, class_ids=names, show_labels=False
+        )
         stream.log(f"{entity}/points", points, static=True)
 
 
@@ -78,7 +89,7 @@ def log_people_frames(
         _send(stream, f"{entity}/limbs", time, np.repeat(frame, drawn.sum(axis=1)), columns)
     seen = np.isfinite(pixels).all(axis=2)
     if dots:
-        columns = rr.Points2D.columns(positions=pixels[seen].astype(np.float32))
+        columns = rr.Points2D.columns(positions=pixels[seen].astype(np.float32), keypoint_ids=np.nonzero(seen)[1])
         _send(stream, f"{entity}/points", time, np.repeat(frame, seen.sum(axis=1)), columns)
 
 

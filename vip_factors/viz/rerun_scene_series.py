@@ -1,12 +1,15 @@
 """Curves of a scene in Rerun: reprojection and joint errors by wearer, the camera's error, headings over time."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import rerun as rr
 
+from vip_factors.body.mannequin import Colour
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.viz.headings import heading_paths, implied_headings
 from vip_factors.viz.rerun_camera import CAMERA_COLOUR
-from vip_factors.viz.rerun_series import log_curve, sensor_colours
+from vip_factors.viz.rerun_series import log_curve
 from vip_factors.viz.scene_charts import headings_image
 from vip_factors.viz.scene_world import DrawnScene
 from vip_factors.viz.wearer_colours import wearer_colour
@@ -14,8 +17,11 @@ from vip_factors.viz.wearer_colours import wearer_colour
 HEADINGS_IMAGE = "charts/headings"
 
 
-def log_scene_series(stream: rr.RecordingStream, drawn: DrawnScene) -> dict[str, str]:
-    """Log all curves that can be drawn below ``plots/``; returns their entities and titles, the main ones first."""
+def log_scene_series(stream: rr.RecordingStream, drawn: DrawnScene, colours: Mapping[str, Colour]) -> dict[str, str]:
+    """Log all curves that can be drawn below ``plots/``; returns their entities and titles, the main ones first.
+
+    ``colours`` are the sensors'.
+    """
     found: dict[str, str] = {}
     for wearer in drawn.wearers:
         part, colour = rr.escape_entity_path_part(wearer.name), wearer_colour(wearer.index)
@@ -28,7 +34,7 @@ def log_scene_series(stream: rr.RecordingStream, drawn: DrawnScene) -> dict[str,
             log_curve(stream, f"plots/joint_error_mm/{part}", wearer.motion.time, wearer.error_mm, colour, wearer.name)
             found["plots/joint_error_mm"] = "Joint error (mm)"
     _log_camera_error(stream, drawn, found)
-    _log_headings(stream, drawn, found)
+    _log_headings(stream, drawn, found, colours)
     picture = headings_image(drawn)
     if picture is not None:
         stream.log(HEADINGS_IMAGE, rr.EncodedImage(contents=picture, media_type="image/png"), static=True)
@@ -47,13 +53,14 @@ def _log_camera_error(stream: rr.RecordingStream, drawn: DrawnScene, found: dict
     found["plots/camera_error"] = "Camera error (cm, °)"
 
 
-def _log_headings(stream: rr.RecordingStream, drawn: DrawnScene, found: dict[str, str]) -> None:
+def _log_headings(
+    stream: rr.RecordingStream, drawn: DrawnScene, found: dict[str, str], colours: Mapping[str, Colour]
+) -> None:
     for wearer in drawn.wearers:
         implied = implied_headings(wearer)
         if implied is None or not implied[1]:
             continue
         part = rr.escape_entity_path_part(wearer.name)
-        colours = sensor_colours(list(implied[1]))
         for sensor, degrees in implied[1].items():
             entity = f"plots/heading/{part}/{rr.escape_entity_path_part(sensor)}"
             log_curve(stream, entity, implied[0], degrees, colours[sensor], sensor, gaps=True)

@@ -7,17 +7,20 @@ from typing import Protocol
 import numpy as np
 import rerun as rr
 
-from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
+from vip_factors.body.mannequin import ESTIMATE_COLOURS, Colour, Side
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.sensors.recording import Recording
 from vip_factors.viz.compare import Compare, common_frames, floor_height, onto_truth, position_error_mm
-from vip_factors.viz.layout import blueprint
+from vip_factors.viz.layout import GHOST_COLOUR, blueprint
 from vip_factors.viz.new_file import new_file
 from vip_factors.viz.rerun_body import log_body, log_rest_body, log_sensors, log_trail
+from vip_factors.viz.rerun_names import log_joint_names, log_joints, log_joints_style
 from vip_factors.viz.rerun_series import log_curve, log_measurements, log_residuals, sensor_colours
+from vip_factors.viz.sensor_legend import log_legend
 from vip_factors.viz.summary import summary
+from vip_factors.viz.viewer import check_display, rerun_command
 
 APPLICATION = "vip_factors"
 ERROR_COLOUR = (196, 60, 70)
@@ -78,7 +81,7 @@ def send(view: View, sink: Sink) -> None:
     """Write a view to a file, complete or not at all, or open the viewer and send it there.
 
     Raises:
-        InputError: if the file exists.
+        InputError: if the file exists, or there is no display for the viewer.
         OSError: if the file cannot be written.
     """
     if isinstance(sink, SaveTo):
@@ -89,8 +92,9 @@ def send(view: View, sink: Sink) -> None:
             stream.flush()
             stream.disconnect()
         return
+    check_display("a file (SaveTo) instead of the live viewer")
     stream = rr.RecordingStream(APPLICATION)
-    stream.spawn()
+    rr.spawn(executable_path=rerun_command(), recording=stream)
     view.log(stream)
     stream.flush()
 
@@ -111,24 +115,32 @@ class _Scene:
         floor = floor_height(ghost if ghost is not None else shown)
         body = "world/estimate" if estimate is not None else "world/truth" if self.truth is not None else "world/body"
         moving = body != "world/body"
+        log_joint_names(stream, "world", [shown.name])
         if moving:
+            log_joints_style(stream, f"{body}/joints", 0)
+            log_joints(stream, f"{body}/joints", shown)
             log_body(stream, body, shown, ESTIMATE_COLOURS)
             log_trail(stream, "world/path", shown, floor, ESTIMATE_COLOURS[Side.MIDDLE])
         else:
             log_rest_body(stream, body, shown, ESTIMATE_COLOURS)
         aside = ghost is not None and self.compare is Compare.SIDE
         if ghost is not None:
-            log_body(stream, "world/truth", ghost, dict.fromkeys(Side, TRUTH_COLOUR), ghost=not aside)
-            log_trail(stream, "world/true_path", ghost, floor, TRUTH_COLOUR)
+            log_body(stream, "world/truth", ghost, dict.fromkeys(Side, GHOST_COLOUR), ghost=not aside)
+            log_trail(stream, "world/true_path", ghost, floor, GHOST_COLOUR)
         if error is not None:
             log_curve(stream, "plots/error/joint_error_mm", shown.time, error, ERROR_COLOUR, "joint error")
-        residuals, measured = self._plots(stream, body)
+        colours = self._sensor_colours()
+        residuals, measured = self._plots(stream, body, colours)
         text = summary(recording, estimate, error, self.compare, self.metrics)
         stream.log("summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
         stream.send_recording_name(estimate.name if estimate is not None else shown.name)
         follow = f"{body}/pelvis" if moving else None
         apart = 2 if aside else 1
-        stream.send_blueprint(blueprint(shown, follow, floor, apart, error is not None, residuals, measured))
+        legend = log_legend(stream, colours)
+        span = self._span(shown)
+        stream.send_blueprint(
+            blueprint(shown, follow, floor, apart, error is not None, residuals, measured, span, legend)
+        )
 
     def _bodies(self) -> tuple[Motion, Motion | None, np.ndarray | None]:
         """The body in colour, the ghost, and the error between them."""
@@ -143,18 +155,28 @@ class _Scene:
             raise InputError("nothing to show: expected a recording, an estimate or a motion")
         return _resting(self.recording), None, None
 
-    def _plots(self, stream: rr.RecordingStream, body: str) -> tuple[list[str], list[str]]:
+    def _sensor_colours(self) -> dict[str, Colour]:
         recording, estimate = self.recording, self.estimate
         names = [
             *(recording.imus if recording is not None else ()),
             *(estimate.sensors if estimate is not None else ()),
         ]
-        colours = sensor_colours(list(dict.fromkeys(names)))
+        return sensor_colours(list(dict.fromkeys(names)))
+
+    def _span(self, shown: Motion) -> tuple[float, float]:
+        """Seconds from the first to the last that is drawn."""
+        drawn = [float(shown.time[0]), float(shown.time[-1])] if len(shown) > 1 or self.recording is None else []
+        measured = self.recording.interval if self.recording is not None else ()
+        return min(*drawn, *measured), max(*drawn, *measured)
+
+    def _plots(self, stream: rr.RecordingStream, body: str, colours: dict[str, Colour]) -> tuple[list[str], list[str]]:
+        recording, estimate = self.recording, self.estimate
         residuals = log_residuals(stream, estimate, colours) if estimate is not None else []
         if recording is None:
             return residuals, []
         known = recording.truth.calibration if recording.truth is not None else None
-        log_sensors(stream, body, recording.placement, estimate.calibration if estimate is not None else known)
+        calibration = estimate.calibration if estimate is not None else known
+        log_sensors(stream, body, recording.placement, calibration, colours)
         return residuals, log_measurements(stream, recording, colours)
 
 

@@ -1,10 +1,14 @@
 """The text panel of a scene: what is odd first, then how good it is, who wears what, and how the solve went."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from vip_factors.viz.headings import rows_of
 from vip_factors.viz.scene_world import NOBODY, DrawnScene, DrawnWearer
+from vip_factors.viz.set_apart import APART
 from vip_factors.viz.summary import solve_lines
+from vip_factors.viz.wearer_colours import colour_name
 
 
 def scene_summary(drawn: DrawnScene, metrics: str = "") -> str:
@@ -12,21 +16,40 @@ def scene_summary(drawn: DrawnScene, metrics: str = "") -> str:
     estimate = drawn.estimate
     lines = [f"# {drawn.name}", ""]
     if estimate is not None:
-        lines += [
-            f"**{estimate.method}**, {len(drawn.wearers)} wearers"
-            if len(drawn.wearers) > 1
-            else f"**{estimate.method}**",
-            "",
-        ]
-        lines += [f"**Note: {finding}**\n" for finding in estimate.findings]
+        count = f", {len(drawn.wearers)} wearers" if len(drawn.wearers) > 1 else ""
+        lines += [f"**{estimate.method}**{count}", ""]
+        lines += finding_lines(estimate.findings)
     if metrics:
         lines += [metrics, ""]
-    lines += [*_camera_lines(drawn), *_wearer_table(drawn)]
+    lines += [*_wearer_table(drawn), *_colour_lines(drawn), *_camera_lines(drawn)]
     for wearer in drawn.wearers:
         lines += [*_body_table(wearer), *_sensor_table(wearer)]
     if estimate is not None:
         lines += solve_lines(estimate.reports)
     return "\n".join(lines)
+
+
+def finding_lines(findings: Sequence[str]) -> list[str]:
+    """What is odd, a point of a list each; nothing where nothing is."""
+    if not findings:
+        return []
+    return ["## Notes", "", *(f"- {one}" for one in findings), ""]
+
+
+def _colour_lines(drawn: DrawnScene) -> list[str]:
+    """The legend of what is drawn, as a list."""
+    lines = [
+        f"- **{one.name}** is {colour_name(one.index)}; left limbs are lighter, right ones darker."
+        for one in drawn.wearers
+    ]
+    if any(one.motion is not None and one.truth is not None for one in drawn.wearers):
+        lines.append("- See-through and grey: the truth.")
+    if drawn.detections is not None:
+        lines.append("- In the picture: bodies are broad lines, detections dots and fine lines; grey are nobody's.")
+    lines.append("- Small boxes are the sensors, each in the colour of its curves: see *Sensors' colours*.")
+    if drawn.apart:
+        lines.append(f"- **{APART}**")
+    return ["## Colours", "", *lines, ""]
 
 
 def _camera_lines(drawn: DrawnScene) -> list[str]:
@@ -36,7 +59,7 @@ def _camera_lines(drawn: DrawnScene) -> list[str]:
         return [f"Camera: {seen}.", ""]
     text = (
         f"Camera: {drawn.model.width} by {drawn.model.height} pixels, {len(detections.time)} frames at "
-        f"{detections.rate:g} Hz, {len(detections)} people detected ({detections.keypoints.name}), "
+        f"{detections.rate:.4g} Hz, {len(detections)} people detected ({detections.keypoints.name}), "
         f"{int(np.sum(labels != NOBODY))} of them given to wearers (coloured; grey is nobody)."
     )
     lines = [text, ""]

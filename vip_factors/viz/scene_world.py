@@ -1,5 +1,6 @@
 """A scene and its estimate made ready to draw: one world, one clock, and a colour for each wearer."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from vip_factors.sensors.reprojection import keypoints_in_image, reprojection_er
 from vip_factors.sensors.scene import Scene, Video
 from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.viz.compare import common_frames, position_error_mm
+from vip_factors.viz.set_apart import moved, set_apart
 
 NOBODY = -1
 
@@ -89,6 +91,7 @@ class DrawnScene:
         true_path: beside an estimated one.
         labels: ``(N,)`` wearer of each detection, −1 for nobody.
         further: cameras beside the first.
+        apart: whether the wearers were moved apart, because their places beside each other are unknown.
     """
 
     name: str
@@ -101,6 +104,7 @@ class DrawnScene:
     video: Video | None = None
     estimate: SceneEstimate | None = None
     further: tuple[DrawnCamera, ...] = ()
+    apart: bool = False
 
     def reprojected(self, wearer: DrawnWearer) -> Array | None:
         """Keypoints ``(F, K, 2)`` of a wearer in every video frame, or None without camera or motion."""
@@ -155,6 +159,9 @@ def drawn_scene(scene: Scene | None, estimate: SceneEstimate | None) -> DrawnSce
         path = move_path(path, gauge)
     else:
         wearers = [_moved_alone(wearer) for wearer in wearers]
+    apart = found is None and _unknown_places(wearers)
+    if apart:
+        wearers = _apart(wearers)
     camera = scene.camera if scene is not None else None
     name = estimate.name if estimate is not None else scene.name if scene is not None else ""
     clock = found.clock if found is not None else camera.clock if camera is not None else VideoClock()
@@ -169,6 +176,7 @@ def drawn_scene(scene: Scene | None, estimate: SceneEstimate | None) -> DrawnSce
         camera.video if camera is not None else None,
         estimate,
         _further(scene),
+        apart,
     )
 
 
@@ -212,6 +220,18 @@ def _moved_alone(wearer: DrawnWearer) -> DrawnWearer:
     moved = _moved(wearer, scene_gauge([(wearer.motion, wearer.truth)]))
     errors = [one.heading - true.heading for one, true in wearer.calibrations]
     return replace(moved, gauge_yaw=float(np.angle(np.exp(1j * np.array(errors)).sum()))) if errors else moved
+
+
+def _unknown_places(wearers: Sequence[DrawnWearer]) -> bool:
+    """Whether several are estimated without a truth; without a camera too, nothing ties them to each other."""
+    estimated = [one for one in wearers if one.motion is not None]
+    return len(estimated) > 1 and all(one.truth is None for one in estimated)
+
+
+def _apart(wearers: Sequence[DrawnWearer]) -> list[DrawnWearer]:
+    motions = [one.motion for one in wearers if one.motion is not None]
+    shifts = iter(set_apart(motions))
+    return [one if one.motion is None else replace(one, motion=moved(one.motion, next(shifts))) for one in wearers]
 
 
 def _labels(scene: Scene | None, estimate: SceneEstimate | None) -> np.ndarray | None:

@@ -1,13 +1,12 @@
 """A PNG of a ``.rrd`` file, rendered by Rerun's own viewer, with or without a screen."""
 
-import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.viz.new_file import new_file
+from vip_factors.viz.viewer import has_display, rerun_command
 
 TIMEOUT_S = 180.0  # a software renderer on a slow machine needs some tens of seconds
 
@@ -42,11 +41,6 @@ def screenshot(rrd: Path, png: Path, *, size: tuple[int, int] = (1600, 900), ove
 
 
 def _viewer() -> list[str]:
-    """The command that runs the viewer: beside this Python or on the path, under xvfb where there is no screen."""
-    beside = Path(sys.executable).with_name("rerun")
-    rerun = str(beside) if beside.is_file() else shutil.which("rerun")
-    if rerun is None:
-        raise VipFactorsError("the command 'rerun' was not found: install rerun-sdk beside this Python")
-    has_screen = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")) or sys.platform != "linux"
-    xvfb = None if has_screen else shutil.which("xvfb-run")
-    return [xvfb, "-a", rerun] if xvfb else [rerun]
+    """The command that runs the viewer, under xvfb where there is no screen."""
+    xvfb = None if has_display() else shutil.which("xvfb-run")
+    return [xvfb, "-a", rerun_command()] if xvfb else [rerun_command()]

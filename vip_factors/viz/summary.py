@@ -34,16 +34,14 @@ def summary(
             f"{len(estimate.sensors)} sensors",
             "",
         ]
-    if error_mm is not None and len(error_mm):
+    compared = error_mm is not None and len(error_mm) > 0
+    if error_mm is not None and compared:
         lines += [
             f"**Joint error {error_mm.mean():.1f} mm** (14 joints, each frame aligned), "
             f"95th percentile {np.percentile(error_mm, 95):.1f} mm",
             "",
-            f"Colour: estimate, {_PLACED[compare]}. Grey: truth. Orange is the wearer's left, blue the right.",
-            "",
         ]
-    else:
-        lines += ["Orange is the wearer's left, blue the right.", ""]
+    lines += _colour_lines(compare if compared else None)
     if metrics:
         lines += [metrics, ""]
     if recording is not None:
@@ -55,6 +53,20 @@ def summary(
     return "\n".join(lines)
 
 
+def _colour_lines(compare: Compare | None) -> list[str]:
+    """The legend of what is drawn, as a list."""
+    lines = ["- **Orange** is the wearer's left, **blue** the right."]
+    if compare is not None:
+        lines += [f"- In colour: the estimate, {_PLACED[compare]}.", "- See-through and grey: the truth."]
+    lines.append("- Small boxes are the sensors, each in the colour of its curves: see *Sensors' colours*.")
+    return [*lines, ""]
+
+
+def paragraphs(text: str) -> list[str]:
+    """Lines of a text each of which stays a line of its own: Markdown would run them together."""
+    return [line for one in text.splitlines() if one.strip() for line in (one.strip(), "")]
+
+
 def _recording_lines(recording: Recording) -> list[str]:
     subject, (start, end) = recording.subject, recording.interval
     stature = f"{subject.stature_m:.2f} m" if subject.stature_m is not None else "of unknown stature"
@@ -64,7 +76,7 @@ def _recording_lines(recording: Recording) -> list[str]:
         f"initial pose {recording.initial_pose}.",
         "",
     ]
-    return [*lines, recording.notes, ""] if recording.notes else lines
+    return [*lines, *paragraphs(recording.notes)]
 
 
 def _degrees(radians: float) -> str:

@@ -13,6 +13,7 @@ _PALETTE: tuple[Colour, ...] = (
     (190, 170, 30),
     (140, 120, 235),
 )
+_NAMES = ("orange", "blue", "green", "pink", "olive", "violet")
 STRANGER_COLOUR: Colour = (150, 154, 162)
 UNCLAIMED: Colour = (206, 210, 217)  # detections that are nobody's, over a picture: a lighter grey than on paper
 
@@ -20,6 +21,11 @@ UNCLAIMED: Colour = (206, 210, 217)  # detections that are nobody's, over a pict
 def wearer_colour(index: int) -> Colour:
     """Colour of a wearer; grey for −1, nobody. They repeat after six."""
     return STRANGER_COLOUR if index < 0 else _PALETTE[index % len(_PALETTE)]
+
+
+def colour_name(index: int) -> str:
+    """What a wearer's colour is called."""
+    return _NAMES[index % len(_NAMES)]
 
 
 def body_colours(index: int) -> dict[Side, Colour]:

@@ -40,7 +40,8 @@ class PersonDetector:
     def find(self, image: np.ndarray, part: Square) -> list[FoundPerson]:
         """People in an upright square part of an image ``(height, width, 3)``, red first, bytes; best first."""
         given = _shrunk(image, part).astype(np.float32) / 127.5 - 1
-        rows, score = decoded(*self._model(given[None])[:2], self._anchors)
+        raw, logit = self._model(given[None])
+        rows, score = decoded(raw, logit, self._anchors)
         sure = score >= self._least_score
         found = []
         for row, best in merged(rows[sure], score[sure], self._overlap):

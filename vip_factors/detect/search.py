@@ -7,6 +7,7 @@ from vip_factors.detect.square import Square
 
 OVERLAP = 0.5  # of neighbouring squares: whoever is half as high as a square is whole in one of them
 SAME_HIP = 0.15  # distance of the hips' middles, in sides, below which two finds are of one person
+LARGEST = 1.5  # side of a person's square, in sides of a tile: whoever is larger is only partly in it
 LIKE_SIZE = 2.0  # and of which size they may differ
 
 
@@ -34,8 +35,13 @@ def _starts(length: float, side: float) -> np.ndarray:
 
 
 def search(image: np.ndarray, detector: PersonDetector, parts: list[Square]) -> list[FoundPerson]:
-    """Everybody in an image, once each; those who are surest first."""
-    found = [one for part in parts for one in detector.find(image, part)]
+    """Everybody in an image, once each; those who are surest first. The first part is the whole image."""
+    found = [
+        one
+        for number, part in enumerate(parts)
+        for one in detector.find(image, part)
+        if number == 0 or one.square.side < LARGEST * part.side
+    ]
     kept: list[FoundPerson] = []
     for one in sorted(found, key=lambda person: -person.score):
         if not any(same_place(one.square, other.square) for other in kept):

@@ -1,6 +1,6 @@
 """People followed from frame to frame: each with a square of its own, looked for again where it was lost."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -25,11 +25,21 @@ class Looker(Protocol):
 
 @dataclass
 class Track:
-    """One person: the number, what was seen last, and when."""
+    """One person.
+
+    Attributes:
+        number: of the track.
+        seen: in the last frame.
+        time: of that frame, seconds.
+        confirmed: whether the person detector has found the person again since the track began.
+        missed: how often it has not, since then.
+    """
 
     number: int
     seen: PersonLandmarks
     time: float
+    confirmed: bool = False
+    missed: int = 0
 
 
 class Tracker:
@@ -47,6 +57,7 @@ class Tracker:
         self._lost: list[Track] = []
         self._searched = -np.inf
         self._count = 0
+        self.given_up: set[int] = set()  # numbers of tracks that turned out to be of nobody
 
     def step(self, image: np.ndarray, time: float) -> list[Track]:
         """Everybody in the next frame.
@@ -59,7 +70,7 @@ class Tracker:
         for track in before:
             seen = self._landmarks.look(image, track.seen.following)
             if self._is_person(seen):
-                self._tracks.append(Track(track.number, seen, time))
+                self._tracks.append(replace(track, seen=seen, time=time))
             else:
                 self._lost.append(track)
         self._lost = [one for one in self._lost if time - one.time <= self._settings.lost_s]
@@ -75,7 +86,10 @@ class Tracker:
 
     def _search(self, image: np.ndarray, time: float, levels: int) -> None:
         height, width = image.shape[:2]
-        for found in search(image, self._detector, tiles(width, height, levels)):
+        found_people = search(image, self._detector, tiles(width, height, levels))
+        if levels == self._settings.tile_levels:
+            self._confirm([one.square for one in found_people])
+        for found in found_people:
             if any(same_place(found.square, one.seen.following) for one in self._tracks):
                 continue
             seen = self._landmarks.look(image, found.square)
@@ -83,16 +97,25 @@ class Tracker:
                 seen = self._landmarks.look(image, seen.following)
             if not self._is_person(seen) or any(self._same(seen, one.seen) for one in self._tracks):
                 continue
-            self._tracks.append(Track(self._number(seen), seen, time))
+            self._tracks.append(self._began(seen, time))
 
-    def _number(self, seen: PersonLandmarks) -> int:
-        """That of somebody lost about there, or a new one."""
+    def _confirm(self, squares: list[Square]) -> None:
+        """Give up tracks that the detector, which sees another image of them each time, never finds again."""
+        for track in self._tracks:
+            track.confirmed |= any(same_place(one, track.seen.following) for one in squares)
+            track.missed += not track.confirmed
+        wrong = [one for one in self._tracks if one.missed >= self._settings.chances]
+        self.given_up |= {one.number for one in wrong}
+        self._tracks = [one for one in self._tracks if one not in wrong]
+
+    def _began(self, seen: PersonLandmarks, time: float) -> Track:
+        """A new track, or that of somebody lost about there."""
         for one in sorted(self._lost, key=lambda lost: -lost.time):
             if same_place(one.seen.following, seen.square):
                 self._lost.remove(one)
-                return one.number
+                return replace(one, seen=seen, time=time)
         self._count += 1
-        return self._count
+        return Track(self._count, seen, time)
 
     def _drop_doubles(self) -> None:
         """Where two tracks have come to follow one person, the older one stays."""

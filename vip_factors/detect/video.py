@@ -1,7 +1,8 @@
 """Everybody in a video, frame by frame."""
 
+import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 from vip_factors.body.keypoints import KeypointSet, keypoint_set
 from vip_factors.detect.onnx_pose import OnnxPose, box_around
 from vip_factors.detect.settings import DetectSettings
+from vip_factors.detect.sides import confused
 from vip_factors.detect.tracks import Track, Tracker
 from vip_factors.errors import InputError
 from vip_factors.io.detections.mmpose_write import TrackedPose
@@ -96,7 +98,10 @@ def detect_video(
         poses = [_pose(one, image, model) for one in people]
         frames[index] = [one for one in poses if np.any(one.confidence > 0)]
         tell((index + 1 - looked.start) / len(range(looked.start, looked.stop)))
-    return VideoPoses(facts, keypoints, _lasting(frames, facts, settings.least_s, looked.step), looked)
+    somebody = [[one for one in poses if one.track not in tracker.given_up] for poses in frames]
+    rate = facts.rate / looked.step
+    tidy = _tidied(somebody, keypoints, math.ceil(settings.least_s * rate), max(1, round(settings.turn_s * rate)))
+    return VideoPoses(facts, keypoints, tidy, looked)
 
 
 def _followed(images: Iterator, tracker: Tracker) -> Iterator[tuple[int, np.ndarray, list[Track]]]:
@@ -115,18 +120,20 @@ def _pose(track: Track, image: np.ndarray, model: OnnxPose | None) -> TrackedPos
     return TrackedPose(track.number, pixels, np.where(within, confidence, 0.0), seen.presence)
 
 
-def _lasting(
-    frames: list[list[TrackedPose]], facts: VideoFacts, least_s: float, every: int
+def _tidied(
+    frames: Sequence[Sequence[TrackedPose]], keypoints: KeypointSet, least: int, reach: int
 ) -> list[list[TrackedPose]]:
-    """Without tracks that are too short, the others numbered from 1 in the order in which they come."""
-    count: dict[int, int] = defaultdict(int)
-    for people in frames:
+    """Without tracks of less than so many frames, the others numbered from 1 as they come, sides set right."""
+    of_track: dict[int, list[tuple[int, TrackedPose]]] = defaultdict(list)
+    for index, people in enumerate(frames):
         for one in people:
-            count[one.track] += 1
-    step = every / facts.rate if facts.rate > 0 else 0.0
-    kept = [number for number, frames_seen in count.items() if frames_seen * step >= least_s or least_s == 0]
-    new = {number: index + 1 for index, number in enumerate(kept)}
-    return [
-        [TrackedPose(new[one.track], one.pixels, one.confidence, one.score) for one in people if one.track in new]
-        for people in frames
-    ]
+            of_track[one.track].append((index, one))
+    kept = [one for one in of_track.values() if len(one) >= least]
+    tidy: list[list[TrackedPose]] = [[] for _ in frames]
+    for number, poses in enumerate(kept, start=1):
+        pixels, confidence = (np.stack([getattr(one, name) for _, one in poses]) for name in ("pixels", "confidence"))
+        turned = confused(keypoints, pixels, confidence, reach)
+        for (index, pose), exchange in zip(poses, turned, strict=True):
+            order = keypoints.mirrored if exchange else slice(None)
+            tidy[index].append(TrackedPose(number, pose.pixels[order], pose.confidence[order], pose.score))
+    return tidy

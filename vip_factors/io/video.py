@@ -158,7 +158,9 @@ def _time(time: Array | None, index: int, otherwise: float) -> float:
 
 def _shown(image: np.ndarray, width: int | None) -> np.ndarray:
     """Red first, and not wider than asked."""
-    return np.ascontiguousarray(_narrowed(image, width)[..., ::-1])
+    import cv2
+
+    return cv2.cvtColor(_narrowed(image, width), cv2.COLOR_BGR2RGB)
 
 
 def _narrowed(image: np.ndarray, width: int | None) -> np.ndarray:

@@ -1,5 +1,8 @@
 """TensorFlow Lite models as functions of one array; the only place that knows the library which runs them."""
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
@@ -36,8 +39,9 @@ class LiteModel:
                 "BlazePose needs ai-edge-litert, which is not installed: pip install 'vip-factors[detect]'"
             ) from error
         try:
-            self._interpreter = Interpreter(model_path=str(path), num_threads=threads)
-            self._interpreter.allocate_tensors()
+            with _silent():
+                self._interpreter = Interpreter(model_path=str(path), num_threads=threads)
+                self._interpreter.allocate_tensors()
         except (ValueError, RuntimeError) as error:
             raise FileFormatError(f"{path}: expected a TensorFlow Lite model ({error})") from error
         self._input = self._interpreter.get_input_details()[0]["index"]
@@ -48,3 +52,16 @@ class LiteModel:
         self._interpreter.set_tensor(self._input, given.astype(np.float32, copy=False))
         self._interpreter.invoke()
         return [self._interpreter.get_tensor(one) for one in self._outputs]
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """The library says on stderr which delegate it made, past Python and whatever is asked of its log."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)

@@ -76,6 +76,20 @@ def video_facts(path: str | Path) -> VideoFacts:
     return VideoFacts(path, width, height, rate, time)
 
 
+def video_size(path: str | Path) -> tuple[int, int]:
+    """Width and height of a video's frames as they are shown, from its header.
+
+    Raises:
+        InputError: if there is no such file.
+        FileFormatError: if it is no video.
+    """
+    with _opened(Path(path)) as capture:
+        import cv2
+
+        width, height = (int(capture.get(one)) for one in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    return width, height
+
+
 @contextmanager
 def _opened(path: Path) -> "Iterator[cv2.VideoCapture]":
     if not path.is_file():

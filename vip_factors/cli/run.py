@@ -201,9 +201,9 @@ def guess_camera(video: Path, field_of_view_deg: float, path: Path) -> None:
     focal = round(max(width, height) / 2 / math.tan(math.radians(field_of_view_deg) / 2), 1)
     model = CameraModel(width, height, (focal, focal), (width / 2, height / 2))
     note(
-        f"note: no --camera is given: a field of view of {field_of_view_deg:g} degrees along the longer side is assumed "
-        f"(focal length {focal:g} px), without distortion; if it is really a tenth longer or shorter, so are distances "
-        "from the camera; vip-factors calibrate-camera measures it"
+        f"note: no --camera is given: a field of view of {field_of_view_deg:g} degrees along the longer side is taken "
+        f"(a focal length of {focal:g} px), without distortion; where the true length is a tenth more or less, so are "
+        "distances from the camera; vip-factors calibrate-camera measures it"
     )
     if not path.is_file() or read_camera_file(path) != model:
         how = {"how": f"guessed: a field of view of {field_of_view_deg:g} degrees along the longer side"}

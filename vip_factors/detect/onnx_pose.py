@@ -60,7 +60,7 @@ class OnnxPose:
                 f"{path} needs onnxruntime, which is not installed: pip install 'vip-factors[detect]'"
             ) from error
         options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
+        options.intra_op_num_threads, options.log_severity_level = threads, 3  # 3: errors
         try:
             self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         except Exception as error:  # its exceptions share no base of their own

@@ -55,11 +55,11 @@ class RunOptions:
     overlay: Flag = False
     """Also write poses.mp4, the video with the 2D poses drawn over it."""
     detect_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
-    """More options of vip-factors detect, as one word: "--model rtmpose.onnx"."""
+    """More options of vip-factors detect, as one word behind =, such as --detect-options="--model rtmpose.onnx"."""
     convert_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
-    """More options of vip-factors convert, for every log: "--stature-m 1.75 --initial-pose n-pose"."""
+    """The same of vip-factors convert, for every log: --convert-options="--stature-m 1.75 --initial-pose n-pose"."""
     smooth_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
-    """More options of vip-factors smooth."""
+    """The same of vip-factors smooth."""
     overwrite: Flag = False
     """Replace files that were there before and are not of an earlier run."""
 

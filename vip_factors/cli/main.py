@@ -14,6 +14,8 @@ BAD_INPUT, INTERRUPTED = 2, 130  # 130: what shells report for a program stopped
 COMMANDS = {
     "demo": "reconstruct a recording that the package makes itself, and draw it",
     "convert": "bring foreign sensor logs, 2D poses and a camera into one recording (MCAP)",
+    "detect": "find the 2D poses of everybody in a video, for convert --detections",
+    "run": "from a video and sensor logs to motion, exports and a report, in one command",
     "calibrate-camera": "find a camera's focal length and distortion, and the floor, from views of a board",
     "info": "say what a recording, a scene or an estimate holds",
     "body": "write the body that was found into a file, for the next recording of the same person",

@@ -76,6 +76,20 @@ def video_facts(path: str | Path) -> VideoFacts:
     return VideoFacts(path, width, height, rate, time)
 
 
+def video_size(path: str | Path) -> tuple[int, int]:
+    """Width and height of a video's frames as they are shown, from its header.
+
+    Raises:
+        InputError: if there is no such file.
+        FileFormatError: if it is no video.
+    """
+    with _opened(Path(path)) as capture:
+        import cv2
+
+        width, height = (int(capture.get(one)) for one in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    return width, height
+
+
 @contextmanager
 def _opened(path: Path) -> "Iterator[cv2.VideoCapture]":
     if not path.is_file():
@@ -158,7 +172,9 @@ def _time(time: Array | None, index: int, otherwise: float) -> float:
 
 def _shown(image: np.ndarray, width: int | None) -> np.ndarray:
     """Red first, and not wider than asked."""
-    return np.ascontiguousarray(_narrowed(image, width)[..., ::-1])
+    import cv2
+
+    return cv2.cvtColor(_narrowed(image, width), cv2.COLOR_BGR2RGB)
 
 
 def _narrowed(image: np.ndarray, width: int | None) -> np.ndarray:

@@ -1,0 +1,79 @@
+"""The command around the detector: files, complaints, what it tells."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from detect.stub_people import People
+
+from vip_factors.detect import blazepose, model_files
+from vip_factors.detect.tracks import Tracker
+from vip_factors.io.detections.read import read_detections
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    path = tmp_path / "walk.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (640, 240))
+    for _ in range(10):
+        writer.write(np.zeros((240, 640, 3), np.uint8))
+    writer.release()
+    return path
+
+
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch) -> People:
+    people = People({"a": (150, 120), "b": (450, 120)})
+    monkeypatch.setattr(model_files, "blazepose_files", lambda source, tell: None)
+    monkeypatch.setattr(
+        blazepose, "blazepose_tracker", lambda files, settings, threads: Tracker(people, people, settings)
+    )
+    return people
+
+
+def test_poses_and_an_overlay(run: Callable, video: Path, seen: People, tmp_path: Path) -> None:
+    told = run("detect", video, "--overlay", tmp_path / "seen.mp4")
+    assert told.code == 0, told.err
+    assert "10 of 10 frames of walk.mp4 looked at" in told.out
+    assert "person 2: 10 frames, 0.0 to 0.9 s" in told.out
+    assert told.out.endswith(f"{tmp_path / 'walk.poses.json'}\n{tmp_path / 'seen.mp4'}\n")
+    assert len(read_detections(tmp_path / "walk.poses.json", 10.0)) == 20
+    again = run("detect", video)
+    assert again.code == 2
+    assert "exists already" in again.err
+
+
+def test_nobody_is_told(run: Callable, video: Path, seen: People) -> None:
+    seen.places.clear()
+    told = run("detect", video)
+    assert told.code == 0
+    assert "nobody was found" in told.out
+
+
+def test_what_cannot_be(run: Callable, video: Path, seen: People, tmp_path: Path) -> None:
+    for words, expected in (
+        ((tmp_path / "none.mp4",), "no such video file"),
+        ((video, "--keypoints", "coco17"), "without --model"),
+        ((video, "--start-s", "20"), "there is no frame"),
+        ((video, "--model", tmp_path / "none.onnx"), "no such model file"),
+        ((video, "--tile-levels", "9"), "tile_levels 9"),
+    ):
+        told = run("detect", *words)
+        assert told.code == 2
+        assert expected in told.err
+    assert not (tmp_path / "walk.poses.json").exists()
+
+
+def test_the_library_that_is_missing_is_named(
+    run: Callable, video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("pose_detection.tflite", "pose_landmark_full.tflite"):
+        (tmp_path / name).write_bytes(b"")
+    monkeypatch.setitem(sys.modules, "ai_edge_litert", None)
+    monkeypatch.setitem(sys.modules, "ai_edge_litert.interpreter", None)
+    told = run("detect", video, "--blazepose", tmp_path)
+    assert told.code == 2
+    assert "pip install 'vip-factors[detect]'" in told.err

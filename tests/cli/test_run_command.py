@@ -1,0 +1,134 @@
+"""From logs, and a video, to files for others in one command."""
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from vip_factors.cli.run import RunOptions, check, guess_camera, steps, usual_folder
+from vip_factors.errors import InputError
+from vip_factors.io.camera_file import read_camera_file
+
+SMOOTH = "--frame-rate 20 --solve.max-iterations 2"
+
+
+@pytest.fixture(autouse=True)
+def reporting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report of one line."""
+    module = ModuleType("vip_factors.cli.report")
+
+    def main(prog: str, words: Sequence[str]) -> None:
+        Path(words[words.index("--out") + 1]).write_text(" ".join(words))
+
+    module.main = main  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "vip_factors.cli.report", module)
+
+
+def test_a_log_alone_to_files_and_a_page(run: Callable, files: object, tmp_path: Path) -> None:
+    words = ["run", "--log", files.recording, "--out", tmp_path / "o", "--export", tmp_path / "walk.npz"]
+    words += [f"--smooth-options={SMOOTH}"]
+    told = run(*words)
+    assert told.code == 0, told.err
+    names = [line.split("  ")[0] for line in told.out.splitlines() if not line.startswith("  ")]
+    assert names[:-1] == ["convert", "smooth", "report", "export walk.npz"]
+    assert (tmp_path / "walk.npz").stat().st_size > 1000
+    assert str(tmp_path / "o" / "recording.mcap") in (tmp_path / "o" / "report.html").read_text()
+
+    told = run(*words)
+    assert told.code == 0, told.err
+    assert told.out.count("as before") == 4
+
+    (tmp_path / "other.npz").write_text("mine")
+    told = run(*words, "--export", tmp_path / "other.npz")
+    assert told.code == 2
+    assert "step export other.npz: " in told.err
+    assert "exists already" in told.err
+    assert (tmp_path / "other.npz").read_text() == "mine"
+
+
+def options(tmp_path: Path, **more: object) -> RunOptions:
+    (tmp_path / "walk.mp4").write_bytes(b"")
+    return RunOptions(log=(tmp_path / "xsens",), video=tmp_path / "walk.mp4", **more)  # type: ignore[arg-type]
+
+
+def test_the_steps_of_one_wearer_with_a_video(tmp_path: Path) -> None:
+    given = options(tmp_path, placement=("ada.toml",), export=(Path("walk.bvh"),), convert_options="--stature-m 1.7")
+    found = list(steps(given, tmp_path / "o"))
+    assert [one.name for one in found] == ["detect", "convert", "sync", "smooth", "report", "export walk.bvh"]
+    _, convert, sync, smooth, report, export = found
+    assert convert.words[:4] == (
+        str(tmp_path / "xsens"),
+        str(tmp_path / "o" / "recording.mcap"),
+        "--placement",
+        "ada.toml",
+    )
+    assert convert.words[4:6] == ("--stature-m", "1.7")
+    assert ("--camera", str(tmp_path / "o" / "camera.toml")) == convert.words[-2:]
+    assert convert.outputs == sync.inputs
+    assert smooth.inputs == sync.outputs
+    assert report.inputs[0] == export.inputs[0] == smooth.outputs[0]
+
+
+def test_a_known_offset_and_found_poses_leave_steps_out(tmp_path: Path) -> None:
+    given = options(tmp_path, time_offset_s=-1.5, detections=Path("poses.json"), camera=Path("c.toml"))
+    convert, smooth, _ = steps(given, tmp_path)
+    assert convert.words[-6:] == ("--detections", "poses.json", "--camera", "c.toml", "--time-offset-s", "-1.5")
+    assert smooth.inputs == convert.outputs
+
+
+def test_the_steps_of_two_wearers(tmp_path: Path) -> None:
+    given = options(tmp_path)
+    given = RunOptions(log=(Path("a"), Path("b")), placement=("a.toml", "b.toml"), video=given.video)
+    names = [one.name for one in steps(given, tmp_path)]
+    assert names == ["detect", "convert wearer1", "convert wearer2", "convert", "sync", "smooth", "report"]
+    convert = list(steps(given, tmp_path))[3]
+    assert convert.words[:4] == (
+        str(tmp_path / "wearer1.mcap"), str(tmp_path / "recording.mcap"), "--join", str(tmp_path / "wearer2.mcap"),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (RunOptions(), "no --log"),
+        (RunOptions(log=(Path("a"), Path("b")), placement=("a.toml",)), "2 --log and 1 --placement"),
+        (RunOptions(log=(Path("a"),), static_camera=True, time_offset_s=1.0), "--static-camera, --time-offset-s given"),
+        (RunOptions(log=(Path("a"),), video=Path("no.mp4")), "no such video"),
+        (RunOptions(log=(Path("a"),), video=Path(__file__), detections=Path("d"), overlay=True), "--overlay"),
+        (RunOptions(log=(Path("a"),), video=Path(__file__), field_of_view_deg=180.0), "between 0 and 180"),
+    ],
+)
+def test_what_cannot_be_is_said_before_anything_is_done(given: RunOptions, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        check(given)
+
+
+def test_a_failing_step_is_named(run: Callable, tmp_path: Path) -> None:
+    told = run("run", "--log", tmp_path / "none", "--out", tmp_path / "o")
+    assert told.code == 2
+    assert "step convert: " in told.err
+    assert "none" in told.err
+
+
+def test_the_folder_is_beside_the_video(tmp_path: Path) -> None:
+    assert usual_folder(options(tmp_path)) == tmp_path / "walk_motion"
+    assert usual_folder(RunOptions(log=(tmp_path,))) == tmp_path.with_name(f"{tmp_path.name}_motion")
+
+
+def test_a_guessed_camera(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cv2 = pytest.importorskip("cv2")
+    video, path = tmp_path / "a.mp4", tmp_path / "camera.toml"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"mp4v"), 10, (240, 320))
+    writer.write(cv2.UMat(320, 240, cv2.CV_8UC3).get())
+    writer.release()
+    guess_camera(video, 90.0, path)
+    model = read_camera_file(path)
+    assert (model.width, model.height) == (240, 320)
+    assert model.focal == (160.0, 160.0)  # half the longer side at 45 degrees
+    assert model.centre == (120.0, 160.0)
+    assert "no --camera is given" in capsys.readouterr().err
+    stamp = path.stat().st_mtime_ns
+    guess_camera(video, 90.0, path)
+    assert path.stat().st_mtime_ns == stamp

@@ -1,0 +1,88 @@
+"""People keep their numbers from frame to frame."""
+
+from detect.stub_people import IMAGE, People
+
+from vip_factors.detect.settings import DetectSettings
+from vip_factors.detect.tracks import Tracker
+
+SETTINGS = DetectSettings()
+
+
+def follow(tracker: Tracker, time: float) -> dict[int, float]:
+    """Where each number is, from the left."""
+    return {one.number: one.seen.following.x for one in tracker.step(IMAGE, time)}
+
+
+def test_two_people_keep_their_numbers() -> None:
+    people = People({"a": (200, 240), "b": (800, 240)})
+    tracker = Tracker(people, people, SETTINGS)
+    first = follow(tracker, 0.0)
+    assert sorted(first.values()) == [200, 800]
+    for frame in range(1, 40):
+        people.places = {"a": (200 + 10 * frame, 240), "b": (800 - 2 * frame, 240)}
+        now = follow(tracker, frame / 30)
+        assert set(now) == set(first)
+    a = next(number for number, x in first.items() if x == 200)
+    assert now[a] == 200 + 10 * 39
+
+
+def test_somebody_who_comes_in_is_found_by_the_next_search() -> None:
+    people = People({"a": (200, 240)})
+    tracker = Tracker(people, people, SETTINGS)
+    follow(tracker, 0.0)
+    people.places["b"] = (800, 240)
+    assert len(follow(tracker, 0.1)) == 1
+    assert len(follow(tracker, SETTINGS.search_s)) == 2
+
+
+def test_lost_for_a_moment_the_number_stays_and_for_long_it_is_new() -> None:
+    people = People({"a": (200, 240), "b": (800, 240)})
+    tracker = Tracker(people, people, SETTINGS)
+    first = follow(tracker, 0.0)
+    gone = people.places.pop("b")
+    assert len(follow(tracker, 0.1)) == 1
+    people.places["b"] = gone
+    assert set(follow(tracker, 0.6)) == set(first)
+    people.places.pop("b")
+    for time in (0.7, 1.2, 1.8):
+        assert len(follow(tracker, time)) == 1
+    people.places["b"] = gone
+    assert len(set(follow(tracker, 2.5)) - set(first)) == 1
+
+
+def test_two_tracks_of_one_person_become_one() -> None:
+    people = People({"a": (400, 240), "b": (560, 240)})
+    tracker = Tracker(people, people, SETTINGS)
+    assert len(follow(tracker, 0.0)) == 2
+    people.places = {"a": (480, 240)}  # both squares now show the same person
+    assert list(follow(tracker, 0.1)) == [1]
+
+
+def test_what_the_detector_never_finds_again_is_given_up() -> None:
+    people = People({"a": (200, 240), "post": (800, 240)})
+    tracker = Tracker(people, people, SETTINGS)
+    first = follow(tracker, 0.0)
+    post = next(number for number, x in first.items() if x == 800)
+    people.missed.add("post")
+    follow(tracker, 0.6)
+    assert post in follow(tracker, 0.7)  # one search may miss anybody
+    assert post not in follow(tracker, 1.2)
+    assert tracker.given_up == {post}
+
+
+def test_whom_the_detector_has_found_twice_it_may_miss() -> None:
+    people = People({"a": (200, 240)})
+    tracker = Tracker(people, people, SETTINGS)
+    follow(tracker, 0.0)
+    follow(tracker, 0.6)
+    people.missed.add("a")
+    for time in (1.2, 1.8, 2.4, 3.0):
+        assert list(follow(tracker, time)) == [1]
+    assert not tracker.given_up
+
+
+def test_nobody_is_nobody() -> None:
+    people = People({})
+    tracker = Tracker(people, people, SETTINGS)
+    assert follow(tracker, 0.0) == {}
+    assert follow(tracker, 0.1) == {}

@@ -1,0 +1,102 @@
+"""A video through the tracker into a file that convert reads."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from detect.stub_people import People
+
+from vip_factors.detect.overlay import write_overlay
+from vip_factors.detect.settings import DetectSettings
+from vip_factors.detect.tracks import Tracker
+from vip_factors.detect.video import Stretch, detect_video
+from vip_factors.errors import InputError
+from vip_factors.io.detections.mmpose_write import write_mmpose
+from vip_factors.io.detections.read import read_detections
+
+FRAMES, RATE = 30, 15.0
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("video") / "walk.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), RATE, (640, 240))
+    for _ in range(FRAMES):
+        writer.write(np.zeros((240, 640, 3), np.uint8))
+    writer.release()
+    return path
+
+
+def tracker(people: People) -> Tracker:
+    return Tracker(people, people, DetectSettings())
+
+
+def test_everybody_is_in_the_file_that_convert_reads(video: Path, tmp_path: Path) -> None:
+    poses = detect_video(video, tracker(People({"a": (150, 120), "b": (450, 120)})), DetectSettings())
+    assert poses.tracks == [1, 2]
+    assert all(len(people) == 2 for people in poses.frames)
+    out = tmp_path / "walk.json"
+    write_mmpose(out, poses.keypoints, poses.frames, poses.facts.time, {"detector": "none"})
+    found = read_detections(out, RATE)
+    assert found.keypoints.name == "blazepose33"
+    assert len(found.time) == FRAMES
+    assert found.frame.tolist() == sorted([*range(FRAMES)] * 2)
+    first = poses.frames[0][0]
+    seen = first.confidence > 0
+    assert np.allclose(found.pixels[0][seen], first.pixels[seen], atol=0.006)
+    assert np.allclose(found.confidence[0], first.confidence, atol=1e-4)
+
+
+def test_points_beyond_the_image_are_not_found(video: Path) -> None:
+    poses = detect_video(video, tracker(People({"a": (10, 120)})), DetectSettings())
+    one = poses.frames[0][0]
+    outside = one.pixels[:, 0] < 0
+    assert outside.any()
+    assert np.array_equal(one.confidence == 0, outside)
+
+
+def test_a_stretch_and_every_third_frame(video: Path) -> None:
+    stretch = Stretch(0.4, 1.6, 3)
+    settings = DetectSettings(least_s=0.0)
+    poses = detect_video(video, tracker(People({"a": (150, 120)})), settings, stretch)
+    assert [index for index, people in enumerate(poses.frames) if people] == list(range(6, 25, 3))
+    assert len(poses.frames) == FRAMES
+    for wrong in (Stretch(5.0), Stretch(1.0, 0.5), Stretch(every=0)):
+        with pytest.raises(InputError):
+            detect_video(video, tracker(People({})), settings, wrong)
+
+
+def test_a_short_track_is_left_out_and_the_others_are_numbered_anew(video: Path) -> None:
+    class Leaving(People):
+        def look(self, image: np.ndarray, square: object) -> object:
+            self.count = getattr(self, "count", 0) + 1
+            if self.count > 5:
+                self.places.pop("a", None)
+            return super().look(image, square)  # type: ignore[arg-type]
+
+    people = Leaving({"a": (150, 120), "b": (450, 120)})
+    poses = detect_video(video, tracker(people), DetectSettings())
+    assert poses.tracks == [1]
+    assert len([one for people in poses.frames for one in people]) == FRAMES
+
+
+def test_nobody_makes_a_file_too(video: Path, tmp_path: Path) -> None:
+    poses = detect_video(video, tracker(People({})), DetectSettings())
+    write_mmpose(tmp_path / "a.json", poses.keypoints, poses.frames, poses.facts.time, {})
+    assert len(read_detections(tmp_path / "a.json", RATE)) == 0
+
+
+def test_the_overlay_shows_them_in_the_frames_looked_at(video: Path, tmp_path: Path) -> None:
+    stretch = Stretch(every=2)
+    poses = detect_video(video, tracker(People({"a": (150, 120)})), DetectSettings(), stretch)
+    write_overlay(tmp_path / "o.mp4", poses)
+    capture = cv2.VideoCapture(str(tmp_path / "o.mp4"))
+    good, image = capture.read()
+    assert good
+    assert image.shape == (240, 640, 3)
+    assert image[:, :320].max() > 150
+    assert image[:, 400:].max() < 50
+    assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == FRAMES / 2
+    with pytest.raises(InputError):
+        write_overlay(tmp_path / "o.mp4", poses)

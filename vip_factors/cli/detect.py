@@ -1,0 +1,127 @@
+"""``vip-factors detect``: the 2D poses of everybody in a video, in a file that convert takes."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from vip_factors.cli.options import Flag, beside, parse
+from vip_factors.detect.settings import DetectSettings
+
+if TYPE_CHECKING:
+    from vip_factors.detect.video import VideoPoses
+
+
+@dataclass(frozen=True)
+class DetectOptions:
+    """Find the 2D poses of everybody in a video, and follow people from frame to frame.
+
+    The poses go into a file as MMPose writes them, with the keypoints' names, the frames' times and a number for each
+    person followed: convert --detections takes it. Needs: pip install 'vip-factors[detect]'.
+
+    The model is BlazePose, 33 keypoints, whose files are fetched once with pip; --model takes any other as ONNX.
+    """
+
+    video: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO")]
+    """Video (.mp4, .mov …)."""
+    out: Path | None = None
+    """File (.json) to write; VIDEO.poses.json if absent."""
+    overlay: Path | None = None
+    """Also write the video (.mp4) with the poses drawn over it."""
+    blazepose: Annotated[Path | None, tyro.conf.arg(metavar="WHEEL_OR_FOLDER")] = None
+    """Wheel of mediapipe 0.10.21, or a folder with pose_detection.tflite and pose_landmark_full.tflite; if absent, that
+    wheel is fetched with pip, once, and the two files are kept in the user's cache."""
+    model: Annotated[Path | None, tyro.conf.arg(metavar="MODEL.onnx")] = None
+    """Top-down pose model such as RTMPose (SimCC rows or heat maps), for the keypoints of the people that BlazePose
+    finds and follows."""
+    keypoints: str | None = None
+    """Keypoints of that model: coco17, halpe26 …; told by their number if absent."""
+    start_s: float | None = None
+    """Second of the video to begin at."""
+    end_s: float | None = None
+    """Second of the video to end at."""
+    every: int = 1
+    """Look at each n-th frame only; the others hold nobody."""
+    threads: int | None = None
+    """Of the processor; as many as there are, up to four, if absent."""
+    overwrite: Flag = False
+    """Replace files that exist."""
+    settings: Annotated[DetectSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
+        default_factory=DetectSettings
+    )
+
+
+def main(prog: str, arguments: Sequence[str]) -> None:
+    """Run the command."""
+    options = parse(DetectOptions, prog, arguments)
+    from vip_factors.cli.terminal import progress_bar
+    from vip_factors.errors import InputError
+    from vip_factors.io.atomic import check_target
+    from vip_factors.io.detections.mmpose_write import write_mmpose
+
+    if options.keypoints is not None and options.model is None:
+        raise InputError("--keypoints given without --model: BlazePose has its own 33")
+    out = options.out or beside(options.video, ".poses.json")
+    for target in (out, options.overlay):
+        if target is not None:
+            check_target(target, options.overwrite)
+    with progress_bar() as tell:
+        began = time.perf_counter()
+        poses = _found(options, lambda fraction: tell("looking for people", fraction))
+        seconds = time.perf_counter() - began
+        about = _about(options, poses)
+        write_mmpose(out, poses.keypoints, poses.frames, poses.facts.time, about, options.overwrite)
+        if options.overlay is not None:
+            from vip_factors.detect.overlay import write_overlay
+
+            write_overlay(options.overlay, poses, options.overwrite, lambda fraction: tell("drawing them", fraction))
+    print(poses_text(poses, seconds))
+    for path in (out, options.overlay):
+        if path is not None:
+            print(path)
+
+
+def _found(options: DetectOptions, tell: Any) -> "VideoPoses":
+    from vip_factors.cli.terminal import note
+    from vip_factors.detect.blazepose import blazepose_tracker, usual_threads
+    from vip_factors.detect.model_files import blazepose_files
+    from vip_factors.detect.onnx_pose import OnnxPose
+    from vip_factors.detect.video import Stretch, detect_video
+
+    threads = options.threads or usual_threads()
+    model = OnnxPose(options.model, threads, options.keypoints) if options.model is not None else None
+    tracker = blazepose_tracker(blazepose_files(options.blazepose, note), options.settings, threads)
+    stretch = Stretch(options.start_s, options.end_s, options.every)
+    return detect_video(options.video, tracker, options.settings, stretch, model, tell)
+
+
+def _about(options: DetectOptions, poses: "VideoPoses") -> dict[str, Any]:
+    """What the file says of itself, for people."""
+    facts = poses.facts
+    return {
+        "detector": "BlazePose" if options.model is None else options.model.name,
+        "video": facts.path.name,
+        "video_size": [facts.width, facts.height],
+        "video_rate_hz": round(facts.rate, 4),
+    }
+
+
+def poses_text(poses: "VideoPoses", seconds: float) -> str:
+    """Who was found, as a small table."""
+    looked = len(poses.looked)
+    counts = {number: 0 for number in poses.tracks}
+    for people in poses.frames:
+        for one in people:
+            counts[one.track] += 1
+    speed = f", {looked / seconds:.1f} frames a second" if seconds > 0 else ""
+    lines = [f"{looked} of {len(poses.frames)} frames of {poses.facts.path.name} looked at{speed}"]
+    if not counts:
+        lines.append("nobody was found")
+    for number, count in counts.items():
+        seen = [index for index, people in enumerate(poses.frames) if any(one.track == number for one in people)]
+        first, last = (poses.facts.time[index] for index in (seen[0], seen[-1]))
+        lines.append(f"  person {number}: {count} frames, {first:.1f} to {last:.1f} s")
+    return "\n".join(lines)

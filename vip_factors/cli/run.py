@@ -1,0 +1,210 @@
+"""``vip-factors run``: from a video and sensor logs to motion, exports and a report, step by step in one command."""
+
+import shlex
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.run_steps import Step, take
+from vip_factors.errors import InputError
+
+# Phones that film with their main camera: 60 to 65 degrees along the longer side, a little less when they steady it.
+FIELD_OF_VIEW_DEG = 60.0
+Words = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """From a video and the sensors' log to motion, in one command: run --video walk.mp4 --log xsens/ --placement p.toml
+
+    It does what these commands do, one after another, and keeps each one's file in a folder: detect, convert, sync,
+    smooth, report, export. What is there already is used again, unless its inputs or options have changed.
+
+    Several wearers: say --log and --placement once for each, in the same order. Without --video: the sensors alone.
+    """
+
+    log: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="LOG")] = ()
+    """File or folder of a wearer's sensors, in any format that convert reads."""
+    placement: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="PLACEMENT")] = ()
+    """Where they sit: placement file (.toml, .json) or preset (sip6, tnt10, totalcapture13, mvn17); absent, the
+    sensors' names must tell. The file may also hold the wearer's name, stature and initial pose."""
+    video: Path | None = None
+    """Video of the wearers."""
+    camera: Path | None = None
+    """Camera file (vip-factors calibrate-camera makes one); absent, its field of view is guessed, and a note says
+    so."""
+    out: Path | None = None
+    """Folder for all files, made if it is not there; VIDEO_motion beside the video if absent."""
+    export: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FILE")] = ()
+    """File of another program to write in the end; the suffix tells the format. May be said several times."""
+    report: bool = True
+    """Write report.html, a page that tells what was found."""
+    static_camera: Flag = False
+    """The camera stands still."""
+    field_of_view_deg: float = FIELD_OF_VIEW_DEG
+    """Of the video along its longer side, if there is no camera file."""
+    time_offset_s: float | None = None
+    """Seconds to add to the video's times to get the sensors', if you know them; absent, sync finds them."""
+    detections: Path | None = None
+    """2D poses of the video that another detector found, instead of detecting."""
+    overlay: Flag = False
+    """Also write poses.mp4, the video with the 2D poses drawn over it."""
+    detect_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
+    """More options of vip-factors detect, as one word behind =, such as --detect-options="--model rtmpose.onnx"."""
+    convert_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
+    """The same of vip-factors convert, for every log: --convert-options="--stature-m 1.75 --initial-pose n-pose"."""
+    smooth_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
+    """The same of vip-factors smooth."""
+    overwrite: Flag = False
+    """Replace files that were there before and are not of an earlier run."""
+
+
+def main(prog: str, arguments: Sequence[str]) -> None:
+    """Run the command."""
+    options = parse(RunOptions, prog, arguments)
+    check(options)
+    folder = options.out or usual_folder(options)
+    folder.mkdir(parents=True, exist_ok=True)
+    began = time.perf_counter()
+    if options.video is not None and options.camera is None:
+        guess_camera(options.video, options.field_of_view_deg, folder / "camera.toml")
+    for step in steps(options, folder):
+        take(step, folder / "steps", options.overwrite)
+    print(f"{time.perf_counter() - began:.1f} s in all, files in {folder}")
+
+
+def check(options: RunOptions) -> None:
+    """What cannot be, before anything is done.
+
+    Raises:
+        InputError: naming the option.
+    """
+    if not options.log:
+        raise InputError("no --log is given: expected the file or folder of a wearer's sensors")
+    if options.placement and len(options.placement) != len(options.log):
+        raise InputError(
+            f"{len(options.log)} --log and {len(options.placement)} --placement are given: expected one placement for "
+            "each log, in the same order"
+        )
+    if options.video is None:
+        usual = RunOptions()
+        of_video = ("camera", "static_camera", "field_of_view_deg", "time_offset_s", "detections", "overlay")
+        given = [f"--{name.replace('_', '-')}" for name in of_video if getattr(options, name) != getattr(usual, name)]
+        if given:
+            raise InputError(f"{', '.join(given)} given without --video")
+    elif not options.video.is_file():
+        raise InputError(f"{options.video}: no such video file")
+    if options.detections is not None and (options.overlay or options.detect_options):
+        raise InputError("--detections given: nothing is detected, so leave out --overlay and --detect-options")
+    if not 0 < options.field_of_view_deg < 180:
+        raise InputError(f"--field-of-view-deg {options.field_of_view_deg}: expected degrees between 0 and 180")
+
+
+def usual_folder(options: RunOptions) -> Path:
+    """Beside the video, or else the first log."""
+    source = options.video or options.log[0]
+    return source.with_name(f"{source.stem if source.is_file() else source.name}_motion")
+
+
+def steps(options: RunOptions, folder: Path) -> Iterator[Step]:
+    """All steps in order."""
+    placements: Sequence[str | None] = options.placement or [None] * len(options.log)
+    more = _words(options.convert_options)
+    each = [_wearer(log, placement) for log, placement in zip(options.log, placements, strict=True)]
+    recording = folder / "recording.mcap"
+    filmed: Words = ()
+    seen: tuple[Path, ...] = ()
+    if options.video is not None:
+        if options.detections is None:
+            yield _detect(options, options.video, folder)
+        poses, camera = options.detections or folder / "poses.json", options.camera or folder / "camera.toml"
+        filmed, seen = _filmed(options, options.video, poses, camera), (options.video, poses, camera)
+    if len(each) == 1:
+        words, inputs = each[0]
+        yield Step("convert", "convert", _put(words, recording, *more, *filmed), (*inputs, *seen), (recording,))
+    else:
+        parts = [folder / f"wearer{number}.mcap" for number in range(1, len(each) + 1)]
+        for (words, inputs), part in zip(each, parts, strict=True):
+            yield Step(f"convert {part.stem}", "convert", _put(words, part, *more), inputs, (part,))
+        join = [word for part in parts[1:] for word in ("--join", str(part))]
+        words = (str(parts[0]), str(recording), *join, *filmed)
+        yield Step("convert", "convert", words, (*parts, *seen), (recording,))
+    if options.video is not None and options.time_offset_s is None:
+        synced = folder / "synced.mcap"
+        hint = "if you know the offset, give it as --time-offset-s"
+        yield Step("sync", "sync", (str(recording), "--out", str(synced)), (recording,), (synced,), hint)
+        recording = synced
+    yield from _results(options, recording, folder)
+
+
+def _results(options: RunOptions, recording: Path, folder: Path) -> Iterator[Step]:
+    """What is made of a recording."""
+    estimate, page = folder / "estimate.mcap", folder / "report.html"
+    words = (str(recording), "--out", str(estimate), *_words(options.smooth_options))
+    yield Step("smooth", "smooth", words, (recording,), (estimate,))
+    if options.report:
+        words = (str(estimate), "--recording", str(recording), "--out", str(page))
+        yield Step("report", "report", words, (estimate, recording), (page,))
+    for target in options.export:
+        yield Step(f"export {target.name}", "export", (str(estimate), str(target)), (estimate,), ())
+
+
+def _detect(options: RunOptions, video: Path, folder: Path) -> Step:
+    poses, drawn = folder / "poses.json", folder / "poses.mp4"
+    overlay = ("--overlay", str(drawn)) if options.overlay else ()
+    words = (str(video), "--out", str(poses), *overlay, *_words(options.detect_options))
+    return Step("detect", "detect", words, (video,), (poses, drawn) if options.overlay else (poses,))
+
+
+def _wearer(log: Path, placement: str | None) -> tuple[Words, tuple[Path, ...]]:
+    """A log as convert's words, and the files it is read from."""
+    if placement is None:
+        return (str(log),), (log,)
+    return (str(log), "--placement", placement), (log, Path(placement))
+
+
+def _put(words: Words, recording: Path, *more: str) -> Words:
+    """The recording's name behind the log's."""
+    return (words[0], str(recording), *words[1:], *more)
+
+
+def _filmed(options: RunOptions, video: Path, poses: Path, camera: Path) -> Words:
+    words = ("--video", str(video), "--detections", str(poses), "--camera", str(camera))
+    still = ("--static-camera",) if options.static_camera else ()
+    known = () if options.time_offset_s is None else ("--time-offset-s", str(options.time_offset_s))
+    return (*words, *still, *known)
+
+
+def _words(text: str) -> Words:
+    return tuple(shlex.split(text))
+
+
+def guess_camera(video: Path, field_of_view_deg: float, path: Path) -> None:
+    """Write a camera file of a guessed field of view, and say so; the file stays as it is if it says the same.
+
+    Raises:
+        InputError, FileFormatError: if the video cannot be opened.
+    """
+    import math
+
+    from vip_factors.cli.terminal import note
+    from vip_factors.io.camera_file import read_camera_file, write_camera_file
+    from vip_factors.io.video import video_size
+    from vip_factors.sensors.camera_model import CameraModel
+
+    width, height = video_size(video)
+    focal = round(max(width, height) / 2 / math.tan(math.radians(field_of_view_deg) / 2), 1)
+    model = CameraModel(width, height, (focal, focal), (width / 2, height / 2))
+    note(
+        f"note: no --camera is given: a field of view of {field_of_view_deg:g} degrees along the longer side is taken "
+        f"(a focal length of {focal:g} px), without distortion; where the true length is a tenth more or less, so are "
+        "distances from the camera; vip-factors calibrate-camera measures it"
+    )
+    if not path.is_file() or read_camera_file(path) != model:
+        how = {"how": f"guessed: a field of view of {field_of_view_deg:g} degrees along the longer side"}
+        write_camera_file(path, model, calibration=how, overwrite=True)

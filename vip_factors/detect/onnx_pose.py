@@ -1,0 +1,149 @@
+"""Any top-down 2D pose model in an ONNX file, such as RTMPose: a box in, keypoints out.
+
+The image is scaled as MMPose's models are trained to see it (Jiang et al. 2023, "RTMPose"): the box widened by a
+quarter and to the input's proportions, colours red first, normalised by ImageNet's mean and deviation. Outputs are told
+by their shapes: two of ``(1, K, bins)`` are SimCC's rows along x and y, one of ``(1, K, h, w)`` holds heat maps.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.body.keypoints import KeypointSet, keypoint_set
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.rotations import Array
+
+MEAN, DEVIATION = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])
+WIDENED = 1.25
+ABOVE = 0.12  # of a box's height: keypoints end at the eyes, boxes that models were trained on at the hair
+# Number of keypoints → set that begins so: COCO, Halpe, their whole-body forms.
+OF_COUNT = {17: "coco17", 26: "halpe26", 133: "coco17", 136: "halpe26"}
+
+
+@dataclass(frozen=True)
+class Box:
+    """Left, upper, right, lower, in pixels."""
+
+    left: float
+    upper: float
+    right: float
+    lower: float
+
+
+def box_around(points: Array) -> Box:
+    """The box of a person whose keypoints ``(N, 2)``, from toes to eyes, are known."""
+    (left, upper), (right, lower) = points.min(axis=0), points.max(axis=0)
+    return Box(left, upper - ABOVE * (lower - upper), right, lower)
+
+
+class OnnxPose:
+    """A top-down model.
+
+    Args:
+        path: of the ``.onnx`` file.
+        threads: of the CPU.
+        keypoints: name of the keypoint set; by the number of keypoints if None.
+
+    Raises:
+        InputError: if onnxruntime is not installed, or the number of keypoints is of no known set.
+        FileFormatError: if it is no such model.
+    """
+
+    def __init__(self, path: Path, threads: int, keypoints: str | None = None) -> None:
+        if not path.is_file():
+            raise InputError(f"{path}: no such model file (.onnx)")
+        try:
+            import onnxruntime
+        except ImportError as error:
+            raise InputError(
+                f"{path} needs onnxruntime, which is not installed: pip install 'vip-factors[detect]'"
+            ) from error
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads, options.log_severity_level = threads, 3  # 3: errors
+        try:
+            self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # its exceptions share no base of their own
+            raise FileFormatError(f"{path}: expected an ONNX model ({str(error).splitlines()[0]})") from error
+        given = self._session.get_inputs()
+        shape = given[0].shape
+        if len(given) != 1 or len(shape) != 4 or shape[1] != 3 or not all(isinstance(one, int) for one in shape[2:]):
+            raise FileFormatError(
+                f"{path}: input {shape}: expected one input (1, 3, height, width) of fixed size, as a top-down pose "
+                "model has"
+            )
+        self._path, self._name, self._height, self._width = path, given[0].name, shape[2], shape[3]
+        count = self._outputs(np.zeros((self._height, self._width, 3)))[0].shape[0]
+        self.keypoints = self._set(count, keypoints)
+
+    def _set(self, count: int, given: str | None) -> KeypointSet:
+        name = given or OF_COUNT.get(count)
+        if name is None:
+            known = ", ".join(f"{name} ({number})" for number, name in OF_COUNT.items())
+            raise InputError(f"{self._path} gives {count} keypoints: expected {known}, or name their order (keypoints)")
+        chosen = keypoint_set(name)
+        if len(chosen) > count or (len(chosen) < count and OF_COUNT.get(count) != name):
+            raise InputError(f"{self._path} gives {count} keypoints, but {name} has {len(chosen)}")
+        return chosen
+
+    def look(self, image: np.ndarray, box: Box) -> tuple[Array, Array]:
+        """Keypoints ``(K, 2)`` in pixels of the image, and confidences ``(K,)``.
+
+        Args:
+            image: ``(height, width, 3)``, red first, bytes.
+            box: of the person.
+        """
+        import cv2
+
+        scale = self._scale(box)
+        corner = np.array([box.left + box.right, box.upper + box.lower]) / 2
+        corner = corner - scale * np.array([self._width, self._height]) / 2
+        matrix = np.column_stack([scale * np.eye(2), corner + (scale - 1) / 2])  # of pixels' middles
+        size = (self._width, self._height)
+        crop = cv2.warpAffine(image, matrix, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+        place, confidence = self._decoded((crop - MEAN) / DEVIATION)
+        count = len(self.keypoints)
+        return (corner + scale * place)[:count], confidence[:count]
+
+    def _scale(self, box: Box) -> float:
+        """Pixels of the image to one of the input."""
+        width, height = (max(one, 1.0) for one in (box.right - box.left, box.lower - box.upper))
+        return WIDENED * max(width / self._width, height / self._height)
+
+    def _outputs(self, given: Array) -> list[np.ndarray]:
+        """Of a normalised crop ``(height, width, 3)``: rows along x and y, or one of heat maps, without the batch."""
+        found = self._session.run(None, {self._name: given.transpose(2, 0, 1)[None].astype(np.float32)})
+        rows, maps = [one[0] for one in found if one.ndim == 3], [one[0] for one in found if one.ndim == 4]
+        if len(rows) == 2 and len(rows[0]) == len(rows[1]):
+            return rows
+        if maps and not rows:
+            return maps[:1]
+        shapes = ", ".join(str(one.shape) for one in found)
+        raise FileFormatError(f"{self._path}: outputs {shapes}: expected SimCC's two (1, K, bins), or heat maps")
+
+    def _decoded(self, given: Array) -> tuple[Array, Array]:
+        outputs = self._outputs(given)
+        size = np.array([self._width, self._height])
+        if len(outputs) == 2:
+            x, y = outputs
+            place = np.column_stack([x.argmax(axis=1) / x.shape[1], y.argmax(axis=1) / y.shape[1]]) * size
+            return place, np.clip(np.minimum(x.max(axis=1), y.max(axis=1)), 0, 1)
+        return heat_peaks(outputs[0]) * size, np.clip(outputs[0].max(axis=(1, 2)), 0, 1)
+
+
+def heat_peaks(heat: np.ndarray) -> Array:
+    """Peaks ``(K, 2)`` of heat maps ``(K, h, w)``, as fractions of their size; a quarter of a cell to the warmer side.
+
+    That quarter is how the models' authors decode them (Newell et al. 2016).
+    """
+    count, height, width = heat.shape
+    y, x = np.divmod(heat.reshape(count, -1).argmax(axis=1), width)
+    which = np.arange(count)
+
+    def towards(at: np.ndarray, length: int, warm: np.ndarray) -> Array:
+        inner = (at > 0) & (at < length - 1)
+        after, before = warm[which, np.minimum(at + 1, length - 1)], warm[which, np.maximum(at - 1, 0)]
+        return np.where(inner, 0.25 * np.sign(after - before), 0.0)
+
+    dx, dy = towards(x, width, heat[which, y]), towards(y, height, heat[which, :, x])
+    return np.column_stack([(x + 0.5 + dx) / width, (y + 0.5 + dy) / height])

@@ -9,6 +9,7 @@ from scipy.interpolate import make_interp_spline
 
 from vip_factors.benchmark.marker_body import ARMS, LEGS, SHOULDERS, SIDES, MarkerBody, marker_columns
 from vip_factors.benchmark.walk import CENTRES, R_VICON_BONE, TRIAL, AngleError, read_vicon
+from vip_factors.body.anatomical_frames import R_BODY_ISB
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
@@ -28,8 +29,6 @@ from vip_factors.geometry.rotations import Array
 
 OPENSIM_NAMES = {"knee": "knee_angle", "hip": "hip_flexion", "elbow": "elbow_flex"}
 JOINTS = ("hip", "knee", "ankle")
-# OpenSim's segment axes (x forward, y up, z to the right) as columns of ours (x left, y up, z forward).
-R_OPENSIM_BONE = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ def optical_angles(path: Path) -> GaitMotion:
 
     def bone(segment: str) -> Array:
         quaternions = marker_columns(table, [f"{segment}_q{letter}" for letter in "wxyz"], path)
-        return matrix_from_quaternion(quaternions, Order.WXYZ) @ R_OPENSIM_BONE
+        return matrix_from_quaternion(quaternions, Order.WXYZ) @ R_BODY_ISB.T  # OpenSim's segments have ISB's axes
 
     flexion, centres = dict[str, Array](), dict[str, Array]()
     for side in SIDES:

@@ -1,0 +1,226 @@
+"""Joint angles in the terms of the International Society of Biomechanics (ISB), in degrees.
+
+Hips, knees, ankles: Grood & Suntay (1983), J. Biomech. Eng. 105, and Wu et al. (2002), J. Biomech. 35: flexion about
+the upper segment's mediolateral axis, rotation about the lower one's long axis, adduction about the floating axis
+between. Trunk, neck, elbows and wrists likewise, and shoulders, the upper arm against the thorax, by plane of elevation,
+elevation and axial rotation (Wu et al. 2005, J. Biomech. 38). Pelvis: rotation, obliquity and tilt in that order (Baker
+2001, J. Biomech. 34), so that tilt means the same whichever way somebody walks. Both sides have the same signs. All
+angles are zero in the anatomical posture of :mod:`~vip_factors.body.anatomical_frames`.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.body.anatomical_frames import R_BONE_SEGMENT, mirrored, segment_orientations
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import PARENTS, joint_index
+from vip_factors.errors import InputError
+from vip_factors.geometry.euler import sequence_of_rotation
+from vip_factors.geometry.rotations import Array, exp, transpose, wrap_angle
+
+
+@dataclass(frozen=True)
+class AngleDefinition:
+    """One joint angle.
+
+    Attributes:
+        name: such as ``left_knee_flexion``.
+        joint: ``left_knee``, the same for the angles that together make a rotation.
+        positive: what a positive angle means.
+    """
+
+    name: str
+    joint: str
+    positive: str
+
+
+@dataclass(frozen=True)
+class JointAngles:
+    """Joint angles of a motion.
+
+    Attributes:
+        time: ``(T,)`` seconds from the recording's start.
+        definitions: of the ``N`` angles.
+        degrees: ``(T, N)``.
+    """
+
+    time: Array
+    definitions: tuple[AngleDefinition, ...]
+    degrees: Array
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the ``N`` angles."""
+        return tuple(one.name for one in self.definitions)
+
+    def of(self, name: str) -> Array:
+        """One angle ``(T,)`` in degrees.
+
+        Raises:
+            InputError: for an unknown name.
+        """
+        if name not in self.names:
+            raise InputError(f"unknown joint angle '{name}': expected one of {', '.join(self.names)}")
+        return self.degrees[:, self.names.index(name)]
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """Three angles between two segments.
+
+    ``axes`` are of the segments' anatomical axes (x forward, y up, z right), each turned by the turns before it;
+    ``angles`` are their names, the sign that makes them positive as they are meant, and what that is.
+    """
+
+    name: str
+    above: str  # empty: the room
+    below: str
+    axes: str
+    angles: tuple[tuple[str, int, str], ...]
+
+
+_SPINE = (
+    ("flexion", -1, "forward"), ("lateral_bending", 1, "to the right"), ("axial_rotation", 1, "to the left"),
+)  # fmt: skip
+_MIDDLE = (
+    _Joint(
+        "pelvis", "", "pelvis", "yxz",
+        (
+            ("rotation", 1, "facing further to the left; 0 is along the world's x axis"),
+            ("obliquity", 1, "right side lower"),
+            ("tilt", -1, "forward (anterior)"),
+        ),
+    ),
+    _Joint("trunk", "pelvis", "spine3", "zxy", _SPINE),
+    _Joint("neck", "spine3", "head", "zxy", _SPINE),
+)  # fmt: skip
+# Of the right side; the left one is looked at in a mirror.
+_SIDE = (
+    _Joint(
+        "hip", "pelvis", "hip", "zxy",
+        (("flexion", 1, "thigh forward"), ("adduction", 1, "thigh inward"), ("internal_rotation", 1, "thigh inward")),
+    ),
+    _Joint(
+        "knee", "hip", "knee", "zxy",
+        (("flexion", -1, "bent"), ("adduction", 1, "shank inward (varus)"), ("internal_rotation", 1, "shank inward")),
+    ),
+    _Joint(
+        "ankle", "knee", "ankle", "zxy",
+        (
+            ("dorsiflexion", 1, "toes up"),
+            ("inversion", 1, "sole inward"),
+            ("internal_rotation", 1, "toes inward"),
+        ),
+    ),
+    _Joint(
+        "shoulder", "spine3", "shoulder", "yxy",
+        (
+            ("plane_of_elevation", 1, "0 is sideways, 90 forward, -90 backward"),
+            ("elevation", -1, "arm away from hanging, in that plane; never negative"),
+            ("axial_rotation", 1, "internal"),
+        ),
+    ),
+    _Joint(
+        "shoulder", "spine3", "shoulder", "zxy",
+        (
+            ("flexion", 1, "arm forward"),
+            ("adduction", 1, "arm inward; negative is abduction"),
+            ("internal_rotation", 1, "upper arm inward"),
+        ),
+    ),
+    _Joint(
+        "elbow", "shoulder", "elbow", "zxy",
+        (
+            ("flexion", 1, "bent"),
+            ("carrying_angle", -1, "forearm outward (valgus)"),
+            ("pronation", 1, "palm inward, then back; 90 with the palm at the thigh"),
+        ),
+    ),
+    _Joint(
+        "wrist", "elbow", "wrist", "zxy",
+        (
+            ("flexion", 1, "towards the palm"),
+            ("ulnar_deviation", 1, "towards the little finger"),
+            ("pronation", 1, "hand inward about the forearm, beyond its own pronation"),
+        ),
+    ),
+)  # fmt: skip
+
+
+def _joints() -> Iterator[_Joint]:
+    yield from _MIDDLE
+    for side in ("left", "right"):
+        for one in _SIDE:
+            above = one.above if one.above in ("pelvis", "spine3") else f"{side}_{one.above}"
+            yield _Joint(f"{side}_{one.name}", above, f"{side}_{one.below}", one.axes, one.angles)
+
+
+_JOINTS = tuple(_joints())
+ANGLE_DEFINITIONS: tuple[AngleDefinition, ...] = tuple(
+    AngleDefinition(f"{joint.name}_{angle}", joint.name, positive)
+    for joint in _JOINTS
+    for angle, _, positive in joint.angles
+)
+"""All angles, in the order of their columns."""
+
+
+def joint_angles(motion: Motion) -> JointAngles:
+    """The angles of a motion, in degrees.
+
+    They lie within ±180°, but for the pelvis' rotation, which goes on counting when somebody turns round. Where the
+    upper arm hangs or points straight up, plane of elevation and axial rotation are determined together only, not each
+    by itself: read the shoulder's ``flexion`` and ``adduction`` there. These and ``internal_rotation`` are not ISB's
+    but those of gait models, and undetermined in turn with the arm stretched out sideways.
+    """
+    R = segment_orientations(motion)
+    angles = np.concatenate([_angles(joint, _between(joint, R)) for joint in _JOINTS], axis=1)
+    angles[:, 0] = np.unwrap(angles[:, 0])
+    return JointAngles(motion.time, ANGLE_DEFINITIONS, np.rad2deg(angles))
+
+
+def joint_angle_sigmas(motion: Motion, covariance: Array) -> Array:
+    """Standard deviations ``(T, N)`` of the angles in degrees, to first order.
+
+    Args:
+        motion: the estimate.
+        covariance: ``(T, 24, 3, 3)`` rad², of right perturbations of the joint rotations.
+
+    Returns:
+        NaN for trunk, neck and shoulders, which several joints turn: how their errors go together is not known.
+    """
+    R = segment_orientations(motion)
+    sigmas = np.full((len(motion), len(ANGLE_DEFINITIONS)), np.nan)
+    for number, joint in enumerate(_JOINTS):
+        bone = joint_index(joint.below)
+        if PARENTS[bone] != (joint_index(joint.above) if joint.above else -1):
+            continue
+        R_bone_segment, R_above_below = R_BONE_SEGMENT[bone], _between(joint, R)
+        turned = [
+            _angles(joint, R_above_below @ R_bone_segment.T @ exp(step) @ R_bone_segment)
+            for step in (*_STEP * np.eye(3), *-_STEP * np.eye(3))
+        ]
+        jacobian = np.stack([wrap_angle(turned[k] - turned[k + 3]) / (2 * _STEP) for k in range(3)], axis=-1)
+        variance = np.einsum("tai,tij,taj->ta", jacobian, covariance[:, bone], jacobian)
+        sigmas[:, 3 * number : 3 * number + 3] = np.rad2deg(np.sqrt(variance))
+    return sigmas
+
+
+_STEP = 1e-5  # rad: the difference of two angles keeps ten digits
+_HALF_TURN_ABOUT_Y = np.diag([-1.0, 1.0, -1.0])
+
+
+def _between(joint: _Joint, R_room_segment: Array) -> Array:
+    """Rotations ``(T, 3, 3)`` of a joint, of orientations ``(T, 24, 3, 3)``."""
+    R = R_room_segment[:, joint_index(joint.below)]
+    return transpose(R_room_segment[:, joint_index(joint.above)]) @ R if joint.above else R
+
+
+def _angles(joint: _Joint, R_above_below: Array) -> Array:
+    """The three angles ``(T, 3)`` of a joint in radians, as they are meant."""
+    R = mirrored(R_above_below) if joint.name.startswith("left_") else R_above_below
+    signs = np.array([sign for _, sign, _ in joint.angles])
+    if joint.axes == "yxy":  # seen from behind, where x and z point the other way, elevation is a positive turn
+        return sequence_of_rotation(_HALF_TURN_ABOUT_Y @ R @ _HALF_TURN_ABOUT_Y, joint.axes) * abs(signs)
+    return sequence_of_rotation(R, joint.axes) * signs

@@ -13,7 +13,7 @@ from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, joint_index
 from vip_factors.errors import InputError
 from vip_factors.evaluate.joint_angle import hip_flexion_of, knee_flexion_of
-from vip_factors.geometry.euler import rotation_of_sequence
+from vip_factors.geometry.axis_sequence import rotation_of_sequence
 from vip_factors.geometry.rotations import Array, exp, rotation_z
 from vip_factors.simulate.gestures import gestures
 

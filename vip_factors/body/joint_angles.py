@@ -2,10 +2,10 @@
 
 Hips, knees, ankles: Grood & Suntay (1983), J. Biomech. Eng. 105, and Wu et al. (2002), J. Biomech. 35: flexion about
 the upper segment's mediolateral axis, rotation about the lower one's long axis, adduction about the floating axis
-between. Trunk, neck, elbows and wrists likewise, and shoulders, the upper arm against the thorax, by plane of elevation,
-elevation and axial rotation (Wu et al. 2005, J. Biomech. 38). Pelvis: rotation, obliquity and tilt in that order (Baker
-2001, J. Biomech. 34), so that tilt means the same whichever way somebody walks. Both sides have the same signs. All
-angles are zero in the anatomical posture of :mod:`~vip_factors.body.anatomical_frames`.
+between. Trunk, neck, elbows and wrists likewise, and shoulders, the upper arm against the thorax, by plane of
+elevation, elevation and axial rotation (Wu et al. 2005, J. Biomech. 38). Pelvis: rotation, obliquity, tilt in that
+order (Baker 2001, J. Biomech. 34), so that tilt means the same whichever way somebody walks. Both sides have the same
+signs. All angles are zero in the anatomical posture of :mod:`~vip_factors.body.anatomical_frames`.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from vip_factors.body.anatomical_frames import R_BONE_SEGMENT, mirrored, segment
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import PARENTS, joint_index
 from vip_factors.errors import InputError
-from vip_factors.geometry.euler import sequence_of_rotation
+from vip_factors.geometry.axis_sequence import sequence_of_rotation
 from vip_factors.geometry.rotations import Array, exp, transpose, wrap_angle
 
 

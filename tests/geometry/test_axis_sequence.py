@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from vip_factors.errors import InputError
-from vip_factors.geometry.euler import rotation_of_sequence, sequence_of_rotation
+from vip_factors.geometry.axis_sequence import rotation_of_sequence, sequence_of_rotation
 
 SEQUENCES = ("zxy", "yxz", "xyz", "zyx", "yxy", "zxz", "xyx")
 

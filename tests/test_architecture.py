@@ -18,7 +18,7 @@ ROWS = [
     {"factor_graph"},
     {"settings"},
     {"stages", "configurations"},
-    {"pipeline", "live"},
+    {"pipeline", "live", "report"},
     {"benchmark", "tune"},
     {"cli"},
 ]
@@ -43,6 +43,8 @@ FENCED = {
     "ai_edge_litert": {"detect"},
     "onnxruntime": {"detect"},
     "vqf": {"sensors"},
+    "jinja2": {"report"},
+    "markupsafe": {"report"},
     "tyro": {"cli"},
     "rich": {"cli"},
     "optuna": {"tune"},

@@ -10,13 +10,13 @@ from vip_factors.sensors.placement import place
 from vip_factors.viz.drawn_body import Eye, draw_arrow, draw_axes, draw_body, standing
 from vip_factors.viz.svg import FAINT, INK, MUTED, RULE, Point, Svg
 
-WIDTH, HEIGHT = 1400.0, 720.0
-EYE = Eye(np.deg2rad(38.0), np.deg2rad(20.0), (610.0, 630.0), 340.0)
+WIDTH, HEIGHT = 960.0, 620.0
+EYE = Eye(np.deg2rad(38.0), np.deg2rad(20.0), (400.0, 545.0), 280.0)
 GAMMA = "\N{GREEK SMALL LETTER GAMMA}"
 AXIS_M, HEADING = 0.32, np.deg2rad(40.0)
-WORLD = np.array([0.0, -1.25, 0.0])
-INERTIAL = np.array([0.0, 0.95, 1.30])
-CAMERA = np.array([-0.8, 1.55, 0.75])
+WORLD = np.array([0.2, -1.0, 0.0])
+INERTIAL = np.array([0.0, 0.95, 1.35])
+CAMERA = np.array([-0.7, 1.2, 0.6])
 R_WORLD_CAMERA = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # looks along −x before it is turned
 
 
@@ -27,17 +27,17 @@ def frames_picture() -> str:
     skeleton, state = standing("n-pose")
     draw_body(svg, skeleton, state, EYE, paler=0.6)
     draw_axes(svg, EYE, WORLD, np.eye(3), AXIS_M)
-    _label(svg, EYE.at(WORLD), (16, 46), "world", "z up, floor at z = 0", "middle")
+    _label(svg, EYE.at(WORLD), (6, 46), "world", "z up, floor at z = 0", "middle")
 
     thigh = joint_index("left_hip")
     draw_axes(svg, EYE, state.p_world_joint[0, thigh], state.R_world_bone[0, thigh], 0.26)
     told = "R_world_bone: x left, y up, z forward"
-    _label(svg, EYE.at(state.p_world_joint[0, thigh]), (-150, -16), "bone left_hip", told, "end")
+    _label(svg, EYE.at(state.p_world_joint[0, thigh]), (-92, -16), "bone left_hip", told, "end")
     site = place("left_shank_side", skeleton)
     R_world_bone = state.R_world_bone[0, site.bone_index]
     p_world_sensor = state.p_world_joint[0, site.bone_index] + R_world_bone @ site.p_bone_sensor
     draw_axes(svg, EYE, p_world_sensor, R_world_bone @ site.R_bone_sensor, 0.2)
-    _label(svg, EYE.at(p_world_sensor), (70, 66), "sensor", "R_bone_sensor: how it is strapped on (mounting)", "start")
+    _label(svg, EYE.at(p_world_sensor), (56, 62), "sensor", "R_bone_sensor: its mounting", "start")
 
     _inertial(svg)
     _camera(svg)
@@ -64,7 +64,7 @@ def _inertial(svg: Svg) -> None:
     svg.text((x, y + 10), GAMMA, 15, INK, "middle", bold=True, halo=True)
     draw_axes(svg, EYE, INERTIAL, rotation_z(HEADING), AXIS_M)
     told = f"R_world_inertial = Rz({GAMMA}), {GAMMA} its heading"
-    _label(svg, EYE.at(INERTIAL), (-10, -148), "inertial frame of the sensor", told, "middle")
+    _label(svg, EYE.at(INERTIAL), (-10, -130), "inertial frame of the sensor", told, "middle")
 
 
 def _camera(svg: Svg) -> None:
@@ -74,10 +74,10 @@ def _camera(svg: Svg) -> None:
     for corner in corners:
         svg.line(EYE.at(CAMERA), EYE.at(corner), MUTED, 1.2)
     draw_axes(svg, EYE, CAMERA, R, AXIS_M)
-    _label(svg, EYE.at(CAMERA), (-10, 150), "camera", "T_world_camera: x right, y down, z into the picture", "middle")
+    _label(svg, EYE.at(CAMERA), (-10, 126), "camera", "T_world_camera: z into the picture", "middle")
 
 
 def _label(svg: Svg, at: Point, beside: Point, name: str, told: str, anchor: str) -> None:
     x, y = np.add(at, beside)
-    svg.text((x, y), name, 16, INK, anchor, bold=True, halo=True)
-    svg.text((x, y + 18), told, 13, MUTED, anchor, halo=True)
+    svg.text((x, y), name, 15, INK, anchor, bold=True, halo=True)
+    svg.text((x, y + 17), told, 13, MUTED, anchor, halo=True)

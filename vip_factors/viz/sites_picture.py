@@ -8,12 +8,14 @@ from vip_factors.sensors.placement import place, site_axes
 from vip_factors.viz.drawn_body import Eye, draw_axes, draw_body, standing
 from vip_factors.viz.svg import INK, MUTED, RULE, Svg
 
-WIDTH, HEIGHT = 1600.0, 960.0
-TOP, MIDDLE = 110.0, 800.0  # of the panels; where they meet
+WIDTH, HEIGHT = 860.0, 1470.0
+MARGIN = 30.0
+TOPS = (116.0, 960.0)  # of the panels, one above the other
 PLATE_M = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * np.array([0.024, 0.016, 0.0])
-FRONT = Eye(np.deg2rad(30.0), np.deg2rad(16.0), (395.0, 900.0), 405.0)
-BACK = Eye(np.deg2rad(180.0 - 30.0), np.deg2rad(16.0), (1190.0, 640.0), 455.0, (0.0, 0.0, 1.0))
+FRONT = Eye(np.deg2rad(30.0), np.deg2rad(16.0), (430.0, 890.0), 415.0)
+BACK = Eye(np.deg2rad(180.0 - 30.0), np.deg2rad(16.0), (425.0, 1375.0), 480.0, (0.0, 0.0, 1.0))
 ARROW_PX = 54.0
+LEADER_PX = 125.0  # a name further off than this has a line to its sensor
 # Each site, and where its name is written: pixels right of and below the sensor, and what of it stands there.
 SEEN_FROM_THE_FRONT = {
     "sternum": (-110, 40, "end"), "belly": (-110, 30, "end"), "left_forearm": (0, 74, "middle"),
@@ -22,8 +24,8 @@ SEEN_FROM_THE_FRONT = {
     "right_shank": (-84, -2, "end"), "right_foot": (-84, -2, "end"),
 }  # fmt: skip
 SEEN_FROM_THE_BACK = {
-    "head": (60, -20, "start"), "upper_back": (-120, 64, "end"), "left_shoulder": (-70, -84, "end"),
-    "right_shoulder": (40, -84, "start"), "left_upper_arm": (-84, -62, "end"), "right_upper_arm": (50, 76, "start"),
+    "head": (60, -20, "start"), "upper_back": (-110, 94, "end"), "left_shoulder": (-70, -84, "end"),
+    "right_shoulder": (40, -84, "start"), "left_upper_arm": (-80, 64, "end"), "right_upper_arm": (50, 76, "start"),
     "lower_back": (110, 0, "start"), "pelvis": (110, 20, "start"),
 }  # fmt: skip
 
@@ -35,16 +37,16 @@ def sites_picture(stature_m: float = 1.75) -> str:
     other way (the axes stay right-handed).
     """
     svg = Svg(WIDTH, HEIGHT)
-    svg.text((36, 46), "Where sensors sit, and how their axes are taken to lie", 22, INK, bold=True)
+    svg.text((MARGIN, 46), "Where sensors sit, and how their axes are taken to lie", 22, INK, bold=True)
     told = "T-pose, palms down. z points out of the skin. Orange is the wearer's left, blue the right."
-    svg.text((36, 74), told, 14, MUTED)
-    svg.line((MIDDLE, TOP), (MIDDLE, HEIGHT - 30), RULE)
+    svg.text((MARGIN, 74), told, 14, MUTED)
     skeleton, state = standing("t-pose", stature_m)
-    for title, x, eye, names in (
-        ("From the front left", 36.0, FRONT, SEEN_FROM_THE_FRONT),
-        ("From the back left", MIDDLE + 36, BACK, SEEN_FROM_THE_BACK),
+    for title, top, eye, names in (
+        ("From the front left", TOPS[0], FRONT, SEEN_FROM_THE_FRONT),
+        ("From the back left", TOPS[1], BACK, SEEN_FROM_THE_BACK),
     ):
-        svg.text((x, TOP + 14), title, 15, INK, bold=True)
+        svg.line((MARGIN, top - 12), (WIDTH - MARGIN, top - 12), RULE)
+        svg.text((MARGIN, top + 14), title, 15, INK, bold=True)
         draw_body(svg, skeleton, state, eye, paler=0.55)
         for name, beside in names.items():
             _draw_site(svg, eye, name, beside, skeleton, state)
@@ -63,5 +65,7 @@ def _draw_site(
     draw_axes(svg, eye, p_world_sensor, R_world_sensor, ARROW_PX / eye.scale)
     right, down, anchor = beside
     x, y = np.add(eye.at(p_world_sensor), (right, down))
-    svg.text((x, y), name, 14, INK, anchor, bold=True, halo=True)
-    svg.text((x, y + 16), site_axes(name).split("; ")[1], 11.5, MUTED, anchor, halo=True)
+    if np.hypot(right, down) > LEADER_PX:
+        svg.line((x + 6, y - 6), eye.at(p_world_sensor), MUTED)
+    svg.text((x, y), name, 15, INK, anchor, bold=True, halo=True)
+    svg.text((x, y + 17), site_axes(name).split("; ")[1], 13, MUTED, anchor, halo=True)

@@ -14,6 +14,8 @@ from vip_factors.assembly.wearer_priors import PRIORS
 from vip_factors.assembly.wearer_terms import WEARER_TERMS
 from vip_factors.cli.convert import ConvertOptions
 from vip_factors.cli.options import parse
+from vip_factors.io.convert import FORMATS as LOG_FORMATS
+from vip_factors.io.export.files import FORMATS as EXPORT_FORMATS
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -74,6 +76,30 @@ def test_conversions_are_understood(page: Path) -> None:
         assert (options.out is None) == (options.template is not None)
 
 
+READ = {
+    "xsens_txt": "Xsens MTw / MT Manager", "xsens_dot": "Xsens (Movella) DOT", "mvnx": "Xsens MVN", "apdm": "APDM Opal",
+    "opensense_sto": "OpenSense, OpenSim", "opensim_export": "OpenSense, OpenSim", "table": "tables of any make",
+    "ros2": "ROS 2", "qmt_mat": "qmt", "totalcapture": "TotalCapture, DIP-IMU", "dip_imu": "TotalCapture, DIP-IMU",
+}  # fmt: skip
+
+
+def rows(name: str) -> dict[str, str]:
+    """Second by first cell of the table between the markers ``name``."""
+    text = (DOCS / "formats.md").read_text(encoding="utf-8")
+    table = text.partition(f"<!-- {name}: begin -->")[2].partition(f"<!-- {name}: end -->")[0]
+    cells = [line.strip("| ").split(" | ") for line in table.strip().splitlines()[2:]]
+    return {first: second for first, second in cells}
+
+
+def test_every_format_that_is_read_is_in_the_table() -> None:
+    assert set(READ) == set(LOG_FORMATS) - {"recording"}
+    assert set(READ.values()) <= set(rows("formats"))
+
+
+def test_every_format_that_is_written_is_in_the_table() -> None:
+    assert {f"`{suffix}`" for suffix in EXPORT_FORMATS} <= set(rows("written"))
+
+
 @pytest.mark.slow
 def test_site_is_built_without_a_warning(tmp_path: Path) -> None:
     pytest.importorskip("mkdocs", reason="needs the extra docs")
@@ -82,3 +108,8 @@ def test_site_is_built_without_a_warning(tmp_path: Path) -> None:
     assert built.returncode == 0, built.stderr
     page = (tmp_path / "factors.html").read_text(encoding="utf-8")
     assert page.count("<math") > 25
+    for html in tmp_path.rglob("*.html"):
+        fetched = re.findall(
+            r"""<(?:script|link|img|iframe)[^>]+(?:src|href)=["']?https?://[^"' >]+""", html.read_text("utf-8")
+        )
+        assert not fetched, f"{html.name}: comes from the network: {fetched}"

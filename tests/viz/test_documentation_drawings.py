@@ -3,10 +3,12 @@
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from vip_factors.sensors.placement import SITES, place, site_axes
+from vip_factors.viz.checkerboard import checkerboard
 from vip_factors.viz.documentation import DRAWINGS
 from vip_factors.viz.drawn_body import Eye, standing
 from vip_factors.viz.sites_picture import sites_picture
@@ -42,6 +44,19 @@ def test_somebody_stands_on_the_floor_and_faces_x() -> None:
 def test_the_wearers_left_is_on_the_right_of_a_front_view() -> None:
     eye = Eye(0.0, 0.0, (0.0, 0.0), 100.0)
     assert eye.at(np.array([0.0, 1.0, 2.0])) == pytest.approx((100.0, -200.0))
+
+
+def test_the_checkerboard_has_the_corners_that_its_caption_tells() -> None:
+    image = np.full((210, 297), 255, np.uint8)
+    for one in ET.fromstring(checkerboard()).iter("{http://www.w3.org/2000/svg}rect"):
+        if one.get("fill") == "#000000":
+            x, y, width, height = (float(one.get(key, "")) for key in ("x", "y", "width", "height"))
+            assert width == height == 25
+            image[round(y) : round(y + height), round(x) : round(x + width)] = 0
+    found, corners = cv2.findChessboardCorners(cv2.resize(image, None, fx=3, fy=3), (9, 6))
+    assert found
+    assert len(corners) == 54
+    assert any("--checkerboard 9x6 --square-m 0.025" in one for one in texts(checkerboard()))
 
 
 @pytest.mark.parametrize("name", DRAWINGS)

@@ -3,12 +3,18 @@
 import sys
 from pathlib import Path
 
+from vip_factors.viz.checkerboard import checkerboard
 from vip_factors.viz.frames_picture import frames_picture
 from vip_factors.viz.new_file import new_file
 from vip_factors.viz.poses_picture import poses_picture
 from vip_factors.viz.sites_picture import sites_picture
 
-DRAWINGS = {"frames.svg": frames_picture, "poses.svg": poses_picture, "sites.svg": sites_picture}
+DRAWINGS = {
+    "checkerboard.svg": checkerboard,
+    "frames.svg": frames_picture,
+    "poses.svg": poses_picture,
+    "sites.svg": sites_picture,
+}
 
 
 def main(folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""The notebooks run from top to bottom, and so does the Python of the README."""
+"""The notebooks run from top to bottom, and so does the Python of the documentation."""
 
 import json
 import re
@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+PAGES = ("docs/api.md", "docs/graph.md", "docs/live.md")
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
 
@@ -30,8 +31,9 @@ def test_notebook_is_kept_without_outputs(notebook: Path) -> None:
         assert not cell.get("outputs"), f"{notebook.name}: clear the outputs before committing"
 
 
-def test_python_of_the_readme_runs() -> None:
-    blocks = re.findall(r"^```python\n(.*?)^```$", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE | re.DOTALL)
+@pytest.mark.parametrize("page", PAGES)
+def test_python_of_the_documentation_runs(page: str) -> None:
+    blocks = re.findall(r"^```python\n(.*?)^```$", (ROOT / page).read_text("utf-8"), re.MULTILINE | re.DOTALL)
     assert blocks
     for number, source in enumerate(blocks):
-        exec(compile(source, f"README.md, Python block {number}", "exec"), {"__name__": "__main__"})
+        exec(compile(source, f"{page}, Python block {number}", "exec"), {"__name__": "__main__"})

@@ -16,6 +16,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 CI = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
 DOCUMENTS = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
+REPOSITORY = PROJECT["project"]["urls"]["Source"]
+RAW = REPOSITORY.replace("github.com", "raw.githubusercontent.com")
 
 
 def readme_block(name: str) -> list[str]:
@@ -57,9 +59,10 @@ def test_console_script_resolves() -> None:
     assert callable(getattr(importlib.import_module(module), attribute))
 
 
-def test_readme_names_every_command() -> None:
+def test_documentation_names_every_command() -> None:
     commands = importlib.import_module("vip_factors.cli.main").COMMANDS
-    assert set(re.findall(r"^\| `vip-factors ([\w-]+)` \|", README, flags=re.MULTILINE)) == set(commands)
+    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^\| `vip-factors ([\w-]+)` \|", page, flags=re.MULTILINE)) == set(commands)
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
@@ -68,6 +71,22 @@ def test_links_to_files_lead_somewhere(document: str) -> None:
     for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", text):
         if not target.startswith(("http://", "https://")):
             assert (ROOT / target).exists(), f"{document} links to {target}, which does not exist"
+
+
+def test_readme_reads_well_on_a_package_index() -> None:
+    targets = re.findall(r"\]\(([^)]+)\)", README)
+    assert len(targets) > 10
+    for target in targets:
+        assert target.startswith("https://"), f"README.md: {target}: a package index shows no relative links"
+        inside = re.fullmatch(rf"(?:{REPOSITORY}/(?:blob|tree)|{RAW})/main/([^#]+)(?:#.*)?", target)
+        assert inside is None or (ROOT / inside[1]).exists(), f"README.md links to {target}, which does not exist"
+    assert len(README.splitlines()) < 110, "README.md: one screen of what it is, one of how"
+
+
+def test_citation_is_of_this_version() -> None:
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {vip_factors.__version__}\n" in text
+    assert REPOSITORY in text
 
 
 def test_changelog_has_its_standing_sections() -> None:

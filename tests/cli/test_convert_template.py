@@ -151,3 +151,12 @@ def test_sites_are_explained(run) -> None:
     assert all(site in told.out for site in SITES)
     assert run("info").code == 2
     assert "either a FILE or --sites" in run("info", "a.mcap", "--sites").err
+
+
+def test_sites_are_drawn(run, tmp_path) -> None:
+    picture = tmp_path / "sites.svg"
+    assert run("info", "--sites", "--picture", str(picture)).code == 0
+    assert "left_shank_side" in picture.read_text(encoding="utf-8")
+    assert "exists" in run("info", "--sites", "--picture", str(picture)).err
+    assert "ends in .svg" in run("info", "--sites", "--picture", str(tmp_path / "sites.png")).err
+    assert "give --sites" in run("info", "--picture", str(picture)).err

@@ -22,21 +22,26 @@ class InfoOptions:
     """Recording or estimate (.mcap), or motion (.bvh …)."""
     sites: Flag = False
     """Instead of a file, say where on the body sensors may be placed by name, and how their axes are taken to lie."""
+    picture: Path | None = None
+    """With --sites, also draw them on a body, into this file (.svg)."""
+    overwrite: Flag = False
+    """Replace a picture that exists."""
 
 
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(InfoOptions, prog, arguments)
-    from vip_factors.cli.files import open_one
-    from vip_factors.cli.info_places import sites_text
-    from vip_factors.cli.info_recording import estimate_text, motion_text, recording_text
-    from vip_factors.cli.info_scene import scene_estimate_text, scene_text
-
+    if options.picture is not None and not options.sites:
+        raise InputError("--picture draws the sites: give --sites too")
     if options.sites and options.file is None:
-        print(sites_text())
+        _sites(options)
         return
     if options.file is None or options.sites:
         raise InputError("info takes either a FILE or --sites")
+    from vip_factors.cli.files import open_one
+    from vip_factors.cli.info_recording import estimate_text, motion_text, recording_text
+    from vip_factors.cli.info_scene import scene_estimate_text, scene_text
+
     opened = open_one(options.file)
     parts = []
     if opened.recording is not None:
@@ -50,3 +55,19 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     if opened.motion is not None:
         parts.append(f"motion '{opened.motion.name}'\n" + motion_text(opened.motion))
     print("\n\n".join(parts))
+
+
+def _sites(options: InfoOptions) -> None:
+    from vip_factors.cli.info_places import sites_text
+
+    if options.picture is not None:
+        from vip_factors.io.atomic import atomic_open
+        from vip_factors.viz.sites_picture import sites_picture
+
+        if options.picture.suffix.lower() != ".svg":
+            raise InputError(f"{options.picture}: expected a name that ends in .svg; give --picture another one")
+        with atomic_open(options.picture, overwrite=options.overwrite) as file:
+            file.write(sites_picture())
+    print(sites_text())
+    if options.picture is not None:
+        print(options.picture)

@@ -52,6 +52,13 @@ class Svg:
             f'stroke-width="{width:g}"/>'
         )
 
+    def polygon(self, points: Sequence[Point], fill: str, stroke: str = "none", width: float = 1.0) -> None:
+        """A closed shape."""
+        self.elements.append(
+            f'<polygon points="{" ".join(_at(one) for one in points)}" fill="{fill}" stroke="{stroke}" '
+            f'stroke-width="{width:g}" stroke-linejoin="round"/>'
+        )
+
     def box(
         self, corner: Point, size: tuple[float, float], fill: str, stroke: str = "none", radius: float = 10.0
     ) -> None:

@@ -1,0 +1,64 @@
+"""The drawings of the documentation show what the package takes for true."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vip_factors.sensors.placement import SITES, place, site_axes
+from vip_factors.viz.checkerboard import checkerboard
+from vip_factors.viz.documentation import DRAWINGS
+from vip_factors.viz.drawn_body import Eye, standing
+from vip_factors.viz.sites_picture import sites_picture
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def texts(svg: str) -> list[str]:
+    return [one.text or "" for one in ET.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")]
+
+
+def test_every_site_is_drawn_on_one_side_at_least() -> None:
+    drawn = set(texts(sites_picture()))
+    for name in SITES:
+        mirrored = name.replace("left_", "right_") if name.startswith("left_") else name.replace("right_", "left_")
+        assert drawn & {name, mirrored}, f"{name} is not in the picture"
+
+
+def test_axes_are_written_as_the_command_tells_them() -> None:
+    drawn = texts(sites_picture())
+    at = drawn.index("left_forearm")
+    assert site_axes("left_forearm").split("; ")[1] in drawn[at : at + 4]
+
+
+def test_somebody_stands_on_the_floor_and_faces_x() -> None:
+    skeleton, state = standing("t-pose")
+    heel = skeleton.landmarks["left_heel"]
+    assert state.point(heel.bone, heel.p_bone_point)[0, 2] == pytest.approx(0.0, abs=1e-9)
+    site = place("sternum", skeleton)  # its z axis points out of the chest
+    assert (state.R_world_bone[0, site.bone_index] @ site.R_bone_sensor)[:, 2] == pytest.approx([1.0, 0.0, 0.0])
+
+
+def test_the_wearers_left_is_on_the_right_of_a_front_view() -> None:
+    eye = Eye(0.0, 0.0, (0.0, 0.0), 100.0)
+    assert eye.at(np.array([0.0, 1.0, 2.0])) == pytest.approx((100.0, -200.0))
+
+
+def test_the_checkerboard_has_the_corners_that_its_caption_tells() -> None:
+    image = np.full((210, 297), 255, np.uint8)
+    for one in ET.fromstring(checkerboard()).iter("{http://www.w3.org/2000/svg}rect"):
+        if one.get("fill") == "#000000":
+            x, y, width, height = (float(one.get(key, "")) for key in ("x", "y", "width", "height"))
+            assert width == height == 25
+            image[round(y) : round(y + height), round(x) : round(x + width)] = 0
+    found, corners = cv2.findChessboardCorners(cv2.resize(image, None, fx=3, fy=3), (9, 6))
+    assert found
+    assert len(corners) == 54
+    assert any("--checkerboard 9x6 --square-m 0.025" in one for one in texts(checkerboard()))
+
+
+@pytest.mark.parametrize("name", DRAWINGS)
+def test_drawings_of_the_documentation_are_there(name: str) -> None:
+    assert set(texts((DOCS / name).read_text(encoding="utf-8"))) == set(texts(DRAWINGS[name]()))

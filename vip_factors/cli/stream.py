@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from vip_factors.io.live.source import LiveSource
     from vip_factors.io.live_mcap import LiveMcapSink
     from vip_factors.io.live_vmc import LiveVmcSink
+    from vip_factors.live.settings import LiveSettings
     from vip_factors.sensors.live import LiveSetup
     from vip_factors.viz.live_rerun import LiveRerunSink
 
@@ -111,8 +112,8 @@ def _check(options: StreamOptions, settings: "LiveSettings") -> None:
         from vip_factors.io.live_vmc import check_vmc
 
         check_vmc(options.vmc)
-    if not 0 < options.tree.lag_s < float("inf"):
-        raise InputError(f"a lag of {options.tree.lag_s:g} s: expected a positive number of seconds, such as 0.25")
+    if not 0 < settings.lag_s < float("inf"):
+        raise InputError(f"a lag of {settings.lag_s:g} s: expected a positive number of seconds, such as 0.25")
 
 
 def _run(
@@ -134,9 +135,9 @@ def _run(
         line.show("waiting for the stream to begin")
         setup = interrupts.waiting_for(lambda: source.setup)
         played = Path(options.source).is_file() and not options.real_time  # as fast as it can be tracked
-        tracker = FixedLagTracker(setup, options.tree, real_time=not played or options.follow)
-        file = _file(options, setup, stack)
-        viewers = _viewers(options, setup, stack)
+        tracker = FixedLagTracker(setup, settings, real_time=not played or options.follow)
+        file = _file(options, settings, setup, stack)
+        viewers = _viewers(options, settings, setup, stack)
         avatars = _avatars(options, setup, stack, line)
         json = [LiveJsonSink(sys.stdout)] if options.json else []
         session = Session(tracker, [*json, *([file] if file is not None else []), *avatars], viewers, line)
@@ -200,7 +201,9 @@ def _avatars(options: StreamOptions, setup: "LiveSetup", stack: ExitStack, line:
     return [sink]
 
 
-def _conclude(options: StreamOptions, session: "Session", told: Sequence[str], interrupted: bool) -> None:
+def _conclude(
+    options: StreamOptions, settings: "LiveSettings", session: "Session", told: Sequence[str], interrupted: bool
+) -> None:
     """The summary; beside lines of JSON on stderr, where it is no part of them."""
     from vip_factors.cli.stream_session import summary
 

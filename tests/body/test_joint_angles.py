@@ -1,5 +1,7 @@
 """Joint angles: zero in anatomical posture, of the right sign when a joint is bent on purpose, and invertible."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -198,3 +200,9 @@ def test_limbs_are_straight_where_their_joint_centres_are_in_line() -> None:
     assert found.of("left_elbow_flexion")[0] == pytest.approx(np.degrees(0.4))
     assert found.of("left_elbow_pronation")[0] == pytest.approx(90)
     assert found.of("right_elbow_flexion")[0] == pytest.approx(0, abs=1e-9)
+
+
+def test_the_page_on_exports_explains_every_angle() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "export-biomechanics.md").read_text(encoding="utf-8")
+    for one in ANGLE_DEFINITIONS:
+        assert f"`{one.name.removeprefix('left_').removeprefix('right_')}`" in page

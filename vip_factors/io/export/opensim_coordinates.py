@@ -2,8 +2,7 @@
 
 Rajagopal, Dembia, DeMers, Delp, Hicks, Delp (2016), "Full-body musculoskeletal model for muscle-driven simulation of
 human gait", IEEE Trans. Biomed. Eng. 63. Its bodies have x forward, y up, z to the right, and stand, with all
-coordinates zero, in the posture of :mod:`~vip_factors.body.anatomical_frames`. Models derived from it share the
-coordinates; where they do not (the pelvis of LaiUhlrich2022 is turned in another order), the angles do not fit.
+coordinates zero, in the posture of :mod:`~vip_factors.body.anatomical_frames`.
 
 Pelvis, hips, lumbar joint and shoulders turn about three axes and hold what the estimate has. The other joints have
 fewer axes: ankle with subtalar, toes, and elbow with forearm get the coordinates whose rotation is nearest, knees their

@@ -77,7 +77,7 @@ class ConvertOptions:
     keypoints: str | None = None
     """Their keypoints: coco17, openpose18, body25, body25b, halpe26, blazepose33; told by their number if absent."""
     video_rate: float | None = None
-    """Frames per second of the video, if the video itself is not given."""
+    """Frames per second of the video, if neither the video is given nor the 2D poses tell times."""
     first_frame: int | None = None
     """Number of the video's first frame among the 2D poses; the format's usual one if absent."""
     camera: Path | None = None

@@ -137,7 +137,7 @@ def steps(options: RunOptions, folder: Path) -> Iterator[Step]:
     if options.video is not None and options.time_offset_s is None:
         synced = folder / "synced.mcap"
         hint = "if you know the offset, give it as --time-offset-s"
-        yield Step("sync", "sync", (str(recording), "--out", str(synced)), (recording,), (synced,), hint)
+        yield Step("sync", "sync", (str(recording), "--out", str(synced)), (recording,), (synced,), hint, True)
         recording = synced
     yield from _results(options, recording, folder)
 
@@ -146,7 +146,7 @@ def _results(options: RunOptions, recording: Path, folder: Path) -> Iterator[Ste
     """What is made of a recording."""
     estimate, page = folder / "estimate.mcap", folder / "report.html"
     words = (str(recording), "--out", str(estimate), *_words(options.smooth_options))
-    yield Step("smooth", "smooth", words, (recording,), (estimate,))
+    yield Step("smooth", "smooth", words, (recording,), (estimate,), tells=True)
     if options.report:
         words = (str(estimate), "--recording", str(recording), "--out", str(page))
         yield Step("report", "report", words, (estimate, recording), (page,))
@@ -158,7 +158,7 @@ def _detect(options: RunOptions, video: Path, folder: Path) -> Step:
     poses, drawn = folder / "poses.json", folder / "poses.mp4"
     overlay = ("--overlay", str(drawn)) if options.overlay else ()
     words = (str(video), "--out", str(poses), *overlay, *_words(options.detect_options))
-    return Step("detect", "detect", words, (video,), (poses, drawn) if options.overlay else (poses,))
+    return Step("detect", "detect", words, (video,), (poses, drawn) if options.overlay else (poses,), tells=True)
 
 
 def _wearer(log: Path, placement: str | None) -> tuple[Words, tuple[Path, ...]]:
@@ -202,8 +202,8 @@ def guess_camera(video: Path, field_of_view_deg: float, path: Path) -> None:
     model = CameraModel(width, height, (focal, focal), (width / 2, height / 2))
     note(
         f"note: no --camera is given: a field of view of {field_of_view_deg:g} degrees along the longer side is taken "
-        f"(a focal length of {focal:g} px), without distortion; where the true length is a tenth more or less, so are "
-        "distances from the camera; vip-factors calibrate-camera measures it"
+        f"(a focal length of {focal:g} px), without distortion: postures hardly suffer, but where the true length is a "
+        "tenth more or less, so are distances from the camera; vip-factors calibrate-camera measures it"
     )
     if not path.is_file() or read_camera_file(path) != model:
         how = {"how": f"guessed: a field of view of {field_of_view_deg:g} degrees along the longer side"}

@@ -28,6 +28,7 @@ class Step:
         inputs: files and folders that it reads; a change of one makes it run again.
         outputs: files that it writes; those that it prints, if none are named.
         hint: what a user can do who is told that it failed.
+        tells: whether all that it prints is shown, not its notes alone.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Step:
     inputs: tuple[Path, ...]
     outputs: tuple[Path, ...]
     hint: str = ""
+    tells: bool = False
 
     @property
     def line(self) -> str:
@@ -46,7 +48,7 @@ class Step:
 def take(step: Step, folder: Path, overwrite: bool = False, main: Main | None = None) -> bool:
     """Run a step unless its outputs are there, made by the same words from the same inputs; say in a line which.
 
-    What the command prints is kept with the words in a file of ``folder``, of which notes are shown.
+    What the command prints is kept with the words in a file of ``folder``, of which notes are shown, or all of it.
 
     Args:
         step: to take.
@@ -96,7 +98,7 @@ def _run(step: Step, overwrite: bool, main: Main | None) -> list[str]:
 def _tell(step: Step, record: dict[str, Any], when: str) -> None:
     print(f"{step.name:<16} {when:>9}  {'  '.join(record['outputs'])}", flush=True)
     for line in record["told"]:
-        if line.startswith("note:"):
+        if line.startswith("note:") or (step.tells and line not in record["outputs"]):
             print(f"  {line}", flush=True)
 
 

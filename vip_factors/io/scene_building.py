@@ -206,10 +206,6 @@ def _camera(scene: Scene, options: CameraOptions) -> Camera:
     """A camera with its detections, without a sensor."""
     facts = video_facts(options.video) if options.video is not None else None
     rate = facts.rate if facts is not None else options.rate
-    if rate is None:
-        raise InputError(
-            f"{options.detections}: 2D poses come without times: give the video's rate in Hz, or the video itself"
-        )
     detections = read_detections(options.detections, rate, options.keypoints, None, options.first_frame)
     model = read_camera_file(options.camera)
     video = Video(options.video) if options.video is not None else None

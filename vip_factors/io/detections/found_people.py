@@ -29,6 +29,7 @@ class FoundPeople:
         rows: each person's keypoints, flat ``(3 J,)``: x, y, confidence.
         where: of each person, as a complaint names it.
         names: the keypoints' names in order, if the file tells them.
+        time: seconds of each listed frame by its number, if the file tells them.
     """
 
     format: str
@@ -39,6 +40,7 @@ class FoundPeople:
     rows: list[Array] = field(default_factory=list)
     where: list[str] = field(default_factory=list)
     names: tuple[str, ...] = ()
+    time: dict[int, float] = field(default_factory=dict)
 
     def add(self, number: int, row: Array, where: str) -> None:
         """One person of one frame."""

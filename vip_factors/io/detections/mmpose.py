@@ -12,6 +12,7 @@ from vip_factors.errors import FileFormatError
 from vip_factors.io.detections.found_people import FoundPeople, entry_of, frame_number, list_of, load_json, number_row
 
 FORMAT = "mmpose"
+TIME = "time_s"  # of a frame; our own detector writes it
 
 
 def matches(path: Path) -> bool:
@@ -39,6 +40,8 @@ def read(path: Path) -> FoundPeople:
         entry = entry_of(frame, where, ["frame_id", "instances"])
         number = frame_number(entry["frame_id"], where)
         found.listed.append(number)
+        if TIME in entry:
+            found.time[number] = _seconds(entry[TIME], where)
         for one, instance in enumerate(list_of(entry["instances"], where, "instances")):
             _add(found, number, instance, f"{where}, instance {one}")
     found.listed = sorted(set(found.listed))
@@ -54,6 +57,12 @@ def _add(found: FoundPeople, number: int, instance: Any, where: str) -> None:
             f"{where}: keypoints {points.shape} and scores {scores.shape}: expected (J, 2) and (J,), in pixels"
         )
     found.add(number, np.column_stack([points, scores]).ravel(), where)
+
+
+def _seconds(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise FileFormatError(f"{where}: {TIME} is {value!r}: expected seconds")
+    return float(value)
 
 
 def _names(meta: Any) -> tuple[str, ...]:

@@ -24,7 +24,7 @@ SPREAD = 0.99  # share of confidences that shall not exceed one
 
 def read_detections(
     path: str | PathLike[str],
-    rate: float,
+    rate: float | None,
     keypoints: str | None = None,
     frames: int | None = None,
     first_frame: int | None = None,
@@ -37,17 +37,18 @@ def read_detections(
 
     Args:
         path: of OpenPose's folder, or AlphaPose's, MMPose's or COCO's file.
-        rate: video frames per second.
+        rate: video frames per second; None for the times that the file itself tells, as ours do.
         keypoints: name of the keypoint set; by the number of keypoints if None.
         frames: number of frames of the video; up to the last one with people (or listed) if None.
         first_frame: number that the video's first frame has in the file; the format's usual one if None.
 
     Raises:
-        InputError: for a missing file, an unknown keypoint set, or a frame before the first.
+        InputError: for a missing file, an unknown keypoint set, a frame before the first, or no rate where the file
+            tells no times.
         FileFormatError: for content that is not as expected: file, entry and what was expected are named.
     """
     path = Path(path)
-    if not rate > 0 or not np.isfinite(rate):
+    if rate is not None and (not rate > 0 or not np.isfinite(rate)):
         raise InputError(f"video rate {rate} Hz: expected a positive number of frames per second")
     found: FoundPeople = _reader(path).read(path)
     first = found.first_number if first_frame is None else first_frame
@@ -65,7 +66,19 @@ def read_detections(
     pixels, confidence = _cleaned(rows[order])
     someone = np.any(confidence > 0, axis=1)
     _check_pixels(path, pixels[someone])
-    return Detections(chosen, np.arange(count) / rate, frame[order][someone], pixels[someone], confidence[someone])
+    time = np.arange(count) / rate if rate is not None else _told_times(found, first, count)
+    return Detections(chosen, time, frame[order][someone], pixels[someone], confidence[someone])
+
+
+def _told_times(found: FoundPeople, first: int, count: int) -> Array:
+    """``(count,)`` seconds of the frames, as the file tells them."""
+    missing = [number for number in range(first, first + count) if number not in found.time]
+    if missing or not count:
+        raise InputError(f"{found.path}: 2D poses come without times: give the video's rate in Hz, or the video itself")
+    time = np.array([found.time[number] for number in range(first, first + count)])
+    if np.any(np.diff(time) <= 0):
+        raise FileFormatError(f"{found.path}: times of the frames do not increase: give the video's rate in Hz")
+    return time
 
 
 def _check_pixels(path: Path, pixels: Array) -> None:

@@ -19,6 +19,7 @@ ROWS = [
     {"settings"},
     {"stages", "configurations"},
     {"pipeline", "live"},
+    {"api"},
     {"benchmark", "tune"},
     {"cli"},
 ]

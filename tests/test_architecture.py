@@ -19,6 +19,7 @@ ROWS = [
     {"settings"},
     {"stages", "configurations"},
     {"pipeline", "live", "report"},
+    {"api"},
     {"benchmark", "tune"},
     {"cli"},
 ]

@@ -52,6 +52,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{PROGRAM} {__version__}")
         return 0
     try:
+        if given[0].partition("=")[0] == "--completion":
+            from vip_factors.cli.completion import completion
+
+            shell = given[1] if len(given) > 1 else given[0].partition("=")[2]
+            print(completion(shell, PROGRAM, COMMANDS), end="")
+            return 0
         with warnings.catch_warnings():
             warnings.showwarning = _tell_warning
             command = _command(given[0])
@@ -106,7 +112,12 @@ def _help() -> str:
     ]
     lines += [f"  {name:<{width}}  {line}" for name, line in COMMANDS.items()]
     return "\n".join(
-        [*lines, "", f"{PROGRAM} COMMAND --help tells a command's options; {PROGRAM} --version the version."]
+        [
+            *lines,
+            "",
+            f"{PROGRAM} COMMAND --help tells a command's options, --help-all all of them; --version the version;",
+            f"{PROGRAM} --completion bash (zsh, fish) a script with which the shell completes commands and options.",
+        ]
     )
 
 

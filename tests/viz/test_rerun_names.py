@@ -1,7 +1,5 @@
 """Joints and keypoints have names and links in Rerun, read back from what was logged."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import rerun as rr
@@ -37,7 +35,7 @@ def test_every_wearer_is_a_class_with_named_and_linked_joints() -> None:
     assert {key: one["info"]["label"] for key, one in classes.items()} == {1: "ann", 2: "bob"}
     assert len(classes[1]["keypoint_annotations"]) == JOINT_COUNT
     assert len(classes[1]["keypoint_connections"]) == JOINT_COUNT - 1
-    assert classes[1]["keypoint_annotations"][4]["info"]["label"] == "left knee"
+    assert classes[1]["keypoint_annotations"][4]["label"] == "left knee"
 
 
 def test_links_of_a_detector_are_of_wearers_and_not_of_nobody() -> None:
@@ -46,7 +44,7 @@ def test_links_of_a_detector_are_of_wearers_and_not_of_nobody() -> None:
     told = stream.logged["image"].context.as_arrow_array().to_pylist()[0]
     nobody, ann = (one["class_description"] for one in told)
     assert (len(nobody["keypoint_annotations"]), len(nobody["keypoint_connections"])) == (18, 0)
-    named = {one["id"]: one["info"]["label"] for one in ann["keypoint_annotations"]}
+    named = {one["id"]: one["label"] for one in ann["keypoint_annotations"]}
     links = {(named[one["keypoint0"]], named[one["keypoint1"]]) for one in ann["keypoint_connections"]}
     assert ("left hip", "left knee") in links
 
@@ -70,12 +68,3 @@ def test_joints_are_logged_frame_by_frame(frames: int) -> None:
     points = next(iter(stream.columns["j"].values())).to_pylist()
     assert [len(one) for one in points] == [JOINT_COUNT] * frames
     np.testing.assert_allclose(points[0], motion.state.p_world_joint[0], atol=1e-6)
-
-
-def test_names_survive_in_a_file(tmp_path: Path) -> None:
-    stream = rr.RecordingStream("test")
-    stream.save(tmp_path / "a.rrd")
-    rerun_names.log_joint_names(stream, "world", ["Åsa"])
-    stream.flush()
-    stream.disconnect()
-    assert "Åsa".encode() in (tmp_path / "a.rrd").read_bytes()

@@ -42,7 +42,7 @@ def drawn(scene: Scene, items: list[LiveEstimate | VideoFrame], rrd: Path, at_on
         view.log(items[start : start + at_once])
     stream.flush()
     stream.disconnect()
-    return set(re.findall(r"/(?:world|plots|findings)[^\s`:,]*", printed(rrd)))
+    return set(re.findall(r"/(?:world|plots|findings|summary|legend)[^\s`:,]*", printed(rrd)))
 
 
 def test_bodies_camera_people_and_curves_are_there(tmp_path: Path) -> None:
@@ -50,9 +50,10 @@ def test_bodies_camera_people_and_curves_are_there(tmp_path: Path) -> None:
     there = drawn(scene, items_of(scene), tmp_path / "a.rrd")
     for entity in (
         "/world/ann/newest/left_knee", "/world/bob/smoothed/left_knee", "/world/camera", "/world/camera/image",
-        "/world/camera/image/detected/ann/points", "/world/camera/image/detected/bob/limbs",
+        "/world/camera/image/detected/ann/points", "/world/ann/newest/joints",
         "/world/camera/image/body/ann/limbs", "/world/ann/newest/head/head", "/plots/heading/ann/head",
-        "/plots/heading_sigma/bob/head", "/plots/pose_sigma/ann", "/plots/update_ms", "/findings",
+        "/plots/heading_sigma/bob/head", "/plots/pose_sigma/ann", "/plots/update_ms", "/findings", "/summary",
+        "/legend/sensors", "/world/centre",
     ):  # fmt: skip
         assert entity in there, entity
     assert any("nobody" in entity for entity in there)  # the stranger

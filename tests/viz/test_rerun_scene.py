@@ -33,7 +33,7 @@ def entities(scene: Scene | None, estimate: SceneEstimate | None, rrd: Path) -> 
     show_scene(scene, estimate, SaveTo(rrd, overwrite=True))
     rerun = Path(sys.executable).with_name("rerun")
     done = subprocess.run([str(rerun), "rrd", "print", str(rrd)], capture_output=True, text=True, check=True)
-    return set(re.findall(r"/(?:world|plots|charts|summary)[^\s`:,]*", done.stdout.replace("\\ ", "_")))
+    return set(re.findall(r"/(?:world|plots|charts|summary|legend)[^\s`:,]*", done.stdout.replace("\\ ", "_")))
 
 
 def test_camera_people_labels_and_curves_are_there(sample: Scene, found: SceneEstimate, tmp_path: Path) -> None:
@@ -42,7 +42,7 @@ def test_camera_people_labels_and_curves_are_there(sample: Scene, found: SceneEs
         "/world/camera", "/world/camera/image", "/world/camera_path", "/world/true_camera/frustum",
         "/world/ann/estimate/left_knee", "/world/bob/truth/left_knee", "/world/bob/estimate/head/name",
         "/world/camera/image/body/ann/limbs", "/world/camera/image/detected/ann/points",
-        "/world/camera/image/detected/bob/limbs", "/plots/reprojection_px/ann", "/plots/joint_error_mm/bob",
+        "/world/ann/estimate/joints", "/legend/sensors", "/plots/reprojection_px/ann", "/plots/joint_error_mm/bob",
         "/plots/camera_error/cm", "/plots/heading/bob/left_foot", "/charts/headings", "/summary",
     ):  # fmt: skip
         assert entity in there, entity

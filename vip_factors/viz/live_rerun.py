@@ -30,7 +30,8 @@ QUEUE_ITEMS = 240  # two seconds of answers and video frames: a viewer that star
 GATHER_S, GATHER_FOR_FILE_S = 0.03, 0.5
 IN_FULL_EVERY = 6  # answers: calibrations and covariances in between are left out, they are most of the bytes
 VIEWER_MEMORY = "25%"  # of the machine's: the tracker works beside it; then the viewer forgets the oldest
-END_S = 20.0  # seconds that the process may take to write what is left
+# Seconds that the process may take to draw what is left; a file that is not finished is lost.
+END_S, END_FOR_FILE_S = 20.0, 180.0
 FILE_ITEMS = 20_000  # that may wait for a process that writes a file: five minutes, which a viewer should never lag
 FLUSH_S = 2.0  # seconds that Rerun may take to hand over the last: a viewer that was closed takes nothing
 ENDED = "the viewer's process has ended; tracking goes on without it"
@@ -74,6 +75,7 @@ class LiveRerunSink:
         self._written = 0
         self._ended = False
         to_file = target is not None and target.save is not None
+        self._end_s = END_FOR_FILE_S if to_file else END_S
         self._queue: Any = context.Queue(queue_items or (FILE_ITEMS if to_file else QUEUE_ITEMS))
         self._told, telling = context.Pipe(duplex=False)
         arguments = (self._queue, telling, setup, target or LiveTarget(), rate)
@@ -109,15 +111,15 @@ class LiveRerunSink:
             return ()
         try:
             if not self._ended:
-                self._queue.put(None, timeout=END_S / 4)
+                self._queue.put(None, timeout=self._end_s / 4)
         except Full:
             pass  # nobody takes anything out: it is ended below
-        self._process.join(END_S if not self._ended else 0.1)
+        self._process.join(self._end_s if not self._ended else 0.1)
         told = tuple(one for one in self.findings() if one != ENDED)  # tracking does not go on either
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
-            told = (*told, f"the viewer's process did not end within {END_S:g} s and was stopped")
+            told = (*told, f"the viewer's process did not end within {self._end_s:g} s and was stopped")
         self._queue.cancel_join_thread()  # what nobody will take out must not hold up the program
         self._queue.close()
         self._queue, self._ended = None, True

@@ -5,23 +5,20 @@ from collections.abc import Mapping
 import numpy as np
 import rerun as rr
 
-from vip_factors.body.body_mesh import BodyMesh, body_mesh
-from vip_factors.body.mannequin import SENSOR_COLOUR, Colour, Side, side_of
+from vip_factors.body.mannequin import SENSOR_COLOUR, Colour, Side
 from vip_factors.body.motion import Motion
-from vip_factors.body.skeleton import JOINT_NAMES, Skeleton
+from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.placement import Placement
+from vip_factors.viz.rerun_skin import log_shape
 
 TIMELINE = "time"
 SENSOR_HALF_SIZE_M = (0.022, 0.016, 0.007)  # a usual body-worn IMU's box: 45 × 32 × 14 mm
 SENSOR_AXIS_M = 0.07  # long enough to see how a sensor is turned
 AXIS_COLOURS = ((224, 60, 60), (70, 170, 80), (60, 100, 220))
 TRAIL_RADIUS_M = 0.006
-GHOST_ALPHA, GLASS_ALPHA = 110, 70  # of 255
-LAPPED = 0.12  # of a triangle's movement: pieces of the skin reach over joints, so that none gapes when it bends
-ALONE = 1.0  # every triangle once: where pieces overlap a see-through body would be darker
 
 
 def time_column(time: Array) -> rr.TimeColumn:
@@ -57,41 +54,6 @@ def log_poses(stream: rr.RecordingStream, entity: str, motion: Motion) -> None:
             indexes=[time],
             columns=rr.Transform3D.columns(translation=positions[:, bone], quaternion=quaternions[:, bone]),
         )
-
-
-def log_shape(
-    stream: rr.RecordingStream, entity: str, skeleton: Skeleton, colours: Mapping[Side, Colour], *, ghost: bool = False
-) -> None:
-    """Log the skin that moves with the bones below ``entity``, for ever: a rigid piece per bone."""
-    mesh = body_mesh(skeleton)
-    tones = np.array([colours[side_of(bone)] for bone in range(len(JOINT_NAMES))], np.uint8)[mesh.bone]
-    for bone, name in enumerate(JOINT_NAMES):
-        used, faces = _piece(mesh, bone, ALONE if ghost else LAPPED)
-        if not len(faces):
-            continue
-        R = mesh.R_bind_bone[bone]
-        shape = rr.Mesh3D(
-            vertex_positions=((mesh.p_bind[used] - mesh.p_bind_bone[bone]) @ R).astype(np.float32),
-            vertex_normals=(mesh.normal[used] @ R).astype(np.float32),
-            vertex_colors=tones[used],
-            triangle_indices=faces,
-            albedo_factor=(255, 255, 255, GHOST_ALPHA if ghost else 255),
-        )
-        stream.log(f"{entity}/{name}", shape, static=True)
-
-
-def _piece(mesh: BodyMesh, bone: int, share: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices ``(V,)`` of the mesh, and triangles ``(F, 3)`` of them, that move with a bone by at least a share."""
-    shares = mesh.weights[mesh.faces].mean(axis=1)
-    chosen = (shares[:, bone] > share) | (np.argmax(shares, axis=1) == bone)
-    used, faces = np.unique(mesh.faces[chosen], return_inverse=True)
-    return used, faces.reshape(-1, 3).astype(np.uint32)
-
-
-def see_through(entity: str) -> dict[str, rr.Mesh3D]:
-    """Overrides for a view in which the body below ``entity`` must not hide what is behind it."""
-    glass = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, GLASS_ALPHA))
-    return {f"{entity}/{name}": glass for name in JOINT_NAMES}
 
 
 def log_rest_body(stream: rr.RecordingStream, entity: str, motion: Motion, colours: Mapping[Side, Colour]) -> None:

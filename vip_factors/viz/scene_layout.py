@@ -7,9 +7,9 @@ import rerun.blueprint as rrb
 
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.viz.layout import LEGEND_SHARE, LEVEL, UPRIGHT, span_axis, world_view
-from vip_factors.viz.rerun_body import see_through
 from vip_factors.viz.rerun_eye import abreast, centre_path, eye, forward_of, spread_of
 from vip_factors.viz.rerun_scene_series import HEADINGS_IMAGE
+from vip_factors.viz.rerun_skin import see_through
 from vip_factors.viz.scene_world import DrawnScene
 from vip_factors.viz.sensor_legend import legend_view
 from vip_factors.viz.set_apart import APART_TITLE

@@ -35,13 +35,13 @@ class InfoOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(InfoOptions, prog, arguments)
-    if options.picture is not None and not options.sites:
-        raise InputError("--picture draws the sites: give --sites too")
     if options.sites and options.file is None:
-        _sites(options)
+        _tell_sites(sites_text(), options)
         return
     if options.file is None or options.sites:
-        raise InputError("info takes either a FILE or --sites")
+        raise InputError("info takes either a FILE or --sites; --picture goes with --sites")
+    if options.picture is not None:
+        raise InputError("--picture draws the sites: give --sites instead of a file")
     opened = open_one(options.file)
     parts = []
     if opened.recording is not None:
@@ -57,7 +57,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     print("\n\n".join(parts))
 
 
-def _sites(options: InfoOptions) -> None:
+def _tell_sites(text: str, options: InfoOptions) -> None:
     if options.picture is not None:
         from vip_factors.io.atomic import atomic_open
         from vip_factors.viz.sites_picture import sites_picture
@@ -66,6 +66,6 @@ def _sites(options: InfoOptions) -> None:
             raise InputError(f"{options.picture}: expected a name that ends in .svg; give --picture another one")
         with atomic_open(options.picture, overwrite=options.overwrite) as file:
             file.write(sites_picture())
-    print(sites_text())
+    print(text)
     if options.picture is not None:
         print(options.picture)

@@ -55,6 +55,7 @@ def test_links_of_a_page_lead_somewhere(page: Path) -> None:
         path, _, anchor = target.partition("#")
         file = (page.parent / path).resolve() if path else page
         assert file.exists(), f"{page.name} links to {target}, which does not exist"
+        assert file.is_relative_to(DOCS), f"{page.name} links to {target}: give what is not in docs/ its whole address"
         assert not anchor or anchor in anchors(file), f"{page.name} links to {target}: no such heading"
 
 

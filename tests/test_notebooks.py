@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = ("docs/api.md", "docs/graph.md", "docs/live.md")
+PAGES = ("docs/reference/index.md", "docs/graph.md", "docs/live.md")
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
 

@@ -159,4 +159,4 @@ def test_sites_are_drawn(run, tmp_path) -> None:
     assert "left_shank_side" in picture.read_text(encoding="utf-8")
     assert "exists" in run("info", "--sites", "--picture", str(picture)).err
     assert "ends in .svg" in run("info", "--sites", "--picture", str(tmp_path / "sites.png")).err
-    assert "give --sites" in run("info", "--picture", str(picture)).err
+    assert "goes with --sites" in run("info", "--picture", str(picture)).err

@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from vip_factors.body.skeleton import JOINT_NAMES
@@ -15,7 +16,8 @@ from vip_factors.viz.graph_description import (
     VariableKind,
 )
 from vip_factors.viz.graph_picture import graph_picture
-from vip_factors.viz.graph_symbols import Symbols
+from vip_factors.viz.graph_places import WIDTH, places_of
+from vip_factors.viz.graph_symbols import RADIUS, Symbols
 from vip_factors.viz.svg import Svg
 
 FRAMES = 50
@@ -142,3 +144,20 @@ def test_new_kinds_are_drawn_like_any_other() -> None:
 def test_more_wearers_are_mentioned() -> None:
     texts = texts_of(graph_picture(replace(described(), wearers=("ann", "bob"))))
     assert any("and 1 more wearer" in text for text in texts)
+
+
+def test_variables_of_today_do_not_lie_on_each_other() -> None:
+    graph = described()
+    mountings = [FrameVariable("mounting", "ann", f"sensor {bone}", bone=bone, shared=True) for bone in BONES]
+    places = [FrameVariable("place of a sensor", "ann", f"sensor {bone}", bone=bone, shared=True) for bone in BONES]
+    single = [
+        FrameVariable(kind, "ann", shared=True) for kind in ("sole", "axes of elbows and knees", *["keypoint"] * 6)
+    ]
+    clocks = [FrameVariable(kind, "camera", shared=True, of_the_body=False) for kind in ("clock offset", "clock drift")]
+    graph = replace(graph, variables=(*graph.variables, *mountings, *places, *single, *clocks))
+    layout = places_of(graph)
+    at = np.array([layout.at[number] for number, one in enumerate(graph.variables) if one.kind != "keypoint"])
+    apart = np.linalg.norm(at[:, None] - at, axis=2) + 1e3 * np.eye(len(at))
+    assert apart.min() > 2 * RADIUS
+    assert np.all((at[:, 0] > RADIUS) & (at[:, 0] < WIDTH - RADIUS))
+    assert len({layout.at[number] for number, one in enumerate(graph.variables) if one.kind == "keypoint"}) == 1

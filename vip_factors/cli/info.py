@@ -31,13 +31,13 @@ class InfoOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(InfoOptions, prog, arguments)
-    if options.picture is not None and not options.sites:
-        raise InputError("--picture draws the sites: give --sites too")
     if options.sites and options.file is None:
-        _sites(options)
+        _tell_sites(options)
         return
     if options.file is None or options.sites:
-        raise InputError("info takes either a FILE or --sites")
+        raise InputError("info takes either a FILE or --sites; --picture goes with --sites")
+    if options.picture is not None:
+        raise InputError("--picture draws the sites: give --sites instead of a file")
     from vip_factors.cli.files import open_one
     from vip_factors.cli.info_recording import estimate_text, motion_text, recording_text
     from vip_factors.cli.info_scene import scene_estimate_text, scene_text
@@ -57,7 +57,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     print("\n\n".join(parts))
 
 
-def _sites(options: InfoOptions) -> None:
+def _tell_sites(options: InfoOptions) -> None:
     from vip_factors.cli.info_places import sites_text
 
     if options.picture is not None:

@@ -82,13 +82,16 @@ class _Chain:
             self.svg.text(self._on((x + 12, PRIOR_Y + 4)), _several(prior), 11, MUTED)
         self.svg.box(self._on((left, SHARED_TOP)), (right - left, SHARED_HEIGHT), SHARED_FILL, FAINT)
         self.svg.text(self._on((left + 18, middle + 4.5)), "shared by all frames", 13, INK, bold=True)
-        for variable, x in zip(self.shared_kinds, self._side_by_side(self.shared_kinds, left + 190, 12), strict=True):
-            self.symbols.variable(variable.kind, self._on((x, middle)))
-            self.svg.text(self._on((x + 15, middle + 4)), _several(variable), 12)
+        size = 12.0
+        while size > 8 and sum(_width(one, size) for one in self.shared_kinds) > right - left - 200:
+            size -= 0.5
+        for variable, x in zip(self.shared_kinds, self._side_by_side(self.shared_kinds, left + 190, size), strict=True):
+            self.symbols.variable(variable.kind, self._on((x, middle)), 7)
+            self.svg.text(self._on((x + 12, middle + 4)), _several(variable), size)
 
     def _side_by_side(self, kinds: Sequence[VariableKind | FactorKind], least: float, size: float) -> list[float]:
         """Where the symbols of kinds go that are written in a row, around the middle or from ``least`` on."""
-        widths = [40 + text_width(_several(one), size) for one in kinds]
+        widths = [_width(one, size) for one in kinds]
         start = max(least, (WIDTH - sum(widths)) / 2) + 10
         return [start + sum(widths[:place]) for place in range(len(widths))]
 
@@ -137,7 +140,12 @@ class _Chain:
         self.svg.text(self._on((x, y - 12)), one.kind, 11, MUTED, "middle", halo=True)
 
 
+def _width(one: VariableKind | FactorKind, size: float) -> float:
+    return 34 + text_width(_several(one), size)
+
+
 def _several(one: VariableKind | FactorKind, among: int = 1) -> str:
     """A kind with how many there are, or how many to each of some frames."""
     count = round(one.count / among)
-    return f"{count} {one.kind}{'s' if count > 1 and not one.kind.endswith('s') else ''}"
+    what, of, rest = one.kind.partition(" of ")
+    return f"{count} {what}{'s' if count > 1 and not what.endswith('s') else ''}{of}{rest}"

@@ -12,6 +12,7 @@ from vip_factors.viz.graph_places import (
     SHARED_HEIGHT,
     SHARED_TOP,
     WIDTH,
+    by_kind,
     places_of,
 )
 from vip_factors.viz.graph_symbols import RADIUS, Symbols
@@ -75,7 +76,7 @@ class _Panel:
             joint, (x, y) = variables[number].joint, self.places.at[number]
             dx, dy = _away(joint or 0)
             return self._free((x + 27 * dx, y + 27 * dy), (19 * dx, 19 * dy))
-        points = [self.places.at[number] for number in factor.sees]
+        points = sorted({self.places.at[number] for number in factor.sees})
         x, y = sum(one[0] for one in points) / len(points), max(one[1] for one in points)
         return self._free((x - 26, y) if len(points) == 1 else (x, y - 47), (-19.0, 0.0))
 
@@ -128,7 +129,15 @@ class _Panel:
         for row in self.places.rows:
             x, anchor = (118.0, "end") if row.side < 0 else (WIDTH - 118.0, "start")
             self.svg.text(self._on((x, row.y + 4)), row.label, 11.5, anchor=anchor)
+        for group in self.places.groups:
+            for text, alike in by_kind(self.graph, group.numbers).items():
+                x, y = self.places.at[alike[0]]
+                self.symbols.variable(self.graph.variables[alike[0]].kind, self._on((x, y)))
+                self.svg.text(self._on((x, y + 26)), text, 11.5, anchor="middle", halo=True)
+        grouped = {number for group in self.places.groups for number in group.numbers}
         for number, one in enumerate(self.graph.variables):
+            if number in grouped:
+                continue
             x, y = self.places.at[number]
             self.symbols.variable(one.kind, self._on((x, y)))
             if one.joint is not None:

@@ -7,6 +7,7 @@ from vip_factors.viz.svg import FAINT, INK, MUTED, RULE, Point, Svg
 WIDTH = 400.0
 ROW = 26.0
 SEES_X, REACH_X, COUNT_X, RUNS_X = 192.0, 262.0, 328.0, 342.0
+SEES_WIDTH = 55.0  # from the first circle of what a factor sees to the last
 NOTES = (
     "Circles are variables, squares are factors; a number in a",
     "square says how many factors of a kind it stands for.",
@@ -64,8 +65,9 @@ class _Legend:
         for one in self.graph.factor_kinds:
             self.symbols.factor(one.kind, (self.left + 9, self.y - 4))
             self.svg.text((self.left + 26, self.y), one.kind, 12.5)
+            step = min(13.0, SEES_WIDTH / max(len(one.sees) - 1, 1))
             for place, kind in enumerate(one.sees):
-                self.symbols.variable(kind, (self.left + SEES_X + 13 * place, self.y - 4), 4.5)
+                self.symbols.variable(kind, (self.left + SEES_X + step * place, self.y - 4), 4.5)
             self.svg.text((self.left + REACH_X, self.y), str(one.reach or "\N{EN DASH}"), 11, MUTED, "middle")
             self.svg.text((self.left + COUNT_X, self.y), _grouped(one.count), 12, INK, "end")
             self._runs(one)

@@ -1,15 +1,19 @@
 """Where the variables of one frame are drawn: joints as a body seen from the front, what frames share around it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
-from vip_factors.viz.graph_description import FrameVariable, GraphDescription
+from vip_factors.viz.graph_description import GraphDescription
 from vip_factors.viz.svg import Point, text_width
 
 WIDTH, HEIGHT = 1100.0, 972.0
 BODY = (WIDTH / 2, 472.0)  # the pelvis
 COLUMN, NODE_X, PORT_X = 200.0, 172.0, 232.0  # of the rows at the sides: width, its circles, the squares of its factors
-ROW, APART = 54.0, 25.0  # from row to row, and from circle to circle within one
+APART = {1: 25.0, 2: 25.0}  # from circle to circle within a row of so many; of more 20
+ROW_MARGIN = 4.0  # beyond the circles of a row
+TIMES = "\N{MULTIPLICATION SIGN}"
+KEY_WIDTH = 310.0  # at the left of the box below the body, where rings are explained
 CAMERA_Y, SHARED_TOP, SHARED_Y, SHARED_HEIGHT = 838.0, 882.0, 914.0, 86.0
 LEFT_HALF = {  # the wearer's left, at the right of the picture; the other half is its mirror image
     1: (50, 40), 4: (62, 168), 7: (70, 286), 10: (84, 332),
@@ -104,11 +108,13 @@ def places_of(graph: GraphDescription) -> Places:
     rows, groups = _rows(graph), _groups(graph)
     for row in rows:
         for place, number in enumerate(row.numbers):
-            at[number] = row.x(NODE_X), row.y + APART * (place - (len(row.numbers) - 1) / 2)
+            at[number] = row.x(NODE_X), row.y + _apart(row.numbers) * (place - (len(row.numbers) - 1) / 2)
     for group in groups:
-        pitch = group.width / len(group.numbers)
-        for place, number in enumerate(group.numbers):
-            at[number] = group.left + pitch * (place + 0.5), SHARED_Y
+        x = group.left
+        for numbers in by_kind(graph, group.numbers).values():  # of several alike one circle is drawn
+            width = _slot(graph, numbers)
+            at |= dict.fromkeys(numbers, (x + width / 2, SHARED_Y))
+            x += width
     return Places(at, rows, groups)
 
 
@@ -128,18 +134,24 @@ def _rows(graph: GraphDescription) -> tuple[Row, ...]:
     for side, labels in sides.items():
         wanted = {label: ROW_LEVEL.get(joints[label], JOINTS[joints[label]][1]) for label in labels}
         labels = sorted(labels, key=lambda one: wanted[one])
-        levels = _spread([BODY[1] + wanted[label] for label in labels])
+        heights = [_apart(found[label]) * max(len(found[label]), 2) + ROW_MARGIN for label in labels]
+        levels = _spread([BODY[1] + wanted[label] for label in labels], heights)
         rows += [Row(label, tuple(found[label]), side, y) for label, y in zip(labels, levels, strict=True)]
     return tuple(rows)
 
 
-def _spread(wanted: list[float], top: float = 92.0, bottom: float = 770.0) -> list[float]:
-    """Heights near the wanted ones (rising), at least a row apart and within the panel if there is room."""
+def _apart(numbers: Sequence[int]) -> float:
+    return APART.get(len(numbers), 20.0)
+
+
+def _spread(wanted: list[float], heights: list[float], top: float = 92.0, bottom: float = 770.0) -> list[float]:
+    """Middles near the wanted ones (rising), rows of these heights apart, within the panel if there is room."""
     found: list[float] = []
-    for y in wanted:
-        found.append(max(y, found[-1] + ROW if found else top))
+    steps = [(one + other) / 2 for one, other in pairwise(heights)]
+    for place, y in enumerate(wanted):
+        found.append(max(y, found[-1] + steps[place - 1] if found else top))
     for place in reversed(range(len(found))):
-        limit = bottom if place == len(found) - 1 else found[place + 1] - ROW
+        limit = bottom if place == len(found) - 1 else found[place + 1] - steps[place]
         found[place] = min(found[place], limit)
     return found
 
@@ -147,25 +159,28 @@ def _spread(wanted: list[float], top: float = 92.0, bottom: float = 770.0) -> li
 def _groups(graph: GraphDescription) -> tuple[Group, ...]:
     """The camera's below the body, the wearer's at the right of it."""
     numbers = [number for number, one in enumerate(graph.variables) if one.shared and not one.label]
-    camera = [number for number in numbers if not graph.variables[number].of_the_body]
-    body = [number for number in numbers if graph.variables[number].of_the_body]
-    groups, right = [], 0.0
-    if camera:
-        width = _width([graph.variables[number] for number in camera])
-        groups.append(Group(graph.variables[camera[0]].owner, tuple(camera), (WIDTH - width) / 2, width))
-        right = (WIDTH + width) / 2
-    if body:
-        width = _width([graph.variables[number] for number in body])
-        groups.append(
-            Group(
-                graph.variables[body[0]].owner,
-                tuple(body),
-                min(right + 24, WIDTH - width) if camera else (WIDTH - width) / 2,
-                width,
-            )
-        )
+    camera = tuple(number for number in numbers if not graph.variables[number].of_the_body)
+    body = tuple(number for number in numbers if graph.variables[number].of_the_body)
+    those = [one for one in (camera, body) if one]
+    widths = [sum(_slot(graph, alike) for alike in by_kind(graph, one).values()) for one in those]
+    total = sum(widths) + 24 * (len(those) - 1)
+    left = min(max(KEY_WIDTH, (WIDTH - total) / 2), max(WIDTH - total, 0.0))
+    groups = []
+    for one, width in zip(those, widths, strict=True):
+        groups.append(Group(graph.variables[one[0]].owner, one, left, width))
+        left += width + 24
     return tuple(groups)
 
 
-def _width(variables: list[FrameVariable]) -> float:
-    return len(variables) * max(104.0, 20 + max(text_width(one.kind, 11.5) for one in variables))
+def by_kind(graph: GraphDescription, numbers: Sequence[int]) -> dict[str, list[int]]:
+    """Variables of a group by what is written below them: the kind, and how many they are."""
+    alike: dict[str, list[int]] = {}
+    for number in numbers:
+        alike.setdefault(graph.variables[number].kind, []).append(number)
+    return {f"{kind} {TIMES} {len(those)}" if len(those) > 1 else kind: those for kind, those in alike.items()}
+
+
+def _slot(graph: GraphDescription, alike: Sequence[int]) -> float:
+    """Width of the place of variables of one kind, with what is written below."""
+    (text,) = by_kind(graph, alike)
+    return max(104.0, 24 + text_width(text, 11.5))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from vip_factors.errors import InputError
-from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z
+from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z, wrap_angle
 
 _ABOUT = {"x": rotation_x, "y": rotation_y, "z": rotation_z}
 # Below this sine or cosine of the middle angle only a sum or difference of the outer two is determined.
@@ -52,14 +52,14 @@ def continuous(angles: Array) -> Array:
 
     Every rotation has two triples, ``(a, b, c)`` and ``(a + π, π − b, c + π)``, and each angle any number of turns.
     """
-    found = np.array(angles, dtype=float)
-    for frame in range(1, len(found)):
-        before, one = found[frame - 1], found[frame]
-        other = one * [1.0, -1.0, 1.0] + np.pi
-        one, other = (near - 2 * np.pi * np.round((near - before) / (2 * np.pi)) for near in (one, other))
-        nearer = np.abs(other - before).sum(axis=-1) < np.abs(one - before).sum(axis=-1)
-        found[frame] = np.where(nearer[..., None], other, one)
-    return found
+    one = np.asarray(angles, dtype=float)
+    other = one * [1.0, -1.0, 1.0] + np.pi
+    same, across = (np.abs(wrap_angle(to[1:] - one[:-1])).sum(axis=-1, keepdims=True) for to in (one, other))
+    changes = np.zeros(
+        (*one.shape[:-1], 1), dtype=int
+    )  # from one triple to the other: back again the distance is alike
+    changes[1:] = across < same
+    return np.unwrap(np.where(np.cumsum(changes, axis=0) % 2 == 1, other, one), axis=0)
 
 
 def _checked(axes: str) -> tuple[str, ...]:

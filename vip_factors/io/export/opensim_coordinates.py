@@ -94,7 +94,8 @@ def _nearest(R: Array, axes: Mapping[str, Array]) -> dict[str, Array]:
             moves[:, :, number] = axis
         missing = log(transpose(turned) @ R)
         moves = transpose(inverse_right_jacobian(missing)) @ moves  # of log(exp(-δ) exp(missing))
-        angles = angles + (np.linalg.pinv(moves) @ missing[..., None])[..., 0]
+        normal = transpose(moves) @ moves
+        angles = angles + np.linalg.solve(normal, transpose(moves) @ missing[..., None])[..., 0]
     return dict(zip(axes, angles.T, strict=True))
 
 

@@ -55,9 +55,7 @@ def continuous(angles: Array) -> Array:
     one = np.asarray(angles, dtype=float)
     other = one * [1.0, -1.0, 1.0] + np.pi
     same, across = (np.abs(wrap_angle(to[1:] - one[:-1])).sum(axis=-1, keepdims=True) for to in (one, other))
-    changes = np.zeros(
-        (*one.shape[:-1], 1), dtype=int
-    )  # from one triple to the other: back again the distance is alike
+    changes = np.zeros((*one.shape[:-1], 1), dtype=int)  # from one triple to the other: back is as far
     changes[1:] = across < same
     return np.unwrap(np.where(np.cumsum(changes, axis=0) % 2 == 1, other, one), axis=0)
 

@@ -9,7 +9,7 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Skeleton
 from vip_factors.estimate import SceneEstimate
-from vip_factors.geometry.euler import without_jumps, zxy_angles
+from vip_factors.geometry.axis_sequence import continuous, sequence_of_rotation
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.export.axes import R_YUP_WORLD
 from vip_factors.io.export.bone_names import bone_names
@@ -45,7 +45,7 @@ def write_bvh(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> 
         R_rest = R_YUP_WORLD.T
         R_parent_child[:, 1:] = R_rest @ R_parent_child[:, 1:] @ R_rest.T
         R_parent_child[:, 0] = R_parent_child[:, 0] @ R_rest.T
-    angles = np.rad2deg(without_jumps(zxy_angles(R_parent_child[:, _depth_first()])))
+    angles = np.rad2deg(continuous(sequence_of_rotation(R_parent_child[:, _depth_first()], "zxy")))
     unit = settings.bvh.unit.per_metre
     frames = np.column_stack([unit * p_file_pelvis, angles.reshape(len(motion), -1)])
     with path.open("w", encoding="ascii", newline="\n") as file:

@@ -18,7 +18,7 @@ ROWS = [
     {"factor_graph"},
     {"settings"},
     {"stages", "configurations"},
-    {"pipeline", "live"},
+    {"pipeline", "live", "report"},
     {"benchmark"},
     {"cli"},
 ]
@@ -36,6 +36,8 @@ FENCED = {
     "websockets": {"io"},
     "cv2": {"associate", "initialise", "io", "viz", "sensors"},
     "vqf": {"sensors"},
+    "jinja2": {"report"},
+    "markupsafe": {"report"},
     "tyro": {"cli"},
     "rich": {"cli"},
 }

@@ -24,6 +24,7 @@ COMMANDS = {
     "stream": "track sensors and detections as they arrive: a file that grows, the network, standard input",
     "evaluate": "compare an estimate with the truth",
     "export": "write an estimate into files of other programs: the suffix tells the format",
+    "report": "write an estimate as one page for people: findings, angles, the motion to turn around",
     "view": "look at recordings and estimates in Rerun",
     "train": "learn the pose prior, or the weights of the association, from motions",
     "benchmark": "measure accuracy, association, honesty, speed and memory",

@@ -79,6 +79,27 @@ def filmstrip(
     canvas.save(path, overwrite)
 
 
+def pose_picture(motion: Motion, frame: int, size: tuple[int, int]) -> np.ndarray:
+    """One pose on white, seen from the wearer's front left.
+
+    Args:
+        motion: whose pose.
+        frame: which one.
+        size: width and height in pixels.
+
+    Returns:
+        ``(height, width, 3)``, blue green red.
+    """
+    canvas = Canvas(*size)
+    floor = floor_height(motion.frames(slice(frame, frame + 1)))
+    highest = float(motion.state.p_world_joint[frame, :, 2].max()) - floor
+    scale = 0.94 * size[1] / float(np.clip(highest + HEADROOM_M, *BODY_HEIGHTS))
+    foot = np.array([size[0] / 2, 0.95 * size[1]])
+    canvas.ellipse(foot, 0.40 * scale, 0.085 * scale, SHADOW)
+    _draw(canvas, motion, frame, _view(motion, frame, floor, foot, scale), ESTIMATE_COLOURS)
+    return canvas.pixels()
+
+
 def _curve(estimate: Estimate | None, shown: Motion, ghost: Motion | None) -> tuple[Array | None, str]:
     if ghost is not None:
         return position_error_mm(shown, ghost), "joint error, mm"

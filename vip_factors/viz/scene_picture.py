@@ -114,14 +114,40 @@ def _strip(canvas: Canvas, drawn: DrawnScene, chosen: np.ndarray, size: tuple[in
     for number, frame in enumerate(chosen):
         left = MARGIN + (number % columns) * (size[0] + GAP)
         top = HEADER + (number // columns) * (size[1] + GAP)
-        picture = pictures.get(int(frame))
-        cell = _Cell(drawn.model, window, size, picture)
-        for index, pixels in bodies:
-            if pixels is not None:
-                cell.skeleton(pixels[frame], limb_pairs(drawn.detections.keypoints), wearer_colour(index), 5.5, 0.0)
-        _detected(cell, drawn, int(frame))
+        cell = _cell(drawn, bodies, int(frame), size, pictures.get(int(frame)), window)
         canvas.paste(cell.canvas.pixels(), left, top)
         canvas.text((left + 12, top + size[1] - 12), f"{drawn.detections.time[frame]:.1f} s", (235, 238, 242), 17)
+
+
+def frame_picture(drawn: DrawnScene, frame: int, size: tuple[int, int]) -> np.ndarray:
+    """A frame of the video, near the people in it, with detections and projected bodies over it.
+
+    Args:
+        drawn: with a camera's model and detections.
+        frame: index of the video frame.
+        size: width and height in pixels.
+
+    Returns:
+        ``(height, width, 3)``, blue green red; dark behind where the video is not there.
+    """
+    bodies = [(wearer.index, drawn.reprojected(wearer)) for wearer in drawn.wearers]
+    picture = video_frames(drawn.video, (frame,)).get(frame)
+    return _cell(drawn, bodies, frame, size, picture, _window(drawn, np.array([frame]))).canvas.pixels()
+
+
+def _cell(
+    drawn: DrawnScene, bodies: list[tuple[int, Array | None]], frame: int, size: tuple[int, int],
+    picture: np.ndarray | None, window: Window,
+) -> "_Cell":  # fmt: skip
+    """One frame with everything over it; ``bodies`` are wearers' numbers and their keypoints ``(F, K, 2)``."""
+    assert drawn.detections is not None
+    assert drawn.model is not None
+    cell = _Cell(drawn.model, window, size, picture)
+    for index, pixels in bodies:
+        if pixels is not None:
+            cell.skeleton(pixels[frame], limb_pairs(drawn.detections.keypoints), wearer_colour(index), 5.5, 0.0)
+    _detected(cell, drawn, frame)
+    return cell
 
 
 def _detected(cell: "_Cell", drawn: DrawnScene, frame: int) -> None:

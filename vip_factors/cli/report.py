@@ -1,0 +1,73 @@
+"""``vip-factors report``: an estimate as one page for people."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from vip_factors.cli.options import Flag, beside, parse
+from vip_factors.errors import InputError
+from vip_factors.report.settings import ReportSettings
+
+if TYPE_CHECKING:
+    from vip_factors.sensors.scene import Scene
+
+
+@dataclass(frozen=True)
+class ReportOptions:
+    """Write an estimate as one HTML page: what was found, how sure it is, what it means, and the motion to turn around.
+
+    The page needs no network. With the recording it also tells of sensors and video, and shows frames of it.
+    """
+
+    estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
+    """Estimate (.mcap)."""
+    recording: Path | None = None
+    """Recording (.mcap) that it was made from; the estimate's own file if the recording is in it."""
+    truth: Path | None = None
+    """Recording (.mcap) whose truth to compare with, if it is not the one above."""
+    out: Path | None = None
+    """Where to write the page; beside the estimate if not given."""
+    overwrite: Flag = False
+    """Replace the file if it exists."""
+    settings: Annotated[ReportSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
+        default_factory=ReportSettings
+    )
+
+
+def main(prog: str, arguments: Sequence[str]) -> None:
+    """Run the command."""
+    options = parse(ReportOptions, prog, arguments)
+    from vip_factors.cli.terminal import progress_bar
+    from vip_factors.io.atomic import check_target
+
+    out = options.out or beside(options.estimate, ".html")
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"{out}: expected a name that ends in .html")
+    check_target(out, options.overwrite)
+    from vip_factors.io.mcap_scene_estimate import read_scene_estimate
+    from vip_factors.report.page import write_report
+
+    with progress_bar() as tell:
+        tell("reading", 0.0)
+        estimate = read_scene_estimate(options.estimate)
+        scene = _scene(options.recording) if options.recording is not None else _own_scene(options.estimate)
+        truth = _scene(options.truth) if options.truth is not None else None
+        write_report(estimate, out, scene, truth, options.settings, options.overwrite, tell)
+    print(out)
+
+
+def _scene(path: Path) -> "Scene":
+    from vip_factors.io.mcap_scene_recording import read_scene
+
+    return read_scene(path)
+
+
+def _own_scene(path: Path) -> "Scene | None":
+    """The recording in an estimate's own file, if there is one."""
+    from vip_factors.io.mcap_contents import read_contents
+
+    topics = read_contents(path, lambda channel: False).topics
+    return _scene(path) if any(topic in ("/recording/info", "/scene/info") for topic in topics) else None

@@ -1,0 +1,170 @@
+"""Joint angles over time, both sides over each other, with their ranges; and steps, where somebody walks."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from vip_factors.body.joint_angles import JointAngles, joint_angle_sigmas, joint_angles
+from vip_factors.body.mannequin import Side
+from vip_factors.geometry.rotations import Array
+from vip_factors.report.blocks import Block, Charts, Heading, Paragraph, Section, Table, Tile, Tiles
+from vip_factors.report.colours import SIDE_COLOURS
+from vip_factors.report.material import Material, Wearer
+from vip_factors.report.measured import bones_with_sensors, is_measured
+from vip_factors.report.steps import Walk, walk_of
+from vip_factors.report.time_chart import Line, time_chart
+from vip_factors.report.words import UNKNOWN, capital, joint_words, plus_minus, with_unit
+
+PAIRED = (
+    "hip_flexion", "knee_flexion", "ankle_dorsiflexion", "hip_adduction", "hip_internal_rotation", "shoulder_flexion",
+    "shoulder_adduction", "elbow_flexion",
+)  # fmt: skip
+TRUNK = ("trunk_flexion", "trunk_lateral_bending", "trunk_axial_rotation", "pelvis_tilt")
+WITHIN = (0.01, 0.99)  # of the frames: a range must not hang on a single one
+Sigmas = dict[str, Array]
+"""Standard deviations ``(T,)`` in degrees by the angle's name; empty where they are not known."""
+HALF_CIRCLE_DEG = 180.0
+SIDES = (("left", Side.LEFT), ("right", Side.RIGHT))
+
+
+def angles_section(material: Material) -> Section:
+    """Of each wearer."""
+    blocks: list[Block] = [
+        Paragraph(
+            "Angles follow the recommendations of the International Society of Biomechanics and are zero when standing "
+            "upright with hanging arms, palms forward. Point at a curve to read it; the body above follows. The pale "
+            "band is one standard deviation of the joint's rotation, where it is known."
+        )
+    ]
+    for wearer in material.wearers:
+        if len(material.wearers) > 1:
+            blocks.append(Heading(wearer.name))
+        blocks += _wearer(wearer, material.estimate.camera is not None)
+    return Section("angles", "Joint angles", tuple(blocks))
+
+
+def _wearer(wearer: Wearer, filmed: bool) -> list[Block]:
+    found = joint_angles(wearer.estimate.motion)
+    sigmas, bones = _sigmas(found, wearer), bones_with_sensors(wearer)
+    told = {name: is_measured(bones, name) for name in (*PAIRED, *TRUNK)}
+    blocks: list[Block] = [_charts(found, sigmas, [name for name in told if told[name]])]
+    blocks += [*_ranges(found, sigmas, told), *_walk(wearer)]
+    guessed = [name for name in told if not told[name]]
+    if guessed:
+        from_what = "the video alone, and" if filmed else "nothing but"
+        blocks.append(
+            Paragraph(
+                f"No sensors were on both segments of the following joints: their angles rest on {from_what} what "
+                "usually goes with the rest of the body. Do not read them as measurements."
+            )
+        )
+        blocks.append(_charts(found, sigmas, guessed))
+    return blocks
+
+
+def _charts(found: JointAngles, sigmas: Sigmas, names: Sequence[str]) -> Charts:
+    """One for each angle, both sides in it."""
+    positive = {one.name: one.positive for one in found.definitions}
+    charts = []
+    for name in names:
+        if name in TRUNK:
+            line = Line(joint_words(name), found.time, found.of(name), SIDE_COLOURS[Side.MIDDLE], sigmas.get(name))
+            charts.append(time_chart(_title(name, positive[name]), [line], "°"))
+            continue
+        lines = [
+            Line(
+                side, found.time, _unjoined(found.of(f"{side}_{name}")), SIDE_COLOURS[which],
+                sigmas.get(f"{side}_{name}"),
+            )
+            for side, which in SIDES
+        ]  # fmt: skip
+        charts.append(time_chart(_title(name, positive[f"left_{name}"]), lines, "°"))
+    return Charts(tuple(one for one in charts if one is not None))
+
+
+def _title(name: str, positive: str) -> str:
+    return f"{capital(joint_words(name))} (+ {positive})"
+
+
+def _unjoined(values: Array) -> Array:
+    """With a gap where an angle goes on at the other end of its circle."""
+    parted = values.copy()
+    parted[np.flatnonzero(np.abs(np.diff(values)) > HALF_CIRCLE_DEG)] = np.nan
+    return parted
+
+
+def _sigmas(found: JointAngles, wearer: Wearer) -> Sigmas:
+    covariance = wearer.estimate.covariance
+    if covariance is None:
+        return {}
+    sigmas = joint_angle_sigmas(wearer.estimate.motion, covariance.joints)
+    return {name: sigmas[:, column] for column, name in enumerate(found.names)}
+
+
+def _ranges(found: JointAngles, sigmas: Sigmas, told: Mapping[str, bool]) -> list[Block]:
+    """Range of motion of each angle, and what lies between the sides."""
+    rows = []
+    for name in (one for one in PAIRED if told[one]):
+        left, right = (_range(found.of(f"{side}_{name}")) for side, _ in SIDES)
+        both = [_median(sigmas[f"{side}_{name}"]) for side, _ in SIDES if sigmas]
+        rows.append(
+            (
+                capital(joint_words(name)), *_words(left), *_words(right),
+                with_unit((left[1] - left[0]) - (right[1] - right[0]), "°", 0),
+                f"± {np.linalg.norm(both):.0f}°" if both and np.isfinite(both).all() else UNKNOWN,
+            )
+        )  # fmt: skip
+    for name in (one for one in TRUNK if told[one]):
+        rows.append((capital(joint_words(name)), *_words(_range(found.of(name))), "", "", "", ""))
+    head = ("Angle", "Left: from … to", "Range", "Right: from … to", "Range", "Left less right", "Uncertain by")
+    caption = (
+        "Range of motion: between the values that 1 % of the frames are below and above. A difference between the "
+        "sides that is smaller than twice its uncertainty says nothing; nor does one of movements that were not meant "
+        "to be alike."
+    )
+    return [Table(head, rows, caption)] if rows else []
+
+
+def _median(values: Array) -> float:
+    good = values[np.isfinite(values)]
+    return float(np.median(good)) if len(good) else float("nan")
+
+
+def _range(values: Array) -> tuple[float, float]:
+    low, high = np.nanquantile(values, WITHIN)
+    return float(low), float(high)
+
+
+def _words(ends: tuple[float, float]) -> tuple[str, str]:
+    low, high = ends
+    return f"{low:z.0f}° … {high:z.0f}°", f"{high - low:.0f}°"
+
+
+def _walk(wearer: Wearer) -> list[Block]:
+    walk = walk_of(wearer.estimate.motion)
+    if walk is None:
+        return []
+    tiles = [
+        Tile("Steps", str(len(walk.steps)), f"{_of(walk, 'left')} left, {_of(walk, 'right')} right"),
+        Tile(
+            "Cadence", plus_minus(walk.cadence, walk.cadence_spread), "steps a minute (median, ± half the middle half)"
+        ),
+    ]
+    tiles += [
+        Tile(f"{capital(side)} foot", with_unit(walk.strides[side], "m", 2),
+             f"stride; its step takes {walk.step_times[side]:.2f} s (medians)")
+        for side, _ in SIDES
+        if side in walk.strides
+    ]  # fmt: skip
+    return [
+        Tiles(tuple(tiles)),
+        Paragraph(
+            "Steps are told from the feet of the reconstructed motion, which come to rest and leave again; on a "
+            "treadmill the strides are those over the belt if the feet were taken to rest on it.",
+            small=True,
+        ),
+    ]
+
+
+def _of(walk: Walk, side: str) -> int:
+    return sum(one.side == side for one in walk.steps)

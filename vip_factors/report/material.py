@@ -1,0 +1,94 @@
+"""What a report is made from: an estimate, and beside it whatever else is known of the recording."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from vip_factors.errors import InputError
+from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Scene
+from vip_factors.viz.scene_world import DrawnScene, drawn_scene
+
+
+@dataclass(frozen=True)
+class Wearer:
+    """One wearer: the name, what was found, and the recording if it is there."""
+
+    index: int
+    name: str
+    estimate: Estimate
+    recording: Recording | None
+
+
+@dataclass(frozen=True)
+class Material:
+    """The estimate of a scene, and the scene if there is one.
+
+    Attributes:
+        estimate: of one wearer or several.
+        scene: what was measured, with the truth if it is known; None if there is the estimate alone.
+    """
+
+    estimate: SceneEstimate
+    scene: Scene | None = None
+
+    @cached_property
+    def wearers(self) -> tuple[Wearer, ...]:
+        """In the scene's order."""
+        recordings = self.scene.wearers if self.scene is not None else (None,) * len(self.estimate.wearers)
+        return tuple(
+            Wearer(index, self._name(index, one, recording), one, recording)
+            for index, (one, recording) in enumerate(zip(self.estimate.wearers, recordings, strict=True))
+        )
+
+    def _name(self, index: int, one: Estimate, recording: Recording | None) -> str:
+        if recording is not None:
+            return recording.subject.name
+        return one.motion.name or f"wearer {index + 1}"
+
+    @cached_property
+    def drawn(self) -> DrawnScene:
+        """In the truth's world where that is known, on the recording's clock."""
+        return drawn_scene(self.scene, self.estimate)
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether there is something to compare with."""
+        return self.scene is not None and any(one.truth is not None for one in self.scene.wearers)
+
+    @cached_property
+    def findings(self) -> tuple[str, ...]:
+        """Sentences on what is odd, of the scene and of its wearers, each once."""
+        own = (sentence for one in self.estimate.wearers for sentence in one.findings)
+        return tuple(dict.fromkeys((*self.estimate.findings, *own)))
+
+
+def material(estimate: SceneEstimate, scene: Scene | None = None, truth: Scene | None = None) -> Material:
+    """Put together what there is.
+
+    Args:
+        estimate: with one wearer at least.
+        scene: what it was made from.
+        truth: a scene whose truth counts instead of that scene's.
+
+    Raises:
+        InputError: if they do not hold the same number of wearers, or there is no wearer, or no truth where one is
+            asked for.
+    """
+    if not estimate.wearers:
+        raise InputError(f"estimate '{estimate.name}' has no wearer: expected at least one")
+    for other in (scene, truth):
+        if other is not None and len(other.wearers) != len(estimate.wearers):
+            raise InputError(
+                f"estimate of {len(estimate.wearers)} wearers beside '{other.name}' of {len(other.wearers)}: expected "
+                "the same; is it the estimate of this recording?"
+            )
+    if truth is None:
+        return Material(estimate, scene)
+    if all(one.truth is None for one in truth.wearers):
+        raise InputError(f"'{truth.name}' holds no truth: expected that of one wearer at least")
+    if scene is None:
+        return Material(estimate, truth)
+    wearers = tuple(replace(one, truth=other.truth) for one, other in zip(scene.wearers, truth.wearers, strict=True))
+    same = [len(one.detections) for one in scene.cameras] == [len(one.detections) for one in truth.cameras]
+    return Material(estimate, replace(scene, wearers=wearers, truth=truth.truth if same else None))

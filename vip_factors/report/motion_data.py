@@ -1,0 +1,135 @@
+"""The motion as the page's script reads it: small numbers in base64, and what is drawn on each bone."""
+
+import base64
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.body.mannequin import mannequin
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import PARENTS
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array
+from vip_factors.report.colours import TRUTH, sides_of, wearer_mark
+from vip_factors.report.material import Material
+from vip_factors.report.settings import ReportSettings
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.viz.compare import floor_height
+
+UNIT = 32767  # of a quaternion's numbers: 0.002° at worst
+ASIDE_M = 1.2  # between wearers whom nothing places against each other
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """A body to draw: its name, motion, colours by side, and whether it is the truth, a ghost."""
+
+    name: str
+    index: int
+    motion: Motion
+    ghost: bool
+
+
+def motion_data(material: Material, settings: ReportSettings) -> dict[str, object]:
+    """What the script gets as JSON; see ``viewer/viewer.js``."""
+    bodies = _bodies(material)
+    start = min(float(one.motion.time[0]) for one in bodies)
+    end = max(float(one.motion.time[-1]) for one in bodies)
+    rate = min(settings.rate, max(one.motion.rate for one in bodies))
+    frames = int((end - start) * rate + 1e-6) + 1
+    most = max(2, settings.most_poses // len(bodies))
+    if frames > most:
+        rate, frames = (most - 1) / (end - start), most
+    time = start + np.arange(frames) / rate
+    places = np.concatenate([_at(one.motion, time)[1] for one in bodies if not one.ghost])
+    low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
+    of = len(material.wearers)
+    return {
+        "start": start,
+        "rate": rate,
+        "frames": frames,
+        "shown": start + 0.25 * (end - start),
+        "floor": float(np.median([floor_height(one.motion) for one in bodies if not one.ghost])),
+        "centre": [round(float(one), 3) for one in (low + high) / 2],
+        "extent": round(float((high - low).max()), 3),
+        "bodies": [_body(one, time, of) for one in bodies],
+        "camera": _camera(material, time),
+    }
+
+
+def _bodies(material: Material) -> list[_Shown]:
+    """The estimated ones, and the truth as ghosts; side by side where nothing ties wearers to each other."""
+    bodies = []
+    apart = material.estimate.camera is None and len(material.wearers) > 1
+    for wearer, drawn in zip(material.wearers, material.drawn.wearers, strict=True):
+        aside = np.array([0.0, ASIDE_M * wearer.index * apart, 0.0])
+        motion = drawn.motion or wearer.estimate.motion
+        bodies.append(_Shown(wearer.name, wearer.index, _moved(motion, aside, apart), False))
+        if drawn.truth is not None:
+            bodies.append(_Shown(f"{wearer.name}, truth", wearer.index, _moved(drawn.truth, aside, apart), True))
+    return bodies
+
+
+def _moved(motion: Motion, aside: Array, apart: bool) -> Motion:
+    if not apart:
+        return motion
+    first = motion.p_world_pelvis[0] * [1, 1, 0]
+    return Motion(
+        motion.skeleton, motion.R_parent_child, motion.p_world_pelvis - first + aside, motion.rate, motion.start,
+        motion.name,
+    )  # fmt: skip
+
+
+def _at(motion: Motion, time: Array) -> tuple[Array, Array]:
+    """Joint rotations ``(T, 24, 3, 3)`` and places ``(T, 3)`` at the nearest frames."""
+    frame = np.clip(np.round((time - motion.start) * motion.rate), 0, len(motion) - 1).astype(int)
+    return motion.R_parent_child[frame], motion.p_world_pelvis[frame]
+
+
+def _body(one: _Shown, time: Array, of: int) -> dict[str, object]:
+    rotations, places = _at(one.motion, time)
+    colours = sides_of(one.index, of)
+    pieces = [
+        [
+            piece.bone, *_rounded(piece.p_bone_start), *_rounded(piece.p_bone_end), *_rounded([piece.radius_start]),
+            *_rounded([piece.radius_end]), TRUTH if one.ghost else colours[piece.side],
+        ]
+        for piece in mannequin(one.motion.skeleton)
+    ]  # fmt: skip
+    return {
+        "name": one.name,
+        "ghost": one.ghost,
+        "mark": wearer_mark(one.index, of),
+        "parents": list(PARENTS),
+        "offsets": [_rounded(offset) for offset in one.motion.skeleton.p_parent_joint],
+        "pieces": pieces,
+        **_poses(rotations, places),
+    }
+
+
+def _poses(R: Array, p: Array) -> dict[str, str]:
+    quaternions = np.round(UNIT * quaternion_from_matrix(R, Order.XYZW)).astype("<i2")
+    return {"rotations": _base64(quaternions), "positions": _base64(p.astype("<f4"))}
+
+
+def _camera(material: Material, time: Array) -> dict[str, object] | None:
+    path, model = material.drawn.path, material.drawn.model
+    if path is None or model is None:
+        return None
+    there = path.at(time)
+    return {"corners": corners(model), **_poses(there.R_world_camera, there.p_world_camera)}
+
+
+def corners(model: CameraModel) -> list[list[float]]:
+    """The image's corners at a depth of one metre in the camera's axes, the upper left first, then clockwise."""
+    w, h = model.width, model.height
+    flat = model.normalise(np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]]))
+    return [[*_rounded(corner), 1.0] for corner in flat]
+
+
+def _rounded(values: Array | list[float]) -> list[float]:
+    return [round(float(value), 4) for value in values]
+
+
+def _base64(values: np.ndarray) -> str:
+    return base64.b64encode(values.tobytes()).decode()

@@ -1,0 +1,133 @@
+"""The page: all sections, the motion, the script and the style, in one file that asks nobody for anything."""
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.resources import files
+
+import jinja2
+from markupsafe import Markup
+
+from vip_factors import __version__
+from vip_factors.estimate import SceneEstimate
+from vip_factors.io.atomic import atomic_open
+from vip_factors.report.angles import angles_section
+from vip_factors.report.blocks import Section
+from vip_factors.report.fit import fit_section
+from vip_factors.report.found import found_section
+from vip_factors.report.made import made_section
+from vip_factors.report.material import Material, material
+from vip_factors.report.moments import moments_section, png
+from vip_factors.report.motion_data import motion_data
+from vip_factors.report.recorded import recorded_section
+from vip_factors.report.settings import ReportSettings
+from vip_factors.report.strip import strip
+from vip_factors.report.summary import summary_section
+from vip_factors.report.words import listed
+from vip_factors.sensors.scene import Scene
+
+Progress = Callable[[str, float], None]
+"""Called with the name of the stage and the fraction of it that is done."""
+ROOM = "vip_factors.report"
+
+
+@dataclass(frozen=True)
+class Page:
+    """What the template fills in.
+
+    Attributes:
+        title, subtitle: of the page.
+        before, after: sections before and after the motion.
+        motion: JSON for the script.
+        strip: the motion as a picture, for print and where the script cannot draw.
+        shown_rate: Hz, of the motion.
+        with_camera, with_truth: whether a camera and ghosts are to be seen.
+    """
+
+    title: str
+    subtitle: str
+    before: tuple[Section, ...]
+    after: tuple[Section, ...]
+    motion: Markup
+    strip: str
+    shown_rate: float
+    with_camera: bool
+    with_truth: bool
+
+
+def write_report(
+    estimate: SceneEstimate,
+    path: str | os.PathLike[str],
+    scene: Scene | None = None,
+    truth: Scene | None = None,
+    settings: ReportSettings | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> None:
+    """Write an estimate as one HTML page.
+
+    Args:
+        estimate: of one wearer or several.
+        path: of the page.
+        scene: what it was made from: then the page tells of sensors and video, and shows frames of it.
+        truth: a scene whose truth counts, if it is not ``scene``'s own.
+        settings: how much goes into the page.
+        overwrite: whether an existing file may be replaced.
+        progress: called with the name of the stage and the fraction of it done.
+
+    Raises:
+        InputError: if they do not belong together, or the file may not be written.
+    """
+    text = report_page(material(estimate, scene, truth), settings or ReportSettings(), progress)
+    with atomic_open(path, "w", overwrite) as file:
+        file.write(text)
+
+
+def report_page(given: Material, settings: ReportSettings, progress: Progress | None = None) -> str:
+    """The page as HTML; see :func:`write_report`."""
+    tell = progress or (lambda stage, fraction: None)
+    makers: tuple[Callable[[], Section | None], ...] = (
+        lambda: summary_section(given), lambda: angles_section(given),
+        lambda: moments_section(given, settings.moments), lambda: fit_section(given), lambda: found_section(given),
+        lambda: recorded_section(given), lambda: made_section(given),
+    )  # fmt: skip
+    sections = []
+    for number, make in enumerate(makers):
+        tell("report", number / (len(makers) + 1))
+        sections.append(make())
+    summary, *rest = (one for one in sections if one is not None)
+    data = motion_data(given, settings)
+    page = Page(
+        title=given.estimate.name,
+        subtitle=listed([one.name for one in given.wearers]),
+        before=(summary,),
+        after=tuple(rest),
+        motion=_json(data),
+        strip=png(strip(given)),
+        shown_rate=float(str(data["rate"])),
+        with_camera=data["camera"] is not None,
+        with_truth=given.has_truth,
+    )
+    return _environment().get_template("report.html").render(
+        page=page, version=__version__, style=_packaged("templates/report.css"),
+        script=_packaged("viewer/viewer.min.js"),
+    )  # fmt: skip
+
+
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader(ROOM), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+
+
+def _packaged(name: str) -> Markup:
+    """A file of ours that goes into the page as it is."""
+    return Markup((files(ROOM) / name).read_text(encoding="utf-8"))
+
+
+def _json(data: object) -> Markup:
+    """JSON that may stand in a page: nothing in it can end the element that holds it."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return Markup(text.replace("<", "\\u003c"))

@@ -3,7 +3,6 @@
 import base64
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from vip_factors.body.skeleton import JOINT_NAMES
@@ -12,6 +11,7 @@ from vip_factors.report.blocks import Block, Image, Paragraph, Picture, Pictures
 from vip_factors.report.fit import joined, mean_residual
 from vip_factors.report.material import Material, Wearer
 from vip_factors.report.words import joint_words
+from vip_factors.viz.encoded import jpeg_bytes, png_bytes
 from vip_factors.viz.picture import pose_picture
 from vip_factors.viz.scene_picture import frame_picture
 
@@ -19,7 +19,6 @@ APART_S = 1.0  # between two moments of one wearer
 SMOOTH_S = 0.2  # a moment lasts: single frames do not count
 SIZE = (320, 400)  # pixels of a pose
 FRAME_WIDTH = 640  # pixels of a video frame
-JPEG_QUALITY = 82
 
 
 @dataclass(frozen=True)
@@ -144,10 +143,9 @@ def _video_frame(material: Material, moment: Moment) -> list[Image]:
 
 def png(image: np.ndarray) -> str:
     """A ``data:`` address of an image ``(height, width, 3)``, blue green red: of drawings."""
-    return f"data:image/png;base64,{base64.b64encode(cv2.imencode('.png', image)[1].tobytes()).decode()}"
+    return f"data:image/png;base64,{base64.b64encode(png_bytes(image)).decode()}"
 
 
 def jpeg(image: np.ndarray) -> str:
     """The same of photographs."""
-    encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
-    return f"data:image/jpeg;base64,{base64.b64encode(encoded.tobytes()).decode()}"
+    return f"data:image/jpeg;base64,{base64.b64encode(jpeg_bytes(image)).decode()}"

@@ -1,0 +1,55 @@
+"""The page in a browser: its script runs without an error, finds the motion, and asks for nothing."""
+
+import re
+import shutil
+import subprocess
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+from scene_sample import estimate_of, scene_sample
+
+import vip_factors
+from vip_factors.report.page import write_report
+from vip_factors.report.settings import ReportSettings
+
+VIEWER = Path(vip_factors.__file__).parent / "report" / "viewer"
+SOURCES = ("viewer.js", "world.js", "body.js", "charts.js")
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+SOFTWARE_GL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+QUIET = (
+    "--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--virtual-time-budget=3000", "--dump-dom",
+)  # fmt: skip
+
+
+def test_the_script_was_made_of_its_sources() -> None:
+    text = b"".join((VIEWER / name).read_bytes() for name in SOURCES)
+    made_of = (VIEWER / "viewer.sha256").read_text(encoding="ascii").strip()
+    assert sha256(text).hexdigest() == made_of, "make viewer.min.js anew, as report/viewer/README.md says"
+    assert "</script" not in (VIEWER / "viewer.min.js").read_text(encoding="utf-8")
+    assert "MIT" in (VIEWER / "LICENSE.three.txt").read_text(encoding="utf-8")
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on the PATH")
+@pytest.mark.parametrize("with_gl", [False, True])
+def test_the_page_works_in_a_browser(with_gl: bool, tmp_path: Path) -> None:
+    scene = scene_sample(0.2)
+    page = tmp_path / "report.html"
+    write_report(estimate_of(scene), page, scene, settings=ReportSettings(moments=0))
+    flags = SOFTWARE_GL if with_gl else ("--disable-gpu", "--disable-3d-apis")
+    command = [str(BROWSER), *QUIET, *flags, f"--user-data-dir={tmp_path / 'profile'}", page.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    root, body = (re.search(f"<{tag}[^>]*>", done.stdout) for tag in ("html", "body"))
+    assert root is not None, done.stderr[-2000:]
+    assert body is not None
+    assert "data-error" not in root[0]
+    told = dict(re.findall(r'data-(\w+)="(\w+)"', body[0]))
+    if with_gl and told.get("webgl") == "no":
+        pytest.skip("this browser has no WebGL, not even in software")
+    assert told == {"viewer": "ready", "webgl": "yes" if with_gl else "no", "frames": "7", "charts": told["charts"],
+                    "bodies": "4"}  # fmt: skip
+    assert int(told["charts"]) >= 24
+    assert ("with-3d" in body[0]) == with_gl
+    readouts = re.findall(r'class="readout">([^<]*)', done.stdout)
+    assert any("left" in one and "right" in one for one in readouts)

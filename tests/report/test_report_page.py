@@ -1,0 +1,165 @@
+"""The report's page: every section is there, whatever is known; texts are escaped; nothing is asked of a network."""
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scene_sample import Injected, estimate_of, scene_sample
+
+from vip_factors.errors import InputError
+from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
+from vip_factors.report.material import material
+from vip_factors.report.page import report_page, write_report
+from vip_factors.report.settings import ReportSettings
+from vip_factors.sensors.scene import Scene, Video
+
+ALWAYS = {"summary", "motion-section", "angles", "fit", "found", "recorded", "made"}
+ERRORS = Injected(yaw=0.8, heading=0.2, camera_m=0.05)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return scene_sample(0.5)
+
+
+@pytest.fixture(scope="module")
+def estimate(scene: Scene) -> SceneEstimate:
+    """With residuals and covariance."""
+    rng = np.random.default_rng(1)
+    made = estimate_of(scene, ERRORS)
+    return replace(made, wearers=tuple(_with_residuals(one, rng) for one in made.wearers))
+
+
+def _with_residuals(one: Estimate, rng: np.random.Generator) -> Estimate:
+    T, names = len(one.motion), tuple(one.calibration)
+    sigma = np.broadcast_to(np.deg2rad(4.0) ** 2 * np.eye(3), (T, 24, 3, 3))
+    residual = rng.uniform(0.5, 1.5, (T, len(names)))
+    residual[T // 2 - 3 : T // 2 + 3] *= 10
+    residuals = {"orientation_deg": residual, "acceleration_m_s2": 0.3 * residual}
+    return replace(
+        one, sensors=names, residuals=residuals, covariance=PoseCovariance(sigma, np.zeros((T, 3, 3)))
+    )  # fmt: skip
+
+
+class Page(HTMLParser):
+    """Ids, elements and attributes of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.ids: set[str] = set()
+        self.addresses: list[str] = []
+        self.elements: list[str] = []
+        self.data: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append(tag)
+        for name, value in attrs:
+            if name == "id" and value:
+                self.ids.add(value)
+            if name in ("src", "href", "srcset", "action", "data", "poster") and value:
+                self.addresses.append(value)
+
+    def handle_data(self, data: str) -> None:
+        self.data.append(data)
+
+
+def page_of(estimate: SceneEstimate, scene: Scene | None = None, moments: int = 1) -> str:
+    return report_page(material(estimate, scene), ReportSettings(moments=moments))
+
+
+def motion_of(text: str) -> dict:
+    return json.loads(re.search(r'id="motion">(.*?)</script>', text, re.DOTALL)[1])  # type: ignore[index]
+
+
+def test_every_section_is_there_with_everything_known(estimate: SceneEstimate, scene: Scene) -> None:
+    text = page_of(estimate, scene)
+    assert Page(text).ids >= ALWAYS | {"moments"}
+    assert "Against the truth" in text
+    motion = motion_of(text)
+    assert [one["ghost"] for one in motion["bodies"]] == [False, True, False, True]
+    assert motion["camera"] is not None
+    assert motion["frames"] == 16
+
+
+def test_every_section_is_there_of_an_estimate_alone(estimate: SceneEstimate) -> None:
+    assert Page(page_of(estimate)).ids >= ALWAYS
+    bare = replace(
+        estimate, camera=None, wearers=tuple(replace(one, covariance=None, residuals={}) for one in estimate.wearers)
+    )
+    for few in (bare, replace(bare, wearers=bare.wearers[:1])):
+        text = page_of(few)
+        assert Page(text).ids >= ALWAYS
+        assert "How sure the angles are was not computed" in text
+        assert motion_of(text)["camera"] is None
+        assert len(motion_of(text)["bodies"]) == len(few.wearers)
+
+
+def test_one_wearer_with_recording(estimate: SceneEstimate, scene: Scene) -> None:
+    alone = replace(estimate, wearers=estimate.wearers[:1], camera=None, wearer_of_detection=np.zeros(0, int))
+    text = page_of(alone, Scene("one", scene.wearers[:1]))
+    assert Page(text).ids >= ALWAYS
+    assert "Knee flexion" in text
+    assert "left_shank" in text
+
+
+def test_names_are_escaped_everywhere(estimate: SceneEstimate, scene: Scene) -> None:
+    evil = '</script><img src=x onerror=alert(1)>"&'
+    named = replace(scene, wearers=tuple(replace(one, subject=replace(one.subject, name=f"{evil}{number}"))
+                                         for number, one in enumerate(scene.wearers)))  # fmt: skip
+    said = replace(estimate, name=evil, findings=(f"wearer '{evil}' is never seen: {evil}",), association=(evil,),
+                   settings={evil: evil})  # fmt: skip
+    page = Page(page_of(said, named))
+    assert "x" not in page.addresses
+    assert page.elements.count("script") == 3
+    assert page.elements.count("img") == 3  # the strip, a pose, a frame of the video
+
+
+def test_nothing_is_asked_of_a_network(estimate: SceneEstimate, scene: Scene) -> None:
+    text = page_of(estimate, scene)
+    page = Page(text)
+    assert all(one.startswith(("#", "data:")) for one in page.addresses)
+    assert "default-src 'none'" in text
+    assert "link" not in page.elements
+    assert "iframe" not in page.elements
+
+
+def test_the_worst_moment_is_found_and_shown(estimate: SceneEstimate, scene: Scene) -> None:
+    green = np.zeros((72, 128, 3), np.uint8)
+    green[..., 1] = 200
+    video = Video(None, dict.fromkeys(range(40), cv2.imencode(".png", green)[1].tobytes()))
+    filmed = replace(scene, camera=replace(scene.camera, video=video))
+    times = [float(one) for one in re.findall(r'data-time="([\d.]+)"', page_of(estimate, filmed))]
+    assert len(times) == 1
+    assert abs(times[0] - 0.25) < 0.1
+
+
+def test_long_motions_are_thinned(estimate: SceneEstimate) -> None:
+    text = report_page(material(estimate), ReportSettings(most_poses=10, moments=0))
+    assert motion_of(text)["frames"] == 5
+    assert "moments" not in Page(text).ids
+
+
+def test_the_file_is_written_whole_and_never_by_accident(estimate: SceneEstimate, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    write_report(estimate, path, settings=ReportSettings(moments=0))
+    with pytest.raises(InputError, match="exists"):
+        write_report(estimate, path, settings=ReportSettings(moments=0))
+    assert path.stat().st_size < 3e6
+    assert [one.name for one in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_what_does_not_belong_together_is_refused(estimate: SceneEstimate, scene: Scene) -> None:
+    with pytest.raises(InputError, match="estimate of 1 wearers"):
+        material(replace(estimate, wearers=estimate.wearers[:1]), scene)
+    with pytest.raises(InputError, match="no wearer"):
+        material(replace(estimate, wearers=()))
+    blind = replace(scene, wearers=tuple(replace(one, truth=None) for one in scene.wearers), truth=None)
+    with pytest.raises(InputError, match="no truth"):
+        material(estimate, scene, blind)
+    assert material(estimate, blind, scene).has_truth

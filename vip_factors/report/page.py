@@ -97,10 +97,10 @@ def report_page(given: Material, settings: ReportSettings, progress: Progress | 
         tell("report", number / (len(makers) + 1))
         sections.append(make())
     summary, *rest = (one for one in sections if one is not None)
-    data = motion_data(given, settings)
+    data, names = motion_data(given, settings), listed([one.name for one in given.wearers])
     page = Page(
         title=given.estimate.name,
-        subtitle=listed([one.name for one in given.wearers]),
+        subtitle="" if names == given.estimate.name else names,
         before=(summary,),
         after=tuple(rest),
         motion=_json(data),

@@ -4,6 +4,7 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 
 import jinja2
@@ -115,6 +116,7 @@ def report_page(given: Material, settings: ReportSettings, progress: Progress | 
     )  # fmt: skip
 
 
+@cache  # templates are compiled once
 def _environment() -> jinja2.Environment:
     return jinja2.Environment(
         loader=jinja2.PackageLoader(ROOM), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,

@@ -19,7 +19,7 @@ BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "
 SOFTWARE_GL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 QUIET = (
     "--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--virtual-time-budget=3000", "--dump-dom",
+    "--disable-component-update", "--disable-sync", "--virtual-time-budget=1000", "--dump-dom",
 )  # fmt: skip
 
 
@@ -32,7 +32,7 @@ def test_the_script_was_made_of_its_sources() -> None:
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on the PATH")
-@pytest.mark.parametrize("with_gl", [False, True])
+@pytest.mark.parametrize("with_gl", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_the_page_works_in_a_browser(with_gl: bool, tmp_path: Path) -> None:
     scene = scene_sample(0.2)
     page = tmp_path / "report.html"

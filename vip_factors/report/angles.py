@@ -33,7 +33,7 @@ def angles_section(material: Material) -> Section:
         Paragraph(
             "Angles follow the recommendations of the International Society of Biomechanics and are zero when standing "
             "upright with hanging arms, palms forward. Point at a curve to read it; the body above follows. The pale "
-            "band is one standard deviation of the joint's rotation, where it is known."
+            "band is one standard deviation, where it is known."
         )
     ]
     for wearer in material.wearers:
@@ -47,7 +47,16 @@ def _wearer(wearer: Wearer, filmed: bool) -> list[Block]:
     found = joint_angles(wearer.estimate.motion)
     sigmas, bones = _sigmas(found, wearer), bones_with_sensors(wearer)
     told = {name: is_measured(bones, name) for name in (*PAIRED, *TRUNK)}
-    blocks: list[Block] = [_charts(found, sigmas, [name for name in told if told[name]])]
+    blocks: list[Block] = []
+    if bones is None:
+        blocks.append(
+            Paragraph(
+                "Which segments wore sensors is not known without the recording (--recording): joints that none "
+                "measured are among these.",
+                small=True,
+            )
+        )
+    blocks.append(_charts(found, sigmas, [name for name in told if told[name]]))
     blocks += [*_ranges(found, sigmas, told), *_walk(wearer)]
     guessed = [name for name in told if not told[name]]
     if guessed:

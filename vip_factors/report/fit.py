@@ -132,7 +132,13 @@ def _truth(material: Material) -> list[Block]:
         columns: dict[str, Mapping[str, Metric]] = {material.wearers[0].name: found.metrics}
     else:
         found = evaluate_scene(material.estimate, scene)
-        columns = {"all": found.metrics} | {name: each.metrics for name, each in found.wearers.items()}
+        each = {name: one.metrics for name, one in found.wearers.items()}
+        # Of one wearer alone what is of the scene and what is its own fit into one column.
+        columns = (
+            {"all": found.metrics, **each}
+            if len(each) > 1
+            else {name: {**found.metrics, **table} for name, table in each.items()}
+        )
     names = [name for name in METRIC_WORDS if any(name in table for table in columns.values())]
     rows = [
         (

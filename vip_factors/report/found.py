@@ -101,7 +101,7 @@ def _sensors(wearer: Wearer) -> list[Block]:
             (
                 name, bone_words(site.bone) if site else UNKNOWN,
                 f"{_degrees(heading)}, by convention" if held else _degrees(heading, one.heading_sigma),
-                f"{path[-1] - path[0]:+.1f}°" if len(path) else "none looked for",
+                f"{path[-1] - path[0]:+z.1f}°" if len(path) else "none looked for",
                 turned, f"± {sigma.max():.1f}°" if np.isfinite(sigma).all() else "unknown",
             )
         )  # fmt: skip
@@ -164,7 +164,7 @@ def _places(wearer: Wearer) -> list[Block]:
 
 def _place(found: np.ndarray, prior: np.ndarray, sigma: np.ndarray, axis: int) -> str:
     moved = MM * (found[axis] - prior[axis])
-    return f"{plus_minus(MM * found[axis], MM * sigma[axis])} ({moved:+.0f})"
+    return f"{plus_minus(MM * found[axis], MM * sigma[axis])} ({moved:+z.0f})"
 
 
 def _camera(camera: CameraEstimate) -> list[Block]:

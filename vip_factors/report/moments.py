@@ -43,12 +43,14 @@ def moments_section(material: Material, most: int) -> Section | None:
         images = [Image(png(pose), f"the body at {one.time:.2f} s"), *_video_frame(material, one)]
         whose = f"{one.wearer.name}, " if len(material.wearers) > 1 else ""
         pictures.append(Picture(tuple(images), f"{whose}{one.time:.2f} s", one.reason, one.time))
+    camera = material.scene.camera if material.scene is not None else None
+    blind = camera is not None and (camera.video is None or not (camera.video.images or camera.video.path))
     blocks: list[Block] = [
         Paragraph(
             "Where the estimate differs most from what was measured, or knows least, against what is usual in this "
-            "recording. Look at these first; if the body looks right here, it does elsewhere. Left limbs are orange, "
+            "recording. Look at these first; elsewhere the body fits better. Left limbs are orange, "
             "right ones blue; in frames of the video broad lines are the reconstructed body, thin ones what "
-            "the detector saw."
+            "the detector saw." + (" The video itself is not in the recording: its frames are dark." if blind else "")
         ),
         Pictures(tuple(pictures)),
     ]

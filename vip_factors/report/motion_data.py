@@ -48,7 +48,7 @@ def motion_data(material: Material, settings: ReportSettings) -> dict[str, objec
         "start": start,
         "rate": rate,
         "frames": frames,
-        "shown": start + 0.25 * (end - start),
+        "shown": start + 0.6 * (end - start),
         "floor": float(np.median([floor_height(one.motion) for one in bodies if not one.ghost])),
         "centre": [round(float(one), 3) for one in (low + high) / 2],
         "extent": round(float((high - low).max()), 3),

@@ -4,6 +4,7 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 
 import jinja2
@@ -97,10 +98,10 @@ def report_page(given: Material, settings: ReportSettings, progress: Progress | 
         tell("report", number / (len(makers) + 1))
         sections.append(make())
     summary, *rest = (one for one in sections if one is not None)
-    data = motion_data(given, settings)
+    data, names = motion_data(given, settings), listed([one.name for one in given.wearers])
     page = Page(
         title=given.estimate.name,
-        subtitle=listed([one.name for one in given.wearers]),
+        subtitle="" if names == given.estimate.name else names,
         before=(summary,),
         after=tuple(rest),
         motion=_json(data),
@@ -115,6 +116,7 @@ def report_page(given: Material, settings: ReportSettings, progress: Progress | 
     )  # fmt: skip
 
 
+@cache  # templates are compiled once
 def _environment() -> jinja2.Environment:
     return jinja2.Environment(
         loader=jinja2.PackageLoader(ROOM), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,

@@ -6,7 +6,7 @@ import numpy as np
 
 def png_bytes(image: np.ndarray) -> bytes:
     """An image ``(height, width, 3)``, blue green red, as PNG: for drawings."""
-    return bytes(cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes())
+    return bytes(cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 6])[1].tobytes())
 
 
 def jpeg_bytes(image: np.ndarray, quality: int = 82) -> bytes:

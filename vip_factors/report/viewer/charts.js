@@ -57,7 +57,7 @@ class Chart {
       const height = inside ? heightAt(lines, x) : null;
       if (height === null) continue;
       const value = this.y0 + ((this.bottom - height) / (this.bottom - this.top)) * (this.y1 - this.y0);
-      parts.push(`${name} ${value.toFixed(this.decimals)}${this.unit}`);
+      parts.push(`${name} ${value.toFixed(this.decimals).replace(/^-(0\.?0*)$/, "$1")}${this.unit}`);
     }
     this.readout.textContent = parts.join("  ·  ");
   }

@@ -115,7 +115,8 @@ export class World {
     this.sun.shadow.mapSize.set(1024, 1024);
     const reach = 2.5 + extent / 2;
     Object.assign(this.sun.shadow.camera, { left: -reach, right: reach, top: reach, bottom: -reach, far: 30 });
-    this.sun.shadow.bias = -0.002;
+    this.sun.shadow.bias = -0.001;
+    this.sun.shadow.normalBias = 0.03;
     this.scene.add(grid, shadows, new HemisphereLight("#ffffff", "#cfcac2", 2.6), this.sun, this.sun.target);
     this.bodies.forEach((body, index) => {
       if (!this.data.bodies[index].ghost) this.scene.add(this.#track(body.poses, this.data.bodies[index].mark));

@@ -7,7 +7,7 @@ ONE = ["--parameters", "factors.orientation.sigma-deg:3:6:log", "--frame-rate", 
 
 
 def test_tuning_writes_settings_that_smooth_takes(run, files, tmp_path: Path) -> None:
-    study, out = tmp_path / "study.db", tmp_path / "tuned.toml"
+    study, out = tmp_path / "study.log", tmp_path / "tuned.toml"
     told = run("tune", files.recording, "--study", study, "--out", out, "--trials", "1", *ONE)
     assert told.code == 0, told.err
     assert "one recording judges itself" in told.out
@@ -20,8 +20,8 @@ def test_tuning_writes_settings_that_smooth_takes(run, files, tmp_path: Path) ->
 
 
 def test_what_cannot_be_tuned_on_is_refused(run, files, tmp_path: Path) -> None:
-    out = ["--study", tmp_path / "s.db", "--out", tmp_path / "t.toml"]
+    out = ["--study", tmp_path / "s.log", "--out", tmp_path / "t.toml"]
     assert "no recording" in run("tune", *out).err
     assert "did you mean" in run("tune", files.recording, *out, "--parameters", "factors.orientation.sigma:1:2").err
     assert "given twice" in run("tune", files.recording, *out, "--parameters", *[ONE[1]] * 2).err
-    assert not (tmp_path / "s.db").exists()
+    assert not (tmp_path / "s.log").exists()

@@ -79,8 +79,8 @@ def test_a_study_goes_on_after_an_interrupt(tmp_path: Path) -> None:
         return quadratic(name, values)
 
     with pytest.raises(KeyboardInterrupt):
-        Study(tmp_path / "s.db", TASK).run(5, interrupted)
-    again = Study(tmp_path / "s.db", TASK)
+        Study(tmp_path / "s.log", TASK).run(5, interrupted)
+    again = Study(tmp_path / "s.log", TASK)
     kept = again.trials
     assert [trial.values for trial in kept] == [{SIGMA.name: value} for value in calls[:8:2]]
     again.run(5, quadratic)
@@ -98,7 +98,7 @@ def test_settings_that_cannot_be_solved_are_a_failed_trial(tmp_path: Path) -> No
             raise SolveError("not determined")
         return 10.0
 
-    study = Study(tmp_path / "s.db", TASK)
+    study = Study(tmp_path / "s.log", TASK)
     study.run(3, failing)
     assert [trial.number for trial in study.trials] == [0]
 
@@ -109,9 +109,10 @@ def test_a_study_of_something_else_is_not_continued(tmp_path: Path) -> None:
         Study(tmp_path / "s.db", Task(("a", "c"), TASK.parameters, TASK.untouched, TASK.about))
     with pytest.raises(InputError, match="other measured"):
         Study(tmp_path / "s.db", Task(TASK.recordings, TASK.parameters, TASK.untouched, "mpjpe at 20 Hz"))
-    (tmp_path / "no.db").write_text("this is no database, but a text that is long enough to be taken for one" * 20)
-    with pytest.raises(InputError, match="as a study"):
-        Study(tmp_path / "no.db", TASK)
+    for name in ("no.db", "no.log"):
+        (tmp_path / name).write_text("this is no study, but a text that is long enough to be taken for one\n" * 20)
+        with pytest.raises(InputError, match="as a study"):
+            Study(tmp_path / name, TASK)
 
 
 def test_what_was_found_is_a_settings_file_that_says_where_it_comes_from(tmp_path: Path) -> None:

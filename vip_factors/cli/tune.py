@@ -30,8 +30,8 @@ class TuneOptions:
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING [RECORDING …]")]
     """Recordings or scenes (.mcap) with a truth; three and more, as different as those that the settings are for."""
-    study: Path = Path("study.db")
-    """File of the trials (SQLite); continued if it exists."""
+    study: Path = Path("study.log")
+    """File of the trials, continued if it exists: optuna's journal, or SQLite if it ends in .db."""
     parameters: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:LOW:HIGH[:log] …")] = ()
     """Settings to tune and their bounds, such as factors.orientation.sigma-deg:2:10:log; eight weights of factors if
     absent."""

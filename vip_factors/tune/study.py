@@ -11,6 +11,7 @@ from vip_factors.tune.leave_one_out import Errors, Trial, loss
 from vip_factors.tune.parameters import Parameter
 
 NAME = "vip-factors"
+DATABASES = (".db", ".sqlite", ".sqlite3")
 STARTUP = 10  # trials at random at most, before the sampler has something to go by: optuna's own number
 STARTUP_SHARE = 5  # and of few trials in all only every fifth
 Judge = Callable[[str, Mapping[str, float]], float]
@@ -44,10 +45,10 @@ class Task:
 
 
 class Study:
-    """Trials in a file (SQLite, as optuna writes it: its dashboard opens it too).
+    """Trials in a file as optuna writes it, so that its dashboard opens it too.
 
     Args:
-        path: of the file; made if absent.
+        path: of the file, made if absent: SQLite if it ends in .db, else optuna's journal, a text.
         task: what the study is of.
         seed: of the sampler.
 
@@ -63,7 +64,7 @@ class Study:
         }
         with _readable(path):
             self._study = self._optuna.create_study(
-                storage=f"sqlite:///{path}", study_name=NAME, load_if_exists=True, direction="minimize"
+                storage=_storage(path), study_name=NAME, load_if_exists=True, direction="minimize"
             )
             known = {name: self._study.user_attrs.get(name) for name in task.words()}
         for name, words in task.words().items():
@@ -150,14 +151,27 @@ def _optuna() -> Any:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """A file that is no database, as a sentence.
+    """A file that is no study, as a sentence.
 
     Raises:
         InputError: if it is none.
     """
-    from sqlalchemy.exc import DatabaseError
+    foreign: tuple[type[Exception], ...] = (ValueError, KeyError)  # of a journal
+    if path.suffix.lower() in DATABASES:
+        from sqlalchemy.exc import DatabaseError
 
+        foreign = (DatabaseError,)
     try:
         yield
-    except DatabaseError as error:
-        raise InputError(f"{path}: cannot be read or written as a study: {error.orig}") from error
+    except foreign as error:
+        raise InputError(f"{path}: cannot be read or written as a study: {error}") from error
+
+
+def _storage(path: Path) -> Any:
+    """Optuna's name or object for a file."""
+    if path.suffix.lower() in DATABASES:
+        return f"sqlite:///{path}"
+    from optuna.storages import JournalStorage
+    from optuna.storages.journal import JournalFileBackend
+
+    return JournalStorage(JournalFileBackend(str(path)))

@@ -13,7 +13,7 @@ class DetectSettings:
         least_score: of the person detector's finds that the landmark model looks at. MediaPipe's own.
         least_presence: of the landmark model, that its square shows a person. MediaPipe's own.
         search_s: seconds between searches for people who have come in; each costs as much as several people's frames.
-        tile_levels: how often the search halves its squares. 0 sees the whole image only, in which people who are less high than
+        tile_levels: how often the search halves its squares. 0 sees the whole image only, in which people smaller than
             a third of it are easily missed; each level finds people of half the size, at up to four times the cost.
         box_overlap: intersection over union of two boxes of the detector that show one person. MediaPipe's own.
         same_person: mean distance of two poses' landmarks, in sides of their squares, below which they are of one

@@ -1,12 +1,15 @@
 """A video through the tracker into a file that convert reads."""
 
 from pathlib import Path
+from typing import ClassVar
 
 import cv2
 import numpy as np
 import pytest
 from detect.stub_people import People
 
+from vip_factors.body.keypoints import keypoint_set
+from vip_factors.detect.onnx_pose import Box
 from vip_factors.detect.overlay import write_overlay
 from vip_factors.detect.settings import DetectSettings
 from vip_factors.detect.tracks import Tracker
@@ -80,6 +83,26 @@ def test_a_short_track_is_left_out_and_the_others_are_numbered_anew(video: Path)
     poses = detect_video(video, tracker(people), DetectSettings())
     assert poses.tracks == [1]
     assert len([one for people in poses.frames for one in people]) == FRAMES
+
+
+def test_another_model_sees_the_people_who_are_followed(video: Path) -> None:
+    class Model:
+        keypoints = keypoint_set("coco17")
+        boxes: ClassVar[list[Box]] = []
+
+        def look(self, image: np.ndarray, box: Box) -> tuple[np.ndarray, np.ndarray]:
+            self.boxes.append(box)
+            return np.full((17, 2), [box.left, box.lower]), np.full(17, 0.7)
+
+    people = People({"a": (150, 120), "b": (450, 120)})
+    poses = detect_video(video, tracker(people), DetectSettings(), Stretch(end_s=0.1), Model())  # type: ignore[arg-type]
+    assert poses.keypoints.name == "coco17"
+    assert [len(one) for one in poses.frames[:3]] == [2, 2, 0]
+    assert len(Model.boxes) == 4
+    for box, x in zip(Model.boxes, (150, 450, 150, 450), strict=True):
+        assert box.left < x < box.right
+        assert box.upper < 120 < box.lower <= 240  # of what is within the image
+    assert np.all(poses.frames[0][0].confidence == 0.7)
 
 
 def test_nobody_makes_a_file_too(video: Path, tmp_path: Path) -> None:

@@ -25,5 +25,5 @@ def blazepose_tracker(files: BlazePoseFiles, settings: DetectSettings, threads: 
         InputError: if the library that runs the models is not installed.
         FileFormatError: if a file is no model.
     """
-    detector = PersonDetector(LiteModel(files.detector, threads), settings.least_score, settings.overlap)
+    detector = PersonDetector(LiteModel(files.detector, threads), settings.least_score, settings.box_overlap)
     return Tracker(detector, LandmarkModel(LiteModel(files.landmarks, threads)), settings)

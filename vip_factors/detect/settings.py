@@ -10,12 +10,12 @@ class DetectSettings:
     """Thresholds and periods of detection.
 
     Attributes:
-        least_score: of the person detector; less is looked at by the landmark model no more. MediaPipe's own.
+        least_score: of the person detector's finds that the landmark model looks at. MediaPipe's own.
         least_presence: of the landmark model, that its square shows a person. MediaPipe's own.
         search_s: seconds between searches for people who have come in; each costs as much as several people's frames.
         tile_levels: how often the search halves its squares. 0 sees the whole image only, in which people smaller than
             a third of it are easily missed; each level finds people of half the size, at up to four times the cost.
-        overlap: of two boxes of the person detector that show one person (intersection over union). MediaPipe's own.
+        box_overlap: intersection over union of two boxes of the detector that show one person. MediaPipe's own.
         same_person: mean distance of two poses' landmarks, in sides of their squares, below which they are of one
             person. A side is 1.25 times a person's height and more, so this is a shoulder's width: nobody stands so
             near another without hiding him.
@@ -30,7 +30,7 @@ class DetectSettings:
     least_presence: float = 0.5
     search_s: float = 0.5
     tile_levels: int = 2
-    overlap: float = 0.3
+    box_overlap: float = 0.3
     same_person: float = 0.1
     lost_s: float = 1.0
     least_s: float = 0.2
@@ -38,7 +38,7 @@ class DetectSettings:
     chances: int = 2
 
     def __post_init__(self) -> None:
-        for name in ("least_score", "least_presence", "overlap"):
+        for name in ("least_score", "least_presence", "box_overlap"):
             if not 0 < getattr(self, name) < 1:
                 raise InputError(f"{name} {getattr(self, name)}: expected a number between 0 and 1")
         for name in ("search_s", "same_person", "lost_s", "least_s", "turn_s"):

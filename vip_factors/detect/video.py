@@ -100,7 +100,8 @@ def detect_video(
         tell((index + 1 - looked.start) / len(range(looked.start, looked.stop)))
     somebody = [[one for one in poses if one.track not in tracker.given_up] for poses in frames]
     rate = facts.rate / looked.step
-    tidy = _tidied(somebody, keypoints, math.ceil(settings.least_s * rate), max(1, round(settings.turn_s * rate)))
+    least = min(math.ceil(settings.least_s * rate), len(looked))  # a short video has no longer tracks
+    tidy = _tidied(somebody, keypoints, least, max(1, round(settings.turn_s * rate)))
     return VideoPoses(facts, keypoints, tidy, looked)
 
 

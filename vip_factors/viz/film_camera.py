@@ -5,9 +5,8 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from vip_factors.body.body_mesh import BodyMesh, body_mesh
+from vip_factors.body.body_mesh import body_mesh
 from vip_factors.body.mannequin import Side
-from vip_factors.body.motion import Motion
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.viz.canvas import mixed
@@ -22,14 +21,6 @@ from vip_factors.viz.wearer_colours import UNCLAIMED, wearer_colour
 
 CLOTHES = {Side.LEFT: (206, 208, 212), Side.RIGHT: (206, 208, 212), Side.MIDDLE: (206, 208, 212)}
 DOT_SHARE = 1 / 260  # of the picture's height: a keypoint's radius
-
-
-def _mesh_of(motion: Motion, figures: list[Figure]) -> BodyMesh:
-    """A skin that is there already, if the estimate's body is the true one; else a new one."""
-    for figure in figures:
-        if figure.motion.skeleton is motion.skeleton:
-            return figure.mesh
-    return body_mesh(motion.skeleton)
 
 
 class CameraPane:
@@ -64,7 +55,7 @@ class CameraPane:
         self._eyes = self._seen_from(drawn.path)
         self._true_eyes = self._seen_from(drawn.true_path) if drawn.true_path is not None else self._eyes
         self._people = [
-            Figure(_mesh_of(wearer.truth, figures), wearer.truth, CLOTHES)
+            Figure(body_mesh(wearer.truth.skeleton), wearer.truth, CLOTHES)
             for wearer in drawn.wearers
             if wearer.motion is not None and wearer.truth is not None
         ]

@@ -14,11 +14,10 @@ from vip_factors.body.body_mesh import body_mesh
 from vip_factors.errors import InputError
 from vip_factors.sensors.scene import Scene, Video
 from vip_factors.viz.eye import Eye, Lens, looking_at, scaled
-from vip_factors.viz.figure import Figure, blend
+from vip_factors.viz.figure import Figure, blend, lit_from
 from vip_factors.viz.film import film, film_times, layout
 from vip_factors.viz.film_camera import CameraPane
 from vip_factors.viz.film_headings import heading_errors
-from vip_factors.viz.film_room import lit_from
 from vip_factors.viz.film_settings import FilmSettings
 from vip_factors.viz.room import Backdrop, Room
 from vip_factors.viz.scene_world import DrawnScene, drawn_scene

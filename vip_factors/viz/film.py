@@ -5,18 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.body.body_mesh import body_mesh
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration
-from vip_factors.viz.figure import Figure
+from vip_factors.viz.figure import figure_of
 from vip_factors.viz.film_camera import CameraPane
 from vip_factors.viz.film_file import check_film, film_file
 from vip_factors.viz.film_headings import HeadingsPane
 from vip_factors.viz.film_room import RoomPane
 from vip_factors.viz.film_settings import FilmSettings
 from vip_factors.viz.scene_world import DrawnScene
-from vip_factors.viz.wearer_colours import skin_colours
 
 NO_CAMERA_RATE = 30.0  # frames per second
 PAPER = 255  # behind the panes
@@ -58,11 +56,7 @@ def film(
         )
     times, frames, rate = film_times(drawn, settings)
     width, height, boxes = layout(drawn, settings.video_height, len(histories) > 0)
-    figures = [
-        Figure(body_mesh(wearer.shown.skeleton), wearer.shown, skin_colours(wearer.index))
-        for wearer in drawn.wearers
-        if wearer.shown is not None
-    ]
+    figures = [figure for figure in map(figure_of, drawn.wearers) if figure is not None]
     panes: list[tuple[Box, Pane]] = []
     if "room" in boxes:
         panes.append((boxes["room"], RoomPane(figures, times, boxes["room"][2:])))

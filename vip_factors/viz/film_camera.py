@@ -11,8 +11,8 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.viz.canvas import mixed
 from vip_factors.viz.eye import Eye, Lens, scaled
-from vip_factors.viz.figure import Figure, blend
-from vip_factors.viz.film_room import as_bytes, floor_of, lit_from
+from vip_factors.viz.figure import Figure, as_bytes, blend, lit_from
+from vip_factors.viz.film_room import floor_of
 from vip_factors.viz.image_limbs import limb_pairs
 from vip_factors.viz.room import Backdrop, Room
 from vip_factors.viz.scene_world import DrawnScene
@@ -36,6 +36,7 @@ class CameraPane:
         frames: ``(T,)`` their numbers in the video.
         size: of the pictures, width and height.
         opacity: of the bodies that are laid over.
+        coarse: draw a room at half the resolution, for speed.
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class CameraPane:
         frames: np.ndarray,
         size: tuple[int, int],
         opacity: float,
+        coarse: bool = True,
     ) -> None:
         assert drawn.model is not None
         assert drawn.path is not None
@@ -62,7 +64,7 @@ class CameraPane:
         self._video = video_stream(drawn.video, frames.tolist())
         at = np.mean([figure.motion.p_world_pelvis[:, :2].mean(axis=0) for figure in self._figures], axis=0)
         self._room = Room(floor_of(self._people or self._figures, times), at, lit_from(self._true_eyes[0]))
-        self._backdrop = Backdrop(self._room, Lens(self._model))
+        self._backdrop = Backdrop(self._room, Lens(self._model), coarse)
 
     def _seen_from(self, path: CameraPath) -> Sequence[Eye]:
         at = path.at(self._times)

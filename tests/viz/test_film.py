@@ -133,7 +133,7 @@ def test_films_open_with_their_number_of_pictures(drawn: DrawnScene, tmp_path: P
     film(drawn, path, SMALL, tell=lambda _, share: told.append(share))
     times, _, rate = film_times(drawn, SMALL)
     assert (len(times), round(rate)) == (6, 10)
-    assert told[-1] == 1
+    assert told[-2:] == [1, 0]  # all drawn, then written
     width, height, _ = layout(drawn, 96, headings=False)
     if suffix == ".mp4":
         reader, pictures = cv2.VideoCapture(str(path)), []
@@ -191,6 +191,26 @@ def test_what_cannot_be_filmed_is_said(drawn: DrawnScene, tmp_path: Path, make: 
     with pytest.raises(InputError, match=said):
         make(drawn, tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_an_animation_too_large_for_memory_is_refused(
+    drawn: DrawnScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vip_factors.viz.film.LARGEST_ANIMATION", 100_000)
+    with pytest.raises(InputError, match="too large to make"):
+        film(drawn, tmp_path / "a.gif", SMALL)
+
+
+@pytest.mark.parametrize("headings", [True, False])
+def test_panes_of_an_upright_video_keep_its_shape(drawn: DrawnScene, headings: bool) -> None:
+    upright = replace(drawn, model=scaled(drawn.model, 1080, 1920))
+    width, height, boxes = layout(upright, 480, headings)
+    assert boxes["camera"][2] / boxes["camera"][3] == pytest.approx(1080 / 1920, abs=0.01)
+    assert width % 2 == height % 2 == 0
+    for left, top, w, h in boxes.values():
+        assert left >= 0 <= top
+        assert left + w <= width
+        assert top + h <= height
 
 
 @pytest.mark.parametrize(("suffix", "module"), [(".mp4", "av"), (".gif", "PIL.Image")])

@@ -17,6 +17,7 @@ from vip_factors.viz.film_settings import FilmSettings
 from vip_factors.viz.scene_world import DrawnScene
 
 NO_CAMERA_RATE = 30.0  # frames per second
+LARGEST_ANIMATION = 1 << 30  # bytes of pictures: Pillow wants all of them at once
 PAPER = 255  # behind the panes
 GAP = 0.012  # between the panes, of the height
 Pane = CameraPane | RoomPane | HeadingsPane
@@ -56,6 +57,11 @@ def film(
         )
     times, frames, rate = film_times(drawn, settings)
     width, height, boxes = layout(drawn, settings.video_height, len(histories) > 0)
+    if path.suffix.lower() != ".mp4" and len(times) * width * height * 3 > LARGEST_ANIMATION:
+        raise InputError(
+            f"{path}: an animation of {len(times)} pictures of {width} by {height} is too large to make: expected a "
+            "shorter (--video-seconds), slower (--video-rate) or smaller (--video-height) one, or an .mp4"
+        )
     figures = [figure for figure in map(figure_of, drawn.wearers) if figure is not None]
     panes: list[tuple[Box, Pane]] = []
     if "room" in boxes:
@@ -72,6 +78,7 @@ def film(
                 picture[top : top + h, left : left + w] = pane.draw(index)
             file.add(picture)
             tell("drawing the film", (index + 1) / len(times))
+        tell("writing the film", 0.0)
 
 
 def film_times(drawn: DrawnScene, settings: FilmSettings) -> tuple[Array, np.ndarray, float]:
@@ -117,7 +124,8 @@ def layout(drawn: DrawnScene, wanted: int, headings: bool) -> tuple[int, int, di
     top = 0
     if camera is not None:
         tall = min(round(side / shape), round(0.62 * height))
-        boxes["camera"] = (left, 0, side, tall)
+        wide = min(side, round(tall * shape))  # a picture taken upright stands in the middle
+        boxes["camera"] = (left + (side - wide) // 2, 0, wide, tall)
         top = tall + gap
     boxes["headings"] = (left, top, side, height - top)
     return left + side, height, boxes

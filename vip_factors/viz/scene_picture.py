@@ -111,7 +111,8 @@ def _header(canvas: Canvas, drawn: DrawnScene, title: str) -> None:
 
 def _strip(canvas: Canvas, drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int], columns: int) -> None:
     assert drawn.detections is not None
-    pictures = _reconstructed(drawn, chosen, size) if drawn.path is not None else _detected_only(drawn, chosen, size)
+    known = drawn.path is not None and any(wearer.shown is not None for wearer in drawn.wearers)
+    pictures = _reconstructed(drawn, chosen, size) if known else _detected_only(drawn, chosen, size)
     for number, (frame, picture) in enumerate(zip(chosen, pictures, strict=True)):
         left = MARGIN + (number % columns) * (size[0] + GAP)
         top = HEADER + (number // columns) * (size[1] + GAP)

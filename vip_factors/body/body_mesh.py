@@ -7,12 +7,13 @@ skinning.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.mannequin import Segment, mannequin
-from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton, joint_index
+from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.geometry.rotations import Array, rotation_z
 
 SOFTNESS = 0.16  # of a segment's thinner end: creases rounded, fingers still apart
@@ -65,7 +66,15 @@ class BodyMesh:
 
 
 def body_mesh(skeleton: Skeleton) -> BodyMesh:
-    """The skin of a skeleton; some tenths of a second of work: make it once per body."""
+    """The skin of a skeleton; some tenths of a second of work the first time, then it is remembered."""
+    landmarks = [(name, one.bone, one.p_bone_point.astype(float).tobytes()) for name, one in skeleton.landmarks.items()]
+    return _mesh_of(skeleton.p_parent_joint.tobytes(), tuple(landmarks))
+
+
+@lru_cache(maxsize=8)
+def _mesh_of(offsets: bytes, landmarks: tuple[tuple[str, int, bytes], ...]) -> BodyMesh:
+    points = {name: Landmark(bone, np.frombuffer(point)) for name, bone, point in landmarks}
+    skeleton = Skeleton(np.frombuffer(offsets).reshape(JOINT_COUNT, 3), points)
     R = np.tile(np.eye(3), (1, JOINT_COUNT, 1, 1))
     for side, sign in (("left_hip", 1.0), ("right_hip", -1.0)):
         R[0, joint_index(side)] = rotation_z(sign * LEGS_APART)

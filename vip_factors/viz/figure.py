@@ -6,17 +6,21 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vip_factors.body.body_mesh import BodyMesh
+from vip_factors.body.body_mesh import BodyMesh, body_mesh
 from vip_factors.body.mannequin import Colour, Side, side_of
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.viz.eye import Eye
+from vip_factors.viz.scene_world import DrawnWearer
+from vip_factors.viz.sensor_boxes import BOX_COLOUR, SensorBoxes, sensor_boxes
 from vip_factors.viz.triangles import COVERED_M, empty_depth, paint
+from vip_factors.viz.wearer_colours import skin_colours
 
 OVERSAMPLING = 2  # pixels a side, averaged: edges without steps
 NEARBY_M = 0.3  # nearer skin does not tell where in the picture a body is
 AMBIENT, KEY, RIM, GLOSS = 0.52, 0.72, 0.16, 0.10  # shares of light, chosen by eye
 OCCLUSION, OCCLUSION_M = 0.45, 0.10  # how dark what lies behind a near limb gets, and how far behind for all of it
+SUN_RIGHT, SUN_UP, SUN_BACK = -0.55, 1.0, 0.45  # to the left of the eye, above, and on its side of the scene
 OCCLUSION_SPAN_M = 0.22  # around a pixel, in the body's own scale
 
 
@@ -34,13 +38,20 @@ class Figure:
         mesh: its skin.
         motion: in the world to be drawn.
         colours: by side.
+        boxes: sensors on it, if they are to be seen.
     """
 
-    def __init__(self, mesh: BodyMesh, motion: Motion, colours: Mapping[Side, Colour]) -> None:
-        self.mesh, self.motion = mesh, motion
+    def __init__(
+        self, mesh: BodyMesh, motion: Motion, colours: Mapping[Side, Colour], boxes: SensorBoxes | None = None
+    ) -> None:
+        self.mesh, self.motion, self.boxes = mesh, motion, boxes
         by_bone = np.array([colours[side_of(bone)] for bone in range(JOINT_COUNT)]) / 255
         self.base = (mesh.weights @ by_bone).astype(np.float32)
         self.faces = mesh.faces.astype(np.int32)
+        if boxes is not None:
+            box = np.tile(np.array(BOX_COLOUR, np.float32) / 255, (len(boxes.bone), 1))
+            self.faces = np.concatenate([self.faces, boxes.faces + np.int32(len(self.base))])
+            self.base = np.concatenate([self.base, box])
 
     def shown_at(self, time: float) -> bool:
         """Whether the motion knows an instant, within a frame."""
@@ -51,7 +62,10 @@ class Figure:
         """The skin at the frame nearest to an instant in seconds."""
         motion = self.motion
         frame = int(np.clip(round((time - motion.start) * motion.rate), 0, len(motion) - 1))
-        p, normal = self.mesh.posed(motion.state.R_world_bone[frame], motion.state.p_world_joint[frame])
+        bones = motion.state.R_world_bone[frame], motion.state.p_world_joint[frame]
+        p, normal = self.mesh.posed(*bones)
+        if self.boxes is not None:
+            p, normal = (np.concatenate(both) for both in zip((p, normal), self.boxes.posed(*bones), strict=True))
         return Posed(p.astype(np.float32), normal.astype(np.float32), self.base, self.faces)
 
 
@@ -140,3 +154,27 @@ def _occlusion(depth: np.ndarray, eye: Eye) -> np.ndarray:
     behind = np.where(body, filled - total / np.maximum(count, 1), 0)
     behind = np.asarray(cv2.GaussianBlur(behind, (0, 0), max(1.0, span / 12)))
     return 1 - OCCLUSION * np.clip(behind / OCCLUSION_M, 0, 1)
+
+
+def figure_of(wearer: DrawnWearer) -> Figure | None:
+    """A wearer with its sensors in its colours; None without a motion."""
+    if wearer.shown is None:
+        return None
+    mesh, boxes = body_mesh(wearer.shown.skeleton), None
+    if wearer.recording is not None:
+        calibration = wearer.estimate.calibration if wearer.estimate is not None else None
+        boxes = sensor_boxes(mesh, wearer.recording.placement, calibration)
+    return Figure(mesh, wearer.shown, skin_colours(wearer.index), boxes)
+
+
+def lit_from(eye: Eye, up: float = SUN_UP) -> Light:
+    """A light to the left of an eye, above the scene; the higher ``up``, the shorter the shadows."""
+    R = eye.R_world_camera
+    back = -R[:, 2] * [1.0, 1.0, 0.0]
+    sun = SUN_RIGHT * R[:, 0] + SUN_BACK * back / max(float(np.linalg.norm(back)), 1e-9) + [0.0, 0.0, up]
+    return Light(sun / np.linalg.norm(sun))
+
+
+def as_bytes(image: np.ndarray) -> np.ndarray:
+    """Colours 0 to 1 as 0 to 255, rounded."""
+    return cv2.convertScaleAbs(image, alpha=255.0)

@@ -5,20 +5,19 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.body.body_mesh import body_mesh
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration
-from vip_factors.viz.figure import Figure
+from vip_factors.viz.figure import figure_of
 from vip_factors.viz.film_camera import CameraPane
 from vip_factors.viz.film_file import check_film, film_file
 from vip_factors.viz.film_headings import HeadingsPane
 from vip_factors.viz.film_room import RoomPane
 from vip_factors.viz.film_settings import FilmSettings
 from vip_factors.viz.scene_world import DrawnScene
-from vip_factors.viz.wearer_colours import skin_colours
 
 NO_CAMERA_RATE = 30.0  # frames per second
+LARGEST_ANIMATION = 1 << 30  # bytes of pictures: Pillow wants all of them at once
 PAPER = 255  # behind the panes
 GAP = 0.012  # between the panes, of the height
 Pane = CameraPane | RoomPane | HeadingsPane
@@ -58,11 +57,12 @@ def film(
         )
     times, frames, rate = film_times(drawn, settings)
     width, height, boxes = layout(drawn, settings.video_height, len(histories) > 0)
-    figures = [
-        Figure(body_mesh(wearer.shown.skeleton), wearer.shown, skin_colours(wearer.index))
-        for wearer in drawn.wearers
-        if wearer.shown is not None
-    ]
+    if path.suffix.lower() != ".mp4" and len(times) * width * height * 3 > LARGEST_ANIMATION:
+        raise InputError(
+            f"{path}: an animation of {len(times)} pictures of {width} by {height} is too large to make: expected a "
+            "shorter (--video-seconds), slower (--video-rate) or smaller (--video-height) one, or an .mp4"
+        )
+    figures = [figure for figure in map(figure_of, drawn.wearers) if figure is not None]
     panes: list[tuple[Box, Pane]] = []
     if "room" in boxes:
         panes.append((boxes["room"], RoomPane(figures, times, boxes["room"][2:])))
@@ -78,6 +78,7 @@ def film(
                 picture[top : top + h, left : left + w] = pane.draw(index)
             file.add(picture)
             tell("drawing the film", (index + 1) / len(times))
+        tell("writing the film", 0.0)
 
 
 def film_times(drawn: DrawnScene, settings: FilmSettings) -> tuple[Array, np.ndarray, float]:
@@ -123,7 +124,8 @@ def layout(drawn: DrawnScene, wanted: int, headings: bool) -> tuple[int, int, di
     top = 0
     if camera is not None:
         tall = min(round(side / shape), round(0.62 * height))
-        boxes["camera"] = (left, 0, side, tall)
+        wide = min(side, round(tall * shape))  # a picture taken upright stands in the middle
+        boxes["camera"] = (left + (side - wide) // 2, 0, wide, tall)
         top = tall + gap
     boxes["headings"] = (left, top, side, height - top)
     return left + side, height, boxes

@@ -5,15 +5,14 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from vip_factors.body.body_mesh import BodyMesh, body_mesh
+from vip_factors.body.body_mesh import body_mesh
 from vip_factors.body.mannequin import Side
-from vip_factors.body.motion import Motion
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.viz.canvas import mixed
 from vip_factors.viz.eye import Eye, Lens, scaled
-from vip_factors.viz.figure import Figure, blend
-from vip_factors.viz.film_room import as_bytes, floor_of, lit_from
+from vip_factors.viz.figure import Figure, as_bytes, blend, lit_from
+from vip_factors.viz.film_room import floor_of
 from vip_factors.viz.image_limbs import limb_pairs
 from vip_factors.viz.room import Backdrop, Room
 from vip_factors.viz.scene_world import DrawnScene
@@ -22,14 +21,6 @@ from vip_factors.viz.wearer_colours import UNCLAIMED, wearer_colour
 
 CLOTHES = {Side.LEFT: (206, 208, 212), Side.RIGHT: (206, 208, 212), Side.MIDDLE: (206, 208, 212)}
 DOT_SHARE = 1 / 260  # of the picture's height: a keypoint's radius
-
-
-def _mesh_of(motion: Motion, figures: list[Figure]) -> BodyMesh:
-    """A skin that is there already, if the estimate's body is the true one; else a new one."""
-    for figure in figures:
-        if figure.motion.skeleton is motion.skeleton:
-            return figure.mesh
-    return body_mesh(motion.skeleton)
 
 
 class CameraPane:
@@ -45,6 +36,7 @@ class CameraPane:
         frames: ``(T,)`` their numbers in the video.
         size: of the pictures, width and height.
         opacity: of the bodies that are laid over.
+        coarse: draw a room at half the resolution, for speed.
     """
 
     def __init__(
@@ -55,6 +47,7 @@ class CameraPane:
         frames: np.ndarray,
         size: tuple[int, int],
         opacity: float,
+        coarse: bool = True,
     ) -> None:
         assert drawn.model is not None
         assert drawn.path is not None
@@ -64,14 +57,14 @@ class CameraPane:
         self._eyes = self._seen_from(drawn.path)
         self._true_eyes = self._seen_from(drawn.true_path) if drawn.true_path is not None else self._eyes
         self._people = [
-            Figure(_mesh_of(wearer.truth, figures), wearer.truth, CLOTHES)
+            Figure(body_mesh(wearer.truth.skeleton), wearer.truth, CLOTHES)
             for wearer in drawn.wearers
             if wearer.motion is not None and wearer.truth is not None
         ]
         self._video = video_stream(drawn.video, frames.tolist())
         at = np.mean([figure.motion.p_world_pelvis[:, :2].mean(axis=0) for figure in self._figures], axis=0)
         self._room = Room(floor_of(self._people or self._figures, times), at, lit_from(self._true_eyes[0]))
-        self._backdrop = Backdrop(self._room, Lens(self._model))
+        self._backdrop = Backdrop(self._room, Lens(self._model), coarse)
 
     def _seen_from(self, path: CameraPath) -> Sequence[Eye]:
         at = path.at(self._times)

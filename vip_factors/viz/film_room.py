@@ -1,15 +1,13 @@
 """The room of a film: everybody in it, seen from a good place."""
 
-import cv2
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
-from vip_factors.viz.eye import Eye, Lens
-from vip_factors.viz.figure import Figure, Light, blend
+from vip_factors.viz.eye import Lens
+from vip_factors.viz.figure import Figure, as_bytes, blend, lit_from
 from vip_factors.viz.room import Backdrop, Room
 from vip_factors.viz.viewpoint import room_model, viewpoints
 
-SUN_RIGHT, SUN_UP, SUN_BACK = -0.55, 1.0, 0.45  # to the left of the eye, above, and on its side of the scene
 FLOOR_SAMPLES = 40
 
 
@@ -18,14 +16,6 @@ def floor_of(figures: list[Figure], times: Array) -> float:
     some = times[np.unique(np.linspace(0, len(times) - 1, min(FLOOR_SAMPLES, len(times))).astype(int))]
     lowest = [min(float(figure.posed(time).p[:, 2].min()) for figure in figures) for time in some]
     return float(np.median(lowest))
-
-
-def lit_from(eye: Eye) -> Light:
-    """A light to the left of an eye, above the scene."""
-    R = eye.R_world_camera
-    back = -R[:, 2] * [1.0, 1.0, 0.0]
-    sun = SUN_RIGHT * R[:, 0] + SUN_BACK * back / max(float(np.linalg.norm(back)), 1e-9) + [0.0, 0.0, SUN_UP]
-    return Light(sun / np.linalg.norm(sun))
 
 
 class RoomPane:
@@ -54,8 +44,3 @@ class RoomPane:
         image = self._backdrop.image(eye, [body.p for body in bodies])
         blend(image, eye, bodies, self.room.light)
         return as_bytes(image)
-
-
-def as_bytes(image: Array) -> np.ndarray:
-    """Colours 0 to 1 as 0 to 255, rounded."""
-    return cv2.convertScaleAbs(image, alpha=255.0)

@@ -1,31 +1,36 @@
 """A picture of a motion for a page: poses in a row, the truth in grey behind, sensors, and the error below."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from vip_factors.body.kinematics import BodyState
-from vip_factors.body.mannequin import ESTIMATE_COLOURS, SENSOR_COLOUR, TRUTH_COLOUR, Colour, Side, mannequin, part_of
+from vip_factors.body.body_mesh import body_mesh
+from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_z, yaw_of
+from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.recording import Recording
 from vip_factors.viz.canvas import Canvas, Rod, mixed
 from vip_factors.viz.chart import draw_chart
 from vip_factors.viz.compare import Compare, common_frames, floor_height, onto_truth, position_error_mm
+from vip_factors.viz.eye import Eye, Lens
+from vip_factors.viz.figure import Figure, as_bytes, blend, lit_from
+from vip_factors.viz.room import Room, floor_light
+from vip_factors.viz.sensor_boxes import BOX_COLOUR, sensor_boxes
 
 INK, SOFT_INK, WHITE = (40, 46, 58), (120, 128, 140), (255, 255, 255)
 GHOST = mixed(TRUTH_COLOUR, WHITE, 0.35)
-SHADOW = (238, 240, 243)
 WIDTH, MARGIN = 1600, 60
 STRIP_TOP, STRIP_HEIGHT, CHART_HEIGHT = 130, 470, 190
 BODY_HEIGHTS = (1.95, 2.5)  # metres that fit into the strip: standing, and arms raised overhead
 HEADROOM_M = 0.35  # from the highest joint to the top: a head or a hand, and the perspective of looking down
-LEG_BEHIND_M = 0.25  # a thigh is drawn behind the pelvis unless it is raised well in front
-PALER_PER_M = 0.30
+DISTANCE_M = 9.0  # of the eye: far enough for nearly parallel lines
+CELL_SHARE = 1.7  # of a pose's place in the row: arms reach beside it
+STEEP = 2.2  # light: shadows end before the next pose
+FOOT_ROOM_PX = 42  # below the point under the pelvis: feet before it
+GHOST_OPACITY = 0.55
 VIEW_YAW, VIEW_PITCH = np.deg2rad(32.0), np.deg2rad(9.0)  # from the wearer's front left, a little from above
 # At rest the body's z (forward) is turned onto the world's x: the yaw of a standing body facing x is that of this.
 R_WORLD_STANDING = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -128,12 +133,12 @@ def _header(canvas: Canvas, title: str, subtitle: str, compared: bool, recording
     if compared:
         entries.append(("truth", GHOST))
     if recording is not None:
-        entries.append(("sensor", SENSOR_COLOUR))
+        entries.append(("sensor", BOX_COLOUR))
     x = WIDTH - MARGIN - sum(canvas.text_width(name, 20) + 52 for name, _ in entries) + 24
     for name, colour in entries:
         y = np.array([0.0, 55.0])
         if name == "sensor":
-            _box(canvas, np.array([x + 2, 47.0]) + np.array([[0, 0], [15, 0], [15, 15], [0, 15]]))
+            canvas.polygon(np.array([x + 2, 47.0]) + np.array([[0, 0], [15, 0], [15, 15], [0, 15]]), BOX_COLOUR)
         else:
             canvas.limb([Rod(np.array([x, 0]) + y, np.array([x + 14, 0]) + y, (6.0, 6.0))], colour)
         x = canvas.text((x + 28, 62), name, SOFT_INK, 20) + 24
@@ -151,89 +156,52 @@ def _strip(
     # Without the truth the height of an inertial reconstruction drifts: then every pose stands on its own lower foot.
     floors = [floor_height(ghost if ghost is not None else shown.frames(slice(f, f + 1))) for f in frames]
     highest = float((shown.state.p_world_joint[frames, :, 2].max(axis=1) - floors).max())
-    scale = STRIP_HEIGHT / float(np.clip(highest + HEADROOM_M, *BODY_HEIGHTS))
+    scale = (STRIP_HEIGHT - FOOT_ROOM_PX) / float(np.clip(highest + HEADROOM_M, *BODY_HEIGHTS))
+    lens = _lens(round(CELL_SHARE * cell), scale)
+    body, behind = _figures(shown, ghost, estimate, recording)
+    strip = np.ones((STRIP_HEIGHT, WIDTH, 3), np.float32)
     for index, (frame, floor) in enumerate(zip(frames, floors, strict=True)):
-        foot = np.array([MARGIN + cell * (index + 0.5), STRIP_TOP + STRIP_HEIGHT - 28.0])
-        view = _view(ghost if ghost is not None else shown, int(frame), floor, foot, scale)
-        canvas.ellipse(foot, 0.40 * scale, 0.085 * scale, SHADOW)
-        if ghost is not None:
-            _draw(canvas, ghost, int(frame), view, dict.fromkeys(Side, GHOST))
-        sensors = _sensors(shown.state, int(frame), view, recording, estimate)
-        _draw(canvas, shown, int(frame), view, ESTIMATE_COLOURS, sensors)
+        left = round(MARGIN + cell * (index + 0.5) - lens.model.width / 2)
+        eye = _eye(ghost if ghost is not None else shown, int(frame), floor, lens.model)
+        time = float(shown.time[frame])
+        posed = body.posed(time)
+        part = strip[:, max(left, 0) : left + lens.model.width]
+        picture = np.ones((STRIP_HEIGHT, lens.model.width, 3), np.float32)
+        picture[:, max(-left, 0) :][:, : part.shape[1]] = part
+        light, room = lit_from(eye), Room(floor, eye.p_world_camera[:2], lit_from(eye, STEEP))
+        picture *= floor_light(room, eye, lens, [posed.p])[..., None]
+        if behind is not None:
+            blend(picture, eye, [behind.posed(time)], light, GHOST_OPACITY)
+        blend(picture, eye, [posed], light)
+        part[:] = picture[:, max(-left, 0) :][:, : part.shape[1]]
+    canvas.paste(as_bytes(np.ascontiguousarray(strip[..., ::-1])), 0, STRIP_TOP)
 
 
-@dataclass(frozen=True)
-class _View:
-    """An eye at infinity: ``R_view_world`` (x right, y down, z away), and which world point falls on which pixel."""
-
-    R_view_world: Array
-    p_world_anchor: Array
-    anchor: Array
-    scale: float
-
-    def project(self, p_world: Array) -> tuple[Array, Array]:
-        """Pixels ``(..., 2)`` and depth ``(...)`` in metres of world points ``(..., 3)``."""
-        p_view = (p_world - self.p_world_anchor) @ self.R_view_world.T
-        return self.anchor + self.scale * p_view[..., :2], p_view[..., 2]
+def _figures(
+    shown: Motion, ghost: Motion | None, estimate: Estimate | None, recording: Recording | None
+) -> tuple[Figure, Figure | None]:
+    """The body with its sensors, and the grey one behind it."""
+    mesh, boxes = body_mesh(shown.skeleton), None
+    if recording is not None:
+        boxes = sensor_boxes(mesh, recording.placement, estimate.calibration if estimate is not None else None)
+    behind = None
+    if ghost is not None:
+        behind = Figure(body_mesh(ghost.skeleton), ghost, dict.fromkeys(Side, TRUTH_COLOUR))
+    return Figure(mesh, shown, ESTIMATE_COLOURS, boxes), behind
 
 
-def _view(motion: Motion, frame: int, floor: float, anchor: Array, scale: float) -> _View:
+def _lens(width: int, scale: float) -> Lens:
+    """Of one pose's picture; ``scale`` pixels a metre at the feet, which stand in the middle near its lower edge."""
+    focal = scale * DISTANCE_M
+    return Lens(CameraModel(width, STRIP_HEIGHT, (focal, focal), ((width - 1) / 2, STRIP_HEIGHT - FOOT_ROOM_PX)))
+
+
+def _eye(motion: Motion, frame: int, floor: float, model: CameraModel) -> Eye:
     state = motion.state
     facing = float(yaw_of(state.R_world_bone[frame, 0] @ R_WORLD_STANDING.T))
     # Without pitch the eye looks along −x of the facing frame: right is +y's opposite seen from the front, down is −z.
     R_view_front = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
     R_view_world = rotation_x(VIEW_PITCH) @ R_view_front @ rotation_z(-(facing + VIEW_YAW))
     pelvis = state.p_world_joint[frame, 0]
-    return _View(R_view_world, np.array([pelvis[0], pelvis[1], floor]), anchor, scale)
-
-
-def _draw(
-    canvas: Canvas,
-    motion: Motion,
-    frame: int,
-    view: _View,
-    colours: Mapping[Side, Colour],
-    sensors: Mapping[str, list[Array]] | None = None,
-) -> None:
-    """Limbs, trunk and head with their sensors, the farthest first and a little paler, as air makes them."""
-    state = motion.state
-    parts: dict[str, list[tuple[Rod, float, Colour]]] = {}
-    for segment in mannequin(motion.skeleton):
-        R, p = state.R_world_bone[frame, segment.bone], state.p_world_joint[frame, segment.bone]
-        pixels, depth = view.project(np.stack([R @ segment.p_bone_start + p, R @ segment.p_bone_end + p]))
-        radii = (segment.radius_start * view.scale, segment.radius_end * view.scale)
-        rod = Rod(pixels[0], pixels[1], radii)
-        parts.setdefault(segment.part, []).append((rod, float(depth.mean()), colours[segment.side]))
-    depths = {
-        part: float(np.mean([depth for _, depth, _ in rods])) + LEG_BEHIND_M * part.endswith("leg")
-        for part, rods in parts.items()
-    }
-    nearest = min(depths.values())
-    for part in sorted(depths, key=lambda part: -depths[part]):
-        pale = min(PALER_PER_M * (depths[part] - nearest), 0.25)
-        canvas.limb([rod for rod, _, _ in parts[part]], mixed(parts[part][0][2], WHITE, pale))
-        for plate in (sensors or {}).get(part, ()):
-            _box(canvas, plate)
-
-
-def _sensors(
-    state: BodyState, frame: int, view: _View, recording: Recording | None, estimate: Estimate | None
-) -> dict[str, list[Array]]:
-    """Corners ``(4, 2)`` of each sensor's plate, by the part of the body it sits on, if it faces the eye."""
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array([0.030, 0.021])
-    plates: dict[str, list[Array]] = {}
-    for site in recording.placement.sites if recording is not None else ():
-        known = estimate.calibration.get(site.sensor) if estimate is not None else None
-        R_bone_sensor = known.R_bone_sensor if known is not None else site.R_bone_sensor
-        R = state.R_world_bone[frame, site.bone_index]
-        if (view.R_view_world @ R @ site.R_bone_sensor)[2, 2] > 0.15:
-            continue  # on the far side of its limb
-        plate = np.pad(corners, ((0, 0), (0, 1))) @ (R @ R_bone_sensor).T
-        centre = state.p_world_joint[frame, site.bone_index] + R @ site.p_bone_sensor
-        plates.setdefault(part_of(site.bone_index), []).append(view.project(centre + plate)[0])
-    return plates
-
-
-def _box(canvas: Canvas, corners: Array) -> None:
-    canvas.polygon(corners, SENSOR_COLOUR)
-    canvas.curve(np.concatenate([corners, corners[:1]]), INK, 1.3)
+    foot = np.array([pelvis[0], pelvis[1], floor])
+    return Eye(model, R_view_world.T, foot - DISTANCE_M * R_view_world[2])

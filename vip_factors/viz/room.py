@@ -32,10 +32,16 @@ class Room:
 
 
 class Backdrop:
-    """The room as one eye sees it, without bodies; kept while the eye stands still."""
+    """The room as one eye sees it, without bodies; kept while the eye stands still.
 
-    def __init__(self, room: Room, lens: Lens) -> None:
-        self.room, self._lens = room, lens
+    Args:
+        room: what is seen.
+        lens: of the eye.
+        coarse: once the eye moves, half the resolution will do.
+    """
+
+    def __init__(self, room: Room, lens: Lens, coarse: bool = True) -> None:
+        self.room, self._lens, self._coarse = room, lens, coarse
         self._half = Lens(scaled(lens.model, (lens.model.width + 1) // 2, (lens.model.height + 1) // 2))
         self._size = (lens.model.width, lens.model.height)
         self._eye: Eye | None = None
@@ -58,8 +64,8 @@ class Backdrop:
         return image
 
     def _empty(self, eye: Eye, moving: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The room alone; of an eye that moves at half the resolution, enlarged: nobody looks that closely."""
-        if not moving:
+        """The room alone."""
+        if not (moving and self._coarse):
             return _empty_room(self.room, eye, self._lens)
         half = Eye(self._half.model, eye.R_world_camera, eye.p_world_camera)
         image, x, y = (
@@ -79,6 +85,18 @@ class Backdrop:
         low, high = np.floor(pixels.min(axis=0)).astype(int), np.ceil(pixels.max(axis=0)).astype(int) + 1
         columns, rows = (slice(*np.clip([a, b], 0, n).tolist()) for a, b, n in zip(low, high, self._size, strict=True))
         return rows, columns
+
+
+def floor_light(room: Room, eye: Eye, lens: Lens, bodies: Sequence[np.ndarray]) -> np.ndarray:
+    """How bright the floor is ``(H, W)``, 1 where no shadow falls: for pictures on white paper."""
+    shadow, corner = shadow_map(room, bodies)
+    u, v = lens.rays
+    rays = [np.float32(row[0]) * u + np.float32(row[1]) * v + np.float32(row[2]) for row in eye.R_world_camera]
+    t = np.float32(room.floor - eye.p_world_camera[2]) / np.minimum(rays[2], -1e-4)
+    to_x, to_y = (
+        (np.float32(eye.p_world_camera[i] - corner[i]) + t * rays[i]) * np.float32(1 / SHADOW_CELL_M) for i in range(2)
+    )
+    return cv2.remap(1 - shadow, to_x, to_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=1.0)
 
 
 def _same(one: Eye, other: Eye) -> bool:

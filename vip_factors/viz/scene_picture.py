@@ -1,5 +1,6 @@
 """A picture of a scene for a page: what the camera saw, detections and projected bodies over it, errors below."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,8 @@ from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.canvas import Canvas, mixed
 from vip_factors.viz.curves_chart import Curve, draw_curves
+from vip_factors.viz.figure import figure_of
+from vip_factors.viz.film_camera import CameraPane
 from vip_factors.viz.image_limbs import limb_pairs
 from vip_factors.viz.scene_world import DrawnScene, drawn_scene
 from vip_factors.viz.video_frames import video_frames
@@ -22,6 +25,7 @@ INK, SOFT_INK, WHITE, BLACK = (40, 46, 58), (120, 128, 140), (255, 255, 255), (0
 PLANE: Colour = (34, 38, 45)  # of a frame whose picture is not there
 WIDTH, MARGIN, GAP, HEADER = 1600, 60, 20, 130
 COLUMNS, CHART_HEIGHT = 3, 240
+OPACITY = 0.72  # of the bodies over the frames
 ROOM = 1.25  # around the people shown
 Window = tuple[tuple[float, float], float]
 """Upper left corner of the part of the image that is shown, in pixels, and the share of its width and height."""
@@ -40,7 +44,7 @@ def scene_filmstrip(
 
     Args:
         scene: with a camera.
-        estimate: its bodies are projected as broad lines in their wearers' colours; without it the truth's are.
+        estimate: its bodies are laid over the frames in their wearers' colours; without it the truth's are.
         path: of the PNG.
         frames: how many, evenly over the time.
         title: above the picture; name and method if None.
@@ -107,20 +111,18 @@ def _header(canvas: Canvas, drawn: DrawnScene, title: str) -> None:
 
 def _strip(canvas: Canvas, drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int], columns: int) -> None:
     assert drawn.detections is not None
-    assert drawn.model is not None
-    pictures = video_frames(drawn.video, (int(frame) for frame in chosen))
-    window = _window(drawn, chosen)
-    bodies = [(wearer.index, drawn.reprojected(wearer)) for wearer in drawn.wearers]
-    for number, frame in enumerate(chosen):
+    pictures = _pictures(drawn, chosen, size)
+    for number, (frame, picture) in enumerate(zip(chosen, pictures, strict=True)):
         left = MARGIN + (number % columns) * (size[0] + GAP)
         top = HEADER + (number // columns) * (size[1] + GAP)
-        cell = _cell(drawn, bodies, int(frame), size, pictures.get(int(frame)), window)
-        canvas.paste(cell.canvas.pixels(), left, top)
+        canvas.paste(picture, left, top)
+        plate = np.array([[0, -34], [76, -34], [76, 0], [0, 0]])
+        canvas.polygon(np.array([left, top + size[1]]) + plate, PLANE)
         canvas.text((left + 12, top + size[1] - 12), f"{drawn.detections.time[frame]:.1f} s", (235, 238, 242), 17)
 
 
 def frame_picture(drawn: DrawnScene, frame: int, size: tuple[int, int]) -> np.ndarray:
-    """A frame of the video, near the people in it, with detections and projected bodies over it.
+    """A frame of the video, near the people in it, with the bodies over it, or what was detected.
 
     Args:
         drawn: with a camera's model and detections.
@@ -130,24 +132,37 @@ def frame_picture(drawn: DrawnScene, frame: int, size: tuple[int, int]) -> np.nd
     Returns:
         ``(height, width, 3)``, blue green red; dark behind where the video is not there.
     """
-    bodies = [(wearer.index, drawn.reprojected(wearer)) for wearer in drawn.wearers]
-    picture = video_frames(drawn.video, (frame,)).get(frame)
-    return _cell(drawn, bodies, frame, size, picture, _window(drawn, np.array([frame]))).canvas.pixels()
+    return next(_pictures(drawn, np.array([frame]), size))
 
 
-def _cell(
-    drawn: DrawnScene, bodies: list[tuple[int, Array | None]], frame: int, size: tuple[int, int],
-    picture: np.ndarray | None, window: Window,
-) -> "_Cell":  # fmt: skip
-    """One frame with everything over it; ``bodies`` are wearers' numbers and their keypoints ``(F, K, 2)``."""
+def _pictures(drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int]) -> Iterator[np.ndarray]:
+    known = drawn.path is not None and any(wearer.shown is not None for wearer in drawn.wearers)
+    return _reconstructed(drawn, chosen, size) if known else _detected_only(drawn, chosen, size)
+
+
+def _reconstructed(drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int]) -> Iterator[np.ndarray]:
+    """The bodies over the frames, as in a film."""
     assert drawn.detections is not None
+    corner, share = _window(drawn, chosen)
     assert drawn.model is not None
-    cell = _Cell(drawn.model, window, size, picture)
-    for index, pixels in bodies:
-        if pixels is not None:
-            cell.skeleton(pixels[frame], limb_pairs(drawn.detections.keypoints), wearer_colour(index), 5.5, 0.0)
-    _detected(cell, drawn, frame)
-    return cell
+    whole = (round(size[0] / share), round(size[1] / share))
+    figures = [figure for figure in map(figure_of, drawn.wearers) if figure is not None]
+    left, top = (round(at * whole[0] / drawn.model.width) for at in corner)
+    left, top = min(left, whole[0] - size[0]), min(top, whole[1] - size[1])
+    pane = CameraPane(drawn, figures, drawn.detections.time[chosen], chosen, whole, OPACITY, coarse=False)
+    for number in range(len(chosen)):
+        yield pane.draw(number)[top : top + size[1], left : left + size[0], ::-1]
+
+
+def _detected_only(drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int]) -> Iterator[np.ndarray]:
+    """Where the camera was is not known: what the detector found, over the frames or a dark plane."""
+    assert drawn.model is not None
+    window = _window(drawn, chosen)
+    pictures = video_frames(drawn.video, (int(frame) for frame in chosen))
+    for frame in chosen:
+        cell = _Cell(drawn.model, window, size, pictures.get(int(frame)))
+        _detected(cell, drawn, int(frame))
+        yield cell.canvas.pixels()
 
 
 def _detected(cell: "_Cell", drawn: DrawnScene, frame: int) -> None:

@@ -13,10 +13,11 @@ from vip_factors.viz.eye import Eye, looking_at
 FIELD_DEG = 30.0  # of view, upright: as of a portrait lens, bodies look like themselves
 PITCH = np.deg2rad(13.0)  # down onto the scene: the floor is seen, and faces are not lost
 BODY_M = 0.18  # of skin around joints
-AROUND = 1.06  # room beside what moves
+AROUND = 1.04  # room beside what moves
 LONGEST_M = 4.5  # a way that is longer is followed
 FOLLOW_S = 1.2  # how smoothly
 DIRECTIONS = 36
+CENTRINGS = 6  # what is nearer takes more room: the middle of the picture is found in steps
 SAMPLES = 60
 FRONT_QUARTER = np.deg2rad(30.0)  # away from straight ahead: depth is seen there, and the face too
 
@@ -46,8 +47,8 @@ def viewpoints(motions: Sequence[Motion], floor: float, times: Array, model: Cam
     middle[:, 2] = floor + 0.5 * (np.max(joints[..., 2]) + BODY_M - floor)
     direction = _direction(motions, joints, times)
     points = _around(joints - middle[:, None, None], floor - middle[0, 2])
-    distance = _distance(points.reshape(-1, 3), direction, model)
-    return [looking_at(one + distance * direction, one, model) for one in middle]
+    shift, distance = _fitted(points.reshape(-1, 3), direction, model)
+    return [looking_at(one + shift + distance * direction, one + shift, model) for one in middle]
 
 
 def _joints_at(motion: Motion, times: Array) -> Array:
@@ -86,9 +87,16 @@ def _around(joints: Array, floor: float) -> Array:
     return np.concatenate([*(joints + side for side in sides), down], axis=-2)
 
 
-def _distance(points: Array, direction: Array, model: CameraModel) -> float:
-    """How far an eye has to be for points about its target to be in the picture."""
-    eye = looking_at(direction, np.zeros(3), model)
-    p = AROUND * points @ eye.R_world_camera
+def _fitted(points: Array, direction: Array, model: CameraModel) -> tuple[Array, float]:
+    """What to look at beside the origin ``(3,)``, and from how far, for points ``(N, 3)`` to fill the picture."""
+    R = looking_at(direction, np.zeros(3), model).R_world_camera
+    p = points @ R
     half = np.array([model.width / 2 / model.focal[0], model.height / 2 / model.focal[1]])
-    return float(np.max(np.abs(p[:, :2]) / half - p[:, 2:3]))
+    shift = np.zeros(3)
+    for _ in range(CENTRINGS):
+        off = p - shift
+        distance = float(np.max(AROUND * np.abs(off[:, :2]) / half - off[:, 2:3]))
+        seen = off[:, :2] / (off[:, 2:3] + distance)
+        shift[:2] += distance * (seen.min(axis=0) + seen.max(axis=0)) / 2
+    off = p - shift
+    return R @ shift, float(np.max(AROUND * np.abs(off[:, :2]) / half - off[:, 2:3]))

@@ -95,14 +95,13 @@ def pose_picture(motion: Motion, frame: int, size: tuple[int, int]) -> np.ndarra
     Returns:
         ``(height, width, 3)``, blue green red.
     """
-    canvas = Canvas(*size)
     floor = floor_height(motion.frames(slice(frame, frame + 1)))
     highest = float(motion.state.p_world_joint[frame, :, 2].max()) - floor
-    scale = 0.94 * size[1] / float(np.clip(highest + HEADROOM_M, *BODY_HEIGHTS))
-    foot = np.array([size[0] / 2, 0.95 * size[1]])
-    canvas.ellipse(foot, 0.40 * scale, 0.085 * scale, SHADOW)
-    _draw(canvas, motion, frame, _view(motion, frame, floor, foot, scale), ESTIMATE_COLOURS)
-    return canvas.pixels()
+    scale = (size[1] - FOOT_ROOM_PX) / float(np.clip(highest + HEADROOM_M, *BODY_HEIGHTS))
+    picture = np.ones((size[1], size[0], 3), np.float32)
+    figure = Figure(body_mesh(motion.skeleton), motion, ESTIMATE_COLOURS)
+    _draw(picture, _lens(size[0], size[1], scale), motion, frame, floor, figure, None)
+    return as_bytes(np.ascontiguousarray(picture[..., ::-1]))
 
 
 def _curve(estimate: Estimate | None, shown: Motion, ghost: Motion | None) -> tuple[Array | None, str]:
@@ -157,24 +156,30 @@ def _strip(
     floors = [floor_height(ghost if ghost is not None else shown.frames(slice(f, f + 1))) for f in frames]
     highest = float((shown.state.p_world_joint[frames, :, 2].max(axis=1) - floors).max())
     scale = (STRIP_HEIGHT - FOOT_ROOM_PX) / float(np.clip(highest + HEADROOM_M, *BODY_HEIGHTS))
-    lens = _lens(round(CELL_SHARE * cell), scale)
+    lens = _lens(round(CELL_SHARE * cell), STRIP_HEIGHT, scale)
     body, behind = _figures(shown, ghost, estimate, recording)
     strip = np.ones((STRIP_HEIGHT, WIDTH, 3), np.float32)
     for index, (frame, floor) in enumerate(zip(frames, floors, strict=True)):
         left = round(MARGIN + cell * (index + 0.5) - lens.model.width / 2)
-        eye = _eye(ghost if ghost is not None else shown, int(frame), floor, lens.model)
-        time = float(shown.time[frame])
-        posed = body.posed(time)
         part = strip[:, max(left, 0) : left + lens.model.width]
         picture = np.ones((STRIP_HEIGHT, lens.model.width, 3), np.float32)
         picture[:, max(-left, 0) :][:, : part.shape[1]] = part
-        light, room = lit_from(eye), Room(floor, eye.p_world_camera[:2], lit_from(eye, STEEP))
-        picture *= floor_light(room, eye, lens, [posed.p])[..., None]
-        if behind is not None:
-            blend(picture, eye, [behind.posed(time)], light, GHOST_OPACITY)
-        blend(picture, eye, [posed], light)
+        _draw(picture, lens, ghost if ghost is not None else shown, int(frame), floor, body, behind)
         part[:] = picture[:, max(-left, 0) :][:, : part.shape[1]]
     canvas.paste(as_bytes(np.ascontiguousarray(strip[..., ::-1])), 0, STRIP_TOP)
+
+
+def _draw(
+    picture: np.ndarray, lens: Lens, seen: Motion, frame: int, floor: float, body: Figure, behind: Figure | None
+) -> None:
+    """A figure, and one behind it, into a picture ``(height, width, 3)``, at a frame of the motion looked at."""
+    eye, time = _eye(seen, frame, floor, lens.model), float(seen.time[frame])
+    posed = body.posed(time)
+    light, room = lit_from(eye), Room(floor, eye.p_world_camera[:2], lit_from(eye, STEEP))
+    picture *= floor_light(room, eye, lens, [posed.p])[..., None]
+    if behind is not None:
+        blend(picture, eye, [behind.posed(time)], light, GHOST_OPACITY)
+    blend(picture, eye, [posed], light)
 
 
 def _figures(
@@ -190,10 +195,10 @@ def _figures(
     return Figure(mesh, shown, ESTIMATE_COLOURS, boxes), behind
 
 
-def _lens(width: int, scale: float) -> Lens:
+def _lens(width: int, height: int, scale: float) -> Lens:
     """Of one pose's picture; ``scale`` pixels a metre at the feet, which stand in the middle near its lower edge."""
     focal = scale * DISTANCE_M
-    return Lens(CameraModel(width, STRIP_HEIGHT, (focal, focal), ((width - 1) / 2, STRIP_HEIGHT - FOOT_ROOM_PX)))
+    return Lens(CameraModel(width, height, (focal, focal), ((width - 1) / 2, height - FOOT_ROOM_PX)))
 
 
 def _eye(motion: Motion, frame: int, floor: float, model: CameraModel) -> Eye:

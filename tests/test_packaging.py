@@ -62,7 +62,7 @@ def test_console_script_resolves() -> None:
 def test_documentation_names_every_command() -> None:
     commands = importlib.import_module("vip_factors.cli.main").COMMANDS
     page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
-    assert set(commands) <= set(re.findall(r"^\| `vip-factors ([\w-]+)` \|", page, flags=re.MULTILINE))
+    assert set(commands) == set(re.findall(r"^\| `vip-factors ([\w-]+)` \|", page, flags=re.MULTILINE))
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)

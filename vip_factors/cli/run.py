@@ -145,7 +145,8 @@ def steps(options: RunOptions, folder: Path) -> Iterator[Step]:
 def _results(options: RunOptions, recording: Path, folder: Path) -> Iterator[Step]:
     """What is made of a recording."""
     estimate, page = folder / "estimate.mcap", folder / "report.html"
-    words = (str(recording), "--out", str(estimate), *_words(options.smooth_options))
+    # How sure it is comes first in the report.
+    words = (str(recording), "--out", str(estimate), "--covariance", *_words(options.smooth_options))
     yield Step("smooth", "smooth", words, (recording,), (estimate,), tells=True)
     if options.report:
         words = (str(estimate), "--recording", str(recording), "--out", str(page))

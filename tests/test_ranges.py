@@ -24,11 +24,14 @@ class Outer:
     shift: float = 0.0
     count: int = 3
     switch: bool = True
+    wait: float = float("inf")
     offsets: tuple[float, ...] = (1.0,)
     inner: Inner = field(default_factory=Inner)
 
 
-@pytest.mark.parametrize("changes", [{}, {"shift": -3.0}, {"inner": Inner(1.0, 0.0)}, {"inner": Inner(choice=-1.0)}])
+@pytest.mark.parametrize(
+    "changes", [{}, {"shift": -3.0}, {"wait": 0.0}, {"inner": Inner(1.0, 0.0)}, {"inner": Inner(choice=-1.0)}]
+)
 def test_what_is_within_passes(changes: dict[str, Any]) -> None:
     check_ranges(Outer(**changes))
 
@@ -40,6 +43,7 @@ def test_what_is_within_passes(changes: dict[str, Any]) -> None:
         (Outer(sigma=float("inf")), "sigma is inf"),
         (Outer(shift=float("nan")), "shift is nan: expected a finite number"),
         (Outer(count=-1), "count is -1"),
+        (Outer(wait=-1.0), "wait is -1.0: expected a number, 0 or more"),
         (Outer(offsets=(1.0, float("inf"))), "offsets"),
         (Outer(inner=Inner(1.5)), "inner.part is 1.5: expected a finite number, 0 or more and 1 at most"),
         (Outer(inner=Inner(off=-1.0)), "inner.off is -1.0: expected a finite number, 0 or more"),

@@ -16,14 +16,17 @@ class Range:
         least: the smallest.
         above: all must be larger than this.
         most: the largest.
+        endless: whether infinity is allowed: of times to wait.
     """
 
     least: float = -math.inf
     above: float = -math.inf
     most: float = math.inf
+    endless: bool = False
 
     def __contains__(self, value: float) -> bool:
-        return math.isfinite(value) and self.above < value and self.least <= value <= self.most
+        known = math.isfinite(value) or (self.endless and value == math.inf)
+        return known and self.above < value and self.least <= value <= self.most
 
     def __str__(self) -> str:
         words = []
@@ -33,11 +36,12 @@ class Range:
             words.append(f"{self.least:g} or more")
         if self.most < math.inf:
             words.append(f"{self.most:g} at most")
-        return "a finite number" + (f", {' and '.join(words)}" if words else "")
+        return ("a number" if self.endless else "a finite number") + (f", {' and '.join(words)}" if words else "")
 
 
 ANY = Range()
 POSITIVE = Range(above=0)
+ENDLESS = Range(least=0, endless=True)
 NotNegative = Annotated[float, Range(least=0)]
 """A setting that 0 switches off."""
 NotNegativeInt = Annotated[int, Range(least=0)]
@@ -49,8 +53,8 @@ Share = Annotated[float, Range(least=0, most=1)]
 def check_ranges(settings: Any, prefix: str = "") -> None:
     """Refuse a number among settings that is out of its range.
 
-    The range is the one that is stated at the field. Where none is, every number has to be finite, and to be positive
-    if its default is: a standard deviation, a rate, a length, a count.
+    The range is the one that is stated at the field. Where none is, every number has to be finite (unless its default
+    is infinite), and to be positive if its default is: a standard deviation, a rate, a length, a count.
 
     Args:
         settings: a dataclass, with dataclasses in it.
@@ -85,5 +89,6 @@ def _stated(hint: Any) -> Range | None:
 
 
 def _usual(default: Any) -> Range:
-    positive = isinstance(default, int | float) and not isinstance(default, bool) and default > 0
-    return POSITIVE if positive else ANY
+    if not isinstance(default, int | float) or isinstance(default, bool) or not default > 0:
+        return ANY
+    return ENDLESS if math.isinf(default) else POSITIVE

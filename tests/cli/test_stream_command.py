@@ -105,7 +105,7 @@ def test_bad_input_is_one_sentence(run: Callable, scene: Path, tmp_path: Path) -
     out.write_bytes(b"mine")
     for arguments, sentence in (
         ((scene, "--out", out), "exists already"),
-        ((scene, "--lag", "-1"), "expected a positive number"),
+        ((scene, "--lag", "-1"), "lag_s is -1.0: expected a finite number, more than 0"),
         ((tmp_path / "none.mcap",), "no such file"),
         (("carrier-pigeon://host:1",), "carrier-pigeon"),
         (("tcp://127.0.0.1:9", "--follow"), "MCAP files only"),

@@ -84,7 +84,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     )
     if options.lag is not None:
         settings = replace(settings, lag_s=options.lag)
-    _check(options, settings)
+    _check(options)
     from threadpoolctl import threadpool_limits
 
     from vip_factors.cli.stream_session import Interrupts
@@ -99,7 +99,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         _conclude(options, settings, session, told, interrupts.asked)
 
 
-def _check(options: StreamOptions, settings: "LiveSettings") -> None:
+def _check(options: StreamOptions) -> None:
     from vip_factors.io.atomic import check_target
 
     check_rerun_file("--rerun-save", options.rerun_save)
@@ -112,8 +112,6 @@ def _check(options: StreamOptions, settings: "LiveSettings") -> None:
         from vip_factors.io.live_vmc import check_vmc
 
         check_vmc(options.vmc)
-    if not 0 < settings.lag_s < float("inf"):
-        raise InputError(f"a lag of {settings.lag_s:g} s: expected a positive number of seconds, such as 0.25")
 
 
 def _run(

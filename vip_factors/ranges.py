@@ -41,6 +41,7 @@ class Range:
 
 ANY = Range()
 POSITIVE = Range(above=0)
+NOT_NEGATIVE = Range(least=0)
 ENDLESS = Range(least=0, endless=True)
 NotNegative = Annotated[float, Range(least=0)]
 """A setting that 0 switches off."""
@@ -50,7 +51,7 @@ Share = Annotated[float, Range(least=0, most=1)]
 """A part of a whole."""
 
 
-def check_ranges(settings: Any, prefix: str = "") -> None:
+def check_ranges(settings: Any, prefix: str = "", zero: bool = False) -> None:
     """Refuse a number among settings that is out of its range.
 
     The range is the one that is stated at the field. Where none is, every number has to be finite (unless its default
@@ -59,6 +60,7 @@ def check_ranges(settings: Any, prefix: str = "") -> None:
     Args:
         settings: a dataclass, with dataclasses in it.
         prefix: what stands before the names of its fields, in the sentence about a wrong one.
+        zero: whether 0 is allowed where the usual rule would have a positive number: of errors that 0 switches off.
 
     Raises:
         InputError: for the first number that is out of its range; it is named with its value and the range.
@@ -67,9 +69,9 @@ def check_ranges(settings: Any, prefix: str = "") -> None:
     for one in fields(settings):
         value, name = getattr(settings, one.name), f"{prefix}{one.name}"
         if is_dataclass(value):
-            check_ranges(value, f"{name}.")
+            check_ranges(value, f"{name}.", zero)
         elif isinstance(value, int | float) and not isinstance(value, bool):
-            allowed = _stated(hints[one.name]) or _usual(one.default)
+            allowed = _stated(hints[one.name]) or _usual(one.default, zero)
             if value not in allowed:
                 raise InputError(f"{name} is {value}: expected {allowed}")
         elif isinstance(value, tuple) and not all(math.isfinite(n) for n in value if isinstance(n, float)):
@@ -88,7 +90,7 @@ def _stated(hint: Any) -> Range | None:
     return next((found for one in get_args(hint) if (found := _stated(one)) is not None), None)
 
 
-def _usual(default: Any) -> Range:
+def _usual(default: Any, zero: bool) -> Range:
     if not isinstance(default, int | float) or isinstance(default, bool) or not default > 0:
         return ANY
-    return ENDLESS if math.isinf(default) else POSITIVE
+    return ENDLESS if math.isinf(default) else NOT_NEGATIVE if zero else POSITIVE

@@ -47,8 +47,8 @@ class Motion:
         if not np.all(sound):
             at = int(np.argmin(sound))
             raise InputError(
-                f"motion '{self.name}': frame {at} holds numbers that are no pose (root {self.p_world_pelvis[at]} m): "
-                "expected finite rotations and positions"
+                f"motion '{self.name}': frame {at} is not finite (root at {self.p_world_pelvis[at]} m): "
+                "expected rotations and positions of a body"
             )
 
     def __len__(self) -> int:

@@ -43,7 +43,7 @@ def parse(
     config = [tyro.conf.EnumChoicesFromValues, *([] if none_is_a_value else [tyro.conf.DisallowNone])]
     words = [HELP[1] if word == HELP_ALL else word for word in arguments]
     given = cast(Options, tyro.cli(options, prog=prog, args=words, default=default, config=config))
-    check_ranges(given)
+    check_ranges(given, zero=True)  # settings have checked themselves
     return given
 
 

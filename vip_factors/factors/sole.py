@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
+from vip_factors.ranges import NotNegative
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class SoleSettings:
     # m, the median. Bare feet and socks have 0–5 mm, canvas shoes 10–20, trainers 25–35 under the heel and a centimetre
     # less under the ball; ergonomists add 25 mm for men's shoes (Pheasant & Haslegrave, Bodyspace), captured motions
     # have their feet 6–15 mm over the floor, and one measured walker's ankles stood 36 mm higher than a table's.
-    thickness: float = 0.015
+    thickness: NotNegative = 0.015
     spread: float = 0.6  # of its logarithm: two thirds of all people are within 8–27 mm, nearly all within 5–50
 
     def of(self, log_ratio: float) -> float:

@@ -56,7 +56,7 @@ def read_opencv_camera(path: Path) -> CameraModel:
 def _from_json(path: Path, text: str) -> dict[str, Array]:
     try:
         content = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FileFormatError(f"{path}: {error}: expected JSON syntax") from error
     if not isinstance(content, Mapping):
         raise FileFormatError(f"{path}: expected a JSON object with camera_matrix")

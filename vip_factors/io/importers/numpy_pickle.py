@@ -34,10 +34,11 @@ def _allowed() -> dict[tuple[str, str], Callable[..., Any]]:
     return allowed
 
 
-class _PlainUnpickler(pickle.Unpickler):
+class PlainUnpickler(pickle.Unpickler):
     """An unpickler that knows arrays and nothing else, so that a file can run no code."""
 
     def find_class(self, module: str, name: str) -> Any:
+        """What the pickle asks for, if it is an array or plain data."""
         allowed = _allowed()
         if (module, name) not in allowed:
             raise pickle.UnpicklingError(f"it asks for {module}.{name}, which is neither an array nor plain data")
@@ -52,7 +53,7 @@ def load_plain_pickle(path: Path) -> Any:
     """
     try:
         with path.open("rb") as file:
-            return _PlainUnpickler(file, encoding="latin1").load()
+            return PlainUnpickler(file, encoding="latin1").load()
     except (
         pickle.UnpicklingError, EOFError, ValueError, TypeError, KeyError, IndexError, AttributeError, MemoryError,
         OverflowError,

@@ -113,8 +113,12 @@ def _bone_line(skeleton: AsfSkeleton, bone: AsfBone, words: list[str]) -> AsfBon
         skeleton.bones[bone.name] = bone
     elif key == "direction":
         bone.direction = np.array([float(word) for word in words[1:4]])
+        if len(bone.direction) != 3 or not np.all(np.isfinite(bone.direction)):
+            raise ValueError("expected three numbers")
     elif key == "length":
         bone.length = float(words[1])
+        if not np.isfinite(bone.length):
+            raise ValueError("expected a length")
     elif key == "axis":
         bone.axis = _axis(words[1:4], (words[4] if len(words) > 4 else "xyz").lower(), skeleton.degrees)
     elif key == "dof":

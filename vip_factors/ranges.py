@@ -1,6 +1,7 @@
 """What a number among settings may be: stated once, at its field, and checked once, before any work."""
 
 import math
+import sys
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -23,7 +24,8 @@ class Range:
     most: float = math.inf
 
     def __contains__(self, value: float) -> bool:
-        return math.isfinite(value) and self.above < value and self.least <= value <= self.most
+        finite = abs(value) <= sys.float_info.max  # isfinite fails at integers beyond it
+        return finite and self.above < value and self.least <= value <= self.most
 
     def __str__(self) -> str:
         words = []

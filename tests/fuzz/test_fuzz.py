@@ -82,7 +82,7 @@ def test_what_takes_too_long_or_too_much_is_a_failure(monkeypatch: pytest.Monkey
 
 def test_formats_are_chosen_by_name(cases: list[Case]) -> None:
     assert [one.name for one in chosen_cases(cases, ["mvnx", "bvh"])] == ["mvnx", "bvh"]
-    with pytest.raises(InputError, match="unknown format 'mvn': known are .*mvnx"):
+    with pytest.raises(InputError, match=r"unknown format 'mvn': known are .*mvnx"):
         chosen_cases(cases, ["mvn"])
 
 

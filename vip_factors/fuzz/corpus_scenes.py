@@ -116,7 +116,7 @@ def scene_cases(describe: Describe) -> list[Case]:
         sound = (f"{name}.mcap",)
         command = f"vip-factors evaluate {{}}/{name}.estimate.mcap --truth {{}}/{name}.mcap"
         cases.append(
-            Case(f"{name}-estimate", files, partial(_estimate, describe=describe, name=name), command, sound, 4)
+            Case(f"{name}-estimate", files, partial(_estimate, describe=describe, name=name), command, sound, seldom=4)
         )
         command = f"vip-factors report {{}}/{name}.estimate.mcap --recording {{}}/{name}.mcap"
         cases.append(Case(f"{name}-report", files, partial(_report, name=name), command, sound, seldom=60))

@@ -54,8 +54,7 @@ def load_plain_pickle(path: Path) -> Any:
     try:
         with path.open("rb") as file:
             return PlainUnpickler(file, encoding="latin1").load()
-    except (
-        pickle.UnpicklingError, EOFError, ValueError, TypeError, KeyError, IndexError, AttributeError, MemoryError,
-        OverflowError,
-    ) as error:  # fmt: skip
+    except OSError:
+        raise
+    except Exception as error:  # of damaged pickles, pickle and NumPy raise a dozen kinds
         raise FileFormatError(f"{path}: not a readable pickle of arrays: {error or 'it breaks off'}") from error

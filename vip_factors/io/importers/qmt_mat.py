@@ -141,8 +141,9 @@ def _own_or_segment(
     if len(pairs) < 10:
         return R, None
     turned = log(transpose(R[pairs]) @ R[pairs + 1]) / np.diff(time)[pairs, None]
-    measured = (rate[pairs] + rate[pairs + 1]) / 2
-    agreement = turned.T @ measured
+    with np.errstate(over="ignore", invalid="ignore"):
+        measured = (rate[pairs] + rate[pairs + 1]) / 2
+        agreement = turned.T @ measured
     if not np.all(np.isfinite(agreement)):
         notes.append(f"{name}: gyr holds numbers that no gyroscope measures: nothing tells whose quat is; left out")
         return None, None

@@ -43,7 +43,7 @@ def read_amass(
     path = Path(path)
     content = _read(path)
     poses, trans = content["poses"], content["trans"]
-    T = len(poses)
+    T = len(poses) if poses.ndim else 0
     if poses.ndim != 2 or poses.shape[1] not in POSE_WIDTHS or trans.shape != (T, 3) or not T:
         raise FileFormatError(
             f"{path}: poses {poses.shape} and trans {trans.shape}: expected (T, 156) or (T, 165), and (T, 3)"

@@ -211,7 +211,7 @@ def test_a_single_number_where_poses_should_be(tmp_path: Path) -> None:
 def test_a_count_beyond_all_numbers(tmp_path: Path) -> None:
     path = tmp_path / "settings.toml"
     path.write_text(f"[solve]\nmax_iterations = {TOO_MANY}\n")
-    with pytest.raises(InputError, match="max_iterations is 9+: expected"):
+    with pytest.raises(InputError, match=r"max_iterations is 9+: expected"):
         read_settings(path, Settings())
 
 
@@ -222,3 +222,10 @@ def test_a_pickle_whose_type_has_no_state(tmp_path: Path) -> None:
         path.write_bytes(whole[:at] + b"N" + whole[at + 1 :])
         with suppress(FileFormatError):
             load_plain_pickle(path)
+
+
+def test_a_placement_that_is_a_list(tmp_path: Path) -> None:
+    path = tmp_path / "p.json"
+    path.write_text("[]")
+    with pytest.raises(FileFormatError, match=r"p\.json: expected an object"):
+        placement_from_file(path)

@@ -57,8 +57,21 @@ def commands() -> "Commands":
     """What the other commands do with what is read."""
     from vip_factors.cli.info import file_text
     from vip_factors.cli.info_recording import motion_text, recording_text
-    from vip_factors.cli.settings_file import read_settings
+    from vip_factors.cli.settings_file import flattened, read_settings
+    from vip_factors.configurations import configured
     from vip_factors.fuzz.corpus import Commands
     from vip_factors.settings import Settings
 
-    return Commands(file_text, recording_text, motion_text, lambda path: read_settings(path, Settings()))
+    def read(path: Path) -> Settings:
+        return read_settings(path, Settings(), lambda name: configured(Settings(), name))
+
+    lines = [f"{name} = {value}" for name, value in flattened(Settings()).items() if _is_number(value)]
+    return Commands(file_text, recording_text, motion_text, read, "\n".join([*lines, ""]))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -197,8 +197,8 @@ def mutated_json(data: bytes, random: Random) -> bytes:
         return mutated_text(data, random)
     places: list[tuple[Any, Any]] = []
     _places(tree, places)
-    if not places:
-        return mutated_text(data, random)
+    if not places or random.random() < 0.01:
+        return json.dumps(random.choice(VALUES)).encode()
     inside, key = random.choice(places)
     what = random.randrange(6)
     if what == 0:

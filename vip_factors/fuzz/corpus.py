@@ -20,12 +20,14 @@ class Commands:
         describe_file: what ``info`` does with a file.
         describe_recording, describe_motion: what it says of them.
         read_settings: of a file of settings.
+        settings: text of such a file, with all that are numbers.
     """
 
     describe_file: Callable[[Path], object]
     describe_recording: Callable[[Recording], object]
     describe_motion: Callable[[Motion], object]
     read_settings: Callable[[Path], object]
+    settings: str
 
 
 def all_cases(commands: Commands) -> list[Case]:
@@ -33,5 +35,5 @@ def all_cases(commands: Commands) -> list[Case]:
     return [
         *log_cases(commands.describe_recording),
         *scene_cases(commands.describe_file),
-        *small_cases(commands.describe_motion, commands.read_settings),
+        *small_cases(commands.describe_motion, commands.read_settings, commands.settings),
     ]

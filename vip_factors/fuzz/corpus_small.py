@@ -65,18 +65,14 @@ fisheye = false
 [metadata]
 adjusted = false
 """
-SETTINGS = """frame_rate = 60.0
-[solve]
-max_iterations = 20
-"""
 
 Describe = Callable[[Motion], object]
 ReadSettings = Callable[[Path], object]
 
 
-def small_cases(describe: Describe, read_settings: ReadSettings) -> list[Case]:
-    """Their cases; ``describe`` says what a motion holds, ``read_settings`` reads settings over the usual ones."""
-    return [*_motions(describe), *_detections(), *_cameras(), *_bodies(), _settings(read_settings)]
+def small_cases(describe: Describe, read_settings: ReadSettings, settings: str) -> list[Case]:
+    """Their cases; ``describe`` says what a motion holds, ``read_settings`` reads such as ``settings``, a TOML file."""
+    return [*_motions(describe), *_detections(), *_cameras(), *_bodies(), _settings(read_settings, settings)]
 
 
 def _motions(describe: Describe) -> list[Case]:
@@ -169,7 +165,11 @@ def _detections() -> list[Case]:
     frames = [{"frame_id": number, "instances": [instance] * 2} for number in range(1, 4)]
     names = {str(i): name for i, name in enumerate(keypoint_set("coco17").keypoints)}
     mmpose = {"meta_info": {"dataset_name": "coco", "keypoint_id2name": names}, "instance_info": frames}
-    trees = {"alphapose": {"a.json": alphapose}, "mmpose": {"a.json": mmpose}, "coco": {"a.json": coco}}
+    trees: dict[str, dict[str, Any]] = {
+        "alphapose": {"a.json": alphapose},
+        "mmpose": {"a.json": mmpose},
+        "coco": {"a.json": coco},
+    }
     cases = []
     kinds: dict[str, dict[str, Any]] = {"openpose": openpose, **trees}
     for kind, files in kinds.items():
@@ -231,7 +231,7 @@ def _read_file(folder: Path, name: str, read: Callable[[Path], object]) -> None:
     read(folder / name)
 
 
-def _settings(read_settings: ReadSettings) -> Case:
-    files = {"settings.toml": SETTINGS.encode()}
+def _settings(read_settings: ReadSettings, text: str) -> Case:
+    files = {"settings.toml": text.encode()}
     command = "vip-factors smooth RECORDING.mcap --settings {}/settings.toml"
     return Case("settings", files, lambda folder: read_settings(folder / "settings.toml"), command)

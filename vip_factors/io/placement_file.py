@@ -102,6 +102,8 @@ def placement_from_file(path: str | Path) -> PlacementFile:
         raise FileFormatError(f"{path}: cannot be read ({error.strerror}): expected a TOML or JSON file") from error
     except (ValueError, RecursionError) as error:
         raise FileFormatError(f"{path}: {error}: expected {path.suffix or 'TOML'} syntax") from error
+    if not isinstance(content, Mapping):
+        raise FileFormatError(f"{path}: expected an object with what is known of wearer and sensors")
     known = [one.name for one in fields(PlacementFile)]
     known_keys(path, "", content, known)
     values: dict[str, Any] = {}

@@ -124,6 +124,14 @@ def test_an_archive_of_arrays_with_a_damaged_part(tmp_path: Path) -> None:
         read_amass(path)
 
 
+@pytest.mark.parametrize("length", ["0", "-1", "nan", "inf"])
+def test_a_skeleton_in_no_unit(tmp_path: Path, length: str) -> None:
+    path = tmp_path / "a.asf"
+    path.write_text(f":units\n  length {length}\n")
+    with pytest.raises(FileFormatError, match=r"line 2.*above zero"):
+        read_asf(path)
+
+
 def test_a_skeleton_whose_bone_points_nowhere(tmp_path: Path) -> None:
     path = tmp_path / "a.asf"
     for words in ("0 1", "0 1 nan"):

@@ -85,7 +85,10 @@ def read_asf(path: str | Path) -> AsfSkeleton:
 
 def _units(skeleton: AsfSkeleton, words: list[str]) -> None:
     if words[0] == "length":
-        skeleton.unit_m = INCH_M / float(words[1])
+        length = float(words[1])
+        if not 0 < length < np.inf:
+            raise ValueError("expected a length above zero")
+        skeleton.unit_m = INCH_M / length
     elif words[0] == "angle":
         skeleton.degrees = words[1].lower().startswith("deg")
 

@@ -73,9 +73,16 @@ def greedy(folder: Path) -> None:
         bytes(3 * 2**30)
 
 
+def swallowing(folder: Path) -> None:
+    try:
+        greedy(folder)
+    except MemoryError as error:
+        raise InputError("a.txt is large") from error
+
+
 def test_what_takes_too_long_or_too_much_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("vip_factors.fuzz.run.limited_time", lambda: limited_time(0.05))
-    for reader, kind in ((endless, Hang), (greedy, MemoryError)):
+    for reader, kind in ((endless, Hang), (greedy, MemoryError), (swallowing, MemoryError)):
         result = run_fuzz([Case("one", {"a.txt": b"x"}, reader, "")], 5)
         assert {one.kind for one in result.failures.values()} == {kind.__name__}
 

@@ -15,6 +15,7 @@ from vip_factors.body.motion import Motion
 from vip_factors.cli.settings_file import read_settings
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.evaluate.frames import common_frames
+from vip_factors.fuzz.limits import limited_memory, out_of_memory
 from vip_factors.io.camera_file import read_camera_file
 from vip_factors.io.detections.found_people import load_json
 from vip_factors.io.importers import apdm, qmt_mat
@@ -237,3 +238,26 @@ def test_a_placement_that_is_a_list(tmp_path: Path) -> None:
     path.write_text("[]")
     with pytest.raises(FileFormatError, match=r"p\.json: expected an object"):
         placement_from_file(path)
+
+
+def test_an_array_that_claims_to_be_huge(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 72), }"
+    with ZipFile(path, "w") as file:
+        for name in ("poses", "trans"):
+            file.writestr(f"{name}.npy", b"\x93NUMPY\x01\x00" + (len(head) + 1).to_bytes(2, "little") + head + b"\n")
+    with pytest.raises(FileFormatError, match="too short"):
+        read_amass(path)
+
+
+@pytest.mark.parametrize("content", [b"Nr\xff\xff\xff\xff.", b"cnumpy\nndarray\n(I9999999999\ntR."])
+def test_a_pickle_that_claims_to_be_huge(tmp_path: Path, content: bytes) -> None:
+    """A number of an object in the billions is no reason to make room for all before it."""
+    path = tmp_path / "a.pkl"
+    path.write_bytes(b"\x80\x02" + content)
+    with limited_memory(2**28):
+        try:
+            refused = load_plain_pickle(path)
+        except FileFormatError as error:
+            refused = error
+    assert not out_of_memory(refused)

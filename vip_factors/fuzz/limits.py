@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 SECONDS, MEMORY = 10.0, 2 * 2**30
+IDLE = 6  # times as long may pass while others have the processor
 
 
 class Hang(BaseException):
@@ -38,7 +39,10 @@ def limited_memory(extra: int = MEMORY) -> Iterator[None]:
 
 @contextmanager
 def limited_time(seconds: float = SECONDS) -> Iterator[None]:
-    """Raise :class:`Hang` after so many seconds, where the system has such an alarm; in the main thread only."""
+    """Raise :class:`Hang` after so many seconds of computing, or :data:`IDLE` times as many of waiting.
+
+    In the main thread only, and only where the system has such alarms; a loop within a C library ends first.
+    """
     if not hasattr(signal, "setitimer"):
         yield
         return
@@ -46,10 +50,22 @@ def limited_time(seconds: float = SECONDS) -> Iterator[None]:
     def stop(number: int, frame: FrameType | None) -> None:
         raise Hang(f"took more than {seconds:g} s")
 
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    alarms = ((signal.SIGPROF, signal.ITIMER_PROF, seconds), (signal.SIGALRM, signal.ITIMER_REAL, IDLE * seconds))
+    before = [signal.signal(number, stop) for number, _, _ in alarms]
+    for _, timer, after in alarms:
+        signal.setitimer(timer, after)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        for (number, timer, _), handler in zip(alarms, before, strict=True):
+            signal.setitimer(timer, 0.0)
+            signal.signal(number, handler)
+
+
+def out_of_memory(error: BaseException | None) -> bool:
+    """Whether an exception, or one that it was made of, is a lack of memory."""
+    while error is not None:
+        if isinstance(error, MemoryError):
+            return True
+        error = error.__cause__ or error.__context__
+    return False

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.fuzz.bytes_and_text import mutated_bytes
 from vip_factors.fuzz.case import Case, Files, mutations_of
-from vip_factors.fuzz.limits import Hang, limited_memory, limited_time
+from vip_factors.fuzz.limits import Hang, limited_memory, limited_time, out_of_memory
 
 PACKAGE = Path(__file__).parent.parent
 SECOND_MUTATION = 0.4  # of two in one file: most faults need one, some the second
@@ -139,15 +139,15 @@ def _attempt(case: Case, folder: Path, damaged: str, content: bytes, number: int
     try:
         with limited_time():
             case.read(folder)
-    except REFUSALS:
-        result.refused[case.name] += 1
-        return None
     except (Hang, Exception) as error:
+        if isinstance(error, REFUSALS) and not out_of_memory(error):
+            result.refused[case.name] += 1
+            return None
         result.failed[case.name] += 1
         trace = "".join(traceback.format_exception(error))
+        kind = "MemoryError" if out_of_memory(error) else type(error).__name__
         files = {**case.files, damaged: content}
-        place = _place(error)
-        return Failure(number, case.name, type(error).__name__, place, str(error), files, damaged, trace, case.command)
+        return Failure(number, case.name, kind, _place(error), str(error), files, damaged, trace, case.command)
     finally:
         (folder / damaged).write_bytes(case.files[damaged])
     result.read[case.name] += 1

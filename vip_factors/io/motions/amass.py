@@ -1,5 +1,6 @@
 """AMASS npz: SMPL-H or SMPL-X pose vectors and root path, Z up."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +78,8 @@ def _read(path: Path) -> dict[str, Any]:
             missing = [name for name in ("poses", "trans") if name not in file]
             if missing:
                 raise FileFormatError(f"{path}: lacks {', '.join(missing)}; expected a motion file of AMASS")
+            for name in {"poses", "trans", "betas", "gender", "joint_offsets", *RATE_NAMES} & set(file.files):
+                _check_size(file, name)
             rates = [float(file[name].ravel()[0]) for name in RATE_NAMES if name in file]
             return {
                 "poses": np.asarray(file["poses"], dtype=float),
@@ -90,6 +93,16 @@ def _read(path: Path) -> dict[str, Any]:
         raise
     except Exception as error:  # of damaged archives NumPy, zipfile and zlib raise a dozen kinds
         raise FileFormatError(f"{path}: not an AMASS npz ({error})") from error
+
+
+def _check_size(file: Any, name: str) -> None:
+    """Refuse an array that claims to be larger than its part of the archive, before room is made for it."""
+    with file.zip.open(f"{name}.npy") as part:
+        version = np.lib.format.read_magic(part)
+        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, kind = read_header(part)
+    if math.prod(shape) * kind.itemsize > file.zip.getinfo(f"{name}.npy").file_size:
+        raise ValueError(f"{name} claims to have the shape {shape}, for which the file is too short")
 
 
 def _text(value: Array) -> str:

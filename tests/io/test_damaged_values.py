@@ -194,6 +194,7 @@ def test_json_without_end(tmp_path: Path, text: str) -> None:
         ('{"camera_matrix": [[1,0,1],[0,1,1],[0,0,1]], "image_size": [1e999, 480]}', "inf by 480 pixels"),
         ('{"camera_matrix": [[' + TOO_MANY + ',0,1],[0,1,1],[0,0,1]], "image_size": [640, 480]}', "expected numbers"),
         ("%YAML:1.0\n---\n- 1\n", "camera_matrix"),
+        ("%YAML:1.0\n---\nimage_width: []\nimage_height: 480\ncamera_matrix: [1,0,1,0,1,1,0,0,1]\n", "size is missing"),
     ],
 )
 def test_cameras_of_opencv_with_absurd_numbers(tmp_path: Path, text: str, words: str) -> None:

@@ -115,6 +115,6 @@ def _gathered(numbers: Any) -> dict[str, Array]:
     """Matrix, distortion and size, as far as ``numbers(names)`` finds them."""
     found = {"matrix": numbers(MATRIX), "distortion": numbers(DISTORTION), "size": numbers(SIZE)}
     width, height = numbers(WIDTH), numbers(HEIGHT)
-    if width is not None and height is not None:
+    if width is not None and height is not None and width.size and height.size:
         found["size"] = np.array([width.ravel()[0], height.ravel()[0]])
     return {name: value for name, value in found.items() if value is not None}

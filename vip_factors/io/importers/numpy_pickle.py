@@ -46,7 +46,7 @@ def _reconstruct(*_: Any) -> Any:
     return multiarray._reconstruct(np.ndarray, (0,), b"b")
 
 
-class PlainUnpickler(pickle._Unpickler):  # type: ignore[name-defined,misc]  # no stub has it
+class PlainUnpickler(pickle._Unpickler):
     """An unpickler that knows arrays and nothing else, so that a file can run no code.
 
     The one in Python: that in C makes room for as many objects as a damaged file announces, up to 64 GB.

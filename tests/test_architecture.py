@@ -20,7 +20,7 @@ ROWS = [
     {"stages", "configurations"},
     {"pipeline", "live", "report"},
     {"api"},
-    {"benchmark", "tune"},
+    {"benchmark", "tune", "fuzz"},
     {"cli"},
 ]
 ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}

@@ -1,6 +1,7 @@
 """What a number among settings may be: stated once, at its field, and checked once, before any work."""
 
 import math
+import sys
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -25,7 +26,8 @@ class Range:
     endless: bool = False
 
     def __contains__(self, value: float) -> bool:
-        known = math.isfinite(value) or (self.endless and value == math.inf)
+        # isfinite fails at integers beyond the largest float
+        known = abs(value) <= sys.float_info.max or (self.endless and value == math.inf)
         return known and self.above < value and self.least <= value <= self.most
 
     def __str__(self) -> str:

@@ -1,21 +1,34 @@
 """Numbers that no file should hold are told in a sentence, wherever they stand."""
 
 import math
+import pickle
+from contextlib import suppress
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.motion import Motion
+from vip_factors.cli.settings_file import read_settings
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.evaluate.frames import common_frames
+from vip_factors.fuzz.limits import limited_memory, out_of_memory
 from vip_factors.io.camera_file import read_camera_file
-from vip_factors.io.importers import apdm
+from vip_factors.io.detections.found_people import load_json
+from vip_factors.io.importers import apdm, qmt_mat
+from vip_factors.io.importers.mvnx_document import read_document
+from vip_factors.io.importers.numpy_pickle import load_plain_pickle
 from vip_factors.io.mcap_contents import CHANNEL, RECORD_HEAD, McapWarning, read_contents
 from vip_factors.io.mcap_messages import set_timestamp
+from vip_factors.io.motions.amass import read_amass
+from vip_factors.io.motions.asf import read_asf
+from vip_factors.io.motions.bvh import read_bvh
 from vip_factors.io.placement_file import placement_from_file
 from vip_factors.sensors.video_clock import VideoClock
+from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 
 TWENTY_DIGITS, TOO_MANY = "12345678901234567890", "9" * 400
@@ -72,6 +85,7 @@ def test_a_time_that_no_clock_shows() -> None:
     [
         ("Format=7,,1,a,2,b\nTime,Accelerometer\n,X,Y,Z\n1,2,3,4\n", "lines 2 and 3"),
         ("x\nTest,1\nNot,Time\nTime,Opal/Acceleration/X\ninf,1\n", "time"),
+        ("x\nTime,Opal/Acceleration/X\ns,m/s^2,deg/s,deg/s\nx,1\n", "sample 1"),
     ],
 )
 def test_tables_of_opals_with_short_headers(tmp_path: Path, text: str, words: str) -> None:
@@ -87,3 +101,164 @@ def test_a_channel_whose_description_ends_early(tmp_path: Path) -> None:
     with pytest.warns(McapWarning, match="malformed|cut off"):
         contents = read_contents(path)
     assert "malformed" in " ".join(contents.damage)
+
+
+def test_an_archive_of_arrays_with_a_damaged_part(tmp_path: Path) -> None:
+    """Its checksum fits, but what it describes is no array."""
+    path = tmp_path / "a.npz"
+    for head in (b"\x93NUMPY\x01\x00\x04\x00{'(\n", b"\x93NUMPY\x01\x00", b""):
+        with ZipFile(path, "w") as file:
+            file.writestr("poses.npy", head)
+            file.writestr("trans.npy", head)
+        with pytest.raises(FileFormatError, match="not an AMASS npz"):
+            read_amass(path)
+    np.savez(path, poses=np.zeros((2, 72)), trans=np.zeros((2, 3)), gender=np.array("x"), mocap_framerate=60.0)
+    content = path.read_bytes()
+    with ZipFile(path) as file:
+        parts = {name: file.read(name) for name in file.namelist()}
+    parts["gender.npy"] = parts["gender.npy"][:-4] + b"\xff" * 4  # a letter beyond Unicode
+    with ZipFile(path, "w") as file:
+        for name, part in parts.items():
+            file.writestr(name, part)
+    assert path.read_bytes() != content
+    with pytest.raises(FileFormatError, match="not an AMASS npz"):
+        read_amass(path)
+
+
+@pytest.mark.parametrize("length", ["0", "-1", "nan", "inf"])
+def test_a_skeleton_in_no_unit(tmp_path: Path, length: str) -> None:
+    path = tmp_path / "a.asf"
+    path.write_text(f":units\n  length {length}\n")
+    with pytest.raises(FileFormatError, match=r"line 2.*above zero"):
+        read_asf(path)
+
+
+def test_a_skeleton_whose_bone_points_nowhere(tmp_path: Path) -> None:
+    path = tmp_path / "a.asf"
+    for words in ("0 1", "0 1 nan"):
+        path.write_text(f":bonedata\n  begin\n    id 1\n    name hip\n    direction {words}\n")
+        with pytest.raises(FileFormatError, match=r"line 5.*three numbers"):
+            read_asf(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"t": "x", "pelvis": {"acc": np.zeros((3, 3))}},
+        {"t": np.arange(3.0), "pelvis": {"acc": "x"}},
+    ],
+)
+def test_matlab_structs_of_words(tmp_path: Path, content: dict) -> None:
+    savemat(tmp_path / "a.mat", content)
+    with pytest.raises(FileFormatError, match="expected numbers"):
+        qmt_mat.read(tmp_path / "a.mat")
+
+
+def test_a_gyroscope_beyond_all_numbers(tmp_path: Path) -> None:
+    quaternion = np.tile([1.0, 0, 0, 0], (20, 1))
+    quaternion[::2, 1] = 0.1
+    rate = np.full((20, 3), 1e308)
+    struct = {"acc": np.tile([0, 0, 9.81], (20, 1)), "gyr": rate, "quat": quaternion}
+    savemat(tmp_path / "a.mat", {"t": np.arange(20) / 100, "pelvis": struct})
+    assert any("no gyroscope" in note for note in qmt_mat.read(tmp_path / "a.mat").notes)
+
+
+def test_an_encoding_that_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "a.mvnx"
+    path.write_text('<?xml version="1.0" encoding="none"?><mvnx/>')
+    with pytest.raises(FileFormatError, match="encoding"):
+        read_document(path)
+
+
+@pytest.mark.parametrize("value", [TOO_MANY, "9" * 5000, "[" * 5000])
+def test_settings_beyond_all_numbers(tmp_path: Path, value: str) -> None:
+    path = tmp_path / "settings.toml"
+    path.write_text(f"frame_rate = {value}\n")
+    with pytest.raises(InputError, match=r"settings\.toml"):
+        read_settings(path, Settings())
+
+
+@pytest.mark.parametrize("text", ["9" * 5000, "[" * 100_000])
+def test_json_without_end(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text(text)
+    for read in (read_camera_file, placement_from_file, load_json):
+        with pytest.raises(FileFormatError, match=r"camera\.json"):
+            read(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('{"camera_matrix": [[1,0,1],[0,1,1],[0,0,1]], "image_size": [NaN, 480]}', "nan by 480 pixels"),
+        ('{"camera_matrix": [[1,0,1],[0,1,1],[0,0,1]], "image_size": [1e999, 480]}', "inf by 480 pixels"),
+        ('{"camera_matrix": [[' + TOO_MANY + ',0,1],[0,1,1],[0,0,1]], "image_size": [640, 480]}', "expected numbers"),
+        ("%YAML:1.0\n---\n- 1\n", "camera_matrix"),
+        ("%YAML:1.0\n---\nimage_width: []\nimage_height: 480\ncamera_matrix: [1,0,1,0,1,1,0,0,1]\n", "size is missing"),
+    ],
+)
+def test_cameras_of_opencv_with_absurd_numbers(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / ("camera.yaml" if text.startswith("%") else "camera.json")
+    path.write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_camera_file(path)
+
+
+@pytest.mark.parametrize("line", ["OFFSET 0 0 0", "CHANNELS 1 Xrotation"])
+def test_a_hierarchy_that_begins_without_a_root(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "a.bvh"
+    path.write_text(f"HIERARCHY\n{line}\n")
+    with pytest.raises(FileFormatError, match=r"line 2: .* before the first ROOT"):
+        read_bvh(path)
+
+
+def test_a_single_number_where_poses_should_be(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", poses=1.0, trans=np.zeros((2, 3)))
+    with pytest.raises(FileFormatError, match="poses"):
+        read_amass(tmp_path / "a.npz")
+
+
+def test_a_count_beyond_all_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "settings.toml"
+    path.write_text(f"[solve]\nmax_iterations = {TOO_MANY}\n")
+    with pytest.raises(InputError, match=r"max_iterations is 9+: expected"):
+        read_settings(path, Settings())
+
+
+def test_a_pickle_whose_type_has_no_state(tmp_path: Path) -> None:
+    whole = pickle.dumps({"imu_acc": np.zeros(3)}, protocol=0)
+    path = tmp_path / "a.pkl"
+    for at in range(0, len(whole), 3):
+        path.write_bytes(whole[:at] + b"N" + whole[at + 1 :])
+        with suppress(FileFormatError):
+            load_plain_pickle(path)
+
+
+def test_a_placement_that_is_a_list(tmp_path: Path) -> None:
+    path = tmp_path / "p.json"
+    path.write_text("[]")
+    with pytest.raises(FileFormatError, match=r"p\.json: expected an object"):
+        placement_from_file(path)
+
+
+def test_an_array_that_claims_to_be_huge(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 72), }"
+    with ZipFile(path, "w") as file:
+        for name in ("poses", "trans"):
+            file.writestr(f"{name}.npy", b"\x93NUMPY\x01\x00" + (len(head) + 1).to_bytes(2, "little") + head + b"\n")
+    with pytest.raises(FileFormatError, match="too short"):
+        read_amass(path)
+
+
+@pytest.mark.parametrize("content", [b"Nr\xff\xff\xff\xff.", b"cnumpy\nndarray\n(I9999999999\ntR."])
+def test_a_pickle_that_claims_to_be_huge(tmp_path: Path, content: bytes) -> None:
+    """A number of an object in the billions is no reason to make room for all before it."""
+    path = tmp_path / "a.pkl"
+    path.write_bytes(b"\x80\x02" + content)
+    with limited_memory(2**28):
+        try:
+            refused = load_plain_pickle(path)
+        except FileFormatError as error:
+            refused = error
+    assert not out_of_memory(refused)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from vip_factors.cli import benchmark_live, benchmark_stream
+from vip_factors.cli.benchmark_fuzz import FuzzOptions, fuzz
 from vip_factors.cli.benchmark_live_options import KaichiOptions, StreamAccuracyOptions
 from vip_factors.cli.benchmark_options import (
     AssociationOptions,
@@ -47,6 +48,7 @@ Options = (
     | RecordingsOptions
     | StartsOptions
     | RealOptions
+    | FuzzOptions
 )
 Write = Callable[[str], None]
 
@@ -71,7 +73,8 @@ class BenchmarkOptions:
         | Annotated[WalkOptions, tyro.conf.subcommand("walk")]
         | Annotated[RecordingsOptions, tyro.conf.subcommand("recordings")]
         | Annotated[StartsOptions, tyro.conf.subcommand("starts")]
-        | Annotated[RealOptions, tyro.conf.subcommand("real")],
+        | Annotated[RealOptions, tyro.conf.subcommand("real")]
+        | Annotated[FuzzOptions, tyro.conf.subcommand("fuzz")],
         tyro.conf.arg(name=""),
     ]
 
@@ -126,6 +129,8 @@ def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
         return _starts(options, tell)
     if isinstance(options, RealOptions):
         return _real(options, tell, write)
+    if isinstance(options, FuzzOptions):
+        return fuzz(options, tell)
     if isinstance(options, StreamFaultsOptions):
         return _stream_faults(options, tell)
     return _speed(options, tell) if isinstance(options, SpeedOptions) else _walk(options, tell)

@@ -38,11 +38,20 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         raise InputError("info takes either a FILE or --sites; --picture goes with --sites")
     if options.picture is not None:
         raise InputError("--picture draws the sites: give --sites instead of a file")
+    print(file_text(options.file))
+
+
+def file_text(path: Path) -> str:
+    """What a recording, an estimate or a motion holds.
+
+    Raises:
+        InputError, FileFormatError, OSError: if it cannot be read.
+    """
     from vip_factors.cli.files import open_one
     from vip_factors.cli.info_recording import estimate_text, motion_text, recording_text
     from vip_factors.cli.info_scene import scene_estimate_text, scene_text
 
-    opened = open_one(options.file)
+    opened = open_one(path)
     parts = []
     if opened.recording is not None:
         parts.append(recording_text(opened.recording))
@@ -54,7 +63,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         parts.append(scene_estimate_text(opened.scene_estimate))
     if opened.motion is not None:
         parts.append(f"motion '{opened.motion.name}'\n" + motion_text(opened.motion))
-    print("\n\n".join(parts))
+    return "\n\n".join(parts)
 
 
 def _tell_sites(options: InfoOptions) -> None:

@@ -28,7 +28,7 @@ def read_settings(path: Path, defaults: Tree, named: Callable[[str], Tree] | Non
     """
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as wrong:
+    except (ValueError, RecursionError) as wrong:  # also numbers of too many digits, and tables in tables without end
         raise FileFormatError(f"{path}: not TOML: {wrong}") from wrong
     if named is not None and "configuration" in content:
         name = content.pop("configuration")
@@ -70,7 +70,10 @@ def _value(value: Any, hint: Any, current: Any, where: str) -> Any:
         if kind is Path and isinstance(value, str):
             return Path(value)
         if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
-            return float(value)
+            try:
+                return float(value)
+            except OverflowError as wrong:
+                raise InputError(f"{where} is a number of {len(str(value))} digits: expected a smaller one") from wrong
         if kind is bool and isinstance(value, bool):
             return value
         if kind is int and isinstance(value, int) and not isinstance(value, bool):

@@ -17,6 +17,7 @@ DISTORTION = ("dist_coeffs", "distortion_coefficients", "Distortion_Coefficients
 WIDTH, HEIGHT = ("image_width", "image_Width", "width"), ("image_height", "image_Height", "height")
 SIZE = ("image_size", "img_size", "imageSize")  # width, height
 USED_COEFFICIENTS = 8  # beyond them OpenCV has thin prisms and tilted sensors
+FARTHEST_PIXEL = 1e6  # a million pixels wide is no image
 
 
 def read_opencv_camera(path: Path) -> CameraModel:
@@ -42,6 +43,8 @@ def read_opencv_camera(path: Path) -> CameraModel:
     if size is None or size.size != 2:
         raise InputError(f"{path}: the image's size is missing: expected image_width and image_height, in pixels")
     K, (width, height) = K.reshape(3, 3), size.ravel()
+    if not (0 < width < FARTHEST_PIXEL and 0 < height < FARTHEST_PIXEL):
+        raise InputError(f"{path}: the image is {width:g} by {height:g} pixels: expected numbers above zero")
     bent = found.get("distortion", np.zeros(0)).ravel()
     if np.any(bent[USED_COEFFICIENTS:]):
         raise InputError(f"{path}: {len(bent)} distortion coefficients: expected at most eight that are not zero")
@@ -56,7 +59,7 @@ def read_opencv_camera(path: Path) -> CameraModel:
 def _from_json(path: Path, text: str) -> dict[str, Array]:
     try:
         content = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FileFormatError(f"{path}: {error}: expected JSON syntax") from error
     if not isinstance(content, Mapping):
         raise FileFormatError(f"{path}: expected a JSON object with camera_matrix")
@@ -70,7 +73,7 @@ def _from_json(path: Path, text: str) -> dict[str, Array]:
             return None
         try:
             return np.array(value, dtype=float)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise InputError(f"{path}: {names[0]} is {value!r}: expected numbers") from error
 
     return _gathered(numbers)
@@ -102,6 +105,8 @@ def _from_storage(path: Path, text: str) -> dict[str, Array]:
 
     try:
         return _gathered(numbers)
+    except cv2.error as error:
+        raise FileFormatError(f"{path}: OpenCV finds a text or a list where camera_matrix should be") from error
     finally:
         storage.release()
 
@@ -110,6 +115,6 @@ def _gathered(numbers: Any) -> dict[str, Array]:
     """Matrix, distortion and size, as far as ``numbers(names)`` finds them."""
     found = {"matrix": numbers(MATRIX), "distortion": numbers(DISTORTION), "size": numbers(SIZE)}
     width, height = numbers(WIDTH), numbers(HEIGHT)
-    if width is not None and height is not None:
+    if width is not None and height is not None and width.size and height.size:
         found["size"] = np.array([width.ravel()[0], height.ravel()[0]])
     return {name: value for name, value in found.items() if value is not None}

@@ -100,8 +100,10 @@ def placement_from_file(path: str | Path) -> PlacementFile:
         content = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
     except OSError as error:
         raise FileFormatError(f"{path}: cannot be read ({error.strerror}): expected a TOML or JSON file") from error
-    except (ValueError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise FileFormatError(f"{path}: {error}: expected {path.suffix or 'TOML'} syntax") from error
+    if not isinstance(content, Mapping):
+        raise FileFormatError(f"{path}: expected an object with what is known of wearer and sensors")
     known = [one.name for one in fields(PlacementFile)]
     known_keys(path, "", content, known)
     values: dict[str, Any] = {}

@@ -100,7 +100,7 @@ def read_toml(path: Path, what: str) -> Mapping[str, Any]:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise FileFormatError(f"{path}: cannot be read ({error.strerror}): expected {what}") from error
-    except (ValueError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # the latter: brackets in brackets without end
         raise FileFormatError(f"{path}: {error}: expected {what}") from error
 
 

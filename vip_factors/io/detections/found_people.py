@@ -59,6 +59,8 @@ def _content(path: Path, stamp: tuple[int, int]) -> Any:
         ) from error
     except UnicodeDecodeError as error:
         raise FileFormatError(f"{path}: not JSON, but binary (byte {error.start})") from error
+    except (ValueError, RecursionError) as error:  # numbers of too many digits, brackets in brackets without end
+        raise FileFormatError(f"{path}: not readable as JSON ({error})") from error
 
 
 def load_json(path: Path) -> Any:

@@ -116,7 +116,7 @@ def _slash_names(rows: list[list[str]], path: Path) -> _Layout:
             layout.add(parts[0], parts[1], parts[2], column)
     if at + 1 < len(rows) and rows[at + 1][0].strip() in ("s", "us", "ms"):
         layout.first_row += 1
-        layout.units = {i: _UNITS.get(cell.strip(), 1.0) for i, cell in enumerate(rows[at + 1]) if i}
+        layout.units = {i: _UNITS.get(cell.strip(), 1.0) for i, cell in enumerate(rows[at + 1]) if 0 < i < layout.width}
     if not layout.columns:
         raise FileFormatError(f"{path}, line {at + 1}: no column of the form Sensor/Acceleration/X")
     return layout

@@ -91,7 +91,9 @@ def read_document(path: Path) -> MvnxDocument:
     try:
         for tag, element in _elements(path):
             _take(document, tag, element)
-    except ET.ParseError as error:
+    except (ET.ParseError, LookupError, ValueError) as error:  # the latter two: an encoding that is none
+        if isinstance(error, FileFormatError):
+            raise
         if not document.samples:
             raise FileFormatError(f"{path}: not readable as XML ({error}): expected an MVNX file") from error
         document.truncated = str(error)

@@ -51,11 +51,11 @@ def matches(path: Path) -> bool:
     with path.open("rb") as file:
         if file.read(6) != b"MATLAB":
             return False
-    from scipy.io import matlab, whosmat
+    from scipy.io import whosmat
 
     try:
         content = {name: kind for name, _, kind in whosmat(path)}
-    except (matlab.MatReadError, NotImplementedError, ValueError, OSError):
+    except Exception:  # of damaged files SciPy raises whatever its parsing comes upon
         return False
     return "t" in content and "struct" in content.values()
 
@@ -69,7 +69,7 @@ def read(path: Path) -> ImportedLog:
     content = _load(path)
     if "t" not in content:
         raise FileFormatError(f"{path}: no variable 't' with the times of the samples")
-    time = np.atleast_1d(np.asarray(content["t"], dtype=float)).ravel()
+    time = np.atleast_1d(_floats(path, "t", content["t"])).ravel()
     structs = {name: value for name, value in content.items() if hasattr(value, "acc")}
     if not structs:
         raise FileFormatError(f"{path}: no struct with a field 'acc'; variables: {', '.join(content) or 'none'}")
@@ -89,13 +89,13 @@ def read(path: Path) -> ImportedLog:
 
 
 def _load(path: Path) -> dict[str, Any]:
-    from scipy.io import loadmat, matlab
+    from scipy.io import loadmat
 
     try:
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError as error:
         raise FileFormatError(f"{path}: a MATLAB 7.3 (HDF5) file; save it with '-v7'") from error
-    except (matlab.MatReadError, ValueError, TypeError, OSError) as error:
+    except Exception as error:  # whatever its parsing comes upon
         raise FileFormatError(f"{path}: not a readable MATLAB file ({error})") from error
     return {name: value for name, value in content.items() if not name.startswith("__")}
 
@@ -105,7 +105,7 @@ def _sensor(path: Path, name: str, struct: Any, time: Array, notes: list[str]) -
         values = getattr(struct, label, None)
         if values is None or np.size(values) == 0:
             return None
-        values = np.asarray(values, dtype=float)
+        values = _floats(path, f"{name}.{label}", values)
         if values.shape != (len(time), width):
             raise FileFormatError(f"{path}: {name}.{label} has shape {values.shape}: expected ({len(time)}, {width})")
         return values
@@ -125,17 +125,29 @@ def _sensor(path: Path, name: str, struct: Any, time: Array, notes: list[str]) -
     return _Sensor(ImuStream.from_samples(name, time - time[0], force, R, rate), mounting)
 
 
+def _floats(path: Path, where: str, values: Any) -> Array:
+    try:
+        return np.asarray(values, dtype=float)
+    except (ValueError, TypeError) as error:
+        raise FileFormatError(f"{path}: {where}: expected numbers ({error})") from error
+
+
 def _own_or_segment(
     name: str, R: Array, force: Array, rate: Array, time: Array, notes: list[str]
 ) -> tuple[Array | None, Array | None]:
     """R_inertial_sensor if the quaternions are the sensor's own, and R_segment_sensor if they are its segment's."""
     good = np.all(np.isfinite(np.column_stack([R.reshape(-1, 9), force, rate])), axis=1)
-    pairs = np.flatnonzero(good[:-1] & good[1:])
+    pairs = np.flatnonzero(good[:-1] & good[1:] & (np.diff(time) > 0))
     if len(pairs) < 10:
         return R, None
     turned = log(transpose(R[pairs]) @ R[pairs + 1]) / np.diff(time)[pairs, None]
-    measured = (rate[pairs] + rate[pairs + 1]) / 2
-    mounting = nearest_rotation(turned.T @ measured)
+    with np.errstate(over="ignore", invalid="ignore"):
+        measured = (rate[pairs] + rate[pairs + 1]) / 2
+        agreement = turned.T @ measured
+    if not np.all(np.isfinite(agreement)):
+        notes.append(f"{name}: gyr holds numbers that no gyroscope measures: nothing tells whose quat is; left out")
+        return None, None
+    mounting = nearest_rotation(agreement)
     total = float(np.sum(turned**2))
     explained = 1 - float(np.sum((turned - measured @ mounting.T) ** 2)) / total if total > 0 else 0.0
     if explained < EXPLAINED:

@@ -55,6 +55,7 @@ class Channels:
     def messages(self, records: Iterator[Record]) -> Iterator[tuple[Route, Any]]:
         """The messages that belong to a scene, decoded."""
         from google.protobuf.message import DecodeError
+        from mcap.exceptions import McapError
 
         for opcode, content in records:
             try:
@@ -65,7 +66,7 @@ class Channels:
                     self._channel(content)
                     continue
                 channel_id = MESSAGE_HEAD.unpack_from(content)[0]
-            except (struct.error, UnicodeDecodeError, EOFError, ValueError):
+            except (struct.error, UnicodeDecodeError, EOFError, ValueError, McapError):
                 self._tell("record", "a record is malformed: it is left out")
                 continue
             if channel_id not in self._routes:

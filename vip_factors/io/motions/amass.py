@@ -1,8 +1,8 @@
 """AMASS npz: SMPL-H or SMPL-X pose vectors and root path, Z up."""
 
+import math
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -44,7 +44,7 @@ def read_amass(
     path = Path(path)
     content = _read(path)
     poses, trans = content["poses"], content["trans"]
-    T = len(poses)
+    T = len(poses) if poses.ndim else 0
     if poses.ndim != 2 or poses.shape[1] not in POSE_WIDTHS or trans.shape != (T, 3) or not T:
         raise FileFormatError(
             f"{path}: poses {poses.shape} and trans {trans.shape}: expected (T, 156) or (T, 165), and (T, 3)"
@@ -78,6 +78,8 @@ def _read(path: Path) -> dict[str, Any]:
             missing = [name for name in ("poses", "trans") if name not in file]
             if missing:
                 raise FileFormatError(f"{path}: lacks {', '.join(missing)}; expected a motion file of AMASS")
+            for name in {"poses", "trans", "betas", "gender", "joint_offsets", *RATE_NAMES} & set(file.files):
+                _check_size(file, name)
             rates = [float(file[name].ravel()[0]) for name in RATE_NAMES if name in file]
             return {
                 "poses": np.asarray(file["poses"], dtype=float),
@@ -89,8 +91,18 @@ def _read(path: Path) -> dict[str, Any]:
             }
     except FileFormatError:
         raise
-    except (OSError, ValueError, TypeError, IndexError, EOFError, BadZipFile) as error:
+    except Exception as error:  # of damaged archives NumPy, zipfile and zlib raise a dozen kinds
         raise FileFormatError(f"{path}: not an AMASS npz ({error})") from error
+
+
+def _check_size(file: Any, name: str) -> None:
+    """Refuse an array that claims to be larger than its part of the archive, before room is made for it."""
+    with file.zip.open(f"{name}.npy") as part:
+        version = np.lib.format.read_magic(part)
+        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, kind = read_header(part)
+    if math.prod(shape) * kind.itemsize > file.zip.getinfo(f"{name}.npy").file_size:
+        raise ValueError(f"{name} claims to have the shape {shape}, for which the file is too short")
 
 
 def _text(value: Array) -> str:

@@ -85,7 +85,10 @@ def read_asf(path: str | Path) -> AsfSkeleton:
 
 def _units(skeleton: AsfSkeleton, words: list[str]) -> None:
     if words[0] == "length":
-        skeleton.unit_m = INCH_M / float(words[1])
+        length = float(words[1])
+        if not 0 < length < np.inf:
+            raise ValueError("expected a length above zero")
+        skeleton.unit_m = INCH_M / length
     elif words[0] == "angle":
         skeleton.degrees = words[1].lower().startswith("deg")
 
@@ -113,8 +116,12 @@ def _bone_line(skeleton: AsfSkeleton, bone: AsfBone, words: list[str]) -> AsfBon
         skeleton.bones[bone.name] = bone
     elif key == "direction":
         bone.direction = np.array([float(word) for word in words[1:4]])
+        if len(bone.direction) != 3 or not np.all(np.isfinite(bone.direction)):
+            raise ValueError("expected three numbers")
     elif key == "length":
         bone.length = float(words[1])
+        if not np.isfinite(bone.length):
+            raise ValueError("expected a length")
     elif key == "axis":
         bone.axis = _axis(words[1:4], (words[4] if len(words) > 4 else "xyz").lower(), skeleton.degrees)
     elif key == "dof":

@@ -91,6 +91,8 @@ def _parse_hierarchy(numbered: Iterator[tuple[int, str]], path: Path) -> _Hierar
             if word in ("ROOT", "JOINT", "END"):
                 _open_node(found, stack, word, " ".join(words).partition("{")[0].strip())
                 words = words[words.index("{") :] if "{" in words else []
+            elif word in ("OFFSET", "CHANNELS") and not found.names:
+                raise FileFormatError(f"{path}, line {number}: {word} before the first ROOT")
             elif word == "OFFSET":
                 found.offsets[-1] = _floats(words[:3], 3, number, path)
                 words = words[3:]

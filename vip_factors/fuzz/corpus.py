@@ -1,0 +1,39 @@
+"""All formats that the commands read, each with small whole files of it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from vip_factors.body.motion import Motion
+from vip_factors.fuzz.case import Case
+from vip_factors.fuzz.corpus_logs import log_cases
+from vip_factors.fuzz.corpus_scenes import scene_cases
+from vip_factors.fuzz.corpus_small import small_cases
+from vip_factors.sensors.recording import Recording
+
+
+@dataclass(frozen=True)
+class Commands:
+    """What the command line does with what was read, which lies in rows below this room.
+
+    Attributes:
+        describe_file: what ``info`` does with a file.
+        describe_recording, describe_motion: what it says of them.
+        read_settings: of a file of settings.
+        settings: text of such a file, with all that are numbers.
+    """
+
+    describe_file: Callable[[Path], object]
+    describe_recording: Callable[[Recording], object]
+    describe_motion: Callable[[Motion], object]
+    read_settings: Callable[[Path], object]
+    settings: str
+
+
+def all_cases(commands: Commands) -> list[Case]:
+    """One of each format."""
+    return [
+        *log_cases(commands.describe_recording),
+        *scene_cases(commands.describe_file),
+        *small_cases(commands.describe_motion, commands.read_settings, commands.settings),
+    ]

@@ -16,14 +16,20 @@ class Range:
         least: the smallest.
         above: all must be larger than this.
         most: the largest.
+        endless: whether infinity is allowed too.
     """
 
     least: float = -math.inf
     above: float = -math.inf
     most: float = math.inf
+    endless: bool = False
 
     def __contains__(self, value: float) -> bool:
-        return math.isfinite(value) and self.above < value and self.least <= value <= self.most
+        return (
+            (math.isfinite(value) or (self.endless and value > 0))
+            and self.above < value
+            and self.least <= value <= self.most
+        )
 
     def __str__(self) -> str:
         words = []
@@ -33,7 +39,7 @@ class Range:
             words.append(f"{self.least:g} or more")
         if self.most < math.inf:
             words.append(f"{self.most:g} at most")
-        return "a finite number" + (f", {' and '.join(words)}" if words else "")
+        return ("a number" if self.endless else "a finite number") + (f", {' and '.join(words)}" if words else "")
 
 
 ANY = Range()
@@ -42,6 +48,8 @@ NotNegative = Annotated[float, Range(least=0)]
 """A setting that 0 switches off."""
 NotNegativeInt = Annotated[int, Range(least=0)]
 """A count that may be none."""
+Patience = Annotated[float, Range(least=0, endless=True)]
+"""Seconds to wait; infinity is for ever."""
 Share = Annotated[float, Range(least=0, most=1)]
 """A part of a whole."""
 

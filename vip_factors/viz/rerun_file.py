@@ -1,0 +1,62 @@
+"""The end of a ``.rrd`` file, made sure of: Rerun itself only logs that it could not write one."""
+
+import errno
+import os
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vip_factors.errors import VipFactorsError
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+FOOTER = b"RRF2FOOT"  # stands in the last bytes of a whole file
+FOOTER_BYTES = 64
+WRITE_S = 20.0  # that Rerun may take to write what it still holds: slow disks write 10 MB/s, and it holds a few
+FULL_BYTES = 1 << 20  # free on a disk that is as good as full
+
+
+def hand_over(stream: "rr.RecordingStream", path: Path, seconds: float = WRITE_S) -> None:
+    """Have what was logged until now written.
+
+    Args:
+        stream: that saves to a file.
+        path: of the file, for the message.
+        seconds: to wait at most.
+
+    Raises:
+        OSError, VipFactorsError: if it cannot be written. The stream must not be disconnected then: that would wait for
+            ever.
+    """
+    try:
+        stream.flush(timeout_sec=seconds)
+    except RuntimeError as error:
+        raise _not_written(path) from error
+
+
+def complete(stream: "rr.RecordingStream", partial: Path, path: Path) -> None:
+    """Finish a file.
+
+    Args:
+        stream: that saves to it.
+        partial: where it is written.
+        path: what it will be called, for the message.
+
+    Raises:
+        OSError, VipFactorsError: if it is not whole.
+    """
+    hand_over(stream, path)
+    stream.disconnect()
+    with open(partial, "rb") as file:
+        file.seek(-min(FOOTER_BYTES, partial.stat().st_size), os.SEEK_END)
+        whole = FOOTER in file.read()
+    if not whole:
+        raise _not_written(path)
+
+
+def _not_written(path: Path) -> OSError | VipFactorsError:
+    """Rerun keeps the system's reason to itself; a full disk is seen from outside."""
+    if shutil.disk_usage(path.parent).free < FULL_BYTES:
+        return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), os.fspath(path))
+    return VipFactorsError(f"{path}: Rerun could not write it: is the disk, or what you may use of it, full?")

@@ -24,7 +24,7 @@ from vip_factors.io.mcap_contents import McapWarning
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.io.mcap_scene_recording import read_scene
 from vip_factors.live_estimate import LiveEstimate
-from vip_factors.sensors.live import LiveFinding, LiveItem, live_samples
+from vip_factors.sensors.live import LiveFinding, LiveItem, LiveLoss, live_samples
 from vip_factors.viz.live_rerun import LiveRerunSink
 
 STUB = Path(__file__).parents[1] / "stub_tracker.py"
@@ -254,6 +254,9 @@ def test_a_rerun_file_that_is_lost_is_no_success(
 
 
 class Silent:
+    def note_loss(self) -> None:
+        self.lost = True
+
     def push(self, sample: object) -> list[LiveEstimate]:
         return []
 
@@ -280,6 +283,13 @@ def test_findings_of_the_source_are_told_and_kept(capsys: pytest.CaptureFixture[
         "note: sensor 'x' is nobody's: its samples are left out",
         "note: the stream has begun",
     ]
+
+
+def test_the_tracker_learns_of_samples_that_were_dropped() -> None:
+    tracker = Silent()
+    session = Session(tracker, [], [], StatusLine(False))
+    session.take(LiveLoss("the tracker does not keep up"))
+    assert tracker.lost
 
 
 def test_an_interrupt_waits_for_the_update_to_end() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from vip_factors.cli.terminal import StatusLine
 from vip_factors.live_estimate import LiveEstimate
-from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, VideoFrame
+from vip_factors.sensors.live import LiveFinding, LiveItem, LiveLoss, LiveSample, VideoFrame
 
 T = TypeVar("T")
 ENDING = (signal.SIGINT, signal.SIGTERM)
@@ -30,6 +30,9 @@ class Tracker(Protocol):
 
     def finish(self) -> list[LiveEstimate]:
         """The answers that are left at the end."""
+
+    def note_loss(self) -> None:
+        """Samples that were sent do not come, because the tracker did not keep up."""
 
 
 class Sink(Protocol):
@@ -131,6 +134,8 @@ class Session:
         if isinstance(item, LiveFinding):
             self.tell(item.sentence)
             self._pending.append(item.sentence)
+            if isinstance(item, LiveLoss):
+                self._tracker.note_loss()
             return
         if isinstance(item, VideoFrame):
             for viewer in self._viewers:

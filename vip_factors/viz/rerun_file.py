@@ -48,11 +48,17 @@ def complete(stream: "rr.RecordingStream", partial: Path, path: Path) -> None:
     """
     hand_over(stream, path)
     stream.disconnect()
-    with open(partial, "rb") as file:
-        file.seek(-min(FOOTER_BYTES, partial.stat().st_size), os.SEEK_END)
-        whole = FOOTER in file.read()
-    if not whole:
+    if not is_whole(partial):
         raise _not_written(path)
+
+
+def is_whole(path: Path) -> bool:
+    """Whether there is a file that was written to its end."""
+    if not path.is_file():
+        return False
+    with open(path, "rb") as file:
+        file.seek(-min(FOOTER_BYTES, path.stat().st_size), os.SEEK_END)
+        return FOOTER in file.read()
 
 
 def _not_written(path: Path) -> OSError | VipFactorsError:

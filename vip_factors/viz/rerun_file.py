@@ -3,6 +3,7 @@
 import errno
 import os
 import shutil
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
 FOOTER = b"RRF2FOOT"  # stands in the last bytes of a whole file
 FOOTER_BYTES = 64
 WRITE_S = 20.0  # that Rerun may take to write what it still holds: slow disks write 10 MB/s, and it holds a few
+ATTEMPT_S = 1.0  # of it, between looks whether the thread that writes has ended
+ENDED = "shut down"  # in Rerun's error then
 FULL_BYTES = 1 << 20  # free on a disk that is as good as full
 
 
@@ -29,10 +32,15 @@ def hand_over(stream: "rr.RecordingStream", path: Path, seconds: float = WRITE_S
         OSError, VipFactorsError: if it cannot be written. The stream must not be disconnected then: that would wait for
             ever.
     """
-    try:
-        stream.flush(timeout_sec=seconds)
-    except RuntimeError as error:
-        raise _not_written(path) from error
+    until = time.monotonic() + seconds
+    while True:
+        try:
+            stream.flush(timeout_sec=ATTEMPT_S)
+            return
+        except RuntimeError as error:
+            # A writer that fails while it is waited for is not noticed until it is asked again.
+            if time.monotonic() > until or ENDED in str(error):
+                raise _not_written(path) from error
 
 
 def complete(stream: "rr.RecordingStream", partial: Path, path: Path) -> None:

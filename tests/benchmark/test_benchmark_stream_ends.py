@@ -6,10 +6,10 @@ from pathlib import Path
 from vip_factors.benchmark import stream_ends
 from vip_factors.benchmark.stream_ends import (
     EndTrials,
+    FullDisk,
     disk_full_table,
     ends_json,
     kill_table,
-    run_disk_full,
     run_stream_kill,
     small_scene,
 )
@@ -34,7 +34,10 @@ def test_killed_streams_lose_a_chunk_at_most(tmp_path: Path) -> None:
     assert "lost_s" in ends_json(found)
 
 
-def test_streams_on_full_disks_say_so(tmp_path: Path) -> None:
-    found = run_disk_full(trials(tmp_path, 1))
-    assert all(one.good for one in found), disk_full_table(found)
-    assert "exit code not 0 1, file named 1, nothing half-written 1 times" in disk_full_table(found)
+def test_streams_on_full_disks_are_counted() -> None:
+    good = FullDisk(9000, 2, "vip-factors: e.partial.mcap: File too large", named=True, orderly=True)
+    bad = FullDisk(8000, 0, "60 frames", named=False, orderly=True)
+    assert good.good
+    told = disk_full_table([good, bad])
+    assert "2 streams on full disks: exit code not 0 1, file named 1, nothing half-written 2 times" in told
+    assert told.splitlines()[1:] == ["- 8000 bytes: exit code 0: 60 frames"]

@@ -208,7 +208,7 @@ def draw(queue: Any, telling: Connection, setup: LiveSetup, target: LiveTarget, 
             while (items := _gathered(queue, gather)) is not None:
                 view.log(items)
                 if target.save is not None and time.monotonic() - kept >= KEEP_S:
-                    hand_over(stream, target.save)
+                    hand_over(stream, partial_path(target.save), target.save)
                     kept = time.monotonic()
             _end(stream, target, telling)
     except OSError as error:  # of a full disk, most likely: Rerun's own threads would wait for ever

@@ -5,6 +5,7 @@ import os
 import shutil
 import time
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING
 
 from vip_factors.errors import VipFactorsError
@@ -14,31 +15,33 @@ if TYPE_CHECKING:
 
 FOOTER = b"RRF2FOOT"  # stands in the last bytes of a whole file
 FOOTER_BYTES = 64
-WRITE_S = 20.0  # that Rerun may take to write what it still holds: slow disks write 10 MB/s, and it holds a few
+STALL_S = 5.0  # without a byte more, after which a file is taken to grow no more: a slow disk writes some of it in time
 ATTEMPT_S = 1.0  # of it, between looks whether the thread that writes has ended
 ENDED = "shut down"  # in Rerun's error then
 FULL_BYTES = 1 << 20  # free on a disk that is as good as full
 
 
-def hand_over(stream: "rr.RecordingStream", path: Path, seconds: float = WRITE_S) -> None:
+def hand_over(stream: "rr.RecordingStream", partial: Path, path: Path) -> None:
     """Have what was logged until now written.
 
     Args:
         stream: that saves to a file.
-        path: of the file, for the message.
-        seconds: to wait at most.
+        partial: where it is written.
+        path: what it will be called, for the message.
 
     Raises:
         OSError, VipFactorsError: if it cannot be written. The stream must not be disconnected then: that would wait for
             ever.
     """
-    until = time.monotonic() + seconds
+    until, size = time.monotonic() + STALL_S, -1
     while True:
         try:
             stream.flush(timeout_sec=ATTEMPT_S)
             return
         except RuntimeError as error:
             # A writer that fails while it is waited for is not noticed until it is asked again.
+            if size != (size := partial.stat().st_size):
+                until = time.monotonic() + STALL_S
             if time.monotonic() > until or ENDED in str(error):
                 raise _not_written(path) from error
 
@@ -54,8 +57,10 @@ def complete(stream: "rr.RecordingStream", partial: Path, path: Path) -> None:
     Raises:
         OSError, VipFactorsError: if it is not whole.
     """
-    hand_over(stream, path)
-    stream.disconnect()
+    hand_over(stream, partial, path)
+    ending = Thread(target=stream.disconnect, daemon=True)  # it waits for ever for a writer that has failed
+    ending.start()
+    ending.join(STALL_S)
     if not is_whole(partial):
         raise _not_written(path)
 

@@ -1,5 +1,6 @@
 """A sender of live messages: a simulated wearer of six sensors, over TCP to ``python example_sender.py HOST PORT``."""
 
+import os
 import socket
 import sys
 import time
@@ -31,6 +32,7 @@ def main(host: str, port: int, seconds: float = 5.0) -> None:
     with socket.create_connection((host, port)) as connection:
         header = LiveMessage()
         header.header.name = "simulated"
+        header.header.token = os.environ.get("VIP_FACTORS_TOKEN", "")
         wearer = header.header.wearers.add(initial_pose="none")
         wearer.subject.name, wearer.subject.stature_m = "Ada", 1.75
         wearer.placement.preset = "sip6"  # sensors: head, pelvis, left_forearm, right_forearm, left_shank, right_shank

@@ -34,6 +34,9 @@ def tracker_module(scene: Scene) -> types.ModuleType:
         def finish(self) -> list[LiveEstimate]:
             return [self._next] if self._next is not None else []
 
+        def note_loss(self) -> None:
+            pass
+
     module = types.ModuleType("vip_factors.live.tracker")
     module.FixedLagTracker = FixedLagTracker  # type: ignore[attr-defined]
     return module

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from vip_factors.errors import InputError
+from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.live.settings import LiveSettings
 from vip_factors.ranges import NotNegative, Range, Share, check_ranges
 from vip_factors.settings import Settings
@@ -86,3 +87,10 @@ def test_no_setting_may_be_infinite(whole: Settings) -> None:
         for value in (float("inf"), float("nan")):
             with pytest.raises(InputError):
                 changed(whole, path, value)
+
+
+def test_patience_may_be_endless() -> None:
+    check_ranges(LiveSourceSettings())
+    check_ranges(LiveSourceSettings(next_client_wait=0.0))
+    with pytest.raises(InputError, match="header_wait is inf: expected a finite number"):
+        check_ranges(LiveSourceSettings(header_wait=float("inf")))

@@ -3,6 +3,10 @@
 Every message is one clear sentence: what was given, where, what was expected, and what to do.
 """
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class VipFactorsError(Exception):
     """Base of every error that vip_factors raises on purpose."""
@@ -22,3 +26,23 @@ class RecordingError(InputError):
 
 class SolveError(VipFactorsError):
     """The optimiser could not proceed: an indeterminate system, a cost that is not finite."""
+
+
+@contextmanager
+def naming_file(path: str | os.PathLike[str], temporary: str | os.PathLike[str] | None = None) -> Iterator[None]:
+    """Errors of writing that name no file (a full disk, say), or a temporary one, name this one instead.
+
+    Args:
+        path: as the user knows it.
+        temporary: under which it is written.
+
+    Raises:
+        OSError: of the same number and kind.
+    """
+    try:
+        yield
+    except OSError as error:
+        ours = error.filename is None or (temporary is not None and os.fspath(error.filename) == os.fspath(temporary))
+        if error.errno is None or isinstance(error, ConnectionError) or not ours:
+            raise
+        raise OSError(error.errno, error.strerror, os.fspath(path)) from error

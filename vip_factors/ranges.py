@@ -49,6 +49,8 @@ NotNegative = Annotated[float, Range(least=0)]
 """A setting that 0 switches off."""
 NotNegativeInt = Annotated[int, Range(least=0)]
 """A count that may be none."""
+Patience = Annotated[float, Range(least=0, endless=True)]
+"""Seconds to wait; infinity is for ever."""
 Share = Annotated[float, Range(least=0, most=1)]
 """A part of a whole."""
 

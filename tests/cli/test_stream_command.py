@@ -24,7 +24,8 @@ from vip_factors.io.mcap_contents import McapWarning
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.io.mcap_scene_recording import read_scene
 from vip_factors.live_estimate import LiveEstimate
-from vip_factors.sensors.live import LiveFinding, LiveItem, live_samples
+from vip_factors.sensors.live import LiveFinding, LiveItem, LiveLoss, live_samples
+from vip_factors.viz.live_rerun import LiveRerunSink
 
 STUB = Path(__file__).parents[1] / "stub_tracker.py"
 FRAMES = 61  # of a second
@@ -154,14 +155,15 @@ def start(scene: Path, *arguments: object) -> subprocess.Popen:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
 
 
-def test_ctrl_c_ends_the_stream_in_order(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_end_the_stream_in_order(tmp_path: Path, number: signal.Signals) -> None:
     scene = scene_file(tmp_path, seconds=5.0)
     out = tmp_path / "e.mcap"
     process = start(scene, "--real-time", "--json", "--out", out, "--rerun-save", tmp_path / "e.rrd")
     lines = [json.loads(process.stdout.readline()) for _ in range(40)]
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     rest, told = process.stdout.read(), process.stderr.read()
-    assert process.wait(60) == 130, told
+    assert process.wait(60) == 128 + number, told
     lines += [json.loads(line) for line in rest.splitlines()]  # no half line
     assert [line["frame"] for line in lines] == list(range(len(lines)))
     assert len(lines) < 250
@@ -197,7 +199,64 @@ def test_a_killed_stream_leaves_what_it_had(tmp_path: Path) -> None:
     assert len(estimate.wearers[0].motion) >= 90 - 15 - 32
 
 
+def test_sigterm_ends_a_server_that_waits(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path)
+    command = [sys.executable, str(STUB), str(scene), "stream", "tcp://127.0.0.1:0"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert "127.0.0.1" in process.stderr.readline()
+    process.terminate()
+    told = process.stderr.read()
+    assert process.wait(60) == 143
+    assert told == "vip-factors: interrupted\n"
+    process.stdout.close()
+    process.stderr.close()
+
+
+LIMITED = """
+import resource, runpy, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
+sys.argv = sys.argv[2:]
+sys.path.insert(0, sys.argv[0].rpartition("/")[0])
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+
+
+def test_a_full_disk_is_told_with_the_file(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, seconds=5.0)
+    command = [sys.executable, "-c", LIMITED, "200000", str(STUB), str(scene), "stream", str(scene)]
+    done = subprocess.run([*command, "--out", str(tmp_path / "e.mcap")], capture_output=True, text=True, check=False)
+    partial = tmp_path / "e.partial.mcap"
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.splitlines()[-1] == f"vip-factors: {partial}: File too large"
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "e.mcap").exists()
+    with pytest.warns(McapWarning, match="cut off"):
+        assert len(read_scene_estimate(partial).wearers) == 2
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_a_rerun_file_that_is_lost_is_no_success(
+    run: Callable, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    finish = LiveRerunSink.close
+
+    def close(sink: LiveRerunSink) -> tuple[str, ...]:
+        if sink._queue is not None:
+            sink._process.kill()
+            sink._process.join()
+        return finish(sink)
+
+    monkeypatch.setattr(LiveRerunSink, "close", close)
+    done = run("stream", scene, "--rerun-save", tmp_path / "e.rrd")
+    assert done.code == 2
+    assert f"{tmp_path / 'e.rrd'}: it was not written whole" in done.err
+    assert not (tmp_path / "e.rrd").exists()
+
+
 class Silent:
+    def note_loss(self) -> None:
+        self.lost = True
+
     def push(self, sample: object) -> list[LiveEstimate]:
         return []
 
@@ -224,6 +283,13 @@ def test_findings_of_the_source_are_told_and_kept(capsys: pytest.CaptureFixture[
         "note: sensor 'x' is nobody's: its samples are left out",
         "note: the stream has begun",
     ]
+
+
+def test_the_tracker_learns_of_samples_that_were_dropped() -> None:
+    tracker = Silent()
+    session = Session(tracker, [], [], StatusLine(False))
+    session.take(LiveLoss("the tracker does not keep up"))
+    assert tracker.lost
 
 
 def test_an_interrupt_waits_for_the_update_to_end() -> None:

@@ -1,5 +1,6 @@
 """A file appears whole or not at all."""
 
+import errno
 import os
 from pathlib import Path
 
@@ -89,3 +90,13 @@ def test_the_new_file_has_the_usual_permissions_and_names_may_be_long(tmp_path: 
 def test_modes_that_do_not_start_a_file_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="mode 'a'"), atomic_open(tmp_path / "a", "a"):
         pytest.fail("reached")
+
+
+def test_a_full_disk_names_the_file_that_was_wanted(tmp_path: Path) -> None:
+    with (
+        pytest.raises(OSError, match=r"No space left on device: .*wanted.txt") as caught,
+        atomic_open(tmp_path / "wanted.txt"),
+    ):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert caught.value.filename == str(tmp_path / "wanted.txt")
+    assert list(tmp_path.iterdir()) == []

@@ -268,3 +268,26 @@ def test_an_empty_stream_ends_without_frames() -> None:
     assembler.push(video(0.0))
     assert assembler.flush() == []
     assert assembler.take_findings() == ()
+
+
+def test_a_gap_of_dropped_samples_is_not_blamed_on_the_sensors() -> None:
+    assembler = started()
+    assembler.note_loss()
+    assemble(stream(3.0, 4.0), assembler)
+    (finding,) = assembler.take_findings()
+    assert finding == (
+        "no samples for 2.0 s from 0.98 s on, as the tracker did not keep up and they were dropped: going on"
+    )
+
+
+def test_clocks_that_leap_together_are_told_once_and_counted() -> None:
+    columns = [("Ada", f"sensor{number}") for number in range(13)]
+    assembler = FrameAssembler(columns, RATE)
+    assemble(stream(0.0, 1.0, columns), assembler, flush=False)
+    told = []
+    for one in stream(1.0, 6.0, columns):
+        assembler.push(replace(one, time=one.time - 60.0))
+        told += assembler.take_findings()
+    assert len(told) == 4
+    assert "'sensor0' of 'Ada': its clock jumped" in told[0]
+    assert sum("12 more of this kind, the last: sensor 'sensor12' of 'Ada'" in one for one in told) == 2

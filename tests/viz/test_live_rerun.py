@@ -14,12 +14,14 @@ import pytest
 import rerun as rr
 from live_answers import answer, answers, live_scene, setup_of
 
+from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import VideoFrame, live_samples
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz import live_rerun
 from vip_factors.viz.live_rerun import LiveRerunSink, LiveTarget
 from vip_factors.viz.live_view import LiveView
+from vip_factors.viz.rerun_file import complete
 
 
 def items_of(scene: Scene) -> list[LiveEstimate | VideoFrame]:
@@ -112,14 +114,20 @@ def test_the_tracker_goes_on_without_its_viewer(tmp_path: Path) -> None:
     sink.close()
 
 
+@pytest.mark.parametrize("name", ["a.rrd", "a.partial.rrd"])
+def test_a_file_that_exists_is_kept(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"mine")
+    with pytest.raises(InputError, match=f"{name} exists"):
+        LiveRerunSink(setup_of(live_scene(0.1)), LiveTarget(save=tmp_path / "a.rrd"))
+    assert (tmp_path / name).read_bytes() == b"mine"
+
+
 def test_a_viewer_that_cannot_draw_says_why(tmp_path: Path) -> None:
-    scene = live_scene(0.1)
-    (tmp_path / "a.rrd").write_bytes(b"mine")
-    sink = LiveRerunSink(setup_of(scene), LiveTarget(save=tmp_path / "a.rrd"))
+    sink = LiveRerunSink(setup_of(live_scene(0.1)), LiveTarget(save=tmp_path / "none" / "a.rrd"))
     sink._process.join(30)
-    assert any("exists" in one for one in sink.findings())
+    assert any("the viewer stopped" in one for one in sink.findings())
     sink.close()
-    assert (tmp_path / "a.rrd").read_bytes() == b"mine"
+    assert "a.rrd: it was not written whole" in sink.lost
 
 
 ORPHAN = """
@@ -149,6 +157,8 @@ def test_a_killed_tracker_leaves_no_process(tmp_path: Path) -> None:
     while Path(f"/proc/{viewer}").exists() or _alive(viewer):
         assert time.monotonic() < deadline
         time.sleep(0.1)
+    assert "/world/ann/newest/head" in printed(tmp_path / "a.partial.rrd")
+    assert not (tmp_path / "a.rrd").exists()
 
 
 def _alive(pid: int) -> bool:
@@ -175,3 +185,16 @@ def test_nothing_of_rerun_is_loaded_beside_the_tracker() -> None:
 @pytest.fixture(autouse=True)
 def _quiet(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_rerun, "END_S", 10.0)
+
+
+def test_a_file_that_rerun_could_not_write_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = rr.RecordingStream("test")
+    stream.save(tmp_path / "a.partial.rrd")
+    stream.log("a", rr.TextDocument("x"))
+    complete(stream, tmp_path / "a.partial.rrd", tmp_path / "a.rrd")
+    (tmp_path / "cut.rrd").write_bytes((tmp_path / "a.partial.rrd").read_bytes()[:-100])
+    with pytest.raises(VipFactorsError, match=r"a\.rrd: Rerun could not write it"):
+        complete(stream, tmp_path / "cut.rrd", tmp_path / "a.rrd")
+    monkeypatch.setattr("vip_factors.viz.rerun_file.FULL_BYTES", 1 << 62)
+    with pytest.raises(OSError, match=r"No space left on device: .*a.rrd"):
+        complete(stream, tmp_path / "cut.rrd", tmp_path / "a.rrd")

@@ -24,7 +24,13 @@ from vip_factors.cli.benchmark_options import (
     WalkOptions,
     WearersOptions,
 )
-from vip_factors.cli.benchmark_stream_options import LongOptions, StreamHourOptions, StreamLatencyOptions
+from vip_factors.cli.benchmark_stream_options import (
+    DiskFullOptions,
+    LongOptions,
+    StreamHourOptions,
+    StreamKillOptions,
+    StreamLatencyOptions,
+)
 from vip_factors.cli.options import parse
 from vip_factors.cli.terminal import Tell, progress_bar
 
@@ -42,6 +48,8 @@ Options = (
     | StreamFaultsOptions
     | StreamLatencyOptions
     | StreamHourOptions
+    | StreamKillOptions
+    | DiskFullOptions
     | LongOptions
     | KaichiOptions
     | WalkOptions
@@ -69,6 +77,8 @@ class BenchmarkOptions:
         | Annotated[StreamFaultsOptions, tyro.conf.subcommand("stream-faults")]
         | Annotated[StreamLatencyOptions, tyro.conf.subcommand("stream-latency")]
         | Annotated[StreamHourOptions, tyro.conf.subcommand("stream-hour")]
+        | Annotated[StreamKillOptions, tyro.conf.subcommand("stream-kill")]
+        | Annotated[DiskFullOptions, tyro.conf.subcommand("disk-full")]
         | Annotated[LongOptions, tyro.conf.subcommand("long")]
         | Annotated[WalkOptions, tyro.conf.subcommand("walk")]
         | Annotated[RecordingsOptions, tyro.conf.subcommand("recordings")]
@@ -121,6 +131,10 @@ def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
         return benchmark_stream.stream_latency(options, tell)
     if isinstance(options, StreamHourOptions):
         return benchmark_stream.stream_hour(options, tell, write)
+    if isinstance(options, StreamKillOptions):
+        return benchmark_stream.stream_kill(options, tell)
+    if isinstance(options, DiskFullOptions):
+        return benchmark_stream.disk_full(options, tell)
     if isinstance(options, LongOptions):
         return benchmark_stream.long(options, tell)
     if isinstance(options, RecordingsOptions):

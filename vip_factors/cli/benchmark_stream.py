@@ -1,8 +1,14 @@
-"""``vip-factors benchmark stream-latency``, ``stream-hour`` and ``long``."""
+"""``vip-factors benchmark stream-latency``, ``stream-hour``, ``stream-kill``, ``disk-full`` and ``long``."""
 
 from collections.abc import Callable
 
-from vip_factors.cli.benchmark_stream_options import LongOptions, StreamHourOptions, StreamLatencyOptions
+from vip_factors.cli.benchmark_stream_options import (
+    DiskFullOptions,
+    LongOptions,
+    StreamHourOptions,
+    StreamKillOptions,
+    StreamLatencyOptions,
+)
 from vip_factors.cli.terminal import Tell
 
 
@@ -38,3 +44,19 @@ def long(options: LongOptions, tell: Tell) -> tuple[str, str]:
 
     result = run_long(LongRecordingTrials(options.hours, options.sensors, options.clip_s), tell)
     return long_table(result), long_json(result)
+
+
+def stream_kill(options: StreamKillOptions, tell: Tell) -> tuple[str, str]:
+    """The line and the JSON."""
+    from vip_factors.benchmark.stream_ends import EndTrials, ends_json, kill_table, run_stream_kill
+
+    found = run_stream_kill(EndTrials(options.kills, options.seconds, options.seed), tell)
+    return kill_table(found), ends_json(found)
+
+
+def disk_full(options: DiskFullOptions, tell: Tell) -> tuple[str, str]:
+    """The lines and the JSON."""
+    from vip_factors.benchmark.stream_ends import EndTrials, disk_full_table, ends_json, run_disk_full
+
+    found = run_disk_full(EndTrials(options.streams, options.seconds, options.seed), tell)
+    return disk_full_table(found), ends_json(found)

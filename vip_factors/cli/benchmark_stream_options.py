@@ -61,3 +61,35 @@ class LongOptions:
     """Which sensors."""
     clip_s: float = 60.0
     """Of the clip that is played forwards and backwards, with new noise."""
+
+
+@dataclass(frozen=True)
+class StreamKillOptions:
+    """What is left of the files of streams that are killed (SIGKILL) at random moments."""
+
+    json: Path | None = None
+    """Also write everything to this file, as JSON."""
+    overwrite: Flag = False
+    """Replace the JSON file if it exists."""
+    kills: int = 50
+    """How many."""
+    seconds: float = 6.0
+    """Of each stream, which runs in real time: one wearer of six sensors, 30 frames per second."""
+    seed: int = 0
+    """Of the moments."""
+
+
+@dataclass(frozen=True)
+class DiskFullOptions:
+    """What streams do, and say, whose files cannot grow any more from random sizes on."""
+
+    json: Path | None = None
+    """Also write everything to this file, as JSON."""
+    overwrite: Flag = False
+    """Replace the JSON file if it exists."""
+    streams: int = 50
+    """How many."""
+    seconds: float = 6.0
+    """Of each stream: one wearer of six sensors, 30 frames per second."""
+    seed: int = 0
+    """Of the sizes."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from vip_factors import __version__
-from vip_factors.errors import VipFactorsError
+from vip_factors.errors import VipFactorsError, naming_file
 
 PROGRAM = "vip-factors"
 BAD_INPUT, INTERRUPTED = 2, 130  # 130: what shells report for a program stopped by Ctrl-C
@@ -62,6 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             warnings.showwarning = _tell_warning
             command = _command(given[0])
             import_module(f"vip_factors.cli.{command.replace('-', '_')}").main(f"{PROGRAM} {command}", given[1:])
+            with naming_file("standard output"):
+                sys.stdout.flush()
     except BrokenPipeError:  # the reader of our output, ``head`` say, has seen enough
         sys.stderr.close()
         return 0

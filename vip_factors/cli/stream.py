@@ -15,7 +15,7 @@ from vip_factors.cli.named import named_tree
 from vip_factors.cli.options import Flag, parse_with_settings
 from vip_factors.cli.rerun_targets import STREAM_INSTEAD, check_display, check_rerun_file
 from vip_factors.configurations import Configuration
-from vip_factors.errors import InputError
+from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.io.live.settings import LiveSourceSettings, VmcPose
 
 if TYPE_CHECKING:
@@ -28,18 +28,17 @@ if TYPE_CHECKING:
     from vip_factors.sensors.live import LiveSetup
     from vip_factors.viz.live_rerun import LiveRerunSink
 
-INTERRUPTED = 130  # what shells report for a program stopped by Ctrl-C
-
 
 @dataclass(frozen=True)
 class StreamOptions:
     """Track a stream: every frame is answered with the newest pose, and with the smoothed one of a lag earlier.
 
     SOURCE is a recording (.mcap), played back, or followed while another program writes it; - for standard input;
-    tcp://host:port or ws://host:port to listen there; tcp-connect://host:port to connect to a sender.
+    tcp://:port or ws://:port to listen to senders on this machine, tcp://host:port at another address;
+    tcp-connect://host:port to connect to a sender.
 
-    Ctrl-C ends the stream and completes the files. Every setting of the pipeline is an option (--help-all tells them);
-    --settings reads them from a file, and options win over it.
+    Ctrl-C, or SIGTERM, ends the stream and completes the files. Every setting of the pipeline is an option (--help-all
+    tells them); --settings reads them from a file, and options win over it.
     """
 
     source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE")]
@@ -56,6 +55,8 @@ class StreamOptions:
     """Show it in a viewer that runs already, at rerun+http://host:9876/proxy say."""
     rerun_serve: int | None = None
     """Port on which Rerun's viewers may connect."""
+    rerun_host: str = "127.0.0.1"
+    """Address of it: 127.0.0.1 for viewers on this machine, 0.0.0.0 for those in all its networks."""
     vmc: str | None = None
     """Send VMC messages for avatars to host:port (Unity, Unreal, Blender, VSeeFace … listen on 39539); of several
     wearers the second is sent to the next port, and so on."""
@@ -74,6 +75,8 @@ class StreamOptions:
     """TOML file with settings; a table for each group, such as [walk]."""
     overwrite: Flag = False
     """Replace files that exist."""
+    token_file: Path | None = None
+    """File with a secret that senders must have in their header; or the environment variable VIP_FACTORS_TOKEN."""
     limits: LiveSourceSettings = field(default_factory=LiveSourceSettings)
 
 
@@ -93,10 +96,17 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     # Lines of JSON on the same terminal would run into the status.
     line = StatusLine(wanted=not (options.json and sys.stdout.isatty()))
     with Interrupts() as interrupts:
-        # Products of small matrices: a second thread in each costs more than it brings.
-        with line, threadpool_limits(limits=1, user_api="blas"):
-            session, told = _run(options, settings, interrupts, line)
-        _conclude(options, settings, session, told, interrupts.asked)
+        try:
+            # Products of small matrices: a second thread in each costs more than it brings.
+            with line, threadpool_limits(limits=1, user_api="blas"):
+                session, told = _run(options, settings, interrupts, line)
+        except KeyboardInterrupt:  # before the stream began, or a second time
+            print("vip-factors: interrupted", file=sys.stderr)
+            raise SystemExit(interrupts.exit_code) from None
+        except OSError as error:
+            _tell_partial(options.out, options.rerun_save)
+            raise error
+        _conclude(options, settings, session, told, interrupts)
 
 
 def _check(options: StreamOptions) -> None:
@@ -108,6 +118,10 @@ def _check(options: StreamOptions) -> None:
     for wanted in (options.out, options.rerun_save):
         if wanted is not None:
             check_target(wanted, options.overwrite)
+    if options.rerun_save is not None:
+        from vip_factors.viz.partial_file import check_partial
+
+        check_partial(options.rerun_save, options.overwrite)
     if options.vmc is not None:
         from vip_factors.io.live_vmc import check_vmc
 
@@ -120,16 +134,19 @@ def _run(
     """Track until the end; returns what was counted, and what is to be said at last."""
     from vip_factors.cli.stream_session import Session
     from vip_factors.io.live.open import open_source
+    from vip_factors.io.live.token import read_token
     from vip_factors.io.live_json import LiveJsonSink
 
     with ExitStack() as stack:
         source: LiveSource = open_source(
             options.source, follow=options.follow, real_time=options.real_time, settings=options.limits,
-            tell=lambda finding: line.note(f"note: {finding.sentence}"),
+            tell=lambda finding: line.note(f"note: {finding.sentence}"), token=read_token(options.token_file),
         )  # fmt: skip
         from vip_factors.live.tracker import FixedLagTracker  # takes a second: before the clock runs
 
         stack.enter_context(source)
+        if source.listens:
+            line.note(f"note: {source.listens}")
         line.show("waiting for the stream to begin")
         setup = interrupts.waiting_for(lambda: source.setup)
         played = Path(options.source).is_file() and not options.real_time  # as fast as it can be tracked
@@ -149,6 +166,7 @@ def _run(
             file.close()
         told = [sentence for viewer in viewers for sentence in viewer.close()]
         told += [sentence for avatar in avatars for sentence in avatar.close()]
+        session.lost = [viewer.lost for viewer in viewers if viewer.lost]
         dropped = sum(viewer.dropped for viewer in viewers)
         if dropped:
             told.append(f"{dropped} frames were not drawn: Rerun was busy")
@@ -178,7 +196,7 @@ def _viewers(
     if options.rerun_connect is not None:
         targets.append(LiveTarget(connect=options.rerun_connect))
     if options.rerun_serve is not None:
-        targets.append(LiveTarget(serve=options.rerun_serve))
+        targets.append(LiveTarget(serve=options.rerun_serve, host=options.rerun_host))
     viewers = []
     for target in targets:
         viewer = LiveRerunSink(setup, target, settings.frame_rate)
@@ -200,9 +218,18 @@ def _avatars(options: StreamOptions, setup: "LiveSetup", stack: ExitStack, line:
 
 
 def _conclude(
-    options: StreamOptions, settings: "LiveSettings", session: "Session", told: Sequence[str], interrupted: bool
+    options: StreamOptions,
+    settings: "LiveSettings",
+    session: "Session",
+    told: Sequence[str],
+    interrupts: "Interrupts",
 ) -> None:
-    """The summary; beside lines of JSON on stderr, where it is no part of them."""
+    """The summary; beside lines of JSON on stderr, where it is no part of them.
+
+    Raises:
+        VipFactorsError: if a file that was wanted is not there.
+        SystemExit: after a signal.
+    """
     from vip_factors.cli.stream_session import summary
 
     place = sys.stderr if options.json else sys.stdout
@@ -213,13 +240,24 @@ def _conclude(
         for path in (options.out, options.rerun_save):
             if path is not None and path.is_file():
                 print(path, file=place)
-    elif not interrupted:
+    elif not interrupts.asked:
         raise InputError(
             f"{options.source} ended before there was anything to answer: expected at least "
             f"{settings.start_s:g} s of samples of every placed sensor; nothing was written"
         )
-    if interrupted:
-        raise SystemExit(INTERRUPTED)
+    if session.lost:
+        raise VipFactorsError("; ".join(session.lost))
+    if interrupts.asked:
+        raise SystemExit(interrupts.exit_code)
+
+
+def _tell_partial(*wanted: Path | None) -> None:
+    """Where there is something left of files that could not be completed."""
+    from vip_factors.io.live_mcap import partial_path
+
+    for path in wanted:
+        if path is not None and (partial := partial_path(path)).exists():
+            print(f"note: what was written until then is in {partial}, which can be read", file=sys.stderr)
 
 
 def _silence_stdout() -> None:

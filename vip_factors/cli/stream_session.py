@@ -14,9 +14,10 @@ import numpy as np
 
 from vip_factors.cli.terminal import StatusLine
 from vip_factors.live_estimate import LiveEstimate
-from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, VideoFrame
+from vip_factors.sensors.live import LiveFinding, LiveItem, LiveLoss, LiveSample, VideoFrame
 
 T = TypeVar("T")
+ENDING = (signal.SIGINT, signal.SIGTERM)
 RECENT = 600  # updates, ten seconds, that the line's figures are of
 LINE_S = 0.25  # seconds between looks of the line: it is read, not watched
 
@@ -29,6 +30,9 @@ class Tracker(Protocol):
 
     def finish(self) -> list[LiveEstimate]:
         """The answers that are left at the end."""
+
+    def note_loss(self) -> None:
+        """Samples that were sent do not come, because the tracker did not keep up."""
 
 
 class Sink(Protocol):
@@ -49,28 +53,32 @@ class VideoSink(Sink, Protocol):
 
 
 class Interrupts:
-    """Ctrl-C ends a stream between two samples, not within an update or half a line. A context manager.
+    """Ctrl-C or SIGTERM end a stream between two samples, not within an update or half a line. A context manager.
 
-    A second Ctrl-C interrupts whatever goes on.
+    A second one interrupts whatever goes on.
+
+    Attributes:
+        asked: whether one has come.
+        exit_code: what shells report for a program that the signal ended.
     """
 
     def __init__(self) -> None:
         self.asked = False
+        self.exit_code = 128 + signal.SIGINT
         self._waiting = False
 
     def __enter__(self) -> "Interrupts":
-        # Only the main thread may set handlers; elsewhere whoever runs us takes care of Ctrl-C.
-        self._mine = threading.current_thread() is threading.main_thread()
-        if self._mine:
-            self._before = signal.signal(signal.SIGINT, self._handle)
+        # Only the main thread may set handlers; elsewhere whoever runs us takes care of signals.
+        mine = threading.current_thread() is threading.main_thread()
+        self._before = {one: signal.signal(one, self._handle) for one in ENDING} if mine else {}
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._mine:
-            signal.signal(signal.SIGINT, self._before)
+        for one, before in self._before.items():
+            signal.signal(one, before)
 
     def until_asked(self, source: Iterator[LiveItem]) -> Iterator[LiveItem]:
-        """The items of a source, until it ends or Ctrl-C is pressed."""
+        """The items of a source, until it ends or one of the signals comes."""
         while not self.asked:
             self._waiting = True
             try:
@@ -85,7 +93,7 @@ class Interrupts:
             yield item
 
     def waiting_for(self, wait: Callable[[], T]) -> T:
-        """What ``wait`` returns; Ctrl-C interrupts it.
+        """What ``wait`` returns; the signals interrupt it.
 
         Raises:
             KeyboardInterrupt: then.
@@ -97,7 +105,7 @@ class Interrupts:
             self._waiting = False
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
-        again, self.asked = self.asked, True
+        again, self.asked, self.exit_code = self.asked, True, 128 + number
         if self._waiting or again:
             raise KeyboardInterrupt
 
@@ -108,12 +116,14 @@ class Session:
     Attributes:
         update_s: what each update took.
         over: nobody reads the JSON lines any more.
+        lost: a sentence for each output that was wanted and is not there.
     """
 
     def __init__(self, tracker: Tracker, sinks: Sequence[Sink], viewers: Sequence[VideoSink], line: StatusLine) -> None:
         self._tracker, self._sinks, self._viewers, self._line = tracker, list(sinks), viewers, line
         self.update_s = array("d")
         self.over = False
+        self.lost: list[str] = []
         self.findings = 0
         self._recent: deque[float] = deque(maxlen=RECENT)
         self._pending: list[str] = []  # findings of the source, for the next answer to carry
@@ -124,6 +134,8 @@ class Session:
         if isinstance(item, LiveFinding):
             self.tell(item.sentence)
             self._pending.append(item.sentence)
+            if isinstance(item, LiveLoss):
+                self._tracker.note_loss()
             return
         if isinstance(item, VideoFrame):
             for viewer in self._viewers:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-from vip_factors.errors import InputError
+from vip_factors.errors import InputError, naming_file
 
 LONGEST_STEM = 100  # characters of the target's name in the temporary one: file systems end names at 255 bytes
 
@@ -25,15 +25,17 @@ def atomic_path(path: str | os.PathLike[str], overwrite: bool = False) -> Iterat
 
     Raises:
         InputError: if ``path`` exists and may not be replaced, is a folder, or its folder is missing or read-only.
+        OSError: if it cannot be written, on a full disk say; it names ``path``.
     """
     target = check_target(path, overwrite)
     temporary = target.with_name(f".{target.stem[:LONGEST_STEM]}.{secrets.token_hex(4)}.part{target.suffix}")
     try:
-        yield temporary
-        _flush_to_disk(temporary)
-        if not overwrite:
-            check_target(path, overwrite)  # somebody may have been quicker
-        os.replace(temporary, target)
+        with naming_file(path, temporary):
+            yield temporary
+            _flush_to_disk(temporary)
+            if not overwrite:
+                check_target(path, overwrite)  # somebody may have been quicker
+            os.replace(temporary, target)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise

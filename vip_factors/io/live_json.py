@@ -8,6 +8,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from vip_factors.errors import naming_file
 from vip_factors.estimate import PoseCovariance
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
@@ -33,10 +34,12 @@ class LiveJsonSink:
 
         Raises:
             BrokenPipeError: if nobody reads any more.
+            OSError: if the lines cannot be written, to a file on a full disk say.
         """
         line = json.dumps(self._object(estimate), separators=(",", ":"), allow_nan=False, ensure_ascii=False)
-        self._stream.write(line + "\n")
-        self._stream.flush()
+        with naming_file("standard output"):
+            self._stream.write(line + "\n")
+            self._stream.flush()
 
     def close(self) -> None:
         """Nothing is left to write."""

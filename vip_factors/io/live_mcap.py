@@ -5,7 +5,8 @@ The smoothed poses are an ordinary estimate of a scene; the newest ones stand on
 
 import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from itertools import chain
 from pathlib import Path
 from types import TracebackType
@@ -13,7 +14,7 @@ from types import TracebackType
 import numpy as np
 
 from vip_factors.body.motion import Motion
-from vip_factors.errors import InputError
+from vip_factors.errors import InputError, naming_file
 from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
 from vip_factors.io.atomic import check_target
 from vip_factors.io.live_frames import GaplessPoses, motion_of_poses, path_of_poses
@@ -59,7 +60,8 @@ MOST_FINDINGS = 200  # different sentences kept for the estimate; all of them ar
 
 class LiveMcapSink:
     """Writes ``NAME.partial.mcap`` and calls it ``NAME.mcap`` at a normal end. A context manager, whose end after an
-    exception (but not after Ctrl-C) leaves the partial file, readable up to there.
+    exception (but not after Ctrl-C) leaves the partial file, readable up to there. So does a disk that is full: the
+    file is cut after the last whole chunk.
 
     Args:
         path: of the file.
@@ -104,8 +106,11 @@ class LiveMcapSink:
                 f"{self.partial} exists already, left by a stream that was killed or still runs: look at it and rename "
                 "it, or allow overwriting it (overwrite)"
             ) from error
+        self._good_bytes = 0  # up to the end of the last whole chunk
         self._writer = MessageWriter(self._file, CHUNK_BYTES)
-        self._writer.flush()
+        with self._or_cut():
+            self._writer.flush()
+            self._file.flush()
         self._flushed = time.monotonic()
 
     def __enter__(self) -> "LiveMcapSink":
@@ -121,8 +126,12 @@ class LiveMcapSink:
         """Take in the answer to one frame.
 
         Raises:
-            OSError: if the file cannot be written.
+            OSError: if the file cannot be written; it names the partial file, which is closed then.
         """
+        with self._or_cut():
+            self._take(estimate)
+
+    def _take(self, estimate: LiveEstimate) -> None:
         if self._waiting and estimate.frame != self._waiting[-1].frame + 1:
             self._write_waiting()  # the frames of a batch follow each other
         self._waiting.append(estimate)
@@ -130,18 +139,28 @@ class LiveMcapSink:
         self.frames += 1
         self._unflushed += 1
         if self._unflushed >= self._chunk or time.monotonic() - self._flushed >= FLUSH_S:
-            self.flush()
+            self._flush()
         elif len(self._waiting) >= self._batch:
             self._write_waiting()
 
     def flush(self) -> None:
-        """Write all that waits, so that it survives a crash."""
+        """Write all that waits, so that it survives a crash.
+
+        Raises:
+            OSError: as :meth:`write`.
+        """
+        with self._or_cut():
+            self._flush()
+
+    def _flush(self) -> None:
         self._write_waiting()
         if self._unflushed and self._last is not None:
             end_ns = nanoseconds_of(self._last.time, self._setup.start_ns)
             for wearer, answer in zip(self._wearers, self._last.wearers, strict=True):
                 self._writer.write(wearer.prefix + CALIBRATION, calibration_message(answer.calibration), end_ns)
         self._writer.flush()
+        self._file.flush()
+        self._good_bytes = self._file.tell()
         self._flushed, self._unflushed = time.monotonic(), 0
 
     def close(self) -> None:
@@ -149,6 +168,7 @@ class LiveMcapSink:
 
         Raises:
             InputError: if a file of that name has appeared; then what was written stays under its partial name.
+            OSError: as :meth:`write`.
         """
         if self._file.closed:
             return
@@ -166,9 +186,24 @@ class LiveMcapSink:
             if not self.frames:
                 self.partial.unlink()
 
+    @contextmanager
+    def _or_cut(self) -> Iterator[None]:
+        """Errors name the file; it is closed then, without the chunk that did not become whole."""
+        try:
+            with naming_file(self.partial):
+                yield
+        except OSError:
+            with suppress(OSError):  # what is in its buffer still cannot be written
+                self._file.close()
+            with suppress(OSError):
+                os.truncate(self.partial, self._good_bytes)
+                if not self._good_bytes:
+                    self.partial.unlink()
+            raise
+
     def _complete(self) -> None:
-        with self._file:
-            self.flush()
+        with self._or_cut(), self._file:
+            self._flush()
             begun = [one for one in self._wearers if one.begun]
             for wearer in begun:
                 wearer.write_motion(self._writer, frames=wearer.smoothed.taken)

@@ -75,6 +75,7 @@ class FrameAssembler:
         self._left_out = 0  # grid points without a frame so far
         self._first_point = 0  # since the last restart
         self._restart = False
+        self._lost_at = -math.inf  # s, when samples were dropped last
 
     def push(self, sample: LiveSample) -> list[FrameMeasurement]:
         """Take one sample; the frames that can be made with it, in order.
@@ -89,6 +90,10 @@ class FrameAssembler:
             return []
         raise InputError(f"a {type(sample).__name__} in the stream: expected an ImuSample or a VideoFrame")
 
+    def note_loss(self) -> None:
+        """Samples were sent, but dropped on their way here: no sensor is to blame for a gap that begins soon."""
+        self._lost_at = self._clocks.present
+
     def flush(self) -> list[FrameMeasurement]:
         """The end of the stream: the frames up to its newest sample, without waiting for anybody."""
         present = self._clocks.present
@@ -100,7 +105,7 @@ class FrameAssembler:
 
     def take_findings(self) -> tuple[str, ...]:
         """Sentences for the user since the last time."""
-        return self._log.take()
+        return self._log.take(self._clocks.present)
 
     def _push_imu(self, sample: ImuSample) -> list[FrameMeasurement]:
         column = self._columns.get((sample.carrier, sample.sensor))
@@ -161,7 +166,10 @@ class FrameAssembler:
         self._attendance.resume(now)
         if now - past >= self._settings.dead_after:
             begun = "tracking starts again" if now - past > self._settings.longest_pause else "going on"
-            self._log.say(f"all sensors were silent for {now - past:.1f} s from {past:.2f} s on: {begun}")
+            lost = past - self._lost_at <= self._settings.repeat_after
+            span = f"{now - past:.1f} s from {past:.2f} s on"
+            what = f"no samples for {span}, as the tracker did not keep up and they were dropped"
+            self._log.say(f"{what if lost else f'all sensors were silent for {span}'}: {begun}")
         if now - past <= self._settings.longest_pause:
             return []
         if self._start is None:
@@ -248,8 +256,8 @@ class FrameAssembler:
         if admitted.time is None:
             self.counts["clock"] += 1
         if admitted.remark:
-            key = ("clock", source, admitted.time is None)
-            self._log.seldom(key, self._clocks.present, f"{label}: {admitted.remark}")
+            key = ("clock", admitted.time is None)  # of all sources: clocks seldom leap alone
+            self._log.gather(key, self._clocks.present, f"{label}: {admitted.remark}")
 
 
 def _short(name: object) -> str:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 
 MOST_WAITING = 1000  # sentences that nobody has taken: beyond, new ones are lost rather than memory
+GATHER_S = 2.0  # of the stream, in which all clocks that leap together have leapt
 
 
 @dataclass
@@ -12,12 +13,14 @@ class _Tally:
     count: int = 0
     told: float = -math.inf
     sentence: Callable[[int], str] = str
+    due: float = math.inf  # when what was gathered is to be told
+    alone: bool = False  # whether one was told last
 
 
 class FindingLog:
     """Collects sentences until they are taken.
 
-    Memory stays bounded as long as the keys of :meth:`tally` and :meth:`seldom` do.
+    Memory stays bounded as long as the keys of :meth:`tally` and :meth:`gather` do.
     """
 
     def __init__(self, repeat_after: float) -> None:
@@ -44,12 +47,22 @@ class FindingLog:
         if now - tally.told >= self._repeat_after or not math.isfinite(tally.told):
             self._tell(tally, now)
 
-    def seldom(self, key: Hashable, now: float, sentence: str) -> None:
-        """Tell this, unless something of the kind ``key`` has been told a moment ago."""
+    def gather(self, key: Hashable, now: float, sentence: str) -> None:
+        """Tell this at once, and what follows of the kind ``key`` in one sentence: after a moment, then now and then.
+
+        Args:
+            key: of what many sources do at the same time.
+            now: seconds of the stream.
+            sentence: about this one.
+        """
         tally = self._tallies.setdefault(key, _Tally())
-        if now - tally.told >= self._repeat_after or not math.isfinite(tally.told):
-            tally.told = now
+        if not tally.count and (now - tally.told >= self._repeat_after or not math.isfinite(tally.told)):
+            tally.told, tally.alone = now, True
             self.say(sentence)
+            return
+        tally.count += 1
+        tally.sentence = lambda count: f"{count} more of this kind, the last: {sentence}" if count > 1 else sentence
+        tally.due = tally.told + (GATHER_S if tally.alone else self._repeat_after)
 
     def close(self) -> None:
         """Tell the counts that were still held back."""
@@ -57,8 +70,12 @@ class FindingLog:
             if tally.count:
                 self._tell(tally, tally.told)
 
-    def take(self) -> tuple[str, ...]:
-        """All sentences since the last time, in order."""
+    def take(self, now: float = -math.inf) -> tuple[str, ...]:
+        """All sentences since the last time, in order; and what has been gathered for long enough."""
+        for tally in self._tallies.values():
+            if now >= tally.due:
+                tally.due, tally.alone = math.inf, False
+                self._tell(tally, now)
         taken = tuple(self._waiting)
         self._waiting.clear()
         return taken

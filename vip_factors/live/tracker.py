@@ -77,6 +77,10 @@ class FixedLagTracker:
         """
         return self._answer(self._assembler.push(sample))
 
+    def note_loss(self) -> None:
+        """Samples were sent, but dropped on their way here, as answers took too long: no sensor is to blame."""
+        self._assembler.note_loss()
+
     def finish(self) -> list[LiveEstimate]:
         """The end of the stream: answers to the last frames."""
         answers = self._answer(self._assembler.flush())

@@ -61,6 +61,11 @@ class LiveFinding:
     sentence: str
 
 
+@dataclass(frozen=True)
+class LiveLoss(LiveFinding):
+    """Samples that were sent and then dropped on the way to the tracker, which did not keep up."""
+
+
 LiveItem = LiveSample | LiveFinding
 
 

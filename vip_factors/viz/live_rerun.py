@@ -8,7 +8,8 @@ import multiprocessing
 import os
 import signal
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -17,7 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.live import LiveSetup, VideoFrame
-from vip_factors.viz.new_file import new_file
+from vip_factors.viz.partial_file import check_partial, partial_file, partial_path
+from vip_factors.viz.rerun_file import complete, hand_over
+from vip_factors.viz.serve import grpc_server
 from vip_factors.viz.viewer import rerun_command
 
 if TYPE_CHECKING:
@@ -33,7 +36,9 @@ VIEWER_MEMORY = "25%"  # of the machine's: the tracker works beside it; then the
 # Seconds that the process may take to draw what is left; a file that is not finished is lost.
 END_S, END_FOR_FILE_S = 20.0, 180.0
 FILE_ITEMS = 20_000  # that may wait for a process that writes a file: five minutes, which a viewer should never lag
+KEEP_S = 1.0  # seconds of drawing after which a file is written out: what a killed stream may cost
 FLUSH_S = 2.0  # seconds that Rerun may take to hand over the last: a viewer that was closed takes nothing
+ENDING = (signal.SIGINT, signal.SIGTERM)
 ENDED = "the viewer's process has ended; tracking goes on without it"
 
 
@@ -42,10 +47,11 @@ class LiveTarget:
     """Where the drawing goes; one of them.
 
     Attributes:
-        save: ``.rrd`` file, complete or not at all.
+        save: ``.rrd`` file, called ``NAME.partial.rrd`` until it is complete.
         overwrite: whether it may be replaced.
         connect: URL of a viewer that runs already (``rerun+http://host:9876/proxy``).
         serve: port on which viewers may connect.
+        host: address to serve at.
 
     With none of them the viewer is started.
     """
@@ -54,6 +60,7 @@ class LiveTarget:
     overwrite: bool = False
     connect: str | None = None
     serve: int | None = None
+    host: str = "127.0.0.1"
 
 
 class LiveRerunSink:
@@ -64,6 +71,13 @@ class LiveRerunSink:
         target: where to draw.
         rate: frames per second of the tracker.
         queue_items: that may wait before some are dropped; more by default if they go to a file.
+
+    Attributes:
+        dropped: answers that the viewer never got.
+        lost: one sentence if a file was wanted that was not written; empty until :meth:`close`.
+
+    Raises:
+        InputError: if the file exists, or what a killed stream left of one, and may not be overwritten.
     """
 
     def __init__(
@@ -71,16 +85,21 @@ class LiveRerunSink:
     ) -> None:
         # A new interpreter: a fork would take the tracker's threads and locks along.
         context = multiprocessing.get_context("spawn")
-        self.dropped = 0  # answers that the viewer never got
+        self.dropped = 0
+        self.lost = ""
         self._written = 0
         self._ended = False
-        to_file = target is not None and target.save is not None
+        self._save = target.save if target is not None else None
+        if self._save is not None and target is not None:
+            check_partial(self._save, target.overwrite)
+        to_file = self._save is not None
         self._end_s = END_FOR_FILE_S if to_file else END_S
         self._queue: Any = context.Queue(queue_items or (FILE_ITEMS if to_file else QUEUE_ITEMS))
         self._told, telling = context.Pipe(duplex=False)
         arguments = (self._queue, telling, setup, target or LiveTarget(), rate)
         self._process = context.Process(target=draw, args=arguments, name="viewer", daemon=True)
-        self._process.start()
+        with _signals_held():
+            self._process.start()
         telling.close()
 
     def write(self, estimate: LiveEstimate) -> None:
@@ -111,15 +130,19 @@ class LiveRerunSink:
             return ()
         try:
             if not self._ended:
-                self._queue.put(None, timeout=self._end_s / 4)
-        except Full:
-            pass  # nobody takes anything out: it is ended below
-        self._process.join(self._end_s if not self._ended else 0.1)
+                with suppress(Full):  # nobody takes anything out: it is ended below
+                    self._queue.put(None, timeout=self._end_s / 4)
+            self._process.join(self._end_s if not self._ended else 0.1)
+        except BaseException:  # a second Ctrl-C
+            self._process.kill()
+            raise
         told = tuple(one for one in self.findings() if one != ENDED)  # tracking does not go on either
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
             told = (*told, f"the viewer's process did not end within {self._end_s:g} s and was stopped")
+        if self._save is not None and self._process.exitcode != 0:
+            self.lost = _lost(self._save)
         self._queue.cancel_join_thread()  # what nobody will take out must not hold up the program
         self._queue.close()
         self._queue, self._ended = None, True
@@ -133,6 +156,25 @@ class LiveRerunSink:
         except Full:
             return False
         return True
+
+
+@contextmanager
+def _signals_held() -> Iterator[None]:
+    """Ctrl-C and SIGTERM, which reach a whole group of processes, wait until they are ignored by the new one."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _lost(path: Path) -> str:
+    partial = partial_path(path)
+    left = f"; what there is of it is in {partial}" if partial.exists() else ""
+    return f"{path}: it was not written whole, as the process that wrote it failed or was ended{left}"
 
 
 def _slim(estimate: LiveEstimate) -> LiveEstimate:
@@ -150,7 +192,10 @@ def _slim(estimate: LiveEstimate) -> LiveEstimate:
 
 def draw(queue: Any, telling: Connection, setup: LiveSetup, target: LiveTarget, rate: float) -> None:
     """The other process: draws what comes until None comes, or the tracker's process is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the tracker, which says when it is over
+    for one in ENDING:
+        signal.signal(one, signal.SIG_IGN)  # for the tracker, which says when it is over
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
     os.environ.setdefault("RUST_LOG", "off")  # Rerun's complaints about a closed viewer, line after line
     from vip_factors.viz.live_view import LiveView
 
@@ -159,12 +204,19 @@ def draw(queue: Any, telling: Connection, setup: LiveSetup, target: LiveTarget, 
             stream = _open(target, files, telling)
             view = LiveView(stream, setup, rate)
             gather = GATHER_S if target.save is None else GATHER_FOR_FILE_S
+            kept = time.monotonic()
             while (items := _gathered(queue, gather)) is not None:
                 view.log(items)
-            _hand_over(stream, target, telling)
+                if target.save is not None and time.monotonic() - kept >= KEEP_S:
+                    hand_over(stream, partial_path(target.save), target.save)
+                    kept = time.monotonic()
+            _end(stream, target, telling)
+    except OSError as error:  # of a full disk, most likely: Rerun's own threads would wait for ever
+        telling.send(f"the viewer stopped: {error.filename}: {error.strerror}")
+        os._exit(1)
     except Exception as error:  # told where the user looks; the tracker does not care
         telling.send(f"the viewer stopped: {type(error).__name__}: {' '.join(str(error).split())}")
-        raise SystemExit(1) from error
+        os._exit(1)
     finally:
         telling.close()
 
@@ -174,24 +226,29 @@ def _open(target: LiveTarget, files: ExitStack, telling: Connection) -> "rr.Reco
 
     stream = rr.RecordingStream(APPLICATION)
     if target.save is not None:
-        stream.save(files.enter_context(new_file(target.save, target.overwrite)))
+        stream.save(files.enter_context(partial_file(target.save, target.overwrite)))
     elif target.connect is not None:
         stream.connect_grpc(target.connect)
     elif target.serve is not None:
-        url = stream.serve_grpc(grpc_port=target.serve)
+        url = files.enter_context(grpc_server(target.host, target.serve))
+        stream.connect_grpc(url)
         telling.send(f"viewers may connect: rerun {url}")
     else:
         rr.spawn(memory_limit=VIEWER_MEMORY, executable_path=rerun_command(), recording=stream)
     return stream
 
 
-def _hand_over(stream: "rr.RecordingStream", target: LiveTarget, telling: Connection) -> None:
+def _end(stream: "rr.RecordingStream", target: LiveTarget, telling: Connection) -> None:
     """What Rerun still holds."""
+    if target.save is not None:
+        complete(stream, partial_path(target.save), target.save)
+        parent = multiprocessing.parent_process()
+        if parent is not None and not parent.is_alive():
+            os._exit(1)  # a killed stream's file keeps its partial name, whole as it is
+        return
     try:
         stream.flush(timeout_sec=FLUSH_S)
     except RuntimeError:
-        if target.save is not None:
-            raise
         telling.send("Rerun's viewer was closed, or was never reached: it has not shown everything")
     stream.disconnect()
 

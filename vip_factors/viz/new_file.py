@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from vip_factors.errors import InputError
+from vip_factors.errors import InputError, naming_file
 
 
 @contextmanager
@@ -16,6 +16,7 @@ def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
 
     Raises:
         InputError: if the file exists and must not be overwritten, or its folder is missing.
+        OSError: if it cannot be written, on a full disk say; it names ``path``.
     """
     path = Path(path)
     if path.exists() and not overwrite:
@@ -24,7 +25,8 @@ def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
         raise InputError(f"{path}: there is no folder {path.parent}; make it first")
     partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
     try:
-        yield partial
-        os.replace(partial, path)
+        with naming_file(path, partial):
+            yield partial
+            os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)

@@ -16,6 +16,7 @@ from vip_factors.viz.compare import Compare, common_frames, floor_height, onto_t
 from vip_factors.viz.layout import GHOST_COLOUR, blueprint
 from vip_factors.viz.new_file import new_file
 from vip_factors.viz.rerun_body import log_body, log_rest_body, log_sensors, log_trail
+from vip_factors.viz.rerun_file import complete
 from vip_factors.viz.rerun_names import log_joint_names, log_joints, log_joints_style
 from vip_factors.viz.rerun_series import log_curve, log_measurements, log_residuals, sensor_colours
 from vip_factors.viz.sensor_legend import log_legend
@@ -89,8 +90,7 @@ def send(view: View, sink: Sink) -> None:
             stream = rr.RecordingStream(APPLICATION)
             stream.save(partial)
             view.log(stream)
-            stream.flush()
-            stream.disconnect()
+            complete(stream, partial, sink.path)
         return
     check_display("a file (SaveTo) instead of the live viewer")
     stream = rr.RecordingStream(APPLICATION)

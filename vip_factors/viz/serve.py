@@ -8,7 +8,7 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -20,7 +20,7 @@ from vip_factors.viz.viewer import rerun_command
 START_S = 30.0  # seconds until the servers listen; a slow machine takes two
 LOOK_S = 0.1  # seconds between looks whether they do
 END_S = 5.0  # seconds that they may take to end
-EVERYWHERE = ("0.0.0.0", "::")
+LOCAL = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # of those who listen everywhere, on this machine
 MEMORY_MIB = 1024  # that the server may hold at least; beyond its limit the oldest is forgotten
 
 
@@ -41,7 +41,7 @@ def serve(rrd: Path, host: str, port: int, tell: Callable[[str], None]) -> None:
         _check_free(host, one)
     with _servers(rrd, host, port) as process:
         try:
-            _wait_for(process, host, port)
+            _wait_for(process, host, (port, port + 1))
             tell(address(host, port))
             process.wait()
         except KeyboardInterrupt:
@@ -51,11 +51,11 @@ def serve(rrd: Path, host: str, port: int, tell: Callable[[str], None]) -> None:
 
 def address(host: str, port: int) -> str:
     """Of the page, which is told in it where its data come from."""
-    name = socket.gethostname() if host in EVERYWHERE else f"[{host}]" if ":" in host else host
+    name = socket.gethostname() if host in LOCAL else f"[{host}]" if ":" in host else host
     return f"http://{name}:{port}/?url={quote(f'rerun+http://{name}:{port + 1}/proxy', safe=':/')}"
 
 
-def _check_free(host: str, port: int) -> None:
+def _check_free(host: str, port: int, options: str = "--host and --port") -> None:
     if not 0 < port < 1 << 16:
         raise InputError(f"port {port}: expected 1 to 65534, for the page, and the port after it for the data")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -64,9 +64,31 @@ def _check_free(host: str, port: int) -> None:
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise InputError(
-                f"{host}, port {port}: {error.strerror or error}; choose with --host and --port"
-            ) from error
+            raise InputError(f"{host}, port {port}: {error.strerror or error}; choose with {options}") from error
+
+
+@contextmanager
+def grpc_server(host: str, port: int) -> Iterator[str]:
+    """A server to which viewers may connect, and whoever has something to show; its address for those on this machine.
+
+    Raises:
+        InputError: if the port is taken, or there is no such address.
+        VipFactorsError: if it does not start.
+    """
+    _check_free(host, port, "--rerun-serve and --rerun-host")
+    command = [
+        rerun_command(), "--serve-grpc", "--bind", host, "--port", str(port), "--server-memory-limit",
+        f"{MEMORY_MIB}MiB",
+    ]  # fmt: skip
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL, start_new_session=True
+    )
+    try:
+        _wait_for(process, host, (port,))
+        local = LOCAL.get(host, host)
+        yield f"rerun+http://[{local}]:{port}/proxy" if ":" in local else f"rerun+http://{local}:{port}/proxy"
+    finally:
+        _end(process, (signal.SIGKILL,))  # it holds no file
 
 
 @contextmanager
@@ -92,9 +114,9 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
+def _end(process: subprocess.Popen[bytes], numbers: Sequence[int] = (signal.SIGTERM, signal.SIGKILL)) -> None:
     """The whole group: ``rerun`` is a small program that runs a large one."""
-    for number in (signal.SIGTERM, signal.SIGKILL):
+    for number in numbers:
         try:
             os.killpg(process.pid, number)
         except ProcessLookupError:
@@ -106,11 +128,11 @@ def _end(process: subprocess.Popen[bytes]) -> None:
             continue
 
 
-def _wait_for(process: subprocess.Popen[bytes], host: str, port: int) -> None:
-    """Return once both ports answer."""
-    local = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+def _wait_for(process: subprocess.Popen[bytes], host: str, ports: Sequence[int]) -> None:
+    """Return once all ports answer."""
+    local = LOCAL.get(host, host)
     deadline = time.monotonic() + START_S
-    for one in (port, port + 1):
+    for one in ports:
         while True:
             try:
                 socket.create_connection((local, one), timeout=LOOK_S).close()

@@ -10,6 +10,7 @@ from threading import Event
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live.framing import Deframer
+from vip_factors.io.live.pace import Pace
 from vip_factors.io.live.session import Client, ClientError, Session
 from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
 from vip_factors.io.live.source import POLL, LiveSource
@@ -24,6 +25,7 @@ def listen(
     settings: LiveSourceSettings,
     stop: Event,
     may_be_late: bool = False,
+    network: bool = True,
 ) -> str:
     """Follow one sender to its end; a clause about why it ended, empty if it did between two messages.
 
@@ -33,8 +35,11 @@ def listen(
         settings: limits.
         stop: set when nothing more is wanted.
         may_be_late: whether a header that does not come is told instead of ending it.
+        network: whether the sender's pace is limited.
     """
     deframer = Deframer(settings.largest_message)
+    pace = Pace(settings.largest_rate if network else float("inf"))
+    whole = time.monotonic()  # when nothing of a message was pending
     begun, told = time.monotonic(), False
     while not stop.is_set():
         if not client.has_header and not told and time.monotonic() - begun > settings.header_wait:
@@ -43,20 +48,31 @@ def listen(
                 return sentence
             told = True
             client.tell("late", f"{sentence}; still waiting for it")
+        if network and time.monotonic() - whole > settings.message_wait:
+            return f"a message was not whole {settings.message_wait:g} s after its first byte"
         try:
             data = receive()
         except OSError as error:
             return f"the connection was lost ({error.strerror or error})"
         if data is None:
             client.flush()
+            whole = whole if deframer.pending else time.monotonic()
             continue
         if not data:
             return _end(client, deframer)
+        before = client.messages
         try:
             for message in deframer.feed(data):
                 client.take(message)
         except (FileFormatError, ClientError) as error:
             return str(error)  # where the next message would begin is not known
+        if not deframer.pending or client.messages > before:
+            whole = time.monotonic()
+        wait = pace.take(client.messages - before)
+        if wait:
+            client.tell("pace", f"it sends more than {settings.largest_rate:g} messages a second and has to wait")
+            stop.wait(wait)
+            whole += wait
     return ""
 
 
@@ -71,6 +87,7 @@ class StandardInputSource(LiveSource):
 
     Args:
         settings, tell: as of every source.
+        token: that the header must have; any if empty.
         descriptor: to read from instead; it stays open.
     """
 
@@ -79,9 +96,11 @@ class StandardInputSource(LiveSource):
         settings: LiveSourceSettings = DEFAULT,
         tell: Callable[[LiveFinding], None] | None = None,
         descriptor: int | None = None,
+        token: str = "",
     ) -> None:
         super().__init__("standard input", settings, drops=not _is_file(descriptor), tell=tell)
         self._descriptor = descriptor
+        self._token = token
 
     def _open(self) -> None:
         if self._descriptor is None:
@@ -93,8 +112,8 @@ class StandardInputSource(LiveSource):
             raise InputError("standard input is a terminal: pipe a sender's live messages into it")
 
     def _read(self) -> None:
-        client = Client(Session(self._announce, self._put), self.name)
-        client.leave(listen(client, self._receive, self._settings, self._stop, may_be_late=True))
+        client = Client(Session(self._announce, self._put, self._token), self.name)
+        client.leave(listen(client, self._receive, self._settings, self._stop, may_be_late=True, network=False))
 
     def _receive(self) -> bytes | None:
         descriptor = self._descriptor

@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 INITIAL_POSES = ("t-pose", "n-pose", "none")
 
 
-def header_message(setup: LiveSetup) -> LiveMessage:
-    """The message that a sender begins with."""
-    header = LiveHeader(name=setup.name)
+def header_message(setup: LiveSetup, token: str = "") -> LiveMessage:
+    """The message that a sender begins with; ``token`` is the secret that the receiver was given, if it was."""
+    header = LiveHeader(name=setup.name, token=token)
     set_timestamp(header.start, setup.start_ns)
     for wearer in setup.wearers:
         header.wearers.add(

@@ -13,8 +13,10 @@ from vip_factors.io.live.tcp import TcpSenderSource, TcpServerSource
 from vip_factors.io.live.websocket import WebSocketSource
 from vip_factors.sensors.live import LiveFinding
 
+LOCAL = "127.0.0.1"
 EXPECTED = (
-    "an MCAP file, - for standard input, tcp://host:port or ws://host:port to listen there, or "
+    "an MCAP file, - for standard input, tcp://:port or ws://:port to listen at 127.0.0.1, tcp://host:port or "
+    "ws://host:port to listen elsewhere, or "
     "tcp-connect://host:port to connect to a sender"
 )
 
@@ -26,16 +28,19 @@ def open_source(
     speed: float = 1.0,
     settings: LiveSourceSettings = DEFAULT,
     tell: Callable[[LiveFinding], None] | None = None,
+    token: str = "",
 ) -> LiveSource:
     """The source that a text names, to be entered as a context.
 
     Args:
-        text: path of an MCAP file, ``-``, ``tcp://host:port``, ``tcp-connect://host:port`` or ``ws://host:port``.
+        text: path of an MCAP file, ``-``, ``tcp://host:port``, ``tcp-connect://host:port`` or ``ws://host:port``;
+            to listen, without a host, is at 127.0.0.1.
         follow: whether another program still writes the file.
         real_time: whether the file is played back in its own time.
         speed: multiple of its own time.
         settings: limits.
         tell: gets the findings that come before the header, at once.
+        token: that the header of a sender must have; any if empty.
 
     Raises:
         InputError: for a text that names no source, options that do not belong to it, or a file that is no recording.
@@ -47,9 +52,9 @@ def open_source(
     if follow and (real_time or speed != 1.0):
         raise InputError(f"{text}: a file that is followed comes in its own time: choose following or real time")
     if text == "-":
-        return StandardInputSource(settings, tell)
+        return StandardInputSource(settings, tell, token=token)
     if not is_file:
-        return _network(text, settings, tell)
+        return _network(text, settings, tell, token)
     if speed != 1.0 and not real_time:
         raise InputError(f"{text}: a speed is for playing back in real time: ask for that too")
     if follow:
@@ -61,7 +66,9 @@ def open_source(
     return RecordingSource(read_scene(text), real_time, speed, settings, tell)
 
 
-def _network(text: str, settings: LiveSourceSettings, tell: Callable[[LiveFinding], None] | None) -> LiveSource:
+def _network(
+    text: str, settings: LiveSourceSettings, tell: Callable[[LiveFinding], None] | None, token: str
+) -> LiveSource:
     kinds: dict[str, type[TcpServerSource | TcpSenderSource | WebSocketSource]] = {
         "tcp": TcpServerSource,
         "tcp-connect": TcpSenderSource,
@@ -74,10 +81,14 @@ def _network(text: str, settings: LiveSourceSettings, tell: Callable[[LiveFindin
         raise InputError(f"{text}: {error}: expected {EXPECTED}") from error
     if url.scheme not in kinds or url.path not in ("", "/") or url.query or url.fragment or url.username is not None:
         raise InputError(f"{text}: expected {EXPECTED}")
+    if url.scheme != "tcp-connect":
+        if host and port is None and host.isdecimal() and int(host) < 1 << 16:  # tcp://5005
+            port, host = int(host), LOCAL
+        host = host or LOCAL
     if not host or port is None:
         missing = "port" if host else "host"
         raise InputError(
-            f"{text}: it names no {missing}: expected {url.scheme}://host:port; to listen, host 127.0.0.1 is for "
-            "senders on this machine, 0.0.0.0 for all"
+            f"{text}: it names no {missing}: expected {url.scheme}://host:port; to listen, no host, or "
+            "127.0.0.1, is for senders on this machine, 0.0.0.0 for those in all its networks"
         )
-    return kinds[url.scheme](host, port, settings, tell)
+    return kinds[url.scheme](host, port, settings, tell, token)

@@ -6,14 +6,15 @@ from collections.abc import Callable
 from itertools import count
 from threading import Condition
 
-from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, VideoFrame
+from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, LiveLoss, VideoFrame
 
 KEPT = 8  # one IMU sample in so many stays where they must be dropped: who is late is to catch up, not to stay late
+MOST_FINDINGS = 1000  # that wait: somebody who connects and errs all the time must not fill the memory
 TELL_EVERY = 1.0  # seconds between findings about dropped samples: a person reads them
 
 
 class LiveQueue:
-    """Items of one source in the order of their arrival; findings are never dropped.
+    """Items of one source in the order of their arrival; of findings, the newest thousand wait.
 
     When more samples than ``limit`` wait, either the reader waits too (a file has time), or the oldest video frame is
     dropped, and without one all IMU samples but the newest: a pose without a video frame is still a pose, and old
@@ -48,6 +49,8 @@ class LiveQueue:
         with self._changed:
             if isinstance(item, LiveFinding):
                 self._findings.append((next(self._number), item))
+                if len(self._findings) > MOST_FINDINGS:
+                    self._findings.popleft()
             else:
                 if not self._drops:
                     self._changed.wait_for(lambda: self._closed or self._waiting < self._limit)
@@ -101,7 +104,7 @@ class LiveQueue:
             self._imu.popleft()
             self._lost[ImuSample] += 1
 
-    def _loss(self) -> LiveFinding | None:
+    def _loss(self) -> LiveLoss | None:
         """What was dropped since it was told last, if it is time to tell."""
         frames, samples = self._lost[VideoFrame], self._lost[ImuSample]
         now = self._clock()
@@ -109,7 +112,7 @@ class LiveQueue:
             return None
         self._told, self._lost = now, {VideoFrame: 0, ImuSample: 0}
         what = [f"{number} {name}" for number, name in ((frames, "video frames"), (samples, "IMU samples")) if number]
-        return LiveFinding(
+        return LiveLoss(
             f"the tracker does not keep up: {' and '.join(what)} were dropped; use fewer wearers, fewer cameras or a "
             "shorter lag"
         )

@@ -22,15 +22,16 @@ class ByteSink(Protocol):
         """Send what was written."""
 
 
-def live_messages(scene: Scene, speed: float | None = None) -> Iterator[bytes]:
+def live_messages(scene: Scene, speed: float | None = None, token: str = "") -> Iterator[bytes]:
     """The header and then every sample, serialised.
 
     Args:
         scene: with the samples.
         speed: each sample comes when it is due, at this multiple of its own time; None: as fast as it goes.
+        token: for the header.
     """
     setup = LiveSetup.of(scene)
-    yield header_message(setup).SerializeToString()
+    yield header_message(setup, token).SerializeToString()
     frames: Counter[str] = Counter()
     begun, first = time.monotonic(), None
     for sample in live_samples(scene):
@@ -44,16 +45,16 @@ def live_messages(scene: Scene, speed: float | None = None) -> Iterator[bytes]:
         yield sample_message(sample, setup.start_ns, number).SerializeToString()
 
 
-def write_messages(scene: Scene, stream: ByteSink, speed: float | None = None) -> int:
+def write_messages(scene: Scene, stream: ByteSink, speed: float | None = None, token: str = "") -> int:
     """Send a scene as a delimited stream; how many messages that were.
 
     Args:
         scene: to be sent.
         stream: that a live source reads at its other end.
-        speed: as in :func:`live_messages`.
+        speed, token: as in :func:`live_messages`.
     """
     count = 0
-    for message in live_messages(scene, speed):
+    for message in live_messages(scene, speed, token):
         count += 1
         stream.write(delimited(message))
         if speed is not None:

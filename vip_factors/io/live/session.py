@@ -1,7 +1,9 @@
 """From the messages of clients, one after the other, to the samples of one stream."""
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
+from hmac import compare_digest
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live.header import header_message, setup_of
@@ -10,6 +12,8 @@ from vip_factors.io.live.throttle import Throttle
 from vip_factors.io.mcap_writer import NS_PER_S
 from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, LiveSetup
+
+WRONG_TOKEN_S = 0.5  # that a wrong guess costs
 
 
 class ClientError(Exception):
@@ -22,9 +26,11 @@ class Session:
     Args:
         announce: gets the set-up, once.
         put: gets samples and findings.
+        token: that every header must have; any if empty.
     """
 
-    def __init__(self, announce: Callable[[LiveSetup], None], put: Callable[[LiveItem], None]) -> None:
+    def __init__(self, announce: Callable[[LiveSetup], None], put: Callable[[LiveItem], None], token: str = "") -> None:
+        self._token = token.encode()
         self._announce = announce
         self.put = put
         self.setup: LiveSetup | None = None
@@ -38,8 +44,13 @@ class Session:
         """Take the header of a client; nanoseconds to be taken as its t = 0.
 
         Raises:
-            ClientError: if it describes nothing that can be tracked, or something other than the first did.
+            ClientError: if it has not the token, describes nothing that can be tracked, or something other than the
+                first did.
         """
+        # In a time that does not depend on how much of it is right; and guessing is slow.
+        if self._token and not compare_digest(header.token.encode(), self._token):
+            time.sleep(WRONG_TOKEN_S)
+            raise ClientError("its header has not the token that is expected here")
         try:
             setup = setup_of(header)
         except InputError as error:

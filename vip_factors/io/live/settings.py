@@ -4,8 +4,13 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from vip_factors.errors import InputError
+from vip_factors.ranges import Patience
 
 MIB = 1024 * 1024
+POSITIVE = (
+    "header_wait", "message_wait", "largest_rate", "clients", "largest_message", "largest_chunk", "queue_limit",
+    "growth_wait",
+)  # fmt: skip
 
 
 class VmcPose(StrEnum):
@@ -22,6 +27,13 @@ class LiveSourceSettings:
     Attributes:
         header_wait: seconds that a client may take for its header: a program that has it ready sends it at once, ten
             seconds forgive a slow start.
+        message_wait: seconds from a message's first byte to its last, of senders over the network: the largest in use
+            crosses a bad radio link in one.
+        largest_rate: messages a second that are read of a sender over the network, after the first second's; whoever
+            sends more has to wait, and the tracker keeps its processor. Three wearers of 17 sensors at 100 Hz send
+            5,100.
+        clients: that may be connected over WebSocket at once, the one that is heard among them; over TCP the others
+            wait unheard until it has gone.
         largest_message: bytes; a header with the skeletons of ten wearers has 30 kB, a frame of fifty people 30 kB, so
             16 MiB is a stray length, not a message.
         largest_chunk: bytes of one chunk of an MCAP file, packed or not; recorders close chunks at 1 to 4 MB, those
@@ -35,14 +47,17 @@ class LiveSourceSettings:
     """
 
     header_wait: float = 10.0
+    message_wait: float = 10.0
+    largest_rate: float = 10_000.0
+    clients: int = 8
     largest_message: int = 16 * MIB
     largest_chunk: int = 64 * MIB
     queue_limit: int = 4096
     growth_wait: float = 10.0
-    next_client_wait: float = float("inf")
+    next_client_wait: Patience = float("inf")
 
     def __post_init__(self) -> None:
-        for name in ("header_wait", "largest_message", "largest_chunk", "queue_limit", "growth_wait"):
+        for name in POSITIVE:
             if not getattr(self, name) > 0:
                 raise InputError(f"live source: {name} is {getattr(self, name)}: expected a positive number")
         if not self.next_client_wait >= 0:

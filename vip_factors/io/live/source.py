@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Self
 
 from vip_factors.errors import InputError
-from vip_factors.io.live.queue import LiveQueue
+from vip_factors.io.live.queue import MOST_FINDINGS, LiveQueue
 from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSetup
 
@@ -61,6 +61,11 @@ class LiveSource(ABC):
         self._thread.join(JOIN)
 
     @property
+    def listens(self) -> str:
+        """Where it listens and who can send, in words, once open; empty if it does not listen."""
+        return ""
+
+    @property
     def setup(self) -> LiveSetup:
         """What the stream is about, waiting for its header.
 
@@ -108,6 +113,7 @@ class LiveSource(ABC):
         """Called by the reader."""
         if self._setup is None and isinstance(item, LiveFinding):
             with self._changed:
+                del self._early[: 1 - MOST_FINDINGS]  # that nobody has taken
                 self._early.append(item)
                 self._changed.notify_all()
         else:

@@ -4,6 +4,7 @@ import socket
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from ipaddress import ip_address
 
 from vip_factors.errors import InputError
 from vip_factors.io.live.byte_stream import PIECE, listen
@@ -12,6 +13,7 @@ from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
 from vip_factors.io.live.source import POLL, LiveSource
 from vip_factors.sensors.live import LiveFinding
 
+BACKLOG = 8  # clients that wait unheard; the system refuses more
 RETRY = 1.0  # seconds between two attempts to reach a sender that was lost
 # A sender whose cable was pulled says nothing any more; the system asks after a while, and gives up.
 KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}  # seconds, seconds, times; by the system's names
@@ -23,6 +25,7 @@ class TcpServerSource(LiveSource):
     Args:
         host, port: to listen on; port 0 takes a free one, see :attr:`address`.
         settings, tell: as of every source.
+        token: that headers must have; any if empty.
     """
 
     def __init__(
@@ -31,9 +34,11 @@ class TcpServerSource(LiveSource):
         port: int,
         settings: LiveSourceSettings = DEFAULT,
         tell: Callable[[LiveFinding], None] | None = None,
+        token: str = "",
     ) -> None:
         super().__init__(f"tcp://{host}:{port}", settings, tell=tell)
         self._where = host, port
+        self._token = token
         self._server: socket.socket | None = None
 
     @property
@@ -44,12 +49,17 @@ class TcpServerSource(LiveSource):
         host, port = self._server.getsockname()[:2]
         return host, port
 
+    @property
+    def listens(self) -> str:
+        """Who can send, in words."""
+        return listens("tcp", self.address, self._token)
+
     def _open(self) -> None:
         self._server = listening(self.name, *self._where)
         self._server.settimeout(POLL)
 
     def _read(self) -> None:
-        session = Session(self._announce, self._put)
+        session = Session(self._announce, self._put, self._token)
         gone: float | None = None  # when the last client that had a header went
         while not self._stop.is_set() and (gone is None or time.monotonic() - gone <= self._settings.next_client_wait):
             accepted = self._accept()
@@ -91,6 +101,7 @@ class TcpSenderSource(LiveSource):
     Args:
         host, port: of the sender.
         settings, tell: as of every source.
+        token: that headers must have; any if empty.
     """
 
     def __init__(
@@ -99,9 +110,11 @@ class TcpSenderSource(LiveSource):
         port: int,
         settings: LiveSourceSettings = DEFAULT,
         tell: Callable[[LiveFinding], None] | None = None,
+        token: str = "",
     ) -> None:
         super().__init__(f"tcp-connect://{host}:{port}", settings, tell=tell)
         self._where = host, port
+        self._token = token
         self._connection: socket.socket | None = None
 
     def _open(self) -> None:
@@ -113,7 +126,7 @@ class TcpSenderSource(LiveSource):
             ) from error
 
     def _read(self) -> None:
-        session = Session(self._announce, self._put)
+        session = Session(self._announce, self._put, self._token)
         while self._connection is not None:
             client = Client(session, self.name)
             with self._connection as connection:
@@ -142,12 +155,23 @@ def listening(name: str, host: str, port: int) -> socket.socket:
     """
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        return socket.create_server((host, port), family=family)
+        return socket.create_server((host, port), family=family, backlog=BACKLOG)
     except OSError as error:
         raise InputError(
             f"{name}: cannot listen there ({error.strerror or error}): choose another port, or a host of this machine: "
             "127.0.0.1 for senders on it, 0.0.0.0 for all"
         ) from error
+
+
+def listens(scheme: str, address: tuple[str, int], token: str) -> str:
+    """Who can send to an address, in words."""
+    host, port = address
+    where = f"listening at {scheme}://[{host}]:{port}" if ":" in host else f"listening at {scheme}://{host}:{port}"
+    if host == "localhost" or ip_address(host).is_loopback:
+        return f"{where}, to senders on this machine alone"
+    who = "whoever has the token" if token else "everybody: no token is asked for (--token-file)"
+    networks = "all networks of this machine" if ip_address(host).is_unspecified else "the network of that address"
+    return f"{where}, to senders in {networks}, that is {who}; nothing is encrypted"
 
 
 def receiver(connection: socket.socket) -> Callable[[], bytes | None]:

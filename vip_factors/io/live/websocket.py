@@ -9,10 +9,11 @@ from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 
 from vip_factors.errors import FileFormatError, InputError
+from vip_factors.io.live.pace import Pace
 from vip_factors.io.live.session import Client, ClientError, Session
 from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
 from vip_factors.io.live.source import POLL, LiveSource
-from vip_factors.io.live.tcp import listening
+from vip_factors.io.live.tcp import listening, listens
 from vip_factors.sensors.live import LiveFinding
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ class WebSocketSource(LiveSource):
     Args:
         host, port: to listen on; port 0 takes a free one, see :attr:`address`.
         settings, tell: as of every source.
+        token: that headers must have; any if empty.
     """
 
     def __init__(
@@ -40,11 +42,13 @@ class WebSocketSource(LiveSource):
         port: int,
         settings: LiveSourceSettings = DEFAULT,
         tell: Callable[[LiveFinding], None] | None = None,
+        token: str = "",
     ) -> None:
         super().__init__(f"ws://{host}:{port}", settings, tell=tell)
         self._where = host, port
         self._server: Server | None = None
-        self._session = Session(self._announce, self._put)
+        self._token = token
+        self._session = Session(self._announce, self._put, token)
         self._busy = Lock()
         self._gone: float | None = None  # when the last client that had a header went
         self._failure: Exception | None = None
@@ -57,6 +61,11 @@ class WebSocketSource(LiveSource):
             return self._where
         host, port = self._server.socket.getsockname()[:2]
         return host, port
+
+    @property
+    def listens(self) -> str:
+        """Who can send, in words."""
+        return listens("ws", self.address, self._token)
 
     def _open(self) -> None:
         try:
@@ -122,7 +131,7 @@ class WebSocketSource(LiveSource):
         """A clause about why the client's stream ended; empty if it said goodbye."""
         from websockets.exceptions import ConnectionClosed, ConnectionClosedOK
 
-        begun = time.monotonic()
+        begun, pace = time.monotonic(), Pace(self._settings.largest_rate)
         while not self._stop.is_set():
             if not client.has_header and time.monotonic() - begun > self._settings.header_wait:
                 return f"no header came within {self._settings.header_wait:g} s"
@@ -139,6 +148,11 @@ class WebSocketSource(LiveSource):
                 self._take(client, data)
             except ClientError as error:
                 return str(error)
+            wait = pace.take()
+            if wait:
+                rate = self._settings.largest_rate
+                client.tell("pace", f"it sends more than {rate:g} messages a second and has to wait")
+                self._stop.wait(wait)
         return ""
 
     @staticmethod
@@ -167,12 +181,15 @@ class WebSocketSource(LiveSource):
         from websockets.sync.server import ServerConnection
 
         tell, name, stop, opening = self._session.tell, self.name, self._stop, self._opening
+        most = self._settings.clients
 
         class Connection(ServerConnection):
             def handshake(self, *args: Any, **keywords: Any) -> None:
                 problem = ""
                 opening.add(self)
                 try:
+                    if len(opening) > most:
+                        raise ConnectionError(f"{most} others are opening one")
                     super().handshake(*args, **keywords)
                     if self.protocol.state is not State.OPEN:
                         problem = str(getattr(self.protocol, "handshake_exc", None) or "refused")

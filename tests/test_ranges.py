@@ -1,10 +1,12 @@
 """A setting that is out of its range is refused before any work, and named."""
 
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import pytest
+import tyro
 
+from vip_factors.cli.options import parse
 from vip_factors.errors import InputError
 from vip_factors.live.settings import LiveSettings
 from vip_factors.ranges import NotNegative, Range, Share, check_ranges
@@ -82,3 +84,26 @@ def test_no_setting_may_be_infinite(whole: Settings) -> None:
         for value in (float("inf"), float("nan")):
             with pytest.raises(InputError):
                 changed(whole, path, value)
+
+
+@dataclass(frozen=True)
+class Command:
+    """Options of a command."""
+
+    own: Inner = field(default_factory=Inner)
+    sigma_deg: float = 2.0
+    outer: Annotated[Outer, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=Outer)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--sigma-deg", "inf"], "--sigma-deg is inf: expected a finite number, more than 0"),
+        (["--own.part", "2"], "--own.part is 2.0: "),
+        (["--count", "-1"], "--count is -1: "),
+    ],
+)
+def test_on_the_command_line_it_is_named_as_help_names_it(words: list[str], said: str) -> None:
+    with pytest.raises(InputError) as told:
+        parse(Command, "command", words)
+    assert str(told.value).startswith(said)

@@ -6,13 +6,12 @@ from enum import StrEnum
 from typing import Any
 
 from vip_factors.associate.settings import AssociationSettings
-from vip_factors.errors import InputError
 from vip_factors.initialise.accelerometers import AccelerometerSettings
 from vip_factors.initialise.sensor_delays import SensorClockSettings
 from vip_factors.initialise.suppositions import StartSettings
 from vip_factors.problem.scene import CameraFactorSettings
 from vip_factors.problem.wearer import FactorSettings
-from vip_factors.ranges import NotNegative, NotNegativeInt, check_ranges
+from vip_factors.ranges import NotNegative, NotNegativeInt, RangeError, check_ranges
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 LEAST_OVERLAPS = 2  # to a window: one at each end
@@ -95,14 +94,14 @@ class WindowSettings:
     def __post_init__(self) -> None:
         for name in ("above_s", "window_s", "overlap_s", "calibration_stretch_s"):
             if not getattr(self, name) > 0:
-                raise InputError(f"windows.{name} is {getattr(self, name):g}: expected seconds above 0")
+                raise RangeError(f"windows.{name}", f"is {getattr(self, name):g}: expected seconds above 0")
         if not self.window_s >= LEAST_OVERLAPS * self.overlap_s:
-            raise InputError(
-                f"windows.window_s is {self.window_s:g}: expected {LEAST_OVERLAPS} times windows.overlap_s "
-                f"({self.overlap_s:g}) or more"
+            raise RangeError(
+                "windows.window_s",
+                f"is {self.window_s:g}: expected {LEAST_OVERLAPS} times windows.overlap_s ({self.overlap_s:g}) or more",
             )
         if self.calibration_stretches < 1:
-            raise InputError(f"windows.calibration_stretches is {self.calibration_stretches}: expected one or more")
+            raise RangeError("windows.calibration_stretches", f"is {self.calibration_stretches}: expected one or more")
 
 
 class SolverName(StrEnum):

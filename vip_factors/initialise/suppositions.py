@@ -6,7 +6,7 @@ import numpy as np
 
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, angle_between, wrap_angle
-from vip_factors.ranges import Share
+from vip_factors.ranges import RangeError, Share
 
 # Of the mean lean of trunk, thighs and shanks over a recording: walkers' and standers' are within 10°, sitters' not.
 UPRIGHT_SIGMA = np.deg2rad(15.0)
@@ -33,7 +33,7 @@ class StartSettings:
     def __post_init__(self) -> None:
         for name in ("agree_deg", "stretch_s", "rate", "bone_sigma_deg"):
             if not getattr(self, name) > 0:
-                raise InputError(f"calibration.start.{name} is {getattr(self, name):g}: expected a number above 0")
+                raise RangeError(f"calibration.start.{name}", f"is {getattr(self, name):g}: expected a number above 0")
         for name in ("strange_strap", "strange_frame"):
             if not 0 < getattr(self, name) < 1:
                 raise InputError(

@@ -266,9 +266,9 @@ def _nothing_here(contents: McapContents) -> str:
     found = f"found topics {', '.join(topics)}" if topics else "it has no topics"
     advice = ""
     if any(topic.startswith(ESTIMATE) for topic in topics):
-        advice = "; it is an estimate: read it as one (read_estimate)"
+        advice = "; it is an estimate, made of a recording: give that one instead"
     elif any(is_imu(one.channel) for one in contents.messages.values()):
-        advice = "; it has sensor_msgs/msg/Imu: read it as ROS 2 (read_ros2_imus)"
+        advice = "; it has sensor_msgs/msg/Imu: bring it into a recording with vip-factors convert"
     damage = f" ({contents.damage[0]})" if contents.damage else ""
     expected = f"expected a recording, with messages such as {PACKAGE}ImuSample"
     return f"{contents.path}: {expected}; {found}{damage}{advice}"

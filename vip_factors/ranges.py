@@ -16,13 +16,17 @@ class Range:
         least: the smallest.
         above: all must be larger than this.
         most: the largest.
+        endless: whether infinity is allowed too: a wait that nothing ends.
     """
 
     least: float = -math.inf
     above: float = -math.inf
     most: float = math.inf
+    endless: bool = False
 
     def __contains__(self, value: float) -> bool:
+        if self.endless and value == math.inf:
+            return True
         return math.isfinite(value) and self.above < value and self.least <= value <= self.most
 
     def __str__(self) -> str:
@@ -33,7 +37,7 @@ class Range:
             words.append(f"{self.least:g} or more")
         if self.most < math.inf:
             words.append(f"{self.most:g} at most")
-        return "a finite number" + (f", {' and '.join(words)}" if words else "")
+        return f"a {'' if self.endless else 'finite '}number" + (f", {' and '.join(words)}" if words else "")
 
 
 ANY = Range()
@@ -42,6 +46,8 @@ NotNegative = Annotated[float, Range(least=0)]
 """A setting that 0 switches off."""
 NotNegativeInt = Annotated[int, Range(least=0)]
 """A count that may be none."""
+Wait = Annotated[float, Range(least=0, endless=True)]
+"""Seconds to wait for something, for ever if infinite."""
 Share = Annotated[float, Range(least=0, most=1)]
 """A part of a whole."""
 

@@ -45,9 +45,8 @@ class CalibrationSettings:
     # leaves 0.4° per degree of drift between knots 60 s apart); none: constant, as in the papers. Shorter recordings
     # than half of it have constant headings.
     heading_knot_s: float | None = 40.0
-    passes: NotNegativeInt = (
-        2  # coarse solves: foot contacts found with the first headings are found again with better ones
-    )
+    # Coarse solves: foot contacts that were found with the first headings are found again with better ones.
+    passes: NotNegativeInt = 2
     from_truth: bool = False  # start from the recording's true calibration: for experiments
     start: StartSettings = field(default_factory=StartSettings)
 
@@ -89,7 +88,7 @@ class WindowSettings:
     # three minutes and 20 s, coarsely, take 1.5 GB. A scene with a camera is calibrated from as many seconds in one
     # piece, which shows who is who: from its beginning, where a pose may be declared, or from where everybody is seen.
     calibration_stretches: int = 8
-    calibration_stretch_s: float = 25.0
+    calibration_stretch_s: float = 25.0  # long enough for gestures of all limbs
 
     def __post_init__(self) -> None:
         for name in ("above_s", "window_s", "overlap_s", "calibration_stretch_s"):

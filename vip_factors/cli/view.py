@@ -58,8 +58,6 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 
     targets = (options.save, options.screenshot, options.picture, options.chart, options.video)
     check_rerun_file("--save", options.save)
-    if not options.serve and all(one is None for one in targets):
-        check_display(VIEW_INSTEAD)
     for wanted in targets:
         if wanted is not None:
             check_target(wanted, options.overwrite)
@@ -74,6 +72,8 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         if not options.serve and all(one is None for one in others):
             return
     opened = open_all(options.files)
+    if not options.serve and all(one is None for one in targets):
+        check_display(VIEW_INSTEAD)
     if opened.is_scene and opened.motion is not None:
         raise InputError(f"a motion ('{opened.motion.name}') beside a scene: expected the scene's own file for truth")
     if options.picture is not None:

@@ -3,6 +3,7 @@
 import re
 import sys
 import warnings
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -90,7 +91,7 @@ def test_no_two_options_share_a_text(run) -> None:
         " ".join(one.partition("\n")[2].partition("(default")[0].split()) for one in re.split(r"\n\s*(?=--[a-z])", text)
     ]
     assert len(told) > 100
-    assert [one for one, after in zip(told, told[1:], strict=False) if len(one) > 25 and one == after] == []
+    assert [one for one, after in pairwise(told) if len(one) > 25 and one == after] == []
 
 
 def test_smooth_says_what_to_do_next_to_a_person_alone(

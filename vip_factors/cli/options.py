@@ -123,5 +123,11 @@ def _with_tree(options: type, tree: type) -> type:
 
 
 def beside(path: Path, ending: str) -> Path:
-    """The usual name of something made from a file, in its folder: ``walk.mcap`` → ``walk.estimate.mcap``."""
+    """The usual name of something made from a file, in its folder: ``walk.mcap`` → ``walk.estimate.mcap``.
+
+    Raises:
+        InputError: for a folder's path that has no name.
+    """
+    if not path.name:
+        raise InputError(f"{path} is a folder: expected a file")
     return path.with_name(path.name.removesuffix(path.suffix) + ending)

@@ -245,6 +245,10 @@ def estimate_of(contents: McapContents, messages: Iterable[McapMessages], prefix
     infos = of_topic(path, ours, prefix + INFO, EstimateInfo)
     motions = of_topic(path, ours, prefix + MOTION, MotionInfo)
     if not infos or not motions:
+        if any(topic.endswith(RECORDING_INFO) for topic in contents.topics):
+            raise FileFormatError(
+                f"{path} is a recording: expected an estimate, which vip-factors smooth makes of a recording"
+            )
         topics = ", ".join(contents.topics) or "none"
         damage = f" ({contents.damage[0]})" if contents.damage else ""
         several = any(topic.startswith(f"{SINGLE}/wearer/") for topic in contents.topics) and prefix == SINGLE

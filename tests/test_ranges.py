@@ -1,10 +1,12 @@
 """A setting that is out of its range is refused before any work, and named."""
 
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import pytest
+import tyro
 
+from vip_factors.cli.options import parse
 from vip_factors.errors import InputError
 from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.live.settings import LiveSettings
@@ -94,3 +96,26 @@ def test_patience_may_be_endless() -> None:
     check_ranges(LiveSourceSettings(next_client_wait=0.0))
     with pytest.raises(InputError, match="header_wait is inf: expected a finite number"):
         check_ranges(LiveSourceSettings(header_wait=float("inf")))
+
+
+@dataclass(frozen=True)
+class Command:
+    """Options of a command."""
+
+    own: Inner = field(default_factory=Inner)
+    sigma_deg: float = 2.0
+    outer: Annotated[Outer, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=Outer)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--sigma-deg", "inf"], "--sigma-deg is inf: expected a finite number, 0 or more"),
+        (["--own.part", "2"], "--own.part is 2.0: "),
+        (["--count", "-1"], "--count is -1: "),
+    ],
+)
+def test_on_the_command_line_it_is_named_as_help_names_it(words: list[str], said: str) -> None:
+    with pytest.raises(InputError) as told:
+        parse(Command, "command", words)
+    assert str(told.value).startswith(said)

@@ -23,6 +23,7 @@ from vip_factors.settings import Settings, flatten
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.solve.marginals import chain_marginals
 from vip_factors.stages.associated_cameras import of_use
+from vip_factors.stages.calibration_sigmas import with_calibration_sigmas
 from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.decode import decode, pose_covariance
 from vip_factors.stages.filming import start_filming
@@ -102,7 +103,10 @@ def smooth(
     odd = posture_findings(who, recording, estimate.motion, estimate.calibration)
     drift = drift_findings(who, estimate.calibration)
     found = (*about_sensors, *start_findings(who, frames.sensors, tracked.starts), *odd, *drift)
-    return replace(estimate, findings=found, start=start_choice(frames.sensors, tracked.starts))
+    estimate = replace(estimate, findings=found, start=start_choice(frames.sensors, tracked.starts))
+    if not settings.acceleration:
+        return estimate
+    return with_calibration_sigmas(estimate, tracked, settings.calibration, solver.extra)
 
 
 @one_blas_thread

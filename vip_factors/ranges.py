@@ -49,10 +49,21 @@ NotNegative = Annotated[float, Range(least=0)]
 """A setting that 0 switches off."""
 NotNegativeInt = Annotated[int, Range(least=0)]
 """A count that may be none."""
-Patience = Annotated[float, Range(least=0, endless=True)]
-"""Seconds to wait; infinity is for ever."""
 Share = Annotated[float, Range(least=0, most=1)]
 """A part of a whole."""
+
+
+class RangeError(InputError):
+    """A number among settings that is out of its range.
+
+    Attributes:
+        name: of the setting, dotted.
+        told: its value and what was expected.
+    """
+
+    def __init__(self, name: str, told: str) -> None:
+        super().__init__(f"{name} {told}")
+        self.name, self.told = name, told
 
 
 def check_ranges(settings: Any, prefix: str = "", zero: bool = False) -> None:
@@ -67,7 +78,7 @@ def check_ranges(settings: Any, prefix: str = "", zero: bool = False) -> None:
         zero: whether 0 is allowed where the usual rule would have a positive number: of errors that 0 switches off.
 
     Raises:
-        InputError: for the first number that is out of its range; it is named with its value and the range.
+        RangeError: for the first number that is out of its range; it is named with its value and the range.
     """
     hints = _hints(settings.__class__)
     for one in fields(settings):
@@ -77,9 +88,9 @@ def check_ranges(settings: Any, prefix: str = "", zero: bool = False) -> None:
         elif isinstance(value, int | float) and not isinstance(value, bool):
             allowed = _stated(hints[one.name]) or _usual(one.default, zero)
             if value not in allowed:
-                raise InputError(f"{name} is {value}: expected {allowed}")
+                raise RangeError(name, f"is {value}: expected {allowed}")
         elif isinstance(value, tuple) and not all(math.isfinite(n) for n in value if isinstance(n, float)):
-            raise InputError(f"{name} is {value}: expected finite numbers")
+            raise RangeError(name, f"is {value}: expected finite numbers")
 
 
 @cache

@@ -6,13 +6,12 @@ from enum import StrEnum
 from typing import Any
 
 from vip_factors.associate.settings import AssociationSettings
-from vip_factors.errors import InputError
 from vip_factors.initialise.accelerometers import AccelerometerSettings
 from vip_factors.initialise.sensor_delays import SensorClockSettings
 from vip_factors.initialise.suppositions import StartSettings
 from vip_factors.problem.scene import CameraFactorSettings
 from vip_factors.problem.wearer import FactorSettings
-from vip_factors.ranges import NotNegative, NotNegativeInt, check_ranges
+from vip_factors.ranges import NotNegative, NotNegativeInt, RangeError, check_ranges
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 LEAST_OVERLAPS = 2  # to a window: one at each end
@@ -46,9 +45,8 @@ class CalibrationSettings:
     # leaves 0.4° per degree of drift between knots 60 s apart); none: constant, as in the papers. Shorter recordings
     # than half of it have constant headings.
     heading_knot_s: float | None = 40.0
-    passes: NotNegativeInt = (
-        2  # coarse solves: foot contacts found with the first headings are found again with better ones
-    )
+    # Coarse solves: foot contacts that were found with the first headings are found again with better ones.
+    passes: NotNegativeInt = 2
     from_truth: bool = False  # start from the recording's true calibration: for experiments
     start: StartSettings = field(default_factory=StartSettings)
 
@@ -90,19 +88,19 @@ class WindowSettings:
     # three minutes and 20 s, coarsely, take 1.5 GB. A scene with a camera is calibrated from as many seconds in one
     # piece, which shows who is who: from its beginning, where a pose may be declared, or from where everybody is seen.
     calibration_stretches: int = 8
-    calibration_stretch_s: float = 25.0
+    calibration_stretch_s: float = 25.0  # long enough for gestures of all limbs
 
     def __post_init__(self) -> None:
         for name in ("above_s", "window_s", "overlap_s", "calibration_stretch_s"):
             if not getattr(self, name) > 0:
-                raise InputError(f"windows.{name} is {getattr(self, name):g}: expected seconds above 0")
+                raise RangeError(f"windows.{name}", f"is {getattr(self, name):g}: expected seconds above 0")
         if not self.window_s >= LEAST_OVERLAPS * self.overlap_s:
-            raise InputError(
-                f"windows.window_s is {self.window_s:g}: expected {LEAST_OVERLAPS} times windows.overlap_s "
-                f"({self.overlap_s:g}) or more"
+            raise RangeError(
+                "windows.window_s",
+                f"is {self.window_s:g}: expected {LEAST_OVERLAPS} times windows.overlap_s ({self.overlap_s:g}) or more",
             )
         if self.calibration_stretches < 1:
-            raise InputError(f"windows.calibration_stretches is {self.calibration_stretches}: expected one or more")
+            raise RangeError("windows.calibration_stretches", f"is {self.calibration_stretches}: expected one or more")
 
 
 class SolverName(StrEnum):

@@ -130,7 +130,7 @@ def test_what_does_not_fit_is_one_sentence(run: Run, files: Any, folder: Path, t
     precious = tmp_path / "ada.toml"
     precious.write_text("precious")
     for words, arguments in {
-        "no body of 'gestures' was looked for": ("body", files.estimate, "--out", tmp_path / "b.toml"),
+        "no body of 'walk' was looked for": ("body", files.estimate, "--out", tmp_path / "b.toml"),
         "no wearer 'Adda'; did you mean": ("body", folder / "e.mcap", "--wearer", "Adda"),
         "ends in .toml": ("body", folder / "e.mcap", "--out", tmp_path / "ada.txt"),
         "ends in .svg": ("body", folder / "e.mcap", "--out", tmp_path / "b.toml", "--picture", tmp_path / "a.png"),

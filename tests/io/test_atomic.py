@@ -36,7 +36,7 @@ def test_whatever_goes_wrong_leaves_things_as_they_were(tmp_path: Path, error: t
 def test_an_existing_file_is_refused_before_any_work(tmp_path: Path) -> None:
     target = tmp_path / "walk.bvh"
     target.write_text("old")
-    with pytest.raises(InputError, match=r"walk\.bvh exists already.*overwrit"), atomic_path(target):
+    with pytest.raises(InputError, match=r"walk\.bvh exists already.*--overwrite"), atomic_path(target):
         pytest.fail("reached")
     with atomic_open(target, "wb", overwrite=True) as file:
         file.write(b"new")

@@ -65,8 +65,8 @@ class CommonWindows:
 
 
 @dataclass(frozen=True)
-class CommonSettings:
-    """The settings most often changed."""
+class CommonPipelineSettings:
+    """Those of recordings and streams alike."""
 
     frame_rate: float = 60.0
     """Frames per second of the estimated motion."""
@@ -75,6 +75,12 @@ class CommonSettings:
     calibration: CommonCalibration = field(default_factory=CommonCalibration)
     factors: CommonFactors = field(default_factory=CommonFactors)
     fusion: CommonFusion = field(default_factory=CommonFusion)
+
+
+@dataclass(frozen=True)
+class CommonSettings(CommonPipelineSettings):
+    """The settings most often changed."""
+
     windows: CommonWindows = field(default_factory=CommonWindows)
 
 
@@ -95,7 +101,7 @@ class CommonLiveFusion(CommonFusion):
 
 
 @dataclass(frozen=True)
-class CommonLiveSettings(CommonSettings):
+class CommonLiveSettings(CommonPipelineSettings):
     """The settings of a stream most often changed."""
 
     calibration: CommonCalibration = field(default_factory=CommonLiveCalibration)

@@ -1,5 +1,6 @@
 """``vip-factors evaluate``: how good an estimate is."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,8 @@ from vip_factors.cli.options import Flag, parse
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
+    from vip_factors.body.motion import Motion
+    from vip_factors.estimate import SceneEstimate
     from vip_factors.evaluate.evaluation import Evaluation
     from vip_factors.evaluate.scene import SceneEvaluation
 
@@ -26,7 +29,8 @@ class EvaluateOptions:
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap)."""
     truth: Path | None = None
-    """Recording (.mcap) that holds the truth; the estimate's own file if the recording is in it."""
+    """Recording (.mcap) that holds the truth, or the true motion alone (.bvh …), whose times count from the same
+    instant; the estimate's own file if the recording is in it."""
     json: Path | None = None
     """Also write everything to this file, as JSON."""
     overwrite: Flag = False
@@ -48,17 +52,44 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 
 
 def _evaluation(options: EvaluateOptions) -> "Evaluation | SceneEvaluation":
+    from vip_factors.cli.files import open_one
     from vip_factors.evaluate.evaluation import evaluate
+    from vip_factors.evaluate.same_recording import doubts
     from vip_factors.evaluate.scene import evaluate_scene
-    from vip_factors.io.mcap_scene_estimate import read_scene_estimate
-    from vip_factors.io.mcap_scene_recording import read_scene
+    from vip_factors.io.mcap_estimate import read_start
 
-    estimate = read_scene_estimate(options.estimate)
+    scene, estimate = open_one(options.estimate).as_scene()
+    if estimate is None:
+        raise InputError(f"{options.estimate} holds no estimate: expected what vip-factors smooth makes of a recording")
+    if options.truth is not None:
+        truth = open_one(options.truth)
+        if truth.motion is not None:
+            return _against_motion(options, estimate, truth.motion)
+        scene = truth.as_scene()[0]
     source = options.truth or options.estimate
-    scene = read_scene(source)
+    if scene is None:
+        raise InputError(
+            f"{source} holds an estimate and no recording: say with --truth which recording, simulated say, holds the "
+            "truth"
+        )
     if all(wearer.truth is None for wearer in scene.wearers):
         raise InputError(f"{source} holds no truth: give a recording that does with --truth")
+    if odd := doubts(estimate, scene, read_start(options.estimate)):
+        warnings.warn(odd, stacklevel=2)
     wearer = scene.wearers[0]
     if len(scene.wearers) == len(estimate.wearers) == 1 and scene.camera is None and wearer.truth is not None:
         return evaluate(estimate.wearers[0], wearer.truth, wearer.placement)
     return evaluate_scene(estimate, scene)
+
+
+def _against_motion(options: EvaluateOptions, estimate: "SceneEstimate", motion: "Motion") -> "Evaluation":
+    """One wearer against a motion file: without headings, mountings and camera, of which it knows nothing."""
+    from vip_factors.evaluate.evaluation import evaluate
+    from vip_factors.sensors.recording import Truth
+
+    if len(estimate.wearers) != 1:
+        raise InputError(
+            f"{options.truth} is the motion of one person, {options.estimate} an estimate of {len(estimate.wearers)}: "
+            "expected a recording with the truth of all"
+        )
+    return evaluate(estimate.wearers[0], Truth(motion))

@@ -10,8 +10,10 @@ from vip_factors.cli.info_body import body_lines
 from vip_factors.cli.info_places import sensor_place_lines
 from vip_factors.cli.text_table import aligned
 from vip_factors.estimate import Estimate, SolveReport, StartChoice
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.placement import site_name
 from vip_factors.sensors.recording import Recording
 
 MANY = 7.0  # nats: a thousand times
@@ -51,10 +53,11 @@ def recording_text(recording: Recording) -> str:
 
 
 def _sensor_lines(recording: Recording) -> list[str]:
-    bones = {site.sensor: site.bone for site in recording.placement.sites}
-    rows = [("sensor", "bone", "samples", "rate", "gaps", "gives")]
+    body = recording.subject.body()
+    sites = {site.sensor: (site_name(site, body) or "elsewhere", site.bone) for site in recording.placement.sites}
+    rows = [("sensor", "site", "bone", "samples", "rate", "gaps", "gives")]
     for name, imu in recording.imus.items():
-        rows.append((name, bones.get(name, "not placed"), *stream_words(imu)))
+        rows.append((name, *sites.get(name, ("not placed", "")), *stream_words(imu)))
     return ["  " + line for line in aligned(rows, left=len(rows[0]))]
 
 
@@ -103,8 +106,10 @@ def estimate_text(estimate: Estimate) -> str:
     if estimate.body is not None:
         lines += [f"  {line}" for line in body_lines(estimate.body)]
     lines += [f"  {line}" for line in sensor_place_lines(estimate.sensor_places)]
+    bones = {one.sensor: f" (on {one.bone})" for one in estimate.sensor_places}
     for name, one in estimate.calibration.items():
-        lines.append(f"  heading of {name}: {heading_text(one)}")
+        where, heading, mounting = bones.get(name, ""), heading_text(one), mounting_text(one)
+        lines.append(f"  heading of {name}{where}: {heading}; mounting {mounting} in the bone's axes")
     return "\n".join(lines)
 
 
@@ -128,6 +133,14 @@ def report_text(report: SolveReport) -> str:
         f"{report.stage}: {len(report.iterations)} steps, cost {before:.4g} to {after:.4g}, "
         f"{report.seconds:.1f} s{ended}"
     )
+
+
+def mounting_text(calibration: SensorCalibration) -> str:
+    """The turn of the sensor's axes in those of what it sits on, with the standard deviation if there is one."""
+    w, x, y, z = quaternion_from_matrix(calibration.R_bone_sensor, Order.WXYZ)
+    sigma = np.rad2deg(calibration.mounting_sigma)
+    sure = f" ± {sigma.max():.1f}° (worst axis)" if np.all(np.isfinite(sigma)) else ""
+    return f"wxyz {w:.3f} {x:.3f} {y:.3f} {z:.3f}{sure}"
 
 
 def heading_text(calibration: SensorCalibration) -> str:

@@ -5,15 +5,23 @@ from dataclasses import replace
 import numpy as np
 
 from vip_factors.cli.info_places import detector_lines
-from vip_factors.cli.info_recording import estimate_text, heading_text, recording_text, report_text, stream_words
+from vip_factors.cli.info_recording import (
+    estimate_text,
+    heading_text,
+    mounting_text,
+    recording_text,
+    report_text,
+    stream_words,
+)
 from vip_factors.estimate import CameraEstimate, SceneEstimate
-from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene, SceneTruth, Video
 from vip_factors.sensors.video_clock import VideoClock
+
+CAMERA_AXES = "in the camera's axes (x right, y down, z forward)"
+STANDS_M = 0.1  # what stays as near to one place was no walk: its poses tremble, and their steps add up to metres
 
 
 def scene_text(scene: Scene) -> str:
@@ -83,7 +91,7 @@ def _video_lines(video: Video | None) -> list[str]:
 
 def _truth_lines(truth: SceneTruth, names: list[str]) -> list[str]:
     of = [f"{np.sum(truth.wearer == index)} of {name}" for index, name in enumerate(names)]
-    known = [f"camera's path of {_count(len(truth.camera), 'pose')}"]
+    known = [f"camera {_path_text(truth.camera.p_world_camera)}"]
     known += ["heading and mounting of its sensor"] if truth.camera_calibration is not None else []
     known += ["true pixels"] if truth.pixels is not None else []
     return [
@@ -123,16 +131,8 @@ def _camera_estimate_lines(camera: CameraEstimate, names: list[str]) -> list[str
             lines.append(f"  reprojection of {name}: {middle}")
     if camera.calibration is not None:
         lines.append(f"  heading of the camera's sensor: {heading_text(camera.calibration)}")
-        lines.append(f"  mounting of the camera's sensor: {_mounting_text(camera.calibration)}")
+        lines.append(f"  mounting of the camera's sensor: {mounting_text(camera.calibration)} {CAMERA_AXES}")
     return lines + _clock_lines(camera.clock, camera.clock_sigma)
-
-
-def _mounting_text(calibration: SensorCalibration) -> str:
-    """As a turn of the sensor's axes in the camera's."""
-    w, x, y, z = quaternion_from_matrix(calibration.R_bone_sensor, Order.WXYZ)
-    sigma = np.rad2deg(calibration.mounting_sigma)
-    sure = f", known to {sigma.max():.1f}° (worst axis)" if np.all(np.isfinite(sigma)) else ""
-    return f"wxyz {w:.3f} {x:.3f} {y:.3f} {z:.3f} in the camera's axes (x right, y down, z forward){sure}"
 
 
 def _clock_lines(clock: VideoClock, sigma: tuple[float, float] | None = None) -> list[str]:
@@ -148,6 +148,10 @@ def _clock_lines(clock: VideoClock, sigma: tuple[float, float] | None = None) ->
 def _path_text(p_world_camera: Array) -> str:
     if len(p_world_camera) == 1:
         return f"stood at {', '.join(f'{value:.2f}' for value in p_world_camera[0])} m"
+    middle = np.median(p_world_camera, axis=0)
+    if (reach := np.linalg.norm(p_world_camera - middle, axis=1).max()) < STANDS_M:
+        where = ", ".join(f"{value:.2f}" for value in middle)
+        return f"stood at {where} m, within {100 * reach:.0f} cm, in {len(p_world_camera)} poses"
     length = np.linalg.norm(np.diff(p_world_camera, axis=0), axis=1).sum()
     return f"{len(p_world_camera)} poses, a path of {length:.1f} m"
 

@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(completion(shell, PROGRAM, COMMANDS), end="")
             return 0
         with warnings.catch_warnings():
-            warnings.showwarning = _tell_warning
+            warnings.showwarning = _Notes().tell
             command = _command(given[0])
             import_module(f"vip_factors.cli.{command.replace('-', '_')}").main(f"{PROGRAM} {command}", given[1:])
             with naming_file("standard output"):
@@ -90,9 +90,18 @@ def _command(name: str) -> str:
     raise InputError(f"unknown command '{name}'{hint}; commands are {', '.join(COMMANDS)}")
 
 
-def _tell_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
-    """A warning as one line: what was left out of a file, say; where in our code it arose helps nobody."""
-    print(f"{PROGRAM}: note: {' '.join(str(message).split())}", file=sys.stderr)
+class _Notes:
+    """Warnings as lines, each once: a file that is read in several passes is as cut off in every one of them."""
+
+    def __init__(self) -> None:
+        self._told: set[str] = set()
+
+    def tell(self, message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+        """A warning as one line: what was left out of a file, say; where in our code it arose helps nobody."""
+        line = f"{PROGRAM}: note: {' '.join(str(message).split())}"
+        if line not in self._told:
+            self._told.add(line)
+            print(line, file=sys.stderr)
 
 
 def _sentence(error: Exception) -> str:

@@ -4,11 +4,12 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import MISSING, field, fields, make_dataclass
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeVar, cast
+from typing import Annotated, Any, NoReturn, TypeVar, cast, get_type_hints
 
 import tyro
 
-from vip_factors.ranges import check_ranges
+from vip_factors.errors import InputError
+from vip_factors.ranges import RangeError, check_ranges
 
 Options = TypeVar("Options")
 Tree = TypeVar("Tree")
@@ -42,9 +43,24 @@ def parse(
     """
     config = [tyro.conf.EnumChoicesFromValues, *([] if none_is_a_value else [tyro.conf.DisallowNone])]
     words = [HELP[1] if word == HELP_ALL else word for word in arguments]
-    given = cast(Options, tyro.cli(options, prog=prog, args=words, default=default, config=config))
-    check_ranges(given, zero=True)  # settings have checked themselves
+    try:
+        given = cast(Options, tyro.cli(options, prog=prog, args=words, default=default, config=config))
+        check_ranges(given, zero=True)  # settings have checked themselves
+    except RangeError as wrong:
+        raise InputError(f"{_option(options, wrong.name)} {wrong.told}") from wrong
     return given
+
+
+def _option(options: type, name: str) -> str:
+    """What ``--help`` calls a field, by its dotted name; fields of some inner dataclasses have no outer name there."""
+    words, inner = list[str](), cast(Any, options)
+    for field_name in name.split("."):
+        hint = get_type_hints(inner, include_extras=True).get(field_name) if isinstance(inner, type) else None
+        said = getattr(hint, "__metadata__", ())
+        if not any(getattr(one, "prefix_name", None) is False for one in said):
+            words.append(field_name.replace("_", "-"))
+        inner = getattr(hint, "__origin__", hint) if said else hint
+    return "--" + ".".join(words)
 
 
 def parse_with_settings(
@@ -107,5 +123,11 @@ def _with_tree(options: type, tree: type) -> type:
 
 
 def beside(path: Path, ending: str) -> Path:
-    """The usual name of something made from a file, in its folder: ``walk.mcap`` → ``walk.estimate.mcap``."""
+    """The usual name of something made from a file, in its folder: ``walk.mcap`` → ``walk.estimate.mcap``.
+
+    Raises:
+        InputError: for a folder's path that has no name.
+    """
+    if not path.name:
+        raise InputError(f"{path} is a folder: expected a file")
     return path.with_name(path.name.removesuffix(path.suffix) + ending)

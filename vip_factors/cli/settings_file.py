@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args, get_type_hints
 
 from vip_factors.errors import FileFormatError, InputError
+from vip_factors.ranges import RangeError
 
 Tree = TypeVar("Tree")
 
@@ -36,7 +37,10 @@ def read_settings(path: Path, defaults: Tree, named: Callable[[str], Tree] | Non
             defaults = named(name)
         except ValueError as wrong:
             raise InputError(f"{path}: setting 'configuration': {wrong}") from wrong
-    return _overlaid(defaults, content, str(path), ())
+    try:
+        return _overlaid(defaults, content, str(path), ())
+    except RangeError as wrong:
+        raise InputError(f"{path}: setting {wrong}") from wrong
 
 
 def _overlaid(defaults: Any, content: Mapping[str, Any], file: str, above: tuple[str, ...]) -> Any:

@@ -149,7 +149,7 @@ def simulated(options: SimulateOptions) -> "Recording":
     motion = _posed(_motion(options.motion, options, 0), options, 0)
     settings = SimulateSettings.noise_free() if options.noise_free else options.errors
     placement = preset(options.placement, motion.skeleton)
-    return simulate_recording(motion, placement, settings, options.seed, motion.name, options.initial_pose)
+    return simulate_recording(motion, placement, settings, options.seed, options.out.stem, options.initial_pose)
 
 
 def simulated_scene(options: SimulateOptions) -> "Scene":

@@ -1,5 +1,7 @@
 """``vip-factors smooth``: a recording or a scene in, an estimate out."""
 
+import shlex
+import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -72,7 +74,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         estimate = smooth_scene(scene, settings, tell)
     _write(replace(estimate, settings=flattened(settings)), out, options.overwrite, scene.wearers[0].start_ns)
     _tell(estimate)
-    print(out)
+    _tell_file(out, options)
 
 
 def _in_windows(paths: Sequence[Path], settings: "Settings") -> "SampledScene | None":
@@ -116,7 +118,7 @@ def _smooth_windows(
     print(f"{sum(one.seconds for one in counted):.1f} s of solving")
     for finding in scene.findings:
         print(f"note: {finding}")
-    print(out)
+    _tell_file(out, options)
 
 
 def _smooth_filmed_windows(sampled: "SampledScene", options: SmoothOptions, settings: "Settings", out: Path) -> bool:
@@ -140,7 +142,7 @@ def _smooth_filmed_windows(sampled: "SampledScene", options: SmoothOptions, sett
         _smooth_windows(sampled, options, settings, out, (UNSEEN,))
     else:
         _tell(estimate.closed(), estimate.frames, sum(seconds))
-        print(out)
+        _tell_file(out, options)
     return True
 
 
@@ -192,6 +194,18 @@ def _tell(estimate: "SceneEstimate", frames: int | None = None, seconds: float =
     print(f"{seconds:.1f} s of solving")
     for finding in estimate.findings:
         print(f"note: {finding}")
+
+
+def _tell_file(out: Path, options: SmoothOptions) -> None:
+    """The file, for scripts; and to who sits before a terminal what may be done with it."""
+    print(out)
+    if sys.stdout.isatty():
+        estimate, recording = (shlex.quote(str(path)) for path in (out, options.recording[0]))
+        export = shlex.quote(str(beside(out, ".bvh")))
+        print(
+            f"next: vip-factors view {estimate} {recording}, vip-factors report {estimate} --recording {recording}, "
+            f"vip-factors export {estimate} {export}"
+        )
 
 
 def _defaults(arguments: Sequence[str]) -> "Settings":

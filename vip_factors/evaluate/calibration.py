@@ -40,6 +40,11 @@ class CalibrationError:
         return CalibrationError(heading, {name: self.mounting[name] for name in heading}, self.gauge)
 
 
+def share_sensors(estimate: Calibration, truth: Calibration) -> bool:
+    """Whether there is a sensor that both know; a converted log calls by number what a simulation calls by site."""
+    return any(name in truth for name in estimate)
+
+
 def calibration_error(estimate: Calibration, truth: Calibration, gauge: float | None = None) -> CalibrationError:
     """Errors of the sensors that both know.
 

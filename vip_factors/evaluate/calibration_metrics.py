@@ -4,13 +4,14 @@ Few keypoint sets have a point beyond ankle and wrist, so the camera says little
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from vip_factors.evaluate import consistency
 from vip_factors.evaluate.calibration import CalibrationError, mean_and_95th
 from vip_factors.evaluate.table import Metric
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, wrap_angle
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.placement import Placement
 
@@ -18,17 +19,38 @@ ENDS = frozenset(f"{side}_{bone}" for side in ("left", "right") for bone in ("an
 
 
 def calibration_metrics(
-    error: CalibrationError, estimate: Calibration, placement: Placement | None = None
+    error: CalibrationError, estimate: Calibration, placement: Placement | None = None, mean_gauge: bool = False
 ) -> dict[str, Metric]:
-    """Mean and 95th percentile of heading and mounting errors, and whether their sigmas are honest."""
+    """Mean and 95th percentile of heading and mounting errors, and whether their sigmas are honest.
+
+    Args:
+        error: of the sensors that are compared.
+        estimate: with the sigmas.
+        placement: to tell the sensors of feet and hands from the rest.
+        mean_gauge: whether the mean of the heading errors was removed. The sigmas are meant otherwise: one heading
+            defines the world's, and those of the others are against it.
+    """
     table = error_metrics([error])
     if placement is not None:
         ends = {site.sensor for site in placement.sites if site.bone in ENDS}
         rest = {site.sensor for site in placement.sites} - ends
         table |= error_metrics([error.of(ends)], "_feet_hands") | error_metrics([error.of(rest)], "_rest")
     table["yaw_gauge"] = Metric(float(np.rad2deg(error.gauge)), "deg")
-    table |= consistency_metrics("heading", consistency.heading_nees(error, estimate), 1)
+    against = _against_the_surest(error, estimate) if mean_gauge else error
+    if against.heading:
+        table |= consistency_metrics("heading", consistency.heading_nees(against, estimate), 1)
     return table | consistency_metrics("mounting", consistency.mounting_nees(error, estimate), 3)
+
+
+def _against_the_surest(error: CalibrationError, estimate: Calibration) -> CalibrationError:
+    """Heading errors against that of the sensor that is surest of its own, which defines the world's; without it."""
+    sigmas = {name: estimate[name].heading_sigma for name in error.heading}
+    known = {name: sigma for name, sigma in sigmas.items() if np.isfinite(sigma)}
+    if not known:
+        return error
+    surest = min(known, key=lambda name: known[name])
+    heading = {name: float(wrap_angle(value - error.heading[surest])) for name, value in error.heading.items()}
+    return replace(error, heading=heading).of([name for name in heading if name != surest])
 
 
 def error_metrics(errors: list[CalibrationError], which: str = "") -> dict[str, Metric]:

@@ -1,6 +1,7 @@
 """All metrics of one estimate against the truth, as one table."""
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -10,14 +11,21 @@ from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.estimate import Estimate, PoseCovariance
 from vip_factors.evaluate import consistency, joint_angle, metrics, trajectory
 from vip_factors.evaluate.body import body_metrics, joint_centre_error, length_table
-from vip_factors.evaluate.calibration import calibration_error, heading_error_over_time, mean_and_95th
+from vip_factors.evaluate.calibration import calibration_error, heading_error_over_time, mean_and_95th, share_sensors
 from vip_factors.evaluate.calibration_metrics import calibration_metrics, consistency_metrics, sensor_table
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.joints import Compared
 from vip_factors.evaluate.summary import summary_lines
 from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines
+from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.placement import Placement
 from vip_factors.sensors.recording import Truth
+
+SHOWN = 3  # names of sensors in a sentence
+
+
+class EvaluationWarning(UserWarning):
+    """Something that could not be compared, and why."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +82,10 @@ def evaluate(
             scene); if None, the mean heading error is taken for it.
 
     Raises:
-        InputError: if the two share no frame, or no sensor though both carry a calibration.
+        InputError: if the two share no frame.
+
+    Warns:
+        EvaluationWarning: if both carry a calibration but share no sensor: headings and mountings are left out.
     """
     motion, reference, chosen = common_frames(estimate.motion, truth.motion)
     compared = Compared.of(truth.known_bones)
@@ -93,14 +104,27 @@ def evaluate(
         for name, row in joints.items():
             row["nees"] = consistency.summarise(values[:, joint_index(name)], 3).nees
     sensors: dict[str, Mapping[str, float]] = {}
-    if estimate.calibration and truth.calibration:
+    if estimate.calibration and truth.calibration and not share_sensors(estimate.calibration, truth.calibration):
+        warnings.warn(EvaluationWarning(_other_sensors(estimate.calibration, truth.calibration)), stacklevel=2)
+    elif estimate.calibration and truth.calibration:
         error = calibration_error(estimate.calibration, truth.calibration, gauge)
-        table |= calibration_metrics(error, estimate.calibration, placement)
+        table |= calibration_metrics(error, estimate.calibration, placement, mean_gauge=gauge is None)
         if any(len(one.heading_path) for one in estimate.calibration.values()):
             over_time = heading_error_over_time(estimate.calibration, truth.calibration, motion.time, gauge)
             table["heading_error_over_time"] = Metric(mean_and_95th(np.abs(list(over_time.values())))[0], "deg")
         sensors = sensor_table(error)
     return Evaluation(estimate.name, estimate.method, len(motion), table, joints, sensors, lengths)
+
+
+def _other_sensors(estimate: Calibration, truth: Calibration) -> str:
+    return (
+        f"headings and mountings are not compared: the estimate's sensors are called {_some(estimate)}, those of the "
+        f"truth {_some(truth)}"
+    )
+
+
+def _some(names: Collection[str]) -> str:
+    return ", ".join(list(names)[:SHOWN]) + (" …" if len(names) > SHOWN else "")
 
 
 def evaluate_motion(estimate: Motion, truth: Motion) -> Evaluation:

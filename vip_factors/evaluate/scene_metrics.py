@@ -8,7 +8,7 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import SceneEstimate
 from vip_factors.evaluate import consistency
 from vip_factors.evaluate.association import association_score
-from vip_factors.evaluate.calibration import CalibrationError, calibration_error
+from vip_factors.evaluate.calibration import CalibrationError, calibration_error, share_sensors
 from vip_factors.evaluate.calibration_metrics import ENDS, consistency_metrics, error_metrics
 from vip_factors.evaluate.camera import camera_error
 from vip_factors.evaluate.table import Metric
@@ -142,7 +142,9 @@ def _calibration_errors(
     estimate: SceneEstimate, scene: Scene, gauge: float | None
 ) -> Iterator[tuple[int, CalibrationError]]:
     for index, (one, wearer) in enumerate(zip(estimate.wearers, scene.wearers, strict=True)):
-        if one.calibration and wearer.truth is not None and wearer.truth.calibration:
+        if wearer.truth is None or wearer.truth.calibration is None:
+            continue
+        if share_sensors(one.calibration, wearer.truth.calibration):
             yield index, calibration_error(one.calibration, wearer.truth.calibration, gauge)
 
 

@@ -41,8 +41,8 @@ class GroundContactSettings:
     # scenes (13 sensors, standing camera) joints were 57 mm from where they were in the room instead of 135 mm, for
     # detectors' habits and bone lengths put people 3 % too near; their poses stayed as they were.
     use: bool = True
-    contact_from: ContactFrom = ContactFrom.JOINT_STATE
-    weighing: Weighing = Weighing.PIXELS
+    contact_from: ContactFrom = ContactFrom.JOINT_STATE  # what tells that a foot stands: a sensor on it, or the pose
+    weighing: Weighing = Weighing.PIXELS  # how far the ankle may be from there: as its pixel says, or sigma everywhere
     sigma: float = 0.15  # m, where weighed by distance
     # m, where weighed by pixels: soles, carpets, late contacts, which last. Streams of twelve scenes on a level floor
     # were 5.4 cm off (without contact 5.4, at 0.03 and feet on the floor 6.3), four with people seen too near 11.9

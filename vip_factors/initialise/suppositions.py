@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, angle_between, wrap_angle
-from vip_factors.ranges import Share
+from vip_factors.ranges import RangeError, Share
 
 # Of the mean lean of trunk, thighs and shanks over a recording: walkers' and standers' are within 10°, sitters' not.
 UPRIGHT_SIGMA = np.deg2rad(15.0)
@@ -21,9 +20,8 @@ class StartSettings:
     # Degrees, how well the inertial frames of sensors that were started together agree (where they do at all), unless
     # factors.agreeing_headings states it. Thirteen of one make lay within −10° to +4°, one of them at −33°.
     agree_deg: float = 15.0
-    # Chances of a sensor that follows no rule: strapped on anyhow (three of thirteen), or started elsewhere (one).
-    strange_strap: Share = 0.1
-    strange_frame: Share = 0.05
+    strange_strap: Share = 0.1  # chance of a sensor that was strapped on anyhow: three of thirteen were
+    strange_frame: Share = 0.05  # chance of a sensor that was started elsewhere: one of thirteen was
     # Nats by which a start has to be more likely than the next that differs, to be taken for settled: 20 to 1.
     settled: float = 3.0
     stretch_s: float = 30.0  # of the recording that is looked at
@@ -33,12 +31,11 @@ class StartSettings:
     def __post_init__(self) -> None:
         for name in ("agree_deg", "stretch_s", "rate", "bone_sigma_deg"):
             if not getattr(self, name) > 0:
-                raise InputError(f"calibration.start.{name} is {getattr(self, name):g}: expected a number above 0")
+                raise RangeError(f"calibration.start.{name}", f"is {getattr(self, name):g}: expected a number above 0")
         for name in ("strange_strap", "strange_frame"):
             if not 0 < getattr(self, name) < 1:
-                raise InputError(
-                    f"calibration.start.{name} is {getattr(self, name):g}: expected a share between 0 and 1"
-                )
+                told = f"is {getattr(self, name):g}: expected a share between 0 and 1"
+                raise RangeError(f"calibration.start.{name}", told)
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,9 @@ def check_target(path: str | os.PathLike[str], overwrite: bool = False) -> Path:
     if not os.access(target.parent, os.W_OK):
         raise InputError(f"cannot write {path}: no permission to write in folder {target.parent}")
     if target.exists() and not overwrite:
-        raise InputError(f"{path} exists already: choose another name, or allow overwriting it (overwrite)")
+        raise InputError(
+            f"{path} exists already: choose another, or allow to replace it (--overwrite; overwrite=True in Python)"
+        )
     return target
 
 

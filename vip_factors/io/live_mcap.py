@@ -104,7 +104,7 @@ class LiveMcapSink:
         except FileExistsError as error:
             raise InputError(
                 f"{self.partial} exists already, left by a stream that was killed or still runs: look at it and rename "
-                "it, or allow overwriting it (overwrite)"
+                "it, or allow to replace it (--overwrite; overwrite=True in Python)"
             ) from error
         self._good_bytes = 0  # up to the end of the last whole chunk
         self._writer = MessageWriter(self._file, CHUNK_BYTES)

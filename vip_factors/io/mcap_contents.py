@@ -96,6 +96,8 @@ def read_contents(path: str | os.PathLike[str], wanted: Callable[[McapChannel], 
         FileFormatError: if it is empty or not an MCAP file.
     """
     path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: expected an MCAP file")
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected an MCAP file")
     with open(path, "rb") as file:

@@ -157,6 +157,20 @@ def _start_of(recording: McapContents) -> int:
     return time_ns_of(infos[-1].start) if infos else 0
 
 
+def read_start(path: str | os.PathLike[str]) -> int:
+    """Absolute time in nanoseconds of an estimate's t = 0; 0 if it is not known."""
+    contents = read_contents(
+        path, lambda channel: channel.topic.startswith(ESTIMATE) and is_ours(channel, EstimateInfo)
+    )
+    topics = [topic for topic in contents.topics if topic.endswith(INFO)]
+    infos = [
+        one
+        for topic in topics
+        for one in of_topic(contents.path, list(contents.messages.values()), topic, EstimateInfo)
+    ]
+    return time_ns_of(infos[0].start) if infos else 0
+
+
 def info_message(estimate: Estimate, start_ns: int) -> EstimateInfo:
     """What an estimate is."""
     message = EstimateInfo(
@@ -231,6 +245,10 @@ def estimate_of(contents: McapContents, messages: Iterable[McapMessages], prefix
     infos = of_topic(path, ours, prefix + INFO, EstimateInfo)
     motions = of_topic(path, ours, prefix + MOTION, MotionInfo)
     if not infos or not motions:
+        if any(topic.endswith(RECORDING_INFO) for topic in contents.topics):
+            raise FileFormatError(
+                f"{path} is a recording: expected an estimate, which vip-factors smooth makes of a recording"
+            )
         topics = ", ".join(contents.topics) or "none"
         damage = f" ({contents.damage[0]})" if contents.damage else ""
         several = any(topic.startswith(f"{SINGLE}/wearer/") for topic in contents.topics) and prefix == SINGLE

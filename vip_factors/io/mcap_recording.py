@@ -263,12 +263,14 @@ def _tell_foreign(contents: McapContents, channels: Sequence[McapChannel]) -> No
 
 def _nothing_here(contents: McapContents) -> str:
     topics = contents.topics
+    if topics and all(topic.startswith(ESTIMATE) for topic in topics):
+        return f"{contents.path} is an estimate: expected a recording; give the one that it was made from"
     found = f"found topics {', '.join(topics)}" if topics else "it has no topics"
     advice = ""
     if any(topic.startswith(ESTIMATE) for topic in topics):
-        advice = "; it is an estimate: read it as one (read_estimate)"
+        advice = "; it is an estimate: give the recording that it was made from"
     elif any(is_imu(one.channel) for one in contents.messages.values()):
-        advice = "; it has sensor_msgs/msg/Imu: read it as ROS 2 (read_ros2_imus)"
+        advice = "; it has sensor_msgs/msg/Imu: bring it into a recording with vip-factors convert"
     damage = f" ({contents.damage[0]})" if contents.damage else ""
     expected = f"expected a recording, with messages such as {PACKAGE}ImuSample"
     return f"{contents.path}: {expected}; {found}{damage}{advice}"

@@ -116,6 +116,7 @@ def _both_sides(name: str, site: NamedSite) -> dict[str, NamedSite]:
     return {f"left_{name}": site, f"right_{name}": right}
 
 
+AT_THE_SITE_M = 0.005  # what was placed by name sits there but for rounding, and sites are further apart
 # Depths are rough radii of the segment with skin and sensor box, from girths in Winter's and de Leva's subjects.
 SITES: dict[str, NamedSite] = {
     "head": NamedSite("head", None, 0.0, "back", 0.055, "up", lift=0.050),
@@ -195,6 +196,14 @@ def place(
     p_bone_sensor = site.along * along + stature_of(skeleton) * (site.depth * outward + np.array([0, site.lift, 0]))
     R_bone_sensor = np.stack([x_axis, np.cross(outward, x_axis), outward], axis=1)
     return SensorSite(sensor or site_name, site.bone, p_bone_sensor, R_bone_sensor, mounting_sigma)
+
+
+def site_name(site: SensorSite, skeleton: Skeleton) -> str | None:
+    """Which of the :data:`SITES` a sensor sits at, on a skeleton; None if it was put elsewhere on the bone."""
+    here = {name: place(name, skeleton).p_bone_sensor for name, one in SITES.items() if one.bone == site.bone}
+    apart = {name: float(np.linalg.norm(p_bone_sensor - site.p_bone_sensor)) for name, p_bone_sensor in here.items()}
+    nearest = min(apart, key=lambda name: apart[name], default=None)
+    return nearest if nearest is not None and apart[nearest] < AT_THE_SITE_M else None
 
 
 def preset(

@@ -12,7 +12,7 @@ keypoint's OKS sigma times the square root of the person's area in the image.
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from vip_factors.errors import InputError
+from vip_factors.ranges import RangeError
 
 # The square root of a person's area in the image, over the height at which their whole stature would appear.
 ROOT_AREA_PER_HEIGHT = 0.45  # COCO's areas are those of masks: a standing body fills about 0.2 of height squared
@@ -76,9 +76,9 @@ class DetectorSettings:
                 continue
             if not (value > 0 if positive else value >= 0):
                 wanted = "above 0" if positive else "0 or more"
-                raise InputError(f"detector setting {one.name} = {value:g}: expected {wanted}")
+                raise RangeError(f"detector.{one.name}", f"is {value:g}: expected {wanted}")
             if value > 1 and one.name in SHARES:
-                raise InputError(f"detector setting {one.name} = {value:g}: expected a share from 0 to 1")
+                raise RangeError(f"detector.{one.name}", f"is {value:g}: expected a share from 0 to 1")
 
     @classmethod
     def realistic(cls, **changes: Any) -> "DetectorSettings":

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from vip_factors.errors import InputError
+from vip_factors.ranges import RangeError
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,9 @@ class SimulateSettings:
             positive = one.name.endswith(("_rate", "time_s")) or one.name == "lowpass_hz"
             if not (value > 0 if positive else value >= 0):
                 wanted = "above 0" if positive else "0 or more"
-                raise InputError(f"simulate setting {one.name} = {value:g}: expected {wanted}")
+                raise RangeError(one.name, f"is {value:g}: expected {wanted}")
         if not self.packet_loss < 1:
-            raise InputError(f"simulate setting packet_loss = {self.packet_loss:g}: expected a share below 1")
+            raise RangeError("packet_loss", f"is {self.packet_loss:g}: expected a share below 1")
 
     @classmethod
     def realistic(cls, **changes: Any) -> "SimulateSettings":

@@ -11,6 +11,7 @@ from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.estimate import Estimate, EstimatePart, LongEstimate, PoseCovariance
 from vip_factors.sensors.sampled import SampledRecording
 from vip_factors.settings import Settings, flatten
+from vip_factors.stages.calibration_sigmas import with_calibration_sigmas
 from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.decode import calibration_of, motion_of
 from vip_factors.stages.heading_drift import drift_findings
@@ -45,7 +46,9 @@ def smooth_windows(recording: SampledRecording, settings: Settings, progress: Pr
     with threadpool_limits(limits=1, user_api="blas"):
         recording, about_sensors = with_sensors_checked(recording, plan, settings)
         found = calibrate(recording, plan, settings, solver)
-    head = _head(recording, found, plan, settings)
+        head = _head(recording, found, plan, settings)
+        if settings.acceleration:
+            head = with_calibration_sigmas(head, found, settings.calibration)
     head = replace(head, reports=tuple(solver.reports), findings=(*about_sensors, *head.findings))
     return LongEstimate(head, plan.frames, _parts(recording, found, plan, settings, head.motion, progress))
 

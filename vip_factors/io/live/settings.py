@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from vip_factors.errors import InputError
-from vip_factors.ranges import Patience
+from vip_factors.ranges import RangeError
 
 MIB = 1024 * 1024
 POSITIVE = (
@@ -54,14 +53,14 @@ class LiveSourceSettings:
     largest_chunk: int = 64 * MIB
     queue_limit: int = 4096
     growth_wait: float = 10.0
-    next_client_wait: Patience = float("inf")
+    next_client_wait: float = float("inf")
 
     def __post_init__(self) -> None:
         for name in POSITIVE:
             if not getattr(self, name) > 0:
-                raise InputError(f"live source: {name} is {getattr(self, name)}: expected a positive number")
+                raise RangeError(f"limits.{name}", f"is {getattr(self, name)}: expected a positive number")
         if not self.next_client_wait >= 0:
-            raise InputError(f"live source: next_client_wait is {self.next_client_wait}: expected 0 seconds or more")
+            raise RangeError("limits.next_client_wait", f"is {self.next_client_wait}: expected 0 seconds or more")
 
 
 DEFAULT = LiveSourceSettings()

@@ -1,0 +1,114 @@
+"""What commands say: in the words of the command line, once, and what may be done next."""
+
+import re
+import sys
+import warnings
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vip_factors.cli.info_scene import _path_text
+from vip_factors.cli.main import main
+from vip_factors.io.mcap_estimate import read_estimate
+from vip_factors.io.mcap_recording import read_recording
+
+
+def assert_one_sentence(told, *words: str) -> None:
+    assert told.code == 2
+    assert told.err.count("\n") == 1
+    assert told.err.startswith("vip-factors: ")
+    for word in words:
+        assert word in told.err
+
+
+def test_sentences_name_options_and_no_functions(run, files, tmp_path: Path) -> None:
+    assert_one_sentence(run("smooth", files.recording), "--overwrite")
+    assert_one_sentence(run("smooth", files.recording, "--overwrite", "--coarse-factor=-1"), "--coarse-factor is -1")
+    assert_one_sentence(run("simulate", "gestures", tmp_path / "a.mcap", "--imu-rate", "inf"), "--imu-rate is inf")
+    assert_one_sentence(run("evaluate", files.estimate), "--truth")
+    assert_one_sentence(run("evaluate", files.recording), "holds no estimate")
+    for told in (run("evaluate", files.estimate), run("smooth", files.estimate, "--out", tmp_path / "e.mcap")):
+        assert_one_sentence(told)
+        assert not re.search(r"\((read|smooth|write)_", told.err)
+
+
+def test_a_settings_file_with_a_wrong_number_is_named(run, files, tmp_path: Path) -> None:
+    settings = tmp_path / "s.toml"
+    settings.write_text("coarse_factor = -1")
+    told = run("smooth", files.recording, "--overwrite", "--settings", settings)
+    assert_one_sentence(told, "s.toml", "setting coarse_factor is -1")
+
+
+def test_a_true_motion_may_be_compared_with(run, files, tmp_path: Path) -> None:
+    assert run("export", files.estimate, tmp_path / "found.bvh").code == 0
+    told = run("evaluate", files.estimate, "--truth", tmp_path / "found.bvh")
+    assert told.code == 0
+    assert re.search(r"mpjpe \| 0\.\d+ \| mm", told.out)
+
+
+def test_the_truth_of_another_recording_is_doubted(run, files, tmp_path: Path) -> None:
+    other = tmp_path / "other.mcap"
+    assert run("simulate", "gestures", other, "--seconds", "3", "--placement", "tnt10").code == 0
+    told = run("evaluate", files.estimate, "--truth", other)
+    assert told.code == 0
+    assert "is this the truth of the same recording? the estimate is of 'walk', the truth of 'other'" in told.err
+    assert run("evaluate", files.estimate, "--truth", files.recording).err == ""
+
+
+def test_a_cut_file_is_told_of_once(run, files, tmp_path: Path) -> None:
+    content = files.estimate.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(content[: int(0.6 * len(content))])
+    told = run("info", tmp_path / "cut.mcap")
+    assert told.err.count("the file is cut off") == 1
+
+
+def test_info_tells_sites_and_mountings_with_their_sigmas(run, files) -> None:
+    told = run("info", files.recording)
+    assert re.search(r"left_shank +left_shank +left_knee ", told.out)
+    assert re.search(
+        r"heading of head: .* ± .*; mounting wxyz .* ± [0-9.]+° \(worst axis\)", run("info", files.estimate).out
+    )
+
+
+def test_a_camera_that_trembles_stands() -> None:
+    trembling = np.array([1.0, 2.0, 1.5]) + 0.01 * np.random.default_rng(0).normal(size=(300, 3))
+    assert _path_text(trembling).startswith("stood at 1.00, 2.00, 1.50 m, within ")
+    walked = np.stack([np.linspace(0, 3, 300), np.zeros(300), np.ones(300)], axis=1)
+    assert _path_text(walked) == "300 poses, a path of 3.0 m"
+
+
+def test_streams_have_no_windows(run, files) -> None:
+    assert "--windows." not in run("stream", "--help").out
+    assert_one_sentence(run("stream", files.recording, "--windows.above-s", "10"), "--windows.above-s")
+
+
+def test_no_two_options_share_a_text(run) -> None:
+    """A comment in a settings class is the help of every field that follows it without another."""
+    text = re.sub(r"[│╭╮╰╯─]", "", run("smooth", "--help-all").out)
+    told = [
+        " ".join(one.partition("\n")[2].partition("(default")[0].split()) for one in re.split(r"\n\s*(?=--[a-z])", text)
+    ]
+    assert len(told) > 100
+    assert [one for one, after in pairwise(told) if len(one) > 25 and one == after] == []
+
+
+def test_smooth_says_what_to_do_next_to_a_person_alone(
+    files, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = ["smooth", str(files.recording), "--frame-rate", "5", "--solve.max-iterations", "1", "--out"]
+    assert main([*command, str(tmp_path / "a.mcap")]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == str(tmp_path / "a.mcap")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    assert main([*command, str(tmp_path / "an estimate.mcap")]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith(f"next: vip-factors view '{tmp_path}/an estimate.mcap' ")
+    assert "vip-factors report " in last
+    assert "vip-factors export " in last
+
+
+def test_the_same_readers_still_read(files) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert read_estimate(files.estimate).name == read_recording(files.recording).name == "walk"

@@ -1,0 +1,46 @@
+"""Without a camera too, every heading and mounting has a standard deviation that holds the truth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vip_factors.evaluate.evaluation import evaluate
+from vip_factors.pipeline import smooth
+from vip_factors.sensors.placement import preset
+from vip_factors.sensors.recording import Recording
+from vip_factors.settings import Settings
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.recording import simulate_recording
+from vip_factors.simulate.settings import SimulateSettings
+
+SMALL = replace(Settings(), frame_rate=20.0)
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    motion = gestures(4.0)
+    errors = SimulateSettings(heading_offset_deg=20.0)
+    return simulate_recording(motion, preset("sip6", motion.skeleton), errors, seed=2, name="walk")
+
+
+@pytest.mark.parametrize("in_windows", [False, True])
+def test_they_are_told_and_hold_the_truth(recording: Recording, in_windows: bool) -> None:
+    windows = replace(SMALL.windows, above_s=2.0, window_s=2.0, overlap_s=0.5) if in_windows else SMALL.windows
+    estimate = smooth(recording, replace(SMALL, windows=windows))
+    headings = np.array([one.heading_sigma for one in estimate.calibration.values()])
+    mountings = np.stack([one.mounting_sigma for one in estimate.calibration.values()])
+    assert np.sum(headings < np.deg2rad(0.2)) == 1  # the pelvis's, which is the world's
+    assert np.all((headings > 0) & (headings < np.deg2rad(40.0)))
+    assert np.all((mountings > 0) & (mountings < np.deg2rad(40.0)))
+    assert recording.truth is not None
+    evaluation = evaluate(estimate, recording.truth)
+    assert evaluation["nees_heading"] < 4.0
+    assert evaluation["nees_mounting"] < 4.0
+
+
+def test_what_is_no_variable_has_none(recording: Recording) -> None:
+    kept = replace(SMALL.calibration, estimate_mountings=False)
+    estimate = smooth(recording, replace(SMALL, calibration=kept))
+    assert all(np.isfinite(one.heading_sigma) for one in estimate.calibration.values())
+    assert not any(np.isfinite(one.mounting_sigma).any() for one in estimate.calibration.values())

@@ -14,7 +14,7 @@ from vip_factors.live.settings import LiveSettings
 from vip_factors.settings import Settings
 
 HEAVY = ("gtsam", "scipy", "cv2", "rerun", "mcap", "google.protobuf", "numpy", "optuna")
-MOST_LINES = 150  # at 80 columns; stream has as many options of its own, and 1100 lines of them all
+MOST_LINES = 170  # stream alone has more than a hundred: sinks and limits of its own
 
 
 def test_help_imports_nothing_heavy() -> None:

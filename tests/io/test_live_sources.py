@@ -140,7 +140,7 @@ def test_closed_standard_input_is_an_input_error(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize(
     "text",
     [
-        "http://here:80", "tcp://here", "tcp://:5000", "tcp://here:5000/path", "tcp://here:99999", "ws://", "tcp://[::1:5",
+        "http://here:80", "tcp://here", "tcp://here:5000/path", "tcp://here:99999", "ws://", "tcp://[::1:5",
         "udp://here:1", "tcp://me@here:5000",
     ],
 )  # fmt: skip

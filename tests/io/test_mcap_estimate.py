@@ -160,7 +160,7 @@ def test_of_a_cut_estimate_the_first_frames_are_read(tmp_path: Path, share: floa
 def test_a_recording_is_no_estimate_and_the_other_way_round(tmp_path: Path) -> None:
     write_recording(walk(5), tmp_path / "r.mcap")
     write_estimate(example(3), tmp_path / "e.mcap")
-    with pytest.raises(FileFormatError, match=r"expected an estimate.*found topics .*/imu/head"):
+    with pytest.raises(FileFormatError, match="is a recording: expected an estimate"):
         read_estimate(tmp_path / "r.mcap")
     with pytest.raises(FileFormatError, match="read_estimate"):
         read_recording(tmp_path / "e.mcap")

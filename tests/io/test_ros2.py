@@ -175,7 +175,7 @@ def test_of_a_cut_file_the_first_samples_are_read_and_it_is_said(tmp_path: Path)
 
 def test_errors_name_the_file_and_what_to_do(tmp_path: Path) -> None:
     path = write(tmp_path / "r.mcap", {"/imu": [imu(0)]})
-    with pytest.warns(McapWarning), pytest.raises(FileFormatError, match="read_ros2_imus"):
+    with pytest.warns(McapWarning), pytest.raises(FileFormatError, match="vip-factors convert"):
         read_recording(path)
     far = {"x": 0.0, "y": 0.0, "z": 981.0}
     write(path, {"/imu": [imu(0, linear_acceleration=far)]})

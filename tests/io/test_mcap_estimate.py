@@ -162,7 +162,7 @@ def test_a_recording_is_no_estimate_and_the_other_way_round(tmp_path: Path) -> N
     write_estimate(example(3), tmp_path / "e.mcap")
     with pytest.raises(FileFormatError, match="is a recording: expected an estimate"):
         read_estimate(tmp_path / "r.mcap")
-    with pytest.raises(FileFormatError, match="read_estimate"):
+    with pytest.raises(FileFormatError, match="is an estimate: expected a recording"):
         read_recording(tmp_path / "e.mcap")
 
 

@@ -34,11 +34,11 @@ def read_calibration_history(path: str | os.PathLike[str]) -> list[CalibrationHi
     for topic in list(infos[-1].wearer_topics) if infos else [SINGLE]:
         said, poses = messages.get(topic + CALIBRATION), messages.get(topic + POSE)
         motions = of_topic(contents.path, list(messages.values()), topic + MOTION, MotionInfo)
-        if said is None or poses is None or not motions:
+        told = of_topic(contents.path, [poses], topic + POSE, BodyPose) if poses is not None else []
+        if said is None or poses is None or not motions or not told:
             histories.append((np.zeros(0), []))
             continue
-        first = of_topic(contents.path, [poses], topic + POSE, BodyPose)[0]
-        first_s = motions[-1].start_s + first.frame / motions[-1].rate_hz
+        first_s = motions[-1].start_s + told[0].frame / motions[-1].rate_hz
         start_ns = poses.log_times[0] - round(first_s * 1e9)
         found = of_topic(contents.path, [said], topic + CALIBRATION, CalibrationEstimate)
         times = (np.array(said.log_times, dtype=np.int64) - start_ns) / 1e9

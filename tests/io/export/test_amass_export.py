@@ -75,3 +75,13 @@ def test_it_holds_what_other_readers_ask_for(tmp_path: Path) -> None:
         shapes = {name: file[name].shape for name in ("poses", "trans", "betas", "dmpls")}
         assert shapes == {"poses": (T, 156), "trans": (T, 3), "betas": (16,), "dmpls": (T, 8)}
         assert (str(file["gender"]), int(file["mocap_framerate"]), int(file["mocap_frame_rate"])) == ("neutral", 60, 60)
+
+
+@pytest.mark.parametrize("suffix", [".bvh", ".npz", ".csv"])
+def test_an_estimate_without_frames_is_refused(tmp_path: Path, suffix: str) -> None:
+    scene = _scene("Ada")
+    wearer = scene.wearers[0]
+    none = replace(wearer.motion, R_parent_child=np.zeros((0, 24, 3, 3)), p_world_pelvis=np.zeros((0, 3)))
+    with pytest.raises(InputError, match="'Ada' has no frames"):
+        export(replace(scene, wearers=(replace(wearer, motion=none),)), tmp_path / f"walk{suffix}")
+    assert list(tmp_path.iterdir()) == []

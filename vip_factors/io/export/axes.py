@@ -1,6 +1,6 @@
 """From our world, Z up, to one with Y up as animation programs have it."""
 
-import numpy as np
+from vip_factors.body.anatomical_frames import R_WORLD_ISB
 
-R_YUP_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+R_YUP_WORLD = R_WORLD_ISB.T
 """x stays, z becomes y, y becomes -z: what Blender and glTF do. At rest a body then faces z, its left along x."""

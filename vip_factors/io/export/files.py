@@ -72,12 +72,16 @@ def export(
         The files that were written.
 
     Raises:
-        InputError: for an unknown suffix or wearer, or a file that may not be written.
+        InputError: for an unknown suffix or wearer, one without frames, or a file that may not be written.
     """
     known = FORMATS.get(path.suffix.lower())
     if known is None:
         raise InputError(f"{path}: expected a file that ends in {', '.join(FORMATS)}")
-    chosen = resampled(_chosen(estimate, settings.wearer), settings.frame_rate)
+    chosen = _chosen(estimate, settings.wearer)
+    for wearer in chosen.wearers:
+        if len(wearer.motion) == 0:
+            raise InputError(f"wearer '{wearer.name}' has no frames to export: was the estimate's file cut off?")
+    chosen = resampled(chosen, settings.frame_rate)
     parts = [chosen] if known.several else [_alone(chosen, number) for number in range(len(chosen.wearers))]
     paths = file_names(path, parts)
     for one in paths:

@@ -27,7 +27,7 @@ def changed(values: np.ndarray, row: int, value: object) -> np.ndarray:
     ("make", "sentence"),
     [
         (lambda: ImuStream("s", np.zeros(0), np.zeros((0, 3))), "'s' has no samples"),
-        (lambda: ImuStream("s", changed(TIME, 2, np.nan), FORCE), "a time stamp is not finite"),
+        (lambda: ImuStream("s", changed(TIME, 2, np.nan), FORCE), "a time of nan s"),
         (lambda: ImuStream("s", changed(TIME, 3, 0.1), FORCE), r"from 0\.2000 s to 0\.1000 s at sample 3"),
         (lambda: ImuStream("s", changed(TIME, 3, 0.2), FORCE), "expected strictly increasing times"),
         (lambda: ImuStream("s", TIME, FORCE[:4]), r"specific force has shape \(4, 3\): expected \(6, 3\)"),
@@ -54,6 +54,11 @@ def test_samples_that_are_not_finite_become_gaps() -> None:
     np.testing.assert_array_equal(stream.R_inertial_sensor, R[[0, 1, 4, 5]])
     np.testing.assert_allclose(stream.gaps, [[0.1, 0.4]])
     assert np.isclose(stream.rate, 10.0)
+
+
+def test_samples_whose_times_no_clock_shows_become_gaps() -> None:
+    stream = ImuStream.from_samples("s", changed(changed(TIME, 2, -1e308), 4, np.inf), FORCE)
+    np.testing.assert_allclose(stream.time, TIME[[0, 1, 3, 5]])
 
 
 @given(st.sets(st.integers(1, 98), max_size=40), st.floats(5, 200))

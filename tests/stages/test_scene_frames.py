@@ -1,5 +1,6 @@
 """The frames of a scene meet the video's, coarse ones too."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -8,10 +9,12 @@ import pytest
 from vip_factors.errors import RecordingError
 from vip_factors.sensors.placement import preset
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings
 from vip_factors.stages.scene_frames import scene_frames
+from vip_factors.stages.windows import WindowPlan
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +38,20 @@ def test_coarse_frames_meet_video_frames(scene: Scene, offset: float) -> None:
     nearest = np.abs(frames.coarse[:, None] - video).min(axis=1)
     inside = (frames.coarse >= video[0]) & (frames.coarse <= video[-1])
     assert nearest[inside].max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    "frames_of",
+    [lambda scene: scene_frames(scene, 60.0, 4), lambda scene: WindowPlan.of(scene.wearers[0].interval, Settings())],
+)
+def test_a_sample_years_later_is_refused(scene: Scene, frames_of: Callable[[Scene], object]) -> None:
+    wearer = scene.wearers[0]
+    name, stream = next(iter(wearer.imus.items()))
+    late = replace(stream, time=np.append(stream.time[:-1], 1e9))
+    wearers = [replace(one, imus={**one.imus, name: late}) for one in (wearer, *scene.wearers[1:])]
+    damaged = replace(scene, wearers=tuple(wearers))
+    with pytest.raises(RecordingError, match=r"and 1e\+09 s: expected a day at most; .*'vip-factors info' tells"):
+        frames_of(damaged)
 
 
 def test_wearers_without_common_time_are_refused(scene: Scene) -> None:

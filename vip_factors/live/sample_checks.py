@@ -8,8 +8,8 @@ import numpy as np
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.imu_stream import FORCE_LIMIT, ROTATION_TOLERANCE
 from vip_factors.sensors.live import ImuSample, LiveCamera, VideoFrame
+from vip_factors.sensors.times import LATEST_S
 
-TIME_LIMIT = 1e10  # s: even the seconds since 1970 are less, and stay exact to a microsecond
 MOST_PEOPLE = 1000  # in one video frame: no detector tells more apart
 PIXEL_LIMIT = 1e5  # no image is as wide, nor is a keypoint marked so far outside of one
 
@@ -84,7 +84,7 @@ def _checked_time(time: float) -> float | str:
         time = float(time)
     except (TypeError, ValueError):
         return "a time stamp is not a number"
-    if not abs(time) <= TIME_LIMIT:
+    if not abs(time) <= LATEST_S:
         return "a time stamp is not finite" if not math.isfinite(time) else f"a time stamp of {time:.3g} s"
     return time
 

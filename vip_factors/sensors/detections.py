@@ -7,6 +7,7 @@ import numpy as np
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.times import check_times
 from vip_factors.sensors.video_clock import VideoClock
 
 
@@ -40,8 +41,7 @@ class Detections:
             )
         if self.torso_colour is not None and (self.torso_colour.ndim != 2 or len(self.torso_colour) != N):
             raise RecordingError(f"colours of torsos {self.torso_colour.shape} for {N} detections: expected a row each")
-        if np.any(np.diff(self.time) <= 0):
-            raise RecordingError("detections: times of the video frames do not increase")
+        check_times(self.time, "video frames of the detections")
         if N and (np.any(np.diff(self.frame) < 0) or self.frame[0] < 0 or self.frame[-1] >= len(self.time)):
             raise RecordingError(f"detections: frame numbers are not in order within the {len(self.time)} video frames")
 

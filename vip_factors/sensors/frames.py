@@ -14,6 +14,7 @@ from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording, nothing_placed
 
 LEAP = 1.5  # steps: what is further apart are frames of two stretches
+LONGEST_S = 86_400.0  # more is no recording of a person, but the time of a sample that was damaged
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,20 @@ class ImuFrames:
         )
 
 
+def frame_count(start: float, end: float, rate: float) -> int:
+    """How many frames at ``rate`` Hz fit between two instants, the first on the first one.
+
+    Raises:
+        RecordingError: if more than a day lies between them.
+    """
+    if not end - start <= LONGEST_S:
+        raise RecordingError(
+            f"the samples lie between {start:.7g} and {end:.7g} s: expected a day at most; a sensor's clock jumped ('"
+            "vip-factors info' tells which one has a gap of that length), so leave out what is before or behind"
+        )
+    return int(np.floor((end - start) * rate + 1e-6)) + 1
+
+
 def resample(recording: Recording, rate: float, sensors: list[str] | None = None) -> ImuFrames:
     """Put the placed sensors of a recording onto frames at ``rate`` Hz, over the time that any of them covers.
 
@@ -89,7 +104,7 @@ def resample(recording: Recording, rate: float, sensors: list[str] | None = None
         raise nothing_placed(recording.name, recording.imus)
     streams = [recording.imus[name] for name in names]
     start, end = min(s.time[0] for s in streams), max(s.time[-1] for s in streams)
-    count = int(np.floor((end - start) * rate + 1e-6)) + 1
+    count = frame_count(start, end, rate)
     if count < 3:
         raise RecordingError(f"recording '{recording.name}' is {end - start:.3f} s long: expected three frames or more")
     return resample_streams(streams, start + np.arange(count) / rate)

@@ -6,6 +6,7 @@ import numpy as np
 
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.times import check_times, usable_times
 
 GAP_FACTOR = 1.5  # a step longer than this many sample periods is a gap: half a period of jitter is common
 ROTATION_TOLERANCE = 1e-3  # of RᵀR from the identity: beyond it the matrix was never a rotation
@@ -37,7 +38,7 @@ class ImuStream:
         N = len(self.time)
         if N == 0:
             raise RecordingError(f"sensor '{self.name}' has no samples: leave it out or check its file")
-        self._check_time()
+        check_times(self.time, f"sensor '{self.name}'")
         for label, values, shape in (
             ("specific force", self.specific_force, (N, 3)),
             ("orientation", self.R_inertial_sensor, (N, 3, 3)),
@@ -57,17 +58,6 @@ class ImuStream:
         self._check_values()
         if self.specific_force is None and self.R_inertial_sensor is None:
             raise RecordingError(f"sensor '{self.name}' measures neither orientation nor specific force")
-
-    def _check_time(self) -> None:
-        if not np.all(np.isfinite(self.time)):
-            raise RecordingError(f"sensor '{self.name}': a time stamp is not finite")
-        backwards = np.flatnonzero(np.diff(self.time) <= 0)
-        if len(backwards):
-            row = int(backwards[0]) + 1
-            raise RecordingError(
-                f"sensor '{self.name}': time goes from {self.time[row - 1]:.4f} s to {self.time[row]:.4f} s at "
-                f"sample {row}: expected strictly increasing times; sort the samples and drop duplicates"
-            )
 
     def _check_values(self) -> None:
         if self.specific_force is not None and np.max(np.abs(self.specific_force)) > FORCE_LIMIT:
@@ -93,12 +83,13 @@ class ImuStream:
         R_inertial_sensor: Array | None = None,
         angular_rate: Array | None = None,
     ) -> "ImuStream":
-        """A stream from raw samples: those with a value that is not finite are dropped and become gaps.
+        """A stream from raw samples: those with a value that is not finite, or a time no clock shows, are dropped and
+        become gaps.
 
         Raises:
             RecordingError: if nothing is left, and as the constructor does.
         """
-        good = np.isfinite(time)
+        good = usable_times(time)
         for values in (specific_force, R_inertial_sensor, angular_rate):
             if values is None:
                 continue

@@ -6,6 +6,7 @@ import numpy as np
 
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.frames import frame_count
 from vip_factors.sensors.scene import Scene
 
 
@@ -29,7 +30,7 @@ def scene_frames(scene: Scene, frame_rate: float, coarse_factor: int) -> SceneFr
     and the frames meet the video's: what the camera saw then need not be interpolated.
 
     Raises:
-        RecordingError: if the wearers share less than four coarse frames.
+        RecordingError: if the wearers share less than four coarse frames, or more than a day.
     """
     intervals = [wearer.interval for wearer in scene.wearers]
     interval = max(one[0] for one in intervals), min(one[1] for one in intervals)
@@ -49,7 +50,7 @@ def in_step(
         coarse_factor: every so-manieth frame is a coarse one: these are to meet video frames, not to lie between them.
 
     Raises:
-        RecordingError: for less than four coarse frames.
+        RecordingError: for less than four coarse frames, or more than a day.
     """
     start, end = interval
     rate, phase = frame_rate, start
@@ -61,7 +62,7 @@ def in_step(
     first = phase + float(np.ceil((start - phase) * rate - 1e-6)) / rate
     if scene.camera is not None:  # coarse frames are to meet video frames, not to lie between them
         first += ((-round((first - phase) * rate)) % coarse_factor) / rate
-    count = int(np.floor((end - first) * rate + 1e-6)) + 1
+    count = frame_count(first, end, rate)
     if count < 3 * coarse_factor + 1:
         raise RecordingError(
             f"scene '{scene.name}': the sensors of all wearers together cover {max(end - start, 0.0):.2f} s: expected "

@@ -7,6 +7,7 @@ import numpy as np
 
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.frames import frame_count
 from vip_factors.settings import Settings
 
 LEAST_FRAMES = 3
@@ -38,11 +39,11 @@ class WindowPlan:
         """For samples from one instant to another, as :func:`~vip_factors.sensors.frames.resample` places frames.
 
         Raises:
-            RecordingError: if they cover less than three frames.
+            RecordingError: if they cover less than three frames, or more than a day.
         """
         (start, end), rate, own = interval, settings.frame_rate, settings.windows
         factor = settings.coarse_factor if settings.acceleration else 1
-        count = int(np.floor((end - start) * rate + 1e-6)) + 1
+        count = frame_count(start, end, rate)
         if count < LEAST_FRAMES * factor:
             raise RecordingError(f"the recording is {end - start:.3f} s long: expected {LEAST_FRAMES} frames or more")
         window, overlap = (factor * max(round(s * rate / factor), 2) for s in (own.window_s, own.overlap_s))

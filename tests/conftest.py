@@ -1,8 +1,14 @@
 """What all tests share: the folder of real recordings, repeatable property tests, single-threaded arithmetic."""
 
+import hashlib
 import os
+import pickle
 import signal
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -40,6 +46,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.skip(reason=missing_reason()))
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Tests of one file go to one worker: what they share is made once. Another ``--dist`` than -n's own is kept."""
+    if config.getoption("dist") != "load":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    return LoadFileScheduling(config, log)
+
+
 @pytest.fixture(scope="session")
 def data_folder() -> Path:
     """The folder of real recordings; tests that ask for it are skipped where it is absent."""
@@ -53,3 +69,33 @@ def data_folder() -> Path:
 def checkout() -> Path:
     """The folder that holds ``pyproject.toml``."""
     return CHECKOUT
+
+
+@pytest.fixture(scope="session", autouse=True)
+def same_starts_are_searched_once() -> Iterator[None]:
+    """Half the time of a short scene is the search for its start, and most tests have few sensor data in common.
+
+    The search is a function of its arguments alone: what it found for the same ones is given again, as a new copy.
+    Tests of the search itself call it where it is made, and processes that tests start have nothing of this.
+    """
+    inertial = sys.modules.get("vip_factors.stages.inertial")
+    if inertial is None:  # no module of tests that were collected needs it
+        yield
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(inertial, "search_start", remembering(inertial.search_start))
+        yield
+
+
+def remembering(search_start: Callable[..., Any]) -> Callable[..., Any]:
+    """The search, made once for the same sensor data, start by straps and settings; the truth is nothing to it."""
+    found: dict[bytes, bytes] = {}
+
+    def search(recording: Any, frames: Any, usual: Any, settings: Any) -> Any:
+        asked = replace(recording, truth=None), frames, usual, settings.calibration, settings.factors
+        key = hashlib.sha256(pickle.dumps(asked)).digest()
+        if key not in found:
+            found[key] = pickle.dumps(search_start(recording, frames, usual, settings))
+        return pickle.loads(found[key])
+
+    return search

@@ -24,6 +24,17 @@ MOST_LOOKS = 20.0  # what is wrong in the same way in every frame does not count
 POSTURES, WANDERING_POSTURES, FEWEST_POSTURES = 40, 20, 12
 # m/s², least misfit of two accelerations that ought to agree: sensor places, soft tissue and the joint's own centre.
 LEAST_MISFIT = 1.5
+CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])  # signs of the inverse of a unit quaternion, scalar part first
+# The matrix that multiplies a quaternion from the left is linear in its four numbers.
+FROM_LEFT = np.array(
+    [
+        [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
+        [0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0],
+        [0, 0, -1, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0, -1, 0, 0],
+        [0, 0, 0, -1, 0, 0, -1, 0, 0, 1, 0, 0, 1, 0, 0, 0],
+    ],
+    float,
+)
 SLOW, LEAST_SLOW_MISFIT = 2.0, 0.3  # s that whatever lies between two sensors is averaged over; m/s²
 
 
@@ -34,17 +45,17 @@ def posture_cost(link: Link, candidates: Candidates, frames: ImuFrames) -> Array
     if not len(rows):
         return np.zeros((*above.shape[:2], *below.shape[:2]))
     looked = rows[np.unique(np.linspace(0, len(rows) - 1, _postures(candidates)).astype(int))]
-    chosen = [(link.parent, _parents(candidates)), (link.child, slice(None))]
-    R_parent, R_child = (
+    parent, child = (
         _bones(candidates.headings[s, k], candidates.R_bone_sensor[s][k], frames.R_inertial_sensor[looked, s])
-        for s, k in chosen
+        for s, k in ((link.parent, _parents(candidates)), (link.child, slice(None)))
     )
-    x = _bends(R_parent.reshape(-1, *R_parent.shape[2:]), R_child.reshape(-1, *R_child.shape[2:]))
-    off = np.linalg.cholesky(link.information).T @ (x - link.mean[:, None])
-    beyond = np.maximum(link.lower[:, None] - x, 0.0) + np.maximum(x - link.upper[:, None], 0.0)
-    square = np.sum(off**2 + (beyond / LIMIT_SIGMA) ** 2, axis=2)
-    cost = np.mean((FREEDOM + 3) / 2 * np.log1p(square / FREEDOM), axis=0)
-    cost = cost.reshape(*R_parent.shape[:2], *R_child.shape[:2])
+    x = _bends(parent.reshape(-1, *parent.shape[2:]), child.reshape(-1, *child.shape[2:]))
+    flat = x.reshape(3, -1)
+    off = np.linalg.cholesky(link.information).T @ (flat - link.mean[:, None])
+    beyond = (flat - np.clip(flat, link.lower[:, None], link.upper[:, None])) / LIMIT_SIGMA
+    square = (_square(off) + _square(beyond)).reshape(x.shape[1:])
+    cost = np.mean((FREEDOM + 3) / 2 * np.log(square / FREEDOM + 1.0), axis=0)
+    cost = cost.reshape(*parent.shape[:2], *child.shape[:2])
     # Rotation vectors of several joints add up roughly only: the more of them, the less what they say counts.
     return _looks(frames, rows, POSES_PER_SECOND) / link.joints * _for_all_parents(cost, candidates)
 
@@ -96,24 +107,34 @@ def _for_all_parents(cost: Array, candidates: Candidates) -> Array:
 
 
 def _bones(headings: Array, R_bone_sensor: Array, R_inertial_sensor: Array) -> Array:
-    """``R_world_bone`` ``(K, M, T, 3, 3)``."""
-    turned = rotation_z(headings)[:, None] @ R_inertial_sensor[None]
-    return turned[:, None] @ transpose(R_bone_sensor)[:, :, None]
+    """Unit quaternions ``(K, M, T, 4)``, scalar part first, of ``R_world_bone``."""
+    about = np.zeros((len(headings), 4))
+    about[:, 0], about[:, 3] = np.cos(headings / 2), np.sin(headings / 2)
+    mounting, turned = (quaternion_from_matrix(R, Order.WXYZ) for R in (R_bone_sensor, R_inertial_sensor))
+    product = _from_left(about)[:, None] @ _from_left(turned)
+    K, T = product.shape[:2]
+    bones = (mounting * CONJUGATE) @ np.moveaxis(product, 3, 1).reshape(K, 4, T * 4)
+    return bones.reshape(K, -1, T, 4)
 
 
-def _bends(R_parent: Array, R_child: Array) -> Array:
-    """Rotation vectors ``(T, N, 3, M)`` from the one bones ``(N, T, 3, 3)`` to the other ones ``(M, T, 3, 3)``."""
-    parent, child = (quaternion_from_matrix(R.swapaxes(0, 1), Order.WXYZ) for R in (R_parent, R_child))
-    T, N = parent.shape[:2]
-    w, x, y, z = np.moveaxis(parent, -1, 0)
-    inverse = np.stack([[w, x, y, z], [-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]])  # product from the left
-    q = np.moveaxis(inverse, (2, 3), (0, 1)).reshape(T, N * 4, 4) @ child.swapaxes(1, 2)
-    q = q.reshape(T, N, 4, -1)
-    scalar, vector = q[:, :, 0], q[:, :, 1:]
-    sine = np.sqrt(np.sum(vector**2, axis=2))
-    angle = 2 * np.arctan2(sine, np.abs(scalar))
-    scale = np.copysign(np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 2.0), scalar)
-    return np.asarray(vector * scale[:, :, None])
+def _bends(parent: Array, child: Array) -> Array:
+    """Rotation vectors ``(3, T, N, M)`` from the one bones ``(N, T, 4)`` to the other ones ``(M, T, 4)``."""
+    inverse = np.ascontiguousarray(_from_left(parent * CONJUGATE).transpose(2, 1, 0, 3))
+    q = inverse @ np.ascontiguousarray(child.transpose(1, 2, 0))
+    scalar, vector = q[0], q[1:]
+    sine = np.sqrt(_square(vector))
+    scale = 2 * np.arctan2(sine, np.abs(scalar)) / np.maximum(sine, 1e-150)  # of no turn at all nought is left
+    return np.asarray(vector * np.copysign(scale, scalar))
+
+
+def _from_left(q: Array) -> Array:
+    """Matrices ``(..., 4, 4)`` that multiply a quaternion by these ``(..., 4)`` from the left."""
+    return (q @ FROM_LEFT).reshape(*q.shape, 4)
+
+
+def _square(v: Array) -> Array:
+    """Squared length ``(...)`` of vectors ``(3, ...)``: the axis stands first, where sums over it are quick."""
+    return np.asarray(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
 
 
 def _carried(

@@ -1,6 +1,6 @@
 """The likeliest start of headings and mountings: every sensor's taken together, under several suppositions."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +32,7 @@ from vip_factors.sensors.frames import ImuFrames
 FINER = np.deg2rad([-10.0, -5.0, 0.0, 5.0, 10.0])  # about the best of the grid; the solve finds what is left
 DIFFERENT = np.deg2rad(60.0)  # a sensor turned by more starts in another valley than the solution's
 STEP_SIGMA = 2 * np.pi / GRID / np.sqrt(12)  # of what lies between two headings of the grid
+AT_ONCE = 2**17  # costs of links under all headings in common that are added together: more would not stay in the cache
 FACINGS = np.deg2rad([0, 45, -45, 90, -90, 135, -135, 180])
 
 
@@ -170,12 +171,17 @@ class StartSearch:
         }
 
     def _minimum(self, candidates: Candidates, pairs: dict[int, Array], supposed: Supposition) -> TreeMinimum:
-        found = [least_cost(unary, self.prior.links, pairs) for unary in self._unaries(candidates, supposed)]
+        unaries = self._unaries(candidates, supposed)
+        some = max(AT_ONCE // max((one.size for one in pairs.values()), default=1), 1)
+        found = [
+            least_cost([one[begin : begin + some] for one in unaries], self.prior.links, pairs)
+            for begin in range(0, len(unaries[0]), some)
+        ]
         marginals = tuple(np.min(costs, axis=0) for costs in zip(*(one.marginals for one in found), strict=True))
         return replace(min(found, key=lambda one: one.cost), marginals=marginals)
 
-    def _unaries(self, candidates: Candidates, supposed: Supposition) -> Iterator[list[Array]]:
-        """Costs of sensors by themselves, for every heading that their frames may have in common."""
+    def _unaries(self, candidates: Candidates, supposed: Supposition) -> list[Array]:
+        """Costs ``(C, K, M)`` of sensors by themselves, for every heading that their frames may have in common."""
         settings, prior = self.settings, self.prior
         S = len(prior.R_placed)
         straps = [
@@ -194,12 +200,11 @@ class StartSearch:
             root = prior.links[0].parent if prior.links else 0
             straps[root] = straps[root] + np.where(np.arange(GRID) == 0, 0.0, np.inf)[:, None]
         if not supposed.frames:
-            yield straps
-            return
+            return [one[None] for one in straps]
         sigma = np.deg2rad(settings.agree_deg)
-        for common in candidates.headings[0, 0] + np.linspace(0, 2 * np.pi, GRID, endpoint=False):
-            agreed = frame_cost(candidates.headings, common, sigma, settings.strange_frame) + common_cost(S, sigma) / S
-            yield [one + agreed[s][:, None] for s, one in enumerate(straps)]
+        common = candidates.headings[0, 0] + np.linspace(0, 2 * np.pi, GRID, endpoint=False)[:, None, None]
+        agreed = frame_cost(candidates.headings, common, sigma, settings.strange_frame) + common_cost(S, sigma) / S
+        return [one + agreed[:, s, :, None] for s, one in enumerate(straps)]
 
     def _usual(self, usual: InitialCalibration) -> list[Start]:
         """The usual start, whichever way the wearer faced: as likely as under the supposition that suits it best."""

@@ -73,7 +73,7 @@ def strap_cost(R_bone_sensor: Array, R_placed: Array, sigma: float, strange: flo
     return -np.log((1 - strange) * density * np.exp(-0.5 * off**2) + strange)
 
 
-def frame_cost(headings: Array, common: float, sigma: float, strange: float) -> Array:
+def frame_cost(headings: Array, common: float | Array, sigma: float, strange: float) -> Array:
     """How unlikely headings are where inertial frames agree on a ``common`` one, in nats against any heading."""
     density = np.sqrt(2 * np.pi) / sigma
     return -np.log((1 - strange) * density * np.exp(-0.5 * (wrap_angle(headings - common) / sigma) ** 2) + strange)

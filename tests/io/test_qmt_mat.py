@@ -120,7 +120,7 @@ def test_sizes_that_a_damaged_file_declares_are_not_made_room_for(tmp_path: Path
         qmt_mat.read(path)
     at = whole.index((4).to_bytes(4, "little") + (3).to_bytes(4, "little"))
     path.write_bytes(whole[:at] + (10**9).to_bytes(4, "little") + whole[at + 4 :])
-    with pytest.raises(FileFormatError, match=r"a\.mat: byte \d+: an array of 1000000000 × 3 in .* copy it again"):
+    with pytest.raises(FileFormatError, match=r"a\.mat: byte \d+: an array of 1000000000 x 3 in .* copy it again"):
         qmt_mat.read(path)
 
 

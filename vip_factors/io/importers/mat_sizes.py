@@ -78,5 +78,5 @@ def _check_dimensions(content: memoryview, path: Path, at: int, order: str) -> N
     dimensions = np.frombuffer(sizes[: len(sizes) // 4 * 4], order + "i4").tolist()
     if kind == SPARSE or kind > LARGEST_NUMERIC or 0 <= math.prod(dimensions) <= len(content):
         return
-    shape = " × ".join(map(str, dimensions))
+    shape = " x ".join(map(str, dimensions))
     raise FileFormatError(f"{path}: byte {at}: an array of {shape} in {len(content):,} bytes: {DAMAGED}")

@@ -35,9 +35,7 @@ def read_npz(path: Path, expected: str, names: Iterable[str] | None = None) -> d
 def _checked_text(name: str, value: Any) -> Any:
     """Refuse text with numbers that are no characters: Python fails at it later, wherever it is used."""
     if value.dtype.kind == "U" and value.size:
-        codes = (
-            np.ascontiguousarray(value).reshape(-1).view("u4" if value.dtype.isnative else value.dtype.byteorder + "u4")
-        )
+        codes = np.ascontiguousarray(value).reshape(-1).view(np.dtype("u4").newbyteorder(value.dtype.byteorder))
         if codes.max() > sys.maxunicode:
             raise ValueError(f"{name} is no text")
     return value

@@ -99,7 +99,7 @@ def _motions(describe: Describe) -> list[Case]:
             partial(read, name=names[0]),
             f"vip-factors info {{}}/{names[0]}",
             seldom=5 if kind == "asf-amc" else 2,
-        )  # fmt: skip
+        )
         for kind, names in together.items()
     ]
 

@@ -85,9 +85,11 @@ class Study:
         complete = self._study.get_trials(states=[self._optuna.trial.TrialState.COMPLETE])
         kept = [one.user_attrs.get("errors") for one in complete]
         for errors in kept if self.before is None else [self.before, *kept]:
-            numbers = list(errors.values()) if isinstance(errors, dict) else []
-            if not numbers or not all(isinstance(one, (int, float)) and math.isfinite(one) for one in numbers):
+            numbers = [errors.get(name) for name in self._task.recordings] if isinstance(errors, dict) else [None]
+            if not all(isinstance(one, (int, float)) and math.isfinite(one) for one in numbers):
                 raise ValueError(f"a trial has the errors {errors}: expected a number for each recording")
+        if self.before is not None and not all(self.before[name] > 0 for name in self._task.recordings):
+            raise ValueError(f"the errors before are {self.before}: expected numbers above 0")
 
     @property
     def before(self) -> Errors | None:

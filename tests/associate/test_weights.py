@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import numpy as np
@@ -34,5 +35,14 @@ def test_shipped_weights_say_where_they_come_from_and_survive_a_file(tmp_path: P
 def test_other_files_are_refused(tmp_path: Path, content: str) -> None:
     path = tmp_path / "weights.json"
     path.write_text(content)
+    with pytest.raises(FileFormatError, match="not association weights"):
+        load_weights(path)
+
+
+@pytest.mark.parametrize("bias", ["1" + "0" * 400, "NaN", '"none"', "null"])
+def test_a_bias_that_is_no_number_is_refused(tmp_path: Path, bias: str) -> None:
+    path = tmp_path / "weights.json"
+    save_weights(load_weights(), path)
+    path.write_text(re.sub(r'"bias": [-\d.e]+', f'"bias": {bias}', path.read_text(), count=1))
     with pytest.raises(FileFormatError, match="not association weights"):
         load_weights(path)

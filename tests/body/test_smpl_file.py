@@ -119,3 +119,9 @@ def test_other_files_are_refused_with_a_reason(tmp_path: Path) -> None:
             skeleton_from_smpl(tmp_path / name)
     with pytest.raises(InputError, match="at most 10"):
         skeleton_from_smpl(tmp_path / "model.npz", np.zeros(11))
+
+
+def test_a_template_of_one_number_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", v_template=np.array(1.0), shapedirs=np.zeros((4, 3, 2)), J_regressor=np.zeros((24, 4)))
+    with pytest.raises(FileFormatError, match=r"v_template \(\) and shapedirs"):
+        skeleton_from_smpl(tmp_path / "a.npz")

@@ -94,3 +94,21 @@ def test_without_pip_or_network_the_way_out_is_told(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(subprocess, "run", pip)
     with pytest.raises(InputError, match=r"No matching distribution.*--blazepose WHEEL"):
         blazepose_files(None)
+
+
+def test_a_wheel_that_is_damaged_inside_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.whl"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for member in MEMBERS.values():
+            archive.writestr(member, b"a model" * 40)
+    whole = path.read_bytes()
+    at, listed = whole.index(b".tflite") + len(b".tflite"), whole.index(b"PK\x01\x02")
+    utf8 = whole[: listed + 8] + b"\x00\x08" + whole[listed + 10 :]
+    for damaged in (
+        whole[:at] + b"\xff\xff\xff" + whole[at + 3 :],  # what is compressed
+        whole[: listed + 10] + b"\x63" + whole[listed + 11 :],  # its method
+        utf8[:40] + b"\xc8\xff" + utf8[42:],  # its name
+    ):
+        path.write_bytes(damaged)
+        with pytest.raises(FileFormatError, match=r"m\.whl: .*expected (one|a wheel) of mediapipe"):
+            blazepose_files(path)

@@ -1,5 +1,7 @@
 """Damaged files of every format are read or refused; and a reader that does neither is found out."""
 
+import os
+import signal
 from pathlib import Path
 from random import Random
 
@@ -13,7 +15,7 @@ from vip_factors.fuzz.corpus import all_cases
 from vip_factors.fuzz.limits import Hang, limited_time
 from vip_factors.fuzz.run import chosen_cases, fuzz_table, mutated, run_fuzz, save_failure
 
-MUTATIONS = 2000
+MUTATIONS, QUICK = 2000, 20
 
 
 @pytest.fixture(scope="module")
@@ -22,11 +24,12 @@ def cases() -> list[Case]:
 
 
 def test_damaged_files_of_every_format_are_read_or_refused(cases: list[Case]) -> None:
-    result = run_fuzz(cases, MUTATIONS)
+    quick = [one for one in cases if one.seldom <= QUICK]  # the command takes the others too
+    result = run_fuzz(quick, MUTATIONS)
     assert not result.failures, fuzz_table(result, cases)
     counts = result.read + result.refused
     assert sum(counts.values()) == MUTATIONS
-    assert set(counts) == {one.name for one in cases}
+    assert set(counts) == {one.name for one in quick}
     assert sum(result.read.values()) > MUTATIONS / 10
     assert sum(result.refused.values()) > MUTATIONS / 10
 
@@ -81,10 +84,26 @@ def swallowing(folder: Path) -> None:
 
 
 def test_what_takes_too_long_or_too_much_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("vip_factors.fuzz.run.limited_time", lambda: limited_time(0.05))
+    monkeypatch.setattr("vip_factors.fuzz.outcome.limited_time", lambda: limited_time(0.05))
     for reader, kind in ((endless, Hang), (greedy, MemoryError), (swallowing, MemoryError)):
         result = run_fuzz([Case("one", {"a.txt": b"x"}, reader, "")], 5)
         assert {one.kind for one in result.failures.values()} == {kind.__name__}
+
+
+def broken(folder: Path) -> None:
+    content = (folder / "a.txt").read_bytes()
+    if b"x" not in content:
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if len(content) > 2:
+        raise InputError("a.txt is long")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not made in this way here")
+def test_a_crash_in_a_process_of_its_own_is_a_failure_and_ends_nothing_else() -> None:
+    result = run_fuzz([Case("one", {"a.txt": b"x"}, broken, "", apart=True)], 40)
+    assert [one.kind for one in result.failures.values()] == ["SIGSEGV"]
+    assert result.refused["one"] > 0
+    assert result.failed["one"] + result.refused["one"] + result.read["one"] == 40
 
 
 def test_formats_are_chosen_by_name(cases: list[Case]) -> None:

@@ -10,6 +10,7 @@ from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, angle_between, exp, log, mean_rotation, rotation_z, transpose
 from vip_factors.io.importers import qmt_mat
+from vip_factors.io.importers.mat_sizes import check_mat_sizes
 from vip_factors.sensors.attitude import with_orientation
 
 RATE = 100.0
@@ -97,7 +98,29 @@ def test_broken_files(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match=r"hip\.acc has shape \(3, 3\)"):
         qmt_mat.read(path)
     path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(FileFormatError, match="not a readable MATLAB file"):
+    with pytest.raises(FileFormatError, match=r"byte 128 tells of 80 bytes and 64 are there"):
+        qmt_mat.read(path)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_sizes_that_a_damaged_file_declares_are_not_made_room_for(tmp_path: Path, compressed: bool) -> None:
+    path = tmp_path / "a.mat"
+    savemat(path, {"t": np.arange(4.0), "hip": {"acc": np.full((4, 3), 9.81)}}, do_compression=compressed)
+    check_mat_sizes(path)
+    if compressed:
+        whole = path.read_bytes()
+        path.write_bytes(whole[:200] + b"\0\0\0\0" + whole[204:])
+        with pytest.raises(FileFormatError, match=r"a\.mat: byte \d+: cannot be unpacked .* copy it again"):
+            qmt_mat.read(path)
+        return
+    whole, numbers = path.read_bytes(), np.arange(4.0).tobytes()
+    at = whole.index(numbers) - 4
+    path.write_bytes(whole[:at] + (2**31 - 1).to_bytes(4, "little") + whole[at + 4 :])
+    with pytest.raises(FileFormatError, match=r"a\.mat: byte \d+ tells of 2,147,483,647 bytes .* copy it again"):
+        qmt_mat.read(path)
+    at = whole.index((4).to_bytes(4, "little") + (3).to_bytes(4, "little"))
+    path.write_bytes(whole[:at] + (10**9).to_bytes(4, "little") + whole[at + 4 :])
+    with pytest.raises(FileFormatError, match=r"a\.mat: byte \d+: an array of 1000000000 x 3 in .* copy it again"):
         qmt_mat.read(path)
 
 

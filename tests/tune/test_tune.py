@@ -1,5 +1,6 @@
 """Parameters are found by name, studies go on where they stopped, and a recording never judges its own settings."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -135,3 +136,27 @@ def test_what_was_found_is_a_settings_file_that_says_where_it_comes_from(tmp_pat
         "one recording judges itself" in line
         for line in report_lines([Trial(0, trials[0].values, {"a": 1.0})], parameters, {"a": 1.0}, "mm")
     )
+
+
+def test_a_damaged_study_is_refused_with_the_line(tmp_path: Path) -> None:
+    path, one = tmp_path / "study.log", DEFAULT_PARAMETERS[0]
+    task = Task(("a.mcap",), (one,), {one.name: one.low})
+    Study(path, task).run(1, lambda name, values: values[one.name])
+    whole = path.read_bytes()
+    lines = whole.splitlines(keepends=True)
+    path.write_bytes(whole[:-9])  # killed while it wrote
+    with pytest.raises(InputError, match=rf"study\.log: .*line {len(lines)} is cut off .* delete that line"):
+        Study(path, task)
+    path.write_bytes(b"".join(lines[:-1]))  # as it says
+    Study(path, task).run(1, lambda name, values: values[one.name])
+    for damaged in (
+        whole.replace(b'"study_id":0', b'"study_id":{}'),
+        whole.replace(b'"op_code":0', b'"op_code":99'),
+        whole.replace(b'"errors":{', b'"errors":1,"other":{'),
+        whole.replace(b'"errors"', b'"others"'),
+        re.sub(rb'("before":{"a.mcap":)[-\d.e]+', rb"\1 0", whole),
+    ):
+        assert damaged != whole
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match=r"study\.log: cannot be read or written as a study"):
+            Study(path, task)

@@ -1,10 +1,12 @@
 """From features to costs: logistic regressions, trained on labelled scenes (thesis 4.4.1)."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -105,11 +107,20 @@ def load_weights(path: Path = SHIPPED_WEIGHTS) -> AssociationWeights:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         logistic = {
-            name: Logistic(np.array([float(content[name]["weights"][one]) for one in features]), content[name]["bias"])
+            name: Logistic(
+                np.array([_finite(content[name]["weights"][one]) for one in features]), _finite(content[name]["bias"])
+            )
             for name, features in FEATURES.items()
         }
-        return AssociationWeights(logistic, content["provenance"])
-    except (OSError, KeyError, TypeError, ValueError) as error:
+        return AssociationWeights(logistic, str(content["provenance"]))
+    except (OSError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise FileFormatError(
             f"{path}: not association weights ({error}); expected JSON as 'vip-factors train association' writes it"
         ) from error
+
+
+def _finite(value: Any) -> float:
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{value} instead of a number")
+    return number

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from vip_factors.body.lengths import BODY_LENGTHS, STATURE
+from vip_factors.body.npz_file import read_npz
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 
@@ -106,13 +107,13 @@ class BodyPrior:
 
 @cache
 def _read(path: Path) -> BodyPrior:
+    file = read_npz(path, "not a prior over bodies")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            if tuple(file["variables"].tolist()) != VARIABLES:
-                raise ValueError("other variables")
-            groups = {name: BodyGaussian(file[f"{name}_mean"], file[f"{name}_covariance"]) for name in GROUPS}
-            return BodyPrior(groups, str(file["provenance"]))
-    except (OSError, KeyError, ValueError, EOFError) as error:
+        if tuple(file["variables"].ravel().tolist()) != VARIABLES:
+            raise ValueError("other variables")
+        groups = {name: BodyGaussian(file[f"{name}_mean"], file[f"{name}_covariance"]) for name in GROUPS}
+        return BodyPrior(groups, str(file["provenance"]))
+    except (KeyError, TypeError, ValueError) as error:
         raise FileFormatError(
             f"{path}: not a prior over bodies ({error}); expected an npz with a mean ({SIZE},) and a covariance "
             f"({SIZE}, {SIZE}) of {', '.join(GROUPS)}, the variables' names and provenance, as 'vip-factors train "

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vip_factors.body.npz_file import read_npz
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, log
@@ -78,10 +79,10 @@ def _other_side(name: str) -> str:
 
 @cache
 def _read(path: Path) -> PosePrior:
+    file = read_npz(path, "not a pose prior")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return PosePrior(file["mean"], file["whitening"], str(file["provenance"]))
-    except (OSError, KeyError, ValueError, EOFError) as error:
+        return PosePrior(file["mean"], file["whitening"], str(file["provenance"]))
+    except (KeyError, TypeError, ValueError) as error:
         raise FileFormatError(
             f"{path}: not a pose prior ({error}); expected an npz with mean (69,), whitening (69, 69) and provenance, "
             "as 'vip-factors train prior' writes it"

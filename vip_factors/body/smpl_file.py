@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
+from vip_factors.body.npz_file import read_npz
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.body.smpl_pickle import dense, read_smpl_pickle
 from vip_factors.errors import FileFormatError, InputError
@@ -69,7 +69,7 @@ def _model_arrays(path: Path) -> tuple[Array, Array, Array]:
     if missing:
         raise FileFormatError(f"{path}: lacks {', '.join(missing)}; expected a SMPL model file")
     v_template, shapedirs, J_regressor = (dense(content[name], name, path) for name in NEEDED)
-    vertices = len(v_template)
+    vertices = v_template.shape[0] if v_template.ndim else 0
     if v_template.shape != (vertices, 3) or shapedirs.shape[:2] != (vertices, 3) or shapedirs.ndim != 3:
         raise FileFormatError(
             f"{path}: v_template {v_template.shape} and shapedirs {shapedirs.shape}: expected (V, 3) and (V, 3, B)"
@@ -83,11 +83,7 @@ def _model_arrays(path: Path) -> tuple[Array, Array, Array]:
 
 
 def _read_npz(path: Path) -> dict[str, Array]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in NEEDED if name in file}
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
-        raise FileFormatError(f"{path}: not a SMPL model npz ({error})") from error
+    return read_npz(path, "not a SMPL model npz", NEEDED)
 
 
 def _landmarks(vertices: Array, joints: Array) -> dict[str, Landmark]:

@@ -1,6 +1,10 @@
 """``vip-factors benchmark fuzz``."""
 
+from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from importlib import import_module
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,7 +70,23 @@ def commands() -> "Commands":
         return read_settings(path, Settings(), lambda name: configured(Settings(), name))
 
     lines = [f"{name} = {value}" for name, value in flattened(Settings()).items() if _is_number(value)]
-    return Commands(file_text, recording_text, motion_text, read, "\n".join([*lines, ""]))
+    settings = "\n".join([*lines, ""])
+    return Commands(file_text, recording_text, motion_text, read, settings, _run, _take_step)
+
+
+def _run(command: str, words: Sequence[str]) -> None:
+    """A command, without the lines that it prints."""
+    module = import_module(f"vip_factors.cli.{command.replace('-', '_')}")
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        module.main(f"vip-factors {command}", words)
+
+
+def _take_step(folder: Path) -> None:
+    """One that does nothing, as ``run`` takes it again."""
+    from vip_factors.cli.run_steps import Step, take
+
+    with redirect_stdout(StringIO()):
+        take(Step("info", "info", (), (), ()), folder, main=lambda prog, words: None)
 
 
 def _is_number(text: str) -> bool:

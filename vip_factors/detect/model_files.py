@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,7 +89,8 @@ def _unpack(wheel: Path, cache: Path) -> None:
     try:
         with zipfile.ZipFile(wheel) as archive:
             content = {name: archive.read(member) for name, member in MEMBERS.items()}
-    except zipfile.BadZipFile as error:
+    # What is damaged, in its names too, of an unknown compression, or encrypted.
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, UnicodeDecodeError) as error:
         raise FileFormatError(f"{wheel}: not a wheel ({error}): expected one of {MEDIAPIPE}") from error
     except KeyError as error:
         raise FileFormatError(f"{wheel}: {error.args[0]}: expected a wheel of {MEDIAPIPE}") from error

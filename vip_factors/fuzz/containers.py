@@ -32,18 +32,18 @@ def fields_of(data: bytes) -> list[Field] | None:
     """The fields of a Protobuf message; None if the bytes are none."""
     at, fields = 0, []
     while at < len(data):
-        head, at = _varint(data, at)
+        head, at = varint(data, at)
         number, kind = head >> 3, head & 7
         if not number:
             return None
         if kind == 0:
             value: Any
-            value, at = _varint(data, at)
+            value, at = varint(data, at)
         elif kind in (1, 5):
             size = 8 if kind == 1 else 4
             value, at = data[at : at + size], at + size
         elif kind == 2:
-            size, at = _varint(data, at)
+            size, at = varint(data, at)
             value, at = data[at : at + size], at + size
         else:
             return None
@@ -53,7 +53,7 @@ def fields_of(data: bytes) -> list[Field] | None:
     return fields
 
 
-def _varint(data: bytes, at: int) -> tuple[int, int]:
+def varint(data: bytes, at: int) -> tuple[int, int]:
     """The number there, and where the next thing begins: beyond the end if it is cut."""
     value = 0
     for shift in range(10):
@@ -176,7 +176,7 @@ def mutated_stream(data: bytes, random: Random) -> bytes:
     """One message of a delimited stream is another, missing, twice, or elsewhere."""
     at, messages = 0, []
     while at < len(data):
-        size, at = _varint(data, at)
+        size, at = varint(data, at)
         messages.append(data[at : at + size])
         at += size
     row, what = random.randrange(len(messages) if random.random() < 0.5 else min(2, len(messages))), random.randrange(8)

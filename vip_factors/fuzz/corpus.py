@@ -5,10 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vip_factors.body.motion import Motion
-from vip_factors.fuzz.case import Case
+from vip_factors.fuzz.case import Case, Run
+from vip_factors.fuzz.corpus_estimates import estimate_cases
+from vip_factors.fuzz.corpus_filmed import filmed_cases
 from vip_factors.fuzz.corpus_logs import log_cases
+from vip_factors.fuzz.corpus_models import model_cases
 from vip_factors.fuzz.corpus_scenes import scene_cases
 from vip_factors.fuzz.corpus_small import small_cases
+from vip_factors.fuzz.corpus_solved import solved_cases
 from vip_factors.sensors.recording import Recording
 
 
@@ -20,6 +24,8 @@ class Commands:
         describe_file: what ``info`` does with a file.
         describe_recording, describe_motion: what it says of them.
         read_settings: of a file of settings.
+        run: a command by its name and words; what a user can mend is raised.
+        take_step: of a sequence of commands, of which the folder holds a record.
         settings: text of such a file, with all that are numbers.
     """
 
@@ -28,12 +34,20 @@ class Commands:
     describe_motion: Callable[[Motion], object]
     read_settings: Callable[[Path], object]
     settings: str
+    run: Run
+    take_step: Callable[[Path], object]
 
 
 def all_cases(commands: Commands) -> list[Case]:
     """One of each format."""
+    logs = log_cases(commands.describe_recording)
+    log = next(one.files for one in logs if one.name == "xsens-txt")
     return [
-        *log_cases(commands.describe_recording),
+        *logs,
         *scene_cases(commands.describe_file),
         *small_cases(commands.describe_motion, commands.read_settings, commands.settings),
+        *model_cases(commands.run, commands.take_step),
+        *filmed_cases(commands.run, log),
+        *estimate_cases(commands.run),
+        *solved_cases(commands.run),
     ]

@@ -22,7 +22,7 @@ from vip_factors.sensors.recording import Recording
 ROWS = 8
 NAMES = ("Pelvis", "LeftShank", "RightForeArm")
 GRAVITY = np.array([0.0, 0.0, 9.81])
-SELDOM = {"mvnx": 3, "totalcapture": 3, "dip-imu": 3, "qmt-mat": 2, "placement-json": 2}  # rounds between their turns
+SELDOM = {"mvnx": 8, "totalcapture": 12, "dip-imu": 12, "qmt-mat": 6, "apdm-7": 3}
 
 Describe = Callable[[Recording], object]
 
@@ -35,9 +35,12 @@ def log_cases(describe: Describe) -> list[Case]:
             f" --{key.replace('_', '-')} {{}}/{value}" for key, value in options.items()
         )
         read = partial(_read, path=path, options=options, describe=describe)
-        cases.append(Case(name, files, read, command, seldom=SELDOM.get(name, 1)))
+        cases.append(Case(name, files, read, command, seldom=SELDOM.get(name, 4)))
     table = {"log.csv": _table()["log.csv"]}
-    return [*cases, Case("template", table, _template, "vip-factors convert {}/log.csv --template {}/template")]
+    return [
+        *cases,
+        Case("template", table, _template, "vip-factors convert {}/log.csv --template {}/template", seldom=6),
+    ]
 
 
 def _read(folder: Path, path: str, options: dict[str, str], describe: Describe) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Event
@@ -24,25 +24,31 @@ from vip_factors.estimate import (
     SolveReport,
     StartChoice,
 )
-from vip_factors.fuzz.case import Case
+from vip_factors.fuzz.case import Case, files_below
+from vip_factors.fuzz.containers import varint
 from vip_factors.sensors.placement import preset
-from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings
 
 SECONDS = 0.5
+TOKEN = "of the sender"
 
 Describe = Callable[[Path], object]
 
 
-def small_scene() -> Scene:
+def simulated_scene(seconds: float) -> Scene:
     """One wearer of six sensors, filmed by a camera with a sensor of its own; with the truth."""
-    motion = gestures(SECONDS)
+    motion = gestures(seconds)
     performer = Performer("ann", motion, preset("sip6", motion.skeleton), "n-pose")
-    settings = SceneSettings.realistic(camera="hand-held")
-    scene = simulate_scene([performer], settings, seed=1)
+    return simulate_scene([performer], SceneSettings.realistic(camera="hand-held"), seed=1)
+
+
+@cache
+def small_scene() -> Scene:
+    """The same with the sensors' first samples only."""
+    scene = simulated_scene(SECONDS)
     wearer = scene.wearers[0]
     few = {name: one.cut(0.0, 0.2) for name, one in wearer.imus.items()}
     return replace(scene, wearers=(replace(wearer, imus=few),))
@@ -84,8 +90,9 @@ def small_estimate(scene: Scene) -> SceneEstimate:
     )  # fmt: skip
 
 
-def scene_cases(describe: Describe) -> list[Case]:
-    """Recordings and estimates, of a scene and of one wearer alone; ``describe`` does what ``info`` does with one."""
+@cache
+def scene_files() -> dict[str, bytes]:
+    """A scene and one wearer alone, estimates of both, and the scene as live messages, with a token."""
     from vip_factors.io.live.send import write_messages
     from vip_factors.io.mcap_estimate import write_estimate
     from vip_factors.io.mcap_recording import write_recording
@@ -94,35 +101,38 @@ def scene_cases(describe: Describe) -> list[Case]:
 
     scene = small_scene()
     estimate = small_estimate(scene)
-    plain: Recording = scene.wearers[0]
     with TemporaryDirectory() as name:
         folder = Path(name)
         write_scene(scene, folder / "scene.mcap")
-        write_recording(plain, folder / "plain.mcap")
+        write_recording(scene.wearers[0], folder / "plain.mcap")
         write_scene_estimate(estimate, folder / "scene.estimate.mcap")
         write_estimate(estimate.wearers[0], folder / "plain.estimate.mcap")
         with open(folder / "a.messages", "wb") as file:
-            write_messages(scene, file)
-        content = {one.name: one.read_bytes() for one in folder.iterdir()}
+            write_messages(scene, file, token=TOKEN)
+        return files_below(folder)
+
+
+def scene_cases(describe: Describe) -> list[Case]:
+    """Recordings, estimates and streams; ``describe`` does what ``info`` does with a file."""
+    content = scene_files()
     cases = [
         Case(
             f"{name}-mcap", {f"{name}.mcap": content[f"{name}.mcap"]},
-            partial(_recording, describe=describe, name=name), f"vip-factors info {{}}/{name}.mcap", seldom=2,
+            partial(_recording, describe=describe, name=name), f"vip-factors info {{}}/{name}.mcap", seldom=15,
         )
         for name in ("plain", "scene")
     ]  # fmt: skip
     for name in ("plain", "scene"):
         files = {one: content[one] for one in (f"{name}.mcap", f"{name}.estimate.mcap")}
-        sound = (f"{name}.mcap",)
         command = f"vip-factors evaluate {{}}/{name}.estimate.mcap --truth {{}}/{name}.mcap"
-        cases.append(
-            Case(f"{name}-estimate", files, partial(_estimate, describe=describe, name=name), command, sound, seldom=4)
-        )
-        command = f"vip-factors report {{}}/{name}.estimate.mcap --recording {{}}/{name}.mcap"
-        cases.append(Case(f"{name}-report", files, partial(_report, name=name), command, sound, seldom=60))
-    stream = {"a.messages": content["a.messages"]}
-    cases.append(Case("live-stream", stream, _stream, "vip-factors stream - < {}/a.messages"))
-    cases.append(Case("live-file", {"scene.mcap": content["scene.mcap"]}, _growing, "vip-factors stream {}/scene.mcap"))
+        read = partial(_estimate, describe=describe, name=name)
+        cases.append(Case(f"{name}-estimate", files, read, command, (f"{name}.mcap",), seldom=25))
+    stream, command = {"a.messages": content["a.messages"]}, "vip-factors stream - < {}/a.messages"
+    cases.append(Case("live-stream", stream, _stream, command, seldom=2))
+    cases.append(Case("live-token", stream, partial(_stream, token=TOKEN), command, seldom=20))  # a wrong one waits
+    cases.append(Case("live-websocket", stream, _websocket, "vip-factors stream ws://127.0.0.1:5555", seldom=3))
+    growing = {"scene.mcap": content["scene.mcap"]}
+    cases.append(Case("live-file", growing, _growing, "vip-factors stream {}/scene.mcap --follow", seldom=3))
     return cases
 
 
@@ -164,20 +174,7 @@ def _estimate(folder: Path, describe: Describe, name: str) -> None:
         str(evaluate_scene(estimate, scene))
 
 
-def _report(folder: Path, name: str) -> None:
-    """As ``report`` and ``export`` do."""
-    from vip_factors.io.export.files import export
-    from vip_factors.io.mcap_scene_estimate import read_scene_estimate
-    from vip_factors.io.mcap_scene_recording import read_scene
-    from vip_factors.report.page import write_report
-
-    estimate = read_scene_estimate(folder / f"{name}.estimate.mcap")
-    for suffix in (".bvh", ".csv", ".trc", ".npz"):
-        export(estimate, folder / f"out{suffix}", overwrite=True)
-    write_report(estimate, folder / "out.html", read_scene(folder / f"{name}.mcap"), overwrite=True)
-
-
-def _stream(folder: Path) -> None:
+def _stream(folder: Path, token: str = "") -> None:
     """As a pipe does; what ends the stream is told, and nothing is raised."""
     from vip_factors.io.live.byte_stream import listen
     from vip_factors.io.live.session import Client, Session
@@ -185,8 +182,25 @@ def _stream(folder: Path) -> None:
 
     data = (folder / "a.messages").read_bytes()
     pieces = [data[at : at + 4096] for at in range(0, len(data), 4096)]
-    client = Client(Session(lambda setup: None, lambda item: None), "fuzz")
+    client = Client(Session(lambda setup: None, lambda item: None, token), "fuzz")
     client.leave(listen(client, lambda: pieces.pop(0) if pieces else b"", LiveSourceSettings(), Event()))
+
+
+def _websocket(folder: Path) -> None:
+    """As one connection does after its handshake: binary messages, and after a damaged one a text."""
+    from vip_factors.io.live.session import Client, ClientError, Session
+    from vip_factors.io.live.websocket import take_message
+
+    client = Client(Session(lambda setup: None, lambda item: None), "fuzz")
+    data, at = (folder / "a.messages").read_bytes(), 0
+    try:
+        while at < len(data):
+            size, start = varint(data, at)
+            message, at = data[start : start + size], start + max(size, 0)
+            take_message(client, message)
+            take_message(client, message[:20].decode("latin1"))
+    except ClientError as error:
+        client.leave(str(error))
 
 
 def _growing(folder: Path) -> None:

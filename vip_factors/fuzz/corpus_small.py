@@ -94,7 +94,11 @@ def _motions(describe: Describe) -> list[Case]:
     together = {"bvh": ("a.bvh",), "amass": ("a.npz",), "asf-amc": ("07_01.amc", "07.asf")}
     return [
         Case(
-            kind, {one: files[one] for one in names}, partial(read, name=names[0]), f"vip-factors info {{}}/{names[0]}"
+            kind,
+            {one: files[one] for one in names},
+            partial(read, name=names[0]),
+            f"vip-factors info {{}}/{names[0]}",
+            seldom=5 if kind == "asf-amc" else 2,
         )
         for kind, names in together.items()
     ]
@@ -222,7 +226,7 @@ def _bodies() -> list[Case]:
         ),
     }  # fmt: skip
     return [
-        Case(kind, {name: files[name]}, partial(_read_file, name=name, read=read), command)
+        Case(kind, {name: files[name]}, partial(_read_file, name=name, read=read), command, seldom=3)
         for kind, (name, read, command) in readers.items()
     ]
 
@@ -234,4 +238,4 @@ def _read_file(folder: Path, name: str, read: Callable[[Path], object]) -> None:
 def _settings(read_settings: ReadSettings, text: str) -> Case:
     files = {"settings.toml": text.encode()}
     command = "vip-factors smooth RECORDING.mcap --settings {}/settings.toml"
-    return Case("settings", files, lambda folder: read_settings(folder / "settings.toml"), command)
+    return Case("settings", files, lambda folder: read_settings(folder / "settings.toml"), command, seldom=4)

@@ -2,7 +2,6 @@
 
 import json
 import os
-import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -11,14 +10,12 @@ from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 
-from vip_factors.errors import InputError, VipFactorsError
+from vip_factors.errors import InputError
 from vip_factors.fuzz.bytes_and_text import mutated_bytes
 from vip_factors.fuzz.case import Case, Files, mutations_of
-from vip_factors.fuzz.limits import Hang, limited_memory, limited_time, out_of_memory
+from vip_factors.fuzz.outcome import Verdict, outcome, outcome_apart
 
-PACKAGE = Path(__file__).parent.parent
 SECOND_MUTATION = 0.4  # of two in one file: most faults need one, some the second
-REFUSALS = (VipFactorsError, OSError)
 
 Tell = Callable[[str, float], None]
 
@@ -94,31 +91,31 @@ def run_fuzz(
     result = FuzzResult()
     with TemporaryDirectory(prefix="vip-factors-fuzz-") as name, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # thousands
-        folders = [Path(name, one.name) for one in cases]
-        for case, folder in zip(cases, folders, strict=True):
-            _write(case.files, folder)
-            case.read(folder)  # must succeed; and what is imported late is imported before memory is limited
-        with limited_memory():
-            for number in range(first, first + mutations):
-                case, folder = _turn(cases, folders, number)
-                damaged, content = mutated(case, Random(f"{seed}/{number}/{case.name}"))
-                failure = _attempt(case, folder, damaged, content, number, result)
-                if failure is not None and (failure.kind, failure.place) not in result.failures:
-                    result.failures[failure.kind, failure.place] = failure
-                    keep(failure)
-                if number % 50 == 0:
-                    tell(f"mutations, {len(result.failures)} faults", (number - first) / mutations)
+        ready: dict[str, Path] = {}
+        for number in range(first, first + mutations):
+            case = _drawn(cases, Random(f"{seed}/{number}"))
+            if case.name not in ready:
+                ready[case.name] = _made_ready(case, Path(name, case.name))
+            damaged, content = mutated(case, Random(f"{seed}/{number}/{case.name}"))
+            failure = _attempt(case, ready[case.name], damaged, content, number, result)
+            if failure is not None and (failure.kind, failure.place) not in result.failures:
+                result.failures[failure.kind, failure.place] = failure
+                keep(failure)
+            if number % 50 == 0:
+                tell(f"mutations, {len(result.failures)} faults", (number - first) / mutations)
     return result
 
 
-def _turn(cases: Sequence[Case], folders: Sequence[Path], number: int) -> tuple[Case, Path]:
-    """Each case in turn; in the place of one whose reading takes long, mostly the next that does not."""
-    turn, row = divmod(number, len(cases))
-    for further in range(len(cases)):
-        case = cases[(row + further) % len(cases)]
-        if turn % case.seldom == 0:
-            return case, folders[(row + further) % len(cases)]
-    return cases[row], folders[row]
+def _drawn(cases: Sequence[Case], random: Random) -> Case:
+    """One of them; those whose reading takes long are drawn seldom."""
+    return random.choices(cases, [1 / one.seldom for one in cases])[0]
+
+
+def _made_ready(case: Case, folder: Path) -> Path:
+    """Its files as they are, read once: that must succeed, and what is imported late is imported before any limit."""
+    _write(case.files, folder)
+    case.read(folder)
+    return folder
 
 
 def mutated(case: Case, random: Random) -> tuple[str, bytes]:
@@ -137,31 +134,17 @@ def _attempt(case: Case, folder: Path, damaged: str, content: bytes, number: int
     (folder / damaged).write_bytes(content)
     os.utime(folder / damaged, ns=(number, number))  # readers that know a file again by its time see another one
     try:
-        with limited_time():
-            case.read(folder)
-    except (Hang, Exception) as error:
-        if isinstance(error, REFUSALS) and not out_of_memory(error):
-            result.refused[case.name] += 1
-            return None
-        result.failed[case.name] += 1
-        trace = "".join(traceback.format_exception(error))
-        kind = "MemoryError" if out_of_memory(error) else type(error).__name__
-        files = {**case.files, damaged: content}
-        return Failure(number, case.name, kind, _place(error), str(error), files, damaged, trace, case.command)
+        found = (outcome_apart if case.apart else outcome)(lambda: case.read(folder))
     finally:
         (folder / damaged).write_bytes(case.files[damaged])
-    result.read[case.name] += 1
-    return None
-
-
-def _place(error: BaseException) -> str:
-    """The innermost line of this package, this room left out."""
-    own = ""
-    for frame in traceback.extract_tb(error.__traceback__):
-        path = Path(frame.filename)
-        if path.is_relative_to(PACKAGE) and not path.is_relative_to(PACKAGE / "fuzz"):
-            own = f"{path.relative_to(PACKAGE)}:{frame.lineno} {frame.name}"
-    return own
+    counts = {Verdict.READ: result.read, Verdict.REFUSED: result.refused, Verdict.FAILED: result.failed}
+    counts[found.verdict][case.name] += 1
+    if found.verdict is not Verdict.FAILED:
+        return None
+    files = {**case.files, damaged: content}
+    return Failure(
+        number, case.name, found.kind, found.place, found.text, files, damaged, found.trace, case.command
+    )  # fmt: skip
 
 
 def _write(files: Files, folder: Path) -> None:

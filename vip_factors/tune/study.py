@@ -1,5 +1,7 @@
 """A study: trials of settings, kept in a file as they are made, to be continued at any time."""
 
+import json
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -62,11 +64,14 @@ class Study:
             one.name: self._optuna.distributions.FloatDistribution(one.low, one.high, log=one.log)
             for one in task.parameters
         }
+        if path.suffix.lower() not in DATABASES and path.is_file():
+            _check_journal(path)
         with _readable(path):
             self._study = self._optuna.create_study(
                 storage=_storage(path), study_name=NAME, load_if_exists=True, direction="minimize"
             )
             known = {name: self._study.user_attrs.get(name) for name in task.words()}
+            self._check_errors()
         for name, words in task.words().items():
             if known[name] is None:
                 self._study.set_user_attr(name, words)
@@ -74,6 +79,17 @@ class Study:
                 raise InputError(
                     f"{path} is a study of other {name} ({known[name]}): expected {words}; give another --study"
                 )
+
+    def _check_errors(self) -> None:
+        """Raise a ValueError if what was measured is missing, or no numbers of the recordings."""
+        complete = self._study.get_trials(states=[self._optuna.trial.TrialState.COMPLETE])
+        kept = [one.user_attrs.get("errors") for one in complete]
+        for errors in kept if self.before is None else [self.before, *kept]:
+            numbers = [errors.get(name) for name in self._task.recordings] if isinstance(errors, dict) else [None]
+            if not all(isinstance(one, (int, float)) and math.isfinite(one) for one in numbers):
+                raise ValueError(f"a trial has the errors {errors}: expected a number for each recording")
+        if self.before is not None and not all(self.before[name] > 0 for name in self._task.recordings):
+            raise ValueError(f"the errors before are {self.before}: expected numbers above 0")
 
     @property
     def before(self) -> Errors | None:
@@ -156,15 +172,35 @@ def _readable(path: Path) -> Iterator[None]:
     Raises:
         InputError: if it is none.
     """
-    foreign: tuple[type[Exception], ...] = (ValueError, KeyError)  # of a journal
+    # A journal is replayed as it stands: its numbers are taken for keys and places without a look.
+    foreign: tuple[type[Exception], ...] = (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError,
+                                            ValueError)  # fmt: skip
     if path.suffix.lower() in DATABASES:
-        from sqlalchemy.exc import DatabaseError
+        from sqlalchemy.exc import SQLAlchemyError
 
-        foreign = (DatabaseError,)
+        foreign = (*foreign, SQLAlchemyError)
     try:
         yield
     except foreign as error:
         raise InputError(f"{path}: cannot be read or written as a study: {error}") from error
+
+
+def _check_journal(path: Path) -> None:
+    """Refuse a journal with a line that is cut off: optuna passes over it once, and fails for good when it goes on.
+
+    Raises:
+        InputError: naming the line.
+    """
+    for number, line in enumerate(path.read_bytes().splitlines(keepends=True), start=1):
+        try:
+            whole = line.endswith(b"\n") and isinstance(json.loads(line), dict)
+        except ValueError:
+            whole = False
+        if not whole:
+            raise InputError(
+                f"{path}: cannot be read or written as a study: line {number} is cut off or no JSON; delete that line, "
+                "with which a trial is lost, or give another --study"
+            )
 
 
 def _storage(path: Path) -> Any:

@@ -16,6 +16,7 @@ from vip_factors.geometry.quaternions import Order
 from vip_factors.geometry.rotations import Array, angle_between, log, nearest_rotation, transpose
 from vip_factors.io.imported import ImportedLog
 from vip_factors.io.importers.inertial_frame import GRAVITY, tilt_of_up, z_up
+from vip_factors.io.importers.mat_sizes import check_mat_sizes
 from vip_factors.io.importers.sensor_files import merge_notes
 from vip_factors.io.importers.site_names import default_sites
 from vip_factors.io.importers.xsens_channels import rotations_or_nan
@@ -91,6 +92,7 @@ def read(path: Path) -> ImportedLog:
 def _load(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
 
+    check_mat_sizes(path)
     try:
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError as error:

@@ -145,7 +145,7 @@ class WebSocketSource(LiveSource):
             except ConnectionClosed as error:
                 return self._closed(error)
             try:
-                self._take(client, data)
+                take_message(client, data)
             except ClientError as error:
                 return str(error)
             wait = pace.take()
@@ -154,16 +154,6 @@ class WebSocketSource(LiveSource):
                 client.tell("pace", f"it sends more than {rate:g} messages a second and has to wait")
                 self._stop.wait(wait)
         return ""
-
-    @staticmethod
-    def _take(client: Client, data: str | bytes) -> None:
-        if isinstance(data, str):
-            client.tell("text", f"a text message of {len(data)} characters is left out: expected binary messages")
-            return
-        try:
-            client.take(data)
-        except FileFormatError as error:
-            client.tell("no message", f"a message is left out: {error}")
 
     def _closed(self, error: Any) -> str:
         sent = error.sent
@@ -202,6 +192,21 @@ class WebSocketSource(LiveSource):
                         tell(f"{_peer(name, self)}: it did not open a WebSocket ({problem}); its connection is closed")
 
         return Connection
+
+
+def take_message(client: Client, data: str | bytes) -> None:
+    """One message of a client; what is no live message is told and left out.
+
+    Raises:
+        ClientError: if this client cannot be listened to any longer.
+    """
+    if isinstance(data, str):
+        client.tell("text", f"a text message of {len(data)} characters is left out: expected binary messages")
+        return
+    try:
+        client.take(data)
+    except FileFormatError as error:
+        client.tell("no message", f"a message is left out: {error}")
 
 
 def _peer(name: str, connection: "ServerConnection") -> str:

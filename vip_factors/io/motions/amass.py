@@ -1,6 +1,5 @@
 """AMASS npz: SMPL-H or SMPL-X pose vectors and root path, Z up."""
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ import numpy as np
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.motion import Motion
+from vip_factors.body.npz_file import read_npz
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton
 from vip_factors.body.smpl_file import smpl_body
 from vip_factors.errors import FileFormatError, InputError
@@ -73,36 +73,23 @@ def _body(content: dict[str, Any], model: str | Path | None, stature_m: float | 
 
 
 def _read(path: Path) -> dict[str, Any]:
+    names = ("poses", "trans", "betas", "gender", "joint_offsets", *RATE_NAMES)
+    file = read_npz(path, "not an AMASS npz", names)
+    missing = [name for name in ("poses", "trans") if name not in file]
+    if missing:
+        raise FileFormatError(f"{path}: lacks {', '.join(missing)}; expected a motion file of AMASS")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            missing = [name for name in ("poses", "trans") if name not in file]
-            if missing:
-                raise FileFormatError(f"{path}: lacks {', '.join(missing)}; expected a motion file of AMASS")
-            for name in {"poses", "trans", "betas", "gender", "joint_offsets", *RATE_NAMES} & set(file.files):
-                _check_size(file, name)
-            rates = [float(file[name].ravel()[0]) for name in RATE_NAMES if name in file]
-            return {
-                "poses": np.asarray(file["poses"], dtype=float),
-                "trans": np.asarray(file["trans"], dtype=float),
-                "betas": np.asarray(file["betas"], dtype=float).ravel() if "betas" in file else None,
-                "gender": _text(file["gender"]) if "gender" in file else "",
-                "rate": rates[0] if rates else None,
-                "joint_offsets": np.asarray(file["joint_offsets"], dtype=float) if "joint_offsets" in file else None,
-            }
-    except FileFormatError:
-        raise
-    except Exception as error:  # of damaged archives NumPy, zipfile and zlib raise a dozen kinds
+        rates = [float(file[name].ravel()[0]) for name in RATE_NAMES if name in file]
+        return {
+            "poses": np.asarray(file["poses"], dtype=float),
+            "trans": np.asarray(file["trans"], dtype=float),
+            "betas": np.asarray(file["betas"], dtype=float).ravel() if "betas" in file else None,
+            "gender": _text(file["gender"]) if "gender" in file else "",
+            "rate": rates[0] if rates else None,
+            "joint_offsets": np.asarray(file["joint_offsets"], dtype=float) if "joint_offsets" in file else None,
+        }
+    except (IndexError, TypeError, ValueError) as error:  # empty, or no numbers
         raise FileFormatError(f"{path}: not an AMASS npz ({error})") from error
-
-
-def _check_size(file: Any, name: str) -> None:
-    """Refuse an array that claims to be larger than its part of the archive, before room is made for it."""
-    with file.zip.open(f"{name}.npy") as part:
-        version = np.lib.format.read_magic(part)
-        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, kind = read_header(part)
-    if math.prod(shape) * kind.itemsize > file.zip.getinfo(f"{name}.npy").file_size:
-        raise ValueError(f"{name} claims to have the shape {shape}, for which the file is too short")
 
 
 def _text(value: Array) -> str:

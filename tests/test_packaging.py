@@ -1,7 +1,10 @@
-"""What is said about the package in several places is the same in all of them, and the wheel holds what it needs."""
+"""What is said of the package in several places is the same in all of them, and what is built holds what it needs."""
 
 import importlib
+import importlib.metadata
 import re
+import sys
+import tarfile
 import tomllib
 import zipfile
 from pathlib import Path
@@ -45,13 +48,59 @@ def test_ci_has_no_install_command_of_its_own() -> None:
     assert "pip install" not in CI
 
 
-def test_workflow_classifiers_and_minimum_name_the_same_pythons() -> None:
-    workflow = (ROOT / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8")
-    matrix = re.findall(r'"(3\.\d+)"', re.search(r"python: \[(.*)\]", workflow)[1])  # type: ignore[index]
-    classifiers = [name.rpartition(" :: ")[2] for name in PROJECT["project"]["classifiers"] if "Python :: 3." in name]
-    assert matrix == classifiers
-    assert PROJECT["project"]["requires-python"] == f">={matrix[0]}"
+PYTHONS = [name.rpartition(" :: ")[2] for name in PROJECT["project"]["classifiers"] if "Python :: 3." in name]
+FIRST, LAST = PYTHONS[0], PYTHONS[-1]
+
+
+def minor(version: str) -> int:
+    return int(version.rpartition(".")[2])
+
+
+def test_every_place_names_the_same_pythons() -> None:
+    def text(*path: str) -> str:
+        return ROOT.joinpath(*path).read_text(encoding="utf-8")
+
+    workflow, lowest = text(".github", "workflows", "tests.yml"), text(".ci", "lowest")
+    tested = re.findall(r'"(3\.\d+)"', re.search(r"python: \[(.*)\]", workflow)[1])  # type: ignore[index]
+    assert tested == PYTHONS
+    assert [minor(version) for version in PYTHONS] == list(range(minor(FIRST), minor(LAST) + 1))
+    experimental = re.findall(r'python: "(3\.\d+)"\n +experimental: true', workflow)
+    newest = max(map(minor, [*tested, *experimental]))
+    assert PROJECT["project"]["requires-python"] == f">={FIRST},<3.{newest + 1}"
+    assert f"Python {FIRST} to {LAST} " in README
+    assert f"Python {FIRST} to {LAST} " in text("docs", "index.md")
+    assert PROJECT["tool"]["ruff"]["target-version"] == f"py3{minor(FIRST)}"
+    assert f"PYTHON:-python{FIRST} " in CI
+    assert all(f"python{version} " in CI for version in PYTHONS)
+    assert f"PYTHON:-python{FIRST}}}" in lowest
+    assert f'python-version: "{FIRST}"\n      - run: .ci/lowest' in workflow
+    base = re.search(r"^ARG BASE=.*python:(3\.\d+)-slim$", text("Containerfile"), flags=re.MULTILINE)
+    assert base is not None
+    assert base[1] in PYTHONS
     assert ".ci/run" in workflow
+
+
+def test_gtsam_has_a_wheel_for_every_python_alone() -> None:
+    """Why there is a newest Python: a wheel of GTSAM is for one, and there is no source to build it from."""
+    wheel = importlib.metadata.distribution("gtsam").read_text("WHEEL") or ""
+    tags = set(re.findall(r"^Tag: (\w+)-(\w+)-", wheel, flags=re.MULTILINE))
+    here = f"cp{sys.version_info.major}{sys.version_info.minor}"
+    assert tags == {(here, here)}, "if one wheel is for all, requires-python needs no upper end"
+    first, past = re.findall(r"3\.(\d+)", PROJECT["project"]["requires-python"])
+    assert int(first) <= sys.version_info.minor < int(past)
+
+
+def test_a_container_is_built_from_all_that_the_wheel_needs() -> None:
+    ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    assert "*" in ignored, "only what is named is sent"
+    kept = {line.removeprefix("!") for line in ignored if line.startswith("!")}
+    needed = {
+        "pyproject.toml",
+        PROJECT["project"]["readme"],
+        *PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"],
+    }
+    needed |= {name.partition("/")[0] for name in PROJECT["project"]["license-files"]}
+    assert kept == needed
 
 
 def test_console_script_resolves() -> None:
@@ -103,10 +152,17 @@ def test_contributing_shows_the_table_of_rooms() -> None:
     assert shown == ROWS
 
 
-def test_wheel_holds_the_package_and_its_data(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
     wheels = pytest.importorskip("hatchling.builders.wheel", reason="needs the extra dev")
-    (wheel,) = wheels.WheelBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])
-    names = set(zipfile.ZipFile(wheel).namelist())
+    (path,) = wheels.WheelBuilder(str(ROOT)).build(
+        directory=str(tmp_path_factory.mktemp("wheel")), versions=["standard"]
+    )
+    return zipfile.ZipFile(path)
+
+
+def test_wheel_holds_the_package_and_its_data(wheel: zipfile.ZipFile) -> None:
+    names = set(wheel.namelist())
     sources = {
         str(path.relative_to(ROOT))
         for path in (ROOT / "vip_factors").rglob("*")
@@ -116,3 +172,30 @@ def test_wheel_holds_the_package_and_its_data(tmp_path: Path) -> None:
     assert sources <= names, f"not in the wheel: {sorted(sources - names)}"
     outside = {name for name in names if not name.startswith(("vip_factors/", "vip_factors-"))}
     assert not outside, "the wheel installs something beside the package"
+    kinds = {Path(name).suffix for name in names if name.startswith("vip_factors/")}
+    data = {".css", ".html", ".js", ".json", ".md", ".npz", ".sha256", ".txt"}
+    assert kinds <= {".py", ".pyi", ".typed", *data}, "the wheel holds files of a kind that no code reads"
+    assert sum(one.compress_size for one in wheel.infolist()) < 3_000_000
+
+
+def test_wheel_holds_the_licence_of_what_is_bundled(wheel: zipfile.ZipFile) -> None:
+    (licences,) = {name.partition("/")[0] for name in wheel.namelist() if ".dist-info/" in name}
+    for name in PROJECT["project"]["license-files"]:
+        assert wheel.read(f"{licences}/licenses/{name}") == (ROOT / name).read_bytes()
+    foreign = [path for path in (ROOT / "vip_factors").rglob("LICENSE*")]
+    assert {str(path.relative_to(ROOT)) for path in foreign} < set(PROJECT["project"]["license-files"])
+    assert "MIT" in PROJECT["project"]["license"]
+    script = wheel.read("vip_factors/report/viewer/viewer.min.js").decode()
+    assert "SPDX-License-Identifier: MIT" in script, "a page that is passed on carries the notice too"
+
+
+def test_source_distribution_holds_what_its_tests_read(tmp_path: Path) -> None:
+    sources = pytest.importorskip("hatchling.builders.sdist", reason="needs the extra dev")
+    (path,) = sources.SdistBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])
+    with tarfile.open(path) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    tops = {name.partition("/")[0] for name in names}
+    there = {entry.name for entry in ROOT.iterdir() if entry.name not in (".git", ".gitignore")}
+    assert {"pyproject.toml", "Containerfile", ".dockerignore", ".ci", ".github", "tests", "docs", "notebooks"} <= tops
+    assert tops - there <= {"PKG-INFO", ".gitignore"}
+    assert not [name for name in names if "__pycache__" in name or name.endswith((".rrd", ".pyc"))]

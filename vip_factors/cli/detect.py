@@ -87,12 +87,14 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 def _found(options: DetectOptions, tell: Any) -> "VideoPoses":
     from vip_factors.cli.terminal import note
     from vip_factors.detect.blazepose import blazepose_tracker, usual_threads
+    from vip_factors.detect.interpreter import check_interpreter
     from vip_factors.detect.model_files import blazepose_files
     from vip_factors.detect.onnx_pose import OnnxPose
     from vip_factors.detect.video import Stretch, detect_video
 
     threads = options.threads or usual_threads()
     model = OnnxPose(options.model, threads, options.keypoints) if options.model is not None else None
+    check_interpreter()
     tracker = blazepose_tracker(blazepose_files(options.blazepose, note), options.settings, threads)
     stretch = Stretch(options.start_s, options.end_s, options.every)
     return detect_video(options.video, tracker, options.settings, stretch, model, tell)

@@ -37,10 +37,12 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     if len(options.files) < 2:
         raise InputError("expected an estimate and at least one file to write: vip-factors export ESTIMATE FILE …")
     from vip_factors.cli.terminal import waiting
-    from vip_factors.io.export.files import export
+    from vip_factors.io.export.files import export, export_format
     from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 
     source, *targets = options.files
+    for target in targets:
+        export_format(target)
     with waiting(f"reading {source.name}"):
         estimate = read_scene_estimate(source)
     for target in targets:

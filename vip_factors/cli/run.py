@@ -103,6 +103,10 @@ def check(options: RunOptions) -> None:
         raise InputError("--detections given: nothing is detected, so leave out --overlay and --detect-options")
     if not 0 < options.field_of_view_deg < 180:
         raise InputError(f"--field-of-view-deg {options.field_of_view_deg}: expected degrees between 0 and 180")
+    from vip_factors.io.export.files import export_format
+
+    for target in options.export:
+        export_format(target)
 
 
 def usual_folder(options: RunOptions) -> Path:

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Protocol
 
@@ -19,6 +20,16 @@ class Model(Protocol):
         ...
 
 
+def check_interpreter() -> None:
+    """Make sure of the library before models are fetched for it.
+
+    Raises:
+        InputError: if it is not installed.
+    """
+    if find_spec("ai_edge_litert") is None:
+        raise InputError("BlazePose needs ai-edge-litert, which is not installed: pip install 'vip-factors[detect]'")
+
+
 class LiteModel:
     """A ``.tflite`` file, run on the CPU.
 
@@ -32,12 +43,9 @@ class LiteModel:
     """
 
     def __init__(self, path: Path, threads: int) -> None:
-        try:
-            from ai_edge_litert.interpreter import Interpreter
-        except ImportError as error:
-            raise InputError(
-                "BlazePose needs ai-edge-litert, which is not installed: pip install 'vip-factors[detect]'"
-            ) from error
+        check_interpreter()
+        from ai_edge_litert.interpreter import Interpreter
+
         try:
             with _silent():
                 self._interpreter = Interpreter(model_path=str(path), num_threads=threads)

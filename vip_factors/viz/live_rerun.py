@@ -21,7 +21,7 @@ from vip_factors.sensors.live import LiveSetup, VideoFrame
 from vip_factors.viz.partial_file import check_partial, partial_file, partial_path
 from vip_factors.viz.rerun_file import complete, hand_over
 from vip_factors.viz.serve import grpc_server
-from vip_factors.viz.viewer import rerun_command
+from vip_factors.viz.viewer import QUIET, rerun_command
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -197,6 +197,7 @@ def draw(queue: Any, telling: Connection, setup: LiveSetup, target: LiveTarget, 
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
     os.environ.setdefault("RUST_LOG", "off")  # Rerun's complaints about a closed viewer, line after line
+    os.environ.update(QUIET)
     from vip_factors.viz.live_view import LiveView
 
     try:

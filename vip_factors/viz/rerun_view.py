@@ -21,7 +21,7 @@ from vip_factors.viz.rerun_names import log_joint_names, log_joints, log_joints_
 from vip_factors.viz.rerun_series import log_curve, log_measurements, log_residuals, sensor_colours
 from vip_factors.viz.sensor_legend import log_legend
 from vip_factors.viz.summary import summary
-from vip_factors.viz.viewer import check_display, rerun_command
+from vip_factors.viz.viewer import check_display, quiet, rerun_command
 
 APPLICATION = "vip_factors"
 ERROR_COLOUR = (196, 60, 70)
@@ -94,7 +94,8 @@ def send(view: View, sink: Sink) -> None:
         return
     check_display("a file (SaveTo) instead of the live viewer")
     stream = rr.RecordingStream(APPLICATION)
-    rr.spawn(executable_path=rerun_command(), recording=stream)
+    with quiet():
+        rr.spawn(executable_path=rerun_command(), recording=stream)
     view.log(stream)
     stream.flush()
 

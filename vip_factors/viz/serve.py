@@ -15,7 +15,7 @@ from types import FrameType
 from urllib.parse import quote
 
 from vip_factors.errors import InputError, VipFactorsError
-from vip_factors.viz.viewer import rerun_command
+from vip_factors.viz.viewer import quiet_environment, rerun_command
 
 START_S = 30.0  # seconds until the servers listen; a slow machine takes two
 LOOK_S = 0.1  # seconds between looks whether they do
@@ -80,9 +80,7 @@ def grpc_server(host: str, port: int) -> Iterator[str]:
         rerun_command(), "--serve-grpc", "--bind", host, "--port", str(port), "--server-memory-limit",
         f"{MEMORY_MIB}MiB",
     ]  # fmt: skip
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL, start_new_session=True
-    )
+    process = _started(command)
     try:
         _wait_for(process, host, (port,))
         local = LOCAL.get(host, host)
@@ -100,14 +98,20 @@ def _servers(rrd: Path, host: str, port: int) -> Iterator[subprocess.Popen[bytes
         str(port + 1), "--server-memory-limit", f"{memory}MiB", "--cors-allow-origin", f"http://*:{port}",
     ]  # fmt: skip
     before = signal.signal(signal.SIGTERM, _interrupt)
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL, start_new_session=True
-    )
+    process = _started(command)
     try:
         yield process
     finally:
         _end(process)
         signal.signal(signal.SIGTERM, before)
+
+
+def _started(command: Sequence[str]) -> subprocess.Popen[bytes]:
+    """A program in a process group of its own, in silence."""
+    nowhere = subprocess.DEVNULL
+    return subprocess.Popen(
+        command, stdout=nowhere, stderr=nowhere, stdin=nowhere, start_new_session=True, env=quiet_environment()
+    )
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from vip_factors.body.joint_angles import JointAngles, joint_angles
-from vip_factors.errors import InputError
 from vip_factors.estimate import SceneEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.export.markers import markers
@@ -20,15 +19,9 @@ HEADER_FRAMES = 65_535
 
 
 def write_c3d(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> None:
-    """Write one wearer's points in millimetres, world with z up, and angles in degrees, three to a point.
+    """Write one wearer's points in millimetres, world with z up, and angles in degrees, three to a point."""
+    import ezc3d
 
-    Raises:
-        InputError: without the library that writes C3D.
-    """
-    try:
-        import ezc3d
-    except ImportError:
-        raise InputError(f"{path.name}: C3D needs ezc3d: pip install 'vip-factors[export]'") from None
     wearer = estimate.wearers[0]
     motion = wearer.motion
     points = {name: MILLIMETRES * p for name, p in markers(motion).items()}

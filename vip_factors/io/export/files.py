@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import cast
 
@@ -29,11 +30,13 @@ class ExportFormat:
         writer: ``module:function`` in this folder, imported when asked for; a :data:`Writer`.
         holds: what of an estimate, in words.
         several: whether one file holds several wearers.
+        library: that must be installed for it, of the extra ``export``.
     """
 
     writer: str
     holds: str
     several: bool = False
+    library: str = ""
 
     def load(self) -> Writer:
         """The writer itself."""
@@ -43,15 +46,33 @@ class ExportFormat:
 
 FORMATS: dict[str, ExportFormat] = {
     ".bvh": ExportFormat("bvh:write_bvh", "skeleton and motion, for animation programs"),
-    ".glb": ExportFormat("gltf:write_gltf", "bodies that move, and the camera's path", several=True),
+    ".glb": ExportFormat("gltf:write_gltf", "bodies that move, and the camera's path", True, "pygltflib"),
     ".npz": ExportFormat("amass:write_amass", "poses and root path, as AMASS has them"),
     ".csv": ExportFormat("csv_tables:write_csv", "joint positions and joint angles, as a table"),
     ".trc": ExportFormat("opensim_trc:write_trc", "joint centres and keypoints as markers, for OpenSim"),
     ".mot": ExportFormat("opensim_mot:write_mot", "coordinates of OpenSim's model Rajagopal2016"),
     ".sto": ExportFormat("opensense_sto:write_opensense", "orientations of segments, for OpenSense"),
-    ".c3d": ExportFormat("c3d_points:write_c3d", "joint centres, keypoints and joint angles as points"),
+    ".c3d": ExportFormat(
+        "c3d_points:write_c3d", "joint centres, keypoints and joint angles as points", library="ezc3d"
+    ),
     ".pkl": ExportFormat("three_dpw:write_three_dpw", "poses, camera and 2D poses, as 3DPW has them", several=True),
 }
+
+
+def export_format(path: Path) -> ExportFormat:
+    """The format that the suffix of a file names, which can be written here.
+
+    Raises:
+        InputError: for an unknown suffix, or without the format's library.
+    """
+    known = FORMATS.get(path.suffix.lower())
+    if known is None:
+        raise InputError(f"{path}: expected a file that ends in {', '.join(FORMATS)}")
+    if known.library and find_spec(known.library) is None:
+        raise InputError(
+            f"{path}: this needs {known.library}, which is not installed: pip install 'vip-factors[export]'"
+        )
+    return known
 
 
 def export(
@@ -72,11 +93,10 @@ def export(
         The files that were written.
 
     Raises:
-        InputError: for an unknown suffix or wearer, one without frames, or a file that may not be written.
+        InputError: as :func:`export_format`, for an unknown wearer, one without frames, or a file that may not be
+            written.
     """
-    known = FORMATS.get(path.suffix.lower())
-    if known is None:
-        raise InputError(f"{path}: expected a file that ends in {', '.join(FORMATS)}")
+    known = export_format(path)
     chosen = _chosen(estimate, settings.wearer)
     for wearer in chosen.wearers:
         if len(wearer.motion) == 0:

@@ -8,7 +8,6 @@ import numpy as np
 from vip_factors import __version__
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side, mannequin
 from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton
-from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, SceneEstimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
@@ -32,9 +31,6 @@ def write_gltf(estimate: SceneEstimate, path: Path, settings: ExportSettings) ->
 
     A body's bones have the axes of its T-pose (x to the left, y up, z forward). A camera has its vertical field of
     view and aspect; a principal point off the image's middle and distortion have no place in the format.
-
-    Raises:
-        InputError: without the package that writes glTF.
     """
     file = _Scene(estimate.wearers[0].motion.start)
     for one in estimate.wearers:
@@ -48,10 +44,8 @@ class _Scene:
     """A glTF scene that is being put together; ``start`` is the instant that its animation begins."""
 
     def __init__(self, start: float) -> None:
-        try:
-            import pygltflib
-        except ImportError as error:
-            raise InputError("glTF files need the package pygltflib: pip install 'vip-factors[export]'") from error
+        import pygltflib
+
         self._lib: Any = pygltflib
         self._start = start
         self._buffer = GltfBuffer()

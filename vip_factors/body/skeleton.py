@@ -4,7 +4,7 @@ Body axes at rest: x to the wearer's left, y up, z forward; all joint rotations 
 A *bone* is the segment that a joint moves and carries that joint's name: bone ``left_knee`` is the left shank.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -51,6 +51,16 @@ def joint_index(name: str) -> int:
     if canonical not in JOINT_NAMES:
         raise InputError(f"unknown bone '{name}': expected one of {', '.join(JOINT_NAMES)}")
     return JOINT_NAMES.index(canonical)
+
+
+def joints_placed_by(bones: Collection[str] | None, joints: Iterable[int]) -> list[int]:
+    """Rows of those joints whose place is known where the motion of some bones is: they sit on the bone above.
+
+    Args:
+        bones: names of the bones whose motion is known; None: all.
+        joints: rows to choose from.
+    """
+    return [row for row in joints if bones is None or JOINT_NAMES[max(PARENTS[row], 0)] in bones]
 
 
 def ancestors(joint: int) -> tuple[int, ...]:

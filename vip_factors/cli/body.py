@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from vip_factors.cli.options import Flag, beside, parse
+from vip_factors.cli.outputs import Output
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,9 +27,9 @@ class BodyOptions:
     """Estimate (.mcap) of a filmed wearer of whom only the stature was told."""
     wearer: str | None = None
     """Name of the wearer, if there are several."""
-    out: Path | None = None
+    out: Annotated[Path | None, Output(".toml")] = None
     """Body file (.toml) to write; ESTIMATE.body.toml if absent."""
-    picture: Path | None = None
+    picture: Annotated[Path | None, Output(".svg")] = None
     """Also draw what was found beside what was likely beforehand, into this file (.svg)."""
     truth: Path | None = None
     """Recording (.mcap) that holds the truth, to be drawn as well."""
@@ -45,11 +46,8 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.viz.body_chart import body_picture
 
     out = options.out or beside(options.estimate, ".body.toml")
-    if out.suffix.lower() != ".toml":
-        raise InputError(f"{out}: expected the name of a body file that ends in .toml; give --out another one")
     check_target(out, options.overwrite)
     if options.picture is not None:
-        _check_picture(options.picture)
         check_target(options.picture, options.overwrite)
     elif options.truth is not None:
         raise InputError("--truth is drawn into the picture: give --picture too")
@@ -63,11 +61,6 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         with atomic_open(options.picture, overwrite=options.overwrite) as file:
             file.write(body_picture(estimate.motion.name, estimate.body, truth))
         print(options.picture)
-
-
-def _check_picture(picture: Path) -> None:
-    if picture.suffix.lower() != ".svg":
-        raise InputError(f"{picture}: expected the name of a picture that ends in .svg; give --picture another one")
 
 
 def _wearer(options: BodyOptions) -> "Estimate":

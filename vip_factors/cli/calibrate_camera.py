@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.outputs import Output
 
 if TYPE_CHECKING:
     from vip_factors.io.calibrate_camera import CameraCalibration
@@ -29,7 +30,7 @@ class CalibrateCameraOptions:
 
     source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO|FOLDER|CAMERA.toml")]
     """Video, or folder of images; or a camera file, to which --floor-image adds where the camera stands."""
-    out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAMERA.toml")]
+    out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAMERA.toml"), Output(".toml")]
     """Camera file to write."""
     checkerboard: str | None = None
     """Columns and rows of inner corners (one less than squares), such as 9x6."""
@@ -64,8 +65,6 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.io.camera_file import read_camera_file, write_camera_file
 
     check_target(options.out, options.overwrite)
-    if options.out.suffix.lower() != ".toml":
-        raise InputError(f"{options.out}: expected a name that ends in .toml")
     if options.images < 1 or options.views < 1:
         raise InputError(f"--images {options.images} --views {options.views}: expected numbers above 0")
     board = _board(options)

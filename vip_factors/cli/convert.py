@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.outputs import Input, Output
 
 if TYPE_CHECKING:
     from vip_factors.io.scene_building import CameraOptions
@@ -31,7 +32,7 @@ class ConvertOptions:
 
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
     """File or folder: Xsens .txt, .mvnx, DOT .csv, OpenSense .sto, TotalCapture .sensors, ROS 2 .mcap …"""
-    out: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")] = None
+    out: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING"), Output(".mcap")] = None
     """Recording (.mcap) to write."""
     template: Annotated[Path | None, tyro.conf.arg(metavar="NAME")] = None
     """Write no recording, but first guesses to correct: NAME_placement.toml, where the sensors sit, and for a table of
@@ -39,7 +40,7 @@ class ConvertOptions:
     columns: Path | None = None
     """Column map (.toml) of a log that is a table, or tables, of no known format: which columns hold what, of which
     sensor, in which unit."""
-    placement: str | None = None
+    placement: Annotated[str | None, Input()] = None
     """Name of a preset (sip6, tnt10, totalcapture13, mvn17) or a placement file (.toml, .json; or
     OpenSense's mapping of sensors to a model's frames, .xml)."""
     stature_m: float | None = None

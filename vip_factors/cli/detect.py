@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from vip_factors.cli.options import Flag, beside, parse
+from vip_factors.cli.outputs import Output
 from vip_factors.detect.settings import DetectSettings
 
 if TYPE_CHECKING:
@@ -27,9 +28,9 @@ class DetectOptions:
 
     video: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO")]
     """Video (.mp4, .mov …)."""
-    out: Path | None = None
+    out: Annotated[Path | None, Output(".json")] = None
     """File (.json) to write; VIDEO.poses.json if absent."""
-    overlay: Path | None = None
+    overlay: Annotated[Path | None, Output(".mp4")] = None
     """Also write the video (.mp4) with the poses drawn over it."""
     blazepose: Annotated[Path | None, tyro.conf.arg(metavar="WHEEL_OR_FOLDER")] = None
     """Wheel of mediapipe 0.10.21, or a folder with pose_detection.tflite and pose_landmark_full.tflite; if absent, that

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.outputs import Output
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ class EvaluateOptions:
     truth: Path | None = None
     """Recording (.mcap) that holds the truth, or the true motion alone (.bvh …), whose times count from the same
     instant; the estimate's own file if the recording is in it."""
-    json: Path | None = None
+    json: Annotated[Path | None, Output()] = None
     """Also write everything to this file, as JSON."""
     overwrite: Flag = False
     """Replace the JSON file if it exists."""

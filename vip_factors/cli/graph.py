@@ -10,8 +10,8 @@ import tyro
 from vip_factors.cli.common_settings import CommonSettings
 from vip_factors.cli.named import named_tree
 from vip_factors.cli.options import Flag, beside, parse_with_settings
+from vip_factors.cli.outputs import Output
 from vip_factors.configurations import Configuration
-from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
     from vip_factors.settings import Settings
@@ -30,7 +30,7 @@ class GraphOptions:
 
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
     """Recording (.mcap); vip-factors convert makes one from foreign files."""
-    picture: Path | None = None
+    picture: Annotated[Path | None, Output(".svg")] = None
     """Picture (.svg) to write; RECORDING.graph.svg if absent."""
     frame: int | None = None
     """Frame of the graph to draw in full, from 0; the middle one if absent."""
@@ -50,8 +50,6 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.io.mcap_scene_recording import read_scene
 
     picture = options.picture or beside(options.recording, ".graph.svg")
-    if picture.suffix.lower() != ".svg":
-        raise InputError(f"{picture}: expected the name of a picture that ends in .svg; give --picture another one")
     check_target(picture, options.overwrite)
     scene = read_scene(options.recording)
     from vip_factors.factor_graph.outline import graph_description

@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 
 from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.outputs import Output
 from vip_factors.errors import InputError
 
 
@@ -22,7 +23,7 @@ class InfoOptions:
     """Recording or estimate (.mcap), or motion (.bvh …)."""
     sites: Flag = False
     """Instead of a file, say where on the body sensors may be placed by name, and how their axes are taken to lie."""
-    picture: Path | None = None
+    picture: Annotated[Path | None, Output(".svg")] = None
     """With --sites, also draw them on a body, into this file (.svg)."""
     overwrite: Flag = False
     """Replace a picture that exists."""
@@ -73,8 +74,6 @@ def _tell_sites(options: InfoOptions) -> None:
         from vip_factors.io.atomic import atomic_open
         from vip_factors.viz.sites_picture import sites_picture
 
-        if options.picture.suffix.lower() != ".svg":
-            raise InputError(f"{options.picture}: expected a name that ends in .svg; give --picture another one")
         with atomic_open(options.picture, overwrite=options.overwrite) as file:
             file.write(sites_picture())
     print(sites_text())

@@ -8,6 +8,7 @@ from typing import Annotated, Any, NoReturn, TypeVar, cast, get_type_hints
 
 import tyro
 
+from vip_factors.cli.outputs import check_outputs
 from vip_factors.errors import InputError
 from vip_factors.ranges import RangeError, check_ranges
 
@@ -38,7 +39,7 @@ def parse(
         none_is_a_value: offer the word None where a field may be None (a filter that can be switched off, say).
 
     Raises:
-        InputError: for a number that is out of its range.
+        InputError: for a number that is out of its range, or an output that is an input or of another suffix.
         SystemExit: after ``--help`` or ``--help-all`` (0) and for options that do not fit (2), which stderr is told.
     """
     config = [tyro.conf.EnumChoicesFromValues, *([] if none_is_a_value else [tyro.conf.DisallowNone])]
@@ -46,6 +47,7 @@ def parse(
     try:
         given = cast(Options, tyro.cli(options, prog=prog, args=words, default=default, config=config))
         check_ranges(given, zero=True)  # settings have checked themselves
+        check_outputs(given)
     except RangeError as wrong:
         raise InputError(f"{_option(options, wrong.name)} {wrong.told}") from wrong
     return given

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from vip_factors.cli.options import Flag, beside, parse
+from vip_factors.cli.outputs import Output
 from vip_factors.errors import InputError
 from vip_factors.report.settings import ReportSettings
 
@@ -28,7 +29,7 @@ class ReportOptions:
     """Recording (.mcap) that it was made from; the estimate's own file if the recording is in it."""
     truth: Path | None = None
     """Recording (.mcap) whose truth to compare with, if it is not the one above."""
-    out: Path | None = None
+    out: Annotated[Path | None, Output()] = None
     """Where to write the page; beside the estimate if not given."""
     overwrite: Flag = False
     """Replace the file if it exists."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from vip_factors.cli.options import Flag, asks_for_short_help, parse, tell_short_help
+from vip_factors.cli.outputs import Input, Output
 from vip_factors.errors import InputError
 from vip_factors.simulate.detector_settings import DetectorSettings
 from vip_factors.simulate.settings import SimulateSettings
@@ -36,7 +37,7 @@ class VideoOptions:
     """Cameras in all: further ones stand on tripods around the action, at known poses."""
     known_camera_pose: bool | None = None
     """Whether a fixed first camera's pose is known too; absent, if there are further cameras."""
-    also: tuple[str, ...] = ()
+    also: Annotated[tuple[str, ...], Input()] = ()
     """Motions of further wearers, as MOTION."""
     bystanders: int = 0
     """People without sensors in the scene; they repeat the motions of the wearers, elsewhere and out of step."""
@@ -64,9 +65,9 @@ class SimulateCommand:
     have found in its video.
     """
 
-    motion: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION")]
+    motion: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION"), Input()]
     """Motion file (.bvh …), or the word gestures for a motion that the package makes."""
-    out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
+    out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING"), Output(".mcap")]
     """Recording (.mcap) to write."""
     placement: PresetName = "totalcapture13"
     """Where the sensors sit."""

@@ -13,6 +13,7 @@ import tyro
 from vip_factors.cli.common_settings import CommonSettings
 from vip_factors.cli.named import named_tree
 from vip_factors.cli.options import Flag, beside, parse_with_settings
+from vip_factors.cli.outputs import Output
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
 
@@ -36,7 +37,7 @@ class SmoothOptions:
     recording: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
     """Recording (.mcap); vip-factors convert makes one from foreign files. Several, without a camera, are parts of one
     recording that follow one another in time."""
-    out: Path | None = None
+    out: Annotated[Path | None, Output(".mcap")] = None
     """Estimate (.mcap) to write; RECORDING.estimate.mcap if absent."""
     configuration: Configuration = Configuration.OWN
     """Settings to start from: this package's own, or those that stand for the estimators of Kaichi et al. 2020, which

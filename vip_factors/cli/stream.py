@@ -13,6 +13,7 @@ import tyro
 from vip_factors.cli.common_settings import CommonLiveSettings
 from vip_factors.cli.named import named_tree
 from vip_factors.cli.options import Flag, parse_with_settings
+from vip_factors.cli.outputs import Input, Output
 from vip_factors.cli.rerun_targets import STREAM_INSTEAD, check_display, check_rerun_file
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError, VipFactorsError
@@ -41,15 +42,15 @@ class StreamOptions:
     tells them); --settings reads them from a file, and options win over it.
     """
 
-    source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE")]
+    source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE"), Input()]
     """Where samples come from."""
-    out: Path | None = None
+    out: Annotated[Path | None, Output(".mcap")] = None
     """Estimate (.mcap) to write as it goes: FILE.partial.mcap until the stream ends, readable even after a crash."""
     json: Flag = False
     """Write a line of JSON a frame to standard output."""
     rerun: Flag = False
     """Open Rerun's viewer and show it all."""
-    rerun_save: Path | None = None
+    rerun_save: Annotated[Path | None, Output()] = None
     """Rerun file (.rrd) to write."""
     rerun_connect: str | None = None
     """Show it in a viewer that runs already, at rerun+http://host:9876/proxy say."""

@@ -9,6 +9,7 @@ import tyro
 
 from vip_factors.cli.common_settings import CommonClock
 from vip_factors.cli.options import Flag, beside, parse_with_settings
+from vip_factors.cli.outputs import Output
 
 if TYPE_CHECKING:
     from vip_factors.initialise.clock import ClockOffset, ClockSettings
@@ -27,13 +28,13 @@ class SyncOptions:
 
     scene: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """Scene (.mcap): sensors, and a camera with detections."""
-    out: Path | None = None
+    out: Annotated[Path | None, Output(".mcap")] = None
     """Scene (.mcap) to write; SCENE.synced.mcap if absent."""
     seconds: float | None = None
     """The offset, if you know it: it is written as it is."""
     dry_run: Flag = False
     """Only tell what was found; write no scene."""
-    picture: Path | None = None
+    picture: Annotated[Path | None, Output(".png")] = None
     """Picture (.png) of the agreement over all offsets."""
     overwrite: Flag = False
     """Replace files that exist."""

@@ -9,6 +9,7 @@ import tyro
 
 from vip_factors.body.train_prior_settings import PriorTraining
 from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.outputs import Output
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class TrainOptions:
     """What to learn; for the others' options: train body --help, train association --help, train keypoints --help."""
     motions: Path
     """Folder of motion files, searched with all folders below it."""
-    out: Path
+    out: Annotated[Path, Output(".npz")]
     """File (.npz) to write."""
     hold_out: tuple[str, ...] | None = None
     """Names of files (without suffix) never to train on; those that the package evaluates on if absent."""

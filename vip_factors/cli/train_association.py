@@ -9,6 +9,7 @@ import tyro
 
 from vip_factors.benchmark.scene_making import SceneMaking
 from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.outputs import Output
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class TrainAssociationOptions:
     """What to learn."""
     motions: Path
     """Folder of motion files, searched with all folders below it; those that the package evaluates on are left out."""
-    out: Path
+    out: Annotated[Path, Output(".json")]
     """File (.json) to write."""
     scenes: int = 40
     """How many scenes to simulate; each trains both passes."""

@@ -9,6 +9,7 @@ import tyro
 
 from vip_factors.body.train_body_prior import BodyTraining
 from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.outputs import Output
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class TrainBodyOptions:
     """What to learn."""
     ansur: Path
     """Folder with male.csv and female.csv of ANSUR II."""
-    out: Path
+    out: Annotated[Path, Output(".npz")]
     """File (.npz) to write."""
     overwrite: Flag = False
     """Replace the file if it exists."""

@@ -10,6 +10,7 @@ import tyro
 
 from vip_factors.body.keypoint_offsets import OffsetTraining
 from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.outputs import Output
 
 if TYPE_CHECKING:
     from vip_factors.geometry.rotations import Array
@@ -31,7 +32,7 @@ class TrainKeypointsOptions:
     """What to learn."""
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
     """Recordings (.mcap) with cameras and truth; two of one person count as two people."""
-    out: Path
+    out: Annotated[Path, Output(".toml")]
     """File (.toml) to write."""
     overwrite: Flag = False
     """Replace the file if it exists."""

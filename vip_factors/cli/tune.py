@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.outputs import Output
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,14 +31,14 @@ class TuneOptions:
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING [RECORDING …]")]
     """Recordings or scenes (.mcap) with a truth; three and more, as different as those that the settings are for."""
-    study: Path = Path("study.log")
+    study: Annotated[Path, Output()] = Path("study.log")
     """File of the trials, continued if it exists: optuna's journal, or SQLite if it ends in .db."""
     parameters: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:LOW:HIGH[:log] …")] = ()
     """Settings to tune and their bounds, such as factors.orientation.sigma-deg:2:10:log; eight weights of factors if
     absent."""
     trials: int = 50
     """Trials in all, those that the study holds counted."""
-    out: Path = Path("tuned.toml")
+    out: Annotated[Path, Output(".toml")] = Path("tuned.toml")
     """Settings file to write."""
     measure: Literal["mpjpe", "mpjae", "scene_position_error"] = "mpjpe"
     """What is to become small: positions or orientations after a rigid alignment of every frame, or positions in the

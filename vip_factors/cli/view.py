@@ -9,6 +9,7 @@ import tyro
 
 from vip_factors.cli.files import Opened, open_all, open_one
 from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.outputs import Output
 from vip_factors.cli.rerun_targets import VIEW_INSTEAD, check_display, check_rerun_file
 from vip_factors.errors import InputError
 from vip_factors.viz.film_settings import FilmSettings
@@ -25,7 +26,7 @@ class ViewOptions:
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE [FILE …]")]
     """Recording or scene, estimate (.mcap), motion (.bvh …): one of each kind at most, but any number of estimates
     for --chart."""
-    save: Path | None = None
+    save: Annotated[Path | None, Output()] = None
     """Write a Rerun file (.rrd) instead of opening the viewer."""
     serve: Flag = False
     """Show it in a web browser: serve it until Ctrl-C, and print the address to open."""
@@ -33,13 +34,13 @@ class ViewOptions:
     """Where --serve listens: this machine alone, or 0.0.0.0 for everybody who can reach it."""
     port: int = 9090
     """Of the page that --serve serves; its data come from the port after it."""
-    screenshot: Path | None = None
+    screenshot: Annotated[Path | None, Output(".png")] = None
     """Write a picture (.png) of Rerun's view; needs Vulkan, in software (Mesa) if need be."""
-    picture: Path | None = None
+    picture: Annotated[Path | None, Output(".png")] = None
     """Write a filmstrip (.png): poses in a row, of a scene frames of its video; needs nothing."""
-    chart: Path | None = None
+    chart: Annotated[Path | None, Output(".png")] = None
     """Write a chart (.png): joint error per frame of every estimate, headings with their uncertainty; needs nothing."""
-    video: Path | None = None
+    video: Annotated[Path | None, Output()] = None
     """Write a film (.mp4, .webp, .gif): bodies over the camera's video and in a room; needs vip-factors[film]."""
     film: Annotated[FilmSettings, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=FilmSettings)
     compare: Literal["root", "world", "side"] = "root"

@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, joint_index
+from vip_factors.body.skeleton import JOINT_NAMES, joint_index, joints_placed_by
 
 
 def _both(*names: str) -> tuple[str, ...]:
@@ -45,8 +45,7 @@ class Compared:
 
     def positions(self, names: tuple[str, ...] = JOINT_NAMES) -> list[int]:
         """Rows of those joints among the named ones whose place is known: they sit on the bone above."""
-        above = {row: JOINT_NAMES[max(PARENTS[row], 0)] for row in indices(names)}
-        return [row for row, bone in above.items() if self.bones is None or bone in self.bones]
+        return joints_placed_by(self.bones, indices(names))
 
 
 EVERYTHING = Compared()

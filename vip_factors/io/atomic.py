@@ -70,6 +70,8 @@ def check_target(path: str | os.PathLike[str], overwrite: bool = False) -> Path:
         raise InputError(f"cannot write {path}: there is no folder {target.parent}; create it first")
     if not os.access(target.parent, os.W_OK):
         raise InputError(f"cannot write {path}: no permission to write in folder {target.parent}")
+    if target.exists() and not target.is_file():
+        raise InputError(f"{path} is a device or a pipe: give the name of a file to write")
     if target.exists() and not overwrite:
         raise InputError(
             f"{path} exists already: choose another, or allow to replace it (--overwrite; overwrite=True in Python)"

@@ -13,7 +13,6 @@ from typing import IO
 
 import numpy as np
 
-from vip_factors.errors import InputError
 from vip_factors.io.mcap_chunk import CHUNK_HEAD
 from vip_factors.io.mcap_contents import (
     CHUNK,
@@ -28,6 +27,7 @@ from vip_factors.io.mcap_contents import (
     McapWarning,
     RecordWalk,
     View,
+    check_file,
     check_magic,
 )
 
@@ -94,8 +94,7 @@ class McapByTime:
         sampled: Callable[[McapChannel], bool],
     ) -> None:
         self.path, self._sampled, self.chunked = Path(path), sampled, True
-        if not self.path.is_file():
-            raise InputError(f"{path}: no such file; expected an MCAP file")
+        check_file(self.path)
         self.contents = McapContents(self.path)
         self._chunks: list[_Chunk] = []
         walk = _FirstPass(self.contents, wanted, sampled)

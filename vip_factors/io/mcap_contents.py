@@ -96,10 +96,7 @@ def read_contents(path: str | os.PathLike[str], wanted: Callable[[McapChannel], 
         FileFormatError: if it is empty or not an MCAP file.
     """
     path = Path(path)
-    if path.is_dir():
-        raise InputError(f"{path} is a folder: expected an MCAP file")
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; expected an MCAP file")
+    check_file(path)
     with open(path, "rb") as file:
         check_magic(path, file.read(len(MAGIC)))
         walk = RecordWalk(McapContents(path), wanted or (lambda channel: True))
@@ -107,6 +104,20 @@ def read_contents(path: str | os.PathLike[str], wanted: Callable[[McapChannel], 
     for sentence in walk.contents.damage:
         warnings.warn(McapWarning(f"{path}: {sentence}"), stacklevel=2)
     return walk.contents
+
+
+def check_file(path: Path) -> None:
+    """Whether there is a file that can be read from any place in it.
+
+    Raises:
+        InputError: if there is not.
+    """
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: expected an MCAP file")
+    if not path.exists():
+        raise InputError(f"{path}: no such file; expected an MCAP file")
+    if not path.is_file():
+        raise InputError(f"{path} is a device or a pipe: expected an MCAP file; write what comes from it to one first")
 
 
 def check_magic(path: Path, start: bytes) -> None:

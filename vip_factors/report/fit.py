@@ -153,7 +153,7 @@ def _truth(material: Material) -> list[Block]:
         for each in material.drawn.wearers
         if each.error_mm is not None and each.motion is not None
     ]
-    chart = time_chart("Error of the joints against the truth, mm (14 joints, each frame aligned)", lines,
+    chart = time_chart("Error of the joints against the truth, mm (each frame aligned)", lines,
                        from_zero=True, wide=True)  # fmt: skip
     return [
         Paragraph("The truth is known for this recording; the estimate differs from it by:"),

@@ -1,16 +1,18 @@
 """An estimate beside the truth: the same clock, the same gauge, and how far apart they are."""
 
+from collections.abc import Collection
 from dataclasses import replace
 from enum import StrEnum
 
 import numpy as np
 
 from vip_factors.body.motion import Motion
-from vip_factors.body.skeleton import JOINT_COUNT, joint_index
+from vip_factors.body.skeleton import JOINT_COUNT, joint_index, joints_placed_by
 from vip_factors.errors import InputError
 from vip_factors.geometry.alignment import align_rigid, align_yaw
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.recording import Recording
 
 _LIMB_JOINTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 # The 14 joints of the VIP position error (thesis eq. 2.72), so that the curve drawn is the number people quote.
@@ -86,10 +88,24 @@ def _aside(motion: Motion) -> Array:
     return SIDE_BY_SIDE_M * np.append(across, 0.0)
 
 
-def position_error_mm(estimate: Motion, truth: Motion) -> Array:
-    """Mean distance ``(T,)`` in mm of the 14 joints after a rigid alignment of every frame (thesis eq. 2.72)."""
-    source = estimate.state.p_world_joint[:, ERROR_JOINTS]
-    target = truth.state.p_world_joint[:, ERROR_JOINTS]
+def known_bones(recording: Recording | None, truth: Motion | None) -> frozenset[str] | None:
+    """Names of the bones of which a motion drawn as truth knows anything; None: all, as of a motion file."""
+    own = recording.truth if recording is not None else None
+    return own.known_bones if own is not None and own.motion is truth else None
+
+
+def position_error_mm(estimate: Motion, truth: Motion, bones: Collection[str] | None = None) -> Array:
+    """Mean distance ``(T,)`` in mm of the 14 joints after a rigid alignment of every frame (thesis eq. 2.72).
+
+    Args:
+        estimate, truth: at the same frames.
+        bones: names of those whose motion the truth knows: joints on others are left out, as in every metric; None:
+            all. Without any such joint the errors are NaN.
+    """
+    joints = joints_placed_by(bones, ERROR_JOINTS)
+    if not joints:
+        return np.full(len(truth), np.nan)
+    source, target = estimate.state.p_world_joint[:, joints], truth.state.p_world_joint[:, joints]
     moved = align_rigid(source, target).apply(source)
     return 1000 * np.linalg.norm(moved - target, axis=-1).mean(axis=-1)
 

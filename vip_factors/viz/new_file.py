@@ -20,7 +20,9 @@ def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
     """
     path = Path(path)
     if path.exists() and not overwrite:
-        raise InputError(f"{path} exists: choose another name or overwrite it")
+        raise InputError(
+            f"{path} exists already: choose another, or allow to replace it (--overwrite; overwrite=True in Python)"
+        )
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; make it first")
     partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")

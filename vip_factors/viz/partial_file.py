@@ -21,11 +21,13 @@ def check_partial(path: Path, overwrite: bool) -> Path:
     """
     partial = partial_path(path)
     if path.exists() and not overwrite:
-        raise InputError(f"{path} exists: choose another name or overwrite it")
+        raise InputError(
+            f"{path} exists already: choose another, or allow to replace it (--overwrite; overwrite=True in Python)"
+        )
     if partial.exists() and not overwrite:
         raise InputError(
             f"{partial} exists already, left by a stream that was killed or still runs: look at it and rename it, or "
-            "allow overwriting it (overwrite)"
+            "allow to replace it (--overwrite; overwrite=True in Python)"
         )
     return partial
 

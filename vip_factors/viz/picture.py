@@ -14,7 +14,7 @@ from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.recording import Recording
 from vip_factors.viz.canvas import Canvas, Rod, mixed
 from vip_factors.viz.chart import draw_chart
-from vip_factors.viz.compare import Compare, common_frames, floor_height, onto_truth, position_error_mm
+from vip_factors.viz.compare import Compare, common_frames, floor_height, known_bones, onto_truth, position_error_mm
 from vip_factors.viz.eye import Eye, Lens
 from vip_factors.viz.figure import Figure, as_bytes, blend, lit_from
 from vip_factors.viz.room import Room, floor_light
@@ -71,7 +71,7 @@ def filmstrip(
         shown, ghost = truth, None
     else:
         raise InputError("nothing to draw: expected an estimate, or a recording with its truth")
-    values, label = _curve(estimate, shown, ghost)
+    values, label = _curve(estimate, shown, ghost, known_bones(recording, truth))
     canvas = Canvas(WIDTH, STRIP_TOP + STRIP_HEIGHT + (40 + CHART_HEIGHT if values is not None else 0) + 30)
     frames = np.round(np.linspace(0.04, 0.96, poses) * (len(shown) - 1)).astype(int)
     if title is None:
@@ -104,9 +104,11 @@ def pose_picture(motion: Motion, frame: int, size: tuple[int, int]) -> np.ndarra
     return as_bytes(np.ascontiguousarray(picture[..., ::-1]))
 
 
-def _curve(estimate: Estimate | None, shown: Motion, ghost: Motion | None) -> tuple[Array | None, str]:
+def _curve(
+    estimate: Estimate | None, shown: Motion, ghost: Motion | None, bones: frozenset[str] | None
+) -> tuple[Array | None, str]:
     if ghost is not None:
-        return position_error_mm(shown, ghost), "joint error, mm"
+        return position_error_mm(shown, ghost, bones), "joint error, mm"
     if estimate is not None and "orientation_deg" in estimate.residuals:
         residual = estimate.residuals["orientation_deg"]
         some = np.isfinite(residual).any(axis=1)

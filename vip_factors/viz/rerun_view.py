@@ -12,7 +12,7 @@ from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.sensors.recording import Recording
-from vip_factors.viz.compare import Compare, common_frames, floor_height, onto_truth, position_error_mm
+from vip_factors.viz.compare import Compare, common_frames, floor_height, known_bones, onto_truth, position_error_mm
 from vip_factors.viz.layout import GHOST_COLOUR, blueprint
 from vip_factors.viz.new_file import new_file
 from vip_factors.viz.rerun_body import log_body, log_rest_body, log_sensors, log_trail
@@ -147,7 +147,8 @@ class _Scene:
         """The body in colour, the ghost, and the error between them."""
         if self.estimate is not None and self.truth is not None:
             estimated, true = common_frames(self.estimate.motion, self.truth)
-            return onto_truth(estimated, true, self.compare), true, position_error_mm(estimated, true)
+            error = position_error_mm(estimated, true, known_bones(self.recording, self.truth))
+            return onto_truth(estimated, true, self.compare), true, error
         if self.estimate is not None:
             return self.estimate.motion, None, None
         if self.truth is not None:

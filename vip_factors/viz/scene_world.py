@@ -63,7 +63,8 @@ class DrawnWearer:
         """Joint error per frame ``(T,)``, or None."""
         if self.motion is None or self.truth is None:
             return None
-        return position_error_mm(self.motion, self.truth)
+        of = self.recording.truth if self.recording is not None else None
+        return position_error_mm(self.motion, self.truth, of.known_bones if of is not None else None)
 
 
 @dataclass(frozen=True)

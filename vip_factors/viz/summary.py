@@ -37,7 +37,7 @@ def summary(
     compared = error_mm is not None and len(error_mm) > 0
     if error_mm is not None and compared:
         lines += [
-            f"**Joint error {error_mm.mean():.1f} mm** (14 joints, each frame aligned), "
+            f"**Joint error {error_mm.mean():.1f} mm** (each frame aligned), "
             f"95th percentile {np.percentile(error_mm, 95):.1f} mm",
             "",
         ]

@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -12,6 +11,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from vip_factors.benchmark.stream_program import COMMAND
 from vip_factors.io.live_mcap import FLUSH_S, partial_path
 from vip_factors.io.mcap_contents import McapWarning
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
@@ -23,7 +23,6 @@ from vip_factors.simulate.recording import simulate_recording
 from vip_factors.viz.rerun_file import is_whole
 
 Tell = Callable[[str, float], None]
-COMMAND = (sys.executable, "-m", "vip_factors.cli.main")
 RATE = 30.0  # frames per second: one slow core keeps up
 VIEWER_S = 60.0  # that the process of Rerun may take to complete its file
 LEAST_BYTES = 1000  # that a full disk holds

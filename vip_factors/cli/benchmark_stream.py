@@ -31,9 +31,14 @@ def stream_hour(options: StreamHourOptions, tell: Tell, write: Callable[[str], N
     from vip_factors.live.settings import LiveSettings
 
     trials = LongStreamTrials(60 * options.minutes, options.scene_s, options.camera)
-    result = run_stream_hour(
-        trials, LiveSettings(), tell, 60 * options.part_minutes, lambda so_far: write(hour_json(so_far))
-    )
+    part_s = 60 * options.part_minutes
+    if options.whole:
+        from vip_factors.benchmark.stream_whole import run_stream_whole, whole_json, whole_table
+
+        whole = run_stream_whole(trials, options.frame_rate, part_s, tell, lambda so_far: write(whole_json(so_far)))
+        return whole_table(whole), whole_json(whole)
+    settings = LiveSettings(frame_rate=options.frame_rate)
+    result = run_stream_hour(trials, settings, tell, part_s, lambda so_far: write(hour_json(so_far)))
     return hour_table(result), hour_json(result)
 
 

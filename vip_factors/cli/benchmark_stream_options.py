@@ -45,6 +45,10 @@ class StreamHourOptions:
     """Of the scene that is played forwards and backwards, with new noise."""
     camera: Literal["fixed", "hand-held", "walking"] = "hand-held"
     """What films."""
+    whole: Flag = False
+    """The program in place of its tracker alone: in real time over the network, with its files and lines of JSON."""
+    frame_rate: float = 60.0
+    """Frames per second."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Resident memory and processor time of other processes, where the system (Linux) shows them in ``/proc``."""
+"""Other processes, where the system (Linux) shows them in ``/proc``: memory, processor time, what they have begun."""
 
 import os
 from dataclasses import dataclass
@@ -24,17 +24,27 @@ class ProcessTree:
 
 def process_tree(pid: int) -> ProcessTree | None:
     """What a program takes now; None if it is over, or the system does not say."""
+    fields = _stat(pid)
+    if fields is None:
+        return None
+    ticks = int(fields[11]) + int(fields[12])
+    return ProcessTree(_resident(pid), sum(map(_resident, begun_by(pid))), ticks / os.sysconf("SC_CLK_TCK"))
+
+
+def begun_by(pid: int) -> list[int]:
+    """Numbers of the processes below one; empty where the system does not say."""
     parents = {}
     for folder in PROC.glob("[0-9]*"):
         fields = _stat(int(folder.name))
         if fields is not None:
             parents[int(folder.name)] = int(fields[1])
+    return [one for one in parents if _is_below(one, pid, parents)]
+
+
+def is_running(pid: int) -> bool:
+    """Whether there is such a process, and it has not ended."""
     fields = _stat(pid)
-    if fields is None:
-        return None
-    ticks = int(fields[11]) + int(fields[12])
-    below = [one for one in parents if one != pid and _is_below(one, pid, parents)]
-    return ProcessTree(_resident(pid), sum(map(_resident, below)), ticks / os.sysconf("SC_CLK_TCK"))
+    return fields is not None and fields[0] != "Z"
 
 
 def _is_below(pid: int, root: int, parents: dict[int, int]) -> bool:

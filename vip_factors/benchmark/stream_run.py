@@ -11,7 +11,7 @@ from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate
-from vip_factors.sensors.live import LiveFinding, LiveSample, LiveSetup
+from vip_factors.sensors.live import LiveFinding, LiveLoss, LiveSample, LiveSetup
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,8 @@ def _moved(answer: LiveEstimate, shift: float) -> LiveEstimate:
 def _overloaded(samples: Sequence[LiveSample], setup: LiveSetup, settings: LiveSettings, fault: Fault) -> StreamRun:
     """The queue between a source and a tracker that takes its time, on a clock that is made: any machine gives this."""
     now = 0.0
-    queue = LiveQueue(LiveSourceSettings().queue_limit, clock=lambda: now)
+    limits = LiveSourceSettings()
+    queue = LiveQueue(limits.queue_limit, clock=lambda: now, longest_wait=limits.queue_wait)
     tracker = FixedLagTracker(setup, settings)
     answers: list[LiveEstimate] = []
     arrival: list[float] = []
@@ -140,7 +141,10 @@ def _overloaded(samples: Sequence[LiveSample], setup: LiveSetup, settings: LiveS
             queue.put(coming)
             coming = next(waiting, None)
         item = queue.get()
-        if isinstance(item, LiveFinding):
+        if isinstance(item, LiveLoss):
+            tracker.note_loss()
+            told += [] if item.again else [(now, item.sentence)]
+        elif isinstance(item, LiveFinding):
             told.append((now, item.sentence))
         elif item is not None:
             new = tracker.push(item)

@@ -117,7 +117,7 @@ def test_nothing_waits_for_long() -> None:
     clock.now = 2.05
     queue.put(imu(clock.now))
     left = [item.time for item in drained(queue) if isinstance(item, ImuSample)]
-    assert left == [1.6, 1.7, 1.8, 1.9, 2.05]
+    assert left == [1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, 2.05]
 
 
 def test_findings_are_never_dropped() -> None:

@@ -9,7 +9,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Event, Lock, Thread
@@ -43,7 +43,7 @@ class SlowTrials:
     end: float = 50.0
     share: float = 0.5  # of the processor time that it took from SETTLED_S to ``begin``
     frame_rate: float = 60.0
-    stream: LongStreamTrials = LongStreamTrials()
+    stream: LongStreamTrials = field(default_factory=LongStreamTrials)
 
     def __post_init__(self) -> None:
         if not SETTLED_S < self.begin < self.end < self.seconds or not 0 < self.share < 1:

@@ -88,9 +88,9 @@ class StreamClocks:
     def _accept(self, source: int, moment: float, remark: str = "") -> Admitted:
         refused = self._refused[source]
         if refused is not None and not remark and not refused.told:
-            stray = abs(refused.newest + self._offset[source] - moment) > self._settings.step
+            back = (refused.newest + self._offset[source] - moment) * (1 if refused.ahead else -1)
             # Else the others have followed, and it was right.
-            remark = f"{refused.leap}: such samples are refused" if stray else ""
+            remark = f"{refused.leap}: such samples are refused" if back > self._settings.step else ""
         self._refused[source] = None
         self._newest[source] = max(self._newest[source], moment)
         if source < self._sensors:

@@ -9,7 +9,7 @@ from threading import Condition
 from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, LiveLoss, VideoFrame
 
 KEPT = 8  # one IMU sample in so many stays where they must be dropped: who is late is to catch up, not to stay late
-KEPT_WAIT = 4  # likewise of the seconds that samples may wait
+KEPT_WAIT = 0.45  # likewise of the seconds that samples may wait: the gap is to be one over which tracking goes on
 VIDEO_WAIT = 0.8  # of these seconds, that video frames may wait: without them a tracker is faster, and may catch up
 MOST_FINDINGS = 1000  # that wait: somebody who connects and errs all the time must not fill the memory
 SAY_EVERY = 1.0  # seconds between findings about dropped samples: the tracker spares itself as long as they come
@@ -120,7 +120,7 @@ class LiveQueue:
             while len(self._frames) > 1:
                 self._lose(self._frames)
         if self._imu and now - self._imu[0][1] > self._longest_wait:
-            since = now - self._longest_wait / KEPT_WAIT
+            since = now - KEPT_WAIT * self._longest_wait
             for kind in (self._imu, self._frames):
                 while kind and kind[0][1] < since:
                     self._lose(kind)

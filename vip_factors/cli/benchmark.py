@@ -293,11 +293,13 @@ def _speed(options: SpeedOptions, tell: Tell) -> tuple[str, str]:
 def _stream_faults(options: StreamFaultsOptions, tell: Tell) -> tuple[str, str]:
     from vip_factors.benchmark.stream_fault_table import stream_fault_json, stream_fault_table
     from vip_factors.benchmark.stream_faults import StreamTrials, run_stream_faults
+    from vip_factors.live.recalibration_settings import RecalibrationSettings
     from vip_factors.live.settings import LiveSettings
 
+    anew = RecalibrationSettings(use=options.recalibration)
     trials = StreamTrials(
         options.seconds, options.fault_s, options.cameras, options.faults,
-        settings=LiveSettings(frame_rate=options.frame_rate), processes=options.processes,
+        settings=LiveSettings(frame_rate=options.frame_rate, recalibration=anew), processes=options.processes,
     )  # fmt: skip
     results = run_stream_faults(trials, options.motions, options.clips, tell)
     return stream_fault_table(results, trials), stream_fault_json(results, trials)

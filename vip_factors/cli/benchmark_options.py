@@ -227,3 +227,5 @@ class StreamFaultsOptions:
     """Streams worked on side by side."""
     frame_rate: float = 60.0
     """Frames per second."""
+    recalibration: Flag = True
+    """Find calibrations anew in between, which takes most of the time."""

@@ -10,6 +10,7 @@ import signal
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Event, Lock, Thread
@@ -217,8 +218,10 @@ class _Answers:
         if not len(late):
             return 0.0
         edges = np.append(late, read[-1] + 1e-9)
-        free = np.flatnonzero(np.diff(edges) >= GOOD_S)
-        return float(edges[free[0]] - end) if len(free) else float("nan")
+        free = [
+            at for at, until in pairwise(edges) if until - at > GOOD_S and np.any((read > at) & (read <= at + GOOD_S))
+        ]
+        return float(free[0] - end) if free else float("nan")
 
 
 def slow_table(result: SlowStream) -> str:

@@ -103,16 +103,16 @@ def run_stream_whole(
         with StreamProgram(options, watch.take, command) as program:
 
             def sent(time: float) -> None:
-                if time < watch.next_look:
-                    return
-                watch.look(process_tree(program.pid))
-                tell("stream", time / trials.seconds)
-                if time >= part_s * (1 + len(watch.parts)):
+                ends = time >= part_s * (1 + len(watch.parts))
+                if time >= watch.next_look or ends:
+                    watch.look(time, process_tree(program.pid))
+                    tell("stream", time / trials.seconds)
+                if ends:
                     watch.end_part(time, folder)
                     keep(WholeStream(trials, frame_rate, tuple(watch.parts), program.latest_s))
 
             program.send(stream.setup, stream, sent)
-            watch.look(process_tree(program.pid))
+            watch.look(trials.seconds, process_tree(program.pid))
             code = program.end()
             if watch.has_answers:
                 watch.end_part(trials.seconds, folder)
@@ -165,9 +165,9 @@ class _Watch:
                 if found := DROPPED.search(sentence):
                     self._dropped += [int(number or 0) for number in found.groups()]
 
-    def look(self, tree: ProcessTree | None) -> None:
+    def look(self, time: float, tree: ProcessTree | None) -> None:
         """At memory."""
-        self.next_look += LOOK_S
+        self.next_look = time + LOOK_S
         if tree is not None:
             self._tree, self._most = tree, max(self._most, tree.own + tree.others)
 

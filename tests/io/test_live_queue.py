@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from vip_factors.io.live.queue import LiveQueue
 from vip_factors.io.live.throttle import Throttle
-from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, VideoFrame
+from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, LiveLoss, VideoFrame
 
 
 def imu(time: float) -> ImuSample:
@@ -73,7 +73,7 @@ def test_who_is_late_catches_up_at_once() -> None:
     assert left == list(range(71, 81))
 
 
-def test_losses_are_told_at_most_once_a_second_and_at_the_end() -> None:
+def test_losses_are_said_once_a_second_and_told_every_ten_and_at_the_end() -> None:
     clock = Clock()
     queue = LiveQueue(2, clock=clock)
 
@@ -84,19 +84,40 @@ def test_losses_are_told_at_most_once_a_second_and_at_the_end() -> None:
         got = [queue.get()]
         while len(queue):
             got.append(queue.get())
-        return [item for item in got if isinstance(item, LiveFinding)]
+        return [item for item in got if isinstance(item, LiveLoss)]
 
     (told,) = flood()
-    assert "4 IMU samples were dropped" in told.sentence
+    assert "4 IMU samples were dropped; this machine is too slow" in told.sentence
+    assert not told.again
     clock.now = 0.9
     assert flood() == []
     clock.now = 1.1
-    (told,) = flood()
-    assert "8 IMU samples" in told.sentence
+    (said,) = flood()
+    assert said.again
     assert flood() == []
+    clock.now = 10.5
+    (told,) = flood()
+    assert "16 IMU samples" in told.sentence
+    assert not told.again
+    flood()
     (told,) = drained(queue)
-    assert isinstance(told, LiveFinding)
+    assert isinstance(told, LiveLoss)
     assert "4 IMU samples" in told.sentence
+    assert not told.again
+
+
+def test_nothing_waits_for_long() -> None:
+    clock = Clock()
+    queue = LiveQueue(1000, clock=clock, longest_wait=2.0)
+    for tenth in range(20):
+        clock.now = tenth / 10
+        queue.put(imu(clock.now))
+        queue.put(video(clock.now))
+        assert len(queue._frames) == (tenth + 1 if tenth <= 16 else tenth - 15)
+    clock.now = 2.05
+    queue.put(imu(clock.now))
+    left = [item.time for item in drained(queue) if isinstance(item, ImuSample)]
+    assert left == [1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, 2.05]
 
 
 def test_findings_are_never_dropped() -> None:

@@ -126,7 +126,7 @@ def test_sensors_whose_specific_force_is_missing_have_orientations_all_the_same(
 def test_late_video_keeps_its_frame_and_is_dropped_beyond_the_lag() -> None:
     assembler = FrameAssembler(COLUMNS, RATE, cameras=[CAMERA], lag_frames=15)
     assemble(in_time(stream(0.0, 1.0), [video(0.0)]), assembler, flush=False)
-    for time in (0.9, 0.5, 0.9):
+    for time in (0.9, 0.72, 0.9):
         assembler.push(video(time))
     frame, *_ = assemble(stream(1.0, 1.0 + 1 / RATE), assembler, flush=False)
     assert [(one.frame, one.video.time) for one in frame.video] == [(54, 0.9)]

@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -12,6 +11,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from vip_factors.benchmark.process_memory import begun_by, is_running
+from vip_factors.benchmark.stream_program import COMMAND
 from vip_factors.io.live_mcap import FLUSH_S, partial_path
 from vip_factors.io.mcap_contents import McapWarning
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
@@ -23,9 +24,8 @@ from vip_factors.simulate.recording import simulate_recording
 from vip_factors.viz.rerun_file import is_whole
 
 Tell = Callable[[str, float], None]
-COMMAND = (sys.executable, "-m", "vip_factors.cli.main")
 RATE = 30.0  # frames per second: one slow core keeps up
-VIEWER_S = 60.0  # that the process of Rerun may take to complete its file
+VIEWER_S = 60.0  # that the process of Rerun may take to complete its file, and any other to end
 LEAST_BYTES = 1000  # that a full disk holds
 
 
@@ -55,6 +55,7 @@ class KilledStream:
         lost_s: from the end of the poses in the partial estimate to the last smoothed pose that was answered.
         estimate, rerun: whether each file could be read; before its first chunk an estimate need not be.
         left: names of all files.
+        outlived_s: how long processes that the stream had begun went on without it.
     """
 
     after_s: float
@@ -62,6 +63,7 @@ class KilledStream:
     estimate: bool
     rerun: bool
     left: tuple[str, ...]
+    outlived_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -124,20 +126,22 @@ def _killed(trials: EndTrials, scene: Path, folder: Path, answers: int) -> Kille
     lines = [process.stdout.readline()]
     while len(lines) < answers and lines[-1]:
         lines.append(process.stdout.readline())
+    below = begun_by(process.pid)
     process.kill()
+    killed = time.monotonic()
     rest, _ = process.communicate()
     whole = [line for line in b"".join([*lines, rest]).split(b"\n")[:-1] if line]
     smoothed = [one["wearers"][0]["smoothed"] for one in map(json.loads, whole)]
     told = [one["time"] for one in smoothed if one is not None]
     rrd = partial_path(folder / "e.rrd")
-    until = time.monotonic() + VIEWER_S
-    while not is_whole(rrd) and time.monotonic() < until:
+    outlived = 0.0
+    while any(map(is_running, below)) and (outlived := time.monotonic() - killed) < VIEWER_S:
         time.sleep(0.1)
     end = _readable_until(folder / "e.mcap")
     first, last = (told[0], told[-1]) if told else (0.0, 0.0)
     lost = last - (end if end is not None else first)
     left = tuple(sorted(path.name for path in folder.iterdir()))
-    return KilledStream(last, lost, end is not None or last - first < FLUSH_S, is_whole(rrd), left)
+    return KilledStream(last, lost, end is not None or last - first < FLUSH_S, is_whole(rrd), left, outlived)
 
 
 def _readable_until(path: Path) -> float | None:
@@ -195,7 +199,8 @@ def kill_table(found: Sequence[KilledStream]) -> str:
         f"{len(found)} streams killed after {min(one.after_s for one in found):.1f} to "
         f"{max(one.after_s for one in found):.1f} s: lost of the estimate {np.median(lost):.2f} s (median), "
         f"{max(lost):.2f} s at most; estimate readable {sum(one.estimate for one in found)}, Rerun's file "
-        f"{sum(one.rerun for one in found)} times\n"
+        f"{sum(one.rerun for one in found)} times; processes it had begun were gone after "
+        f"{max(one.outlived_s for one in found):.1f} s at most\n"
     )
 
 

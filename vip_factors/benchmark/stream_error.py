@@ -53,10 +53,10 @@ def error_over_time(poses: Sequence[LivePose], skeleton: Skeleton, truth: Motion
     """Rows ``(T, 2)`` of MPJPE in mm and place in cm at ``k / rate``; ``until``: when the fault begins (s)."""
     frames = int(np.floor((len(truth) - 1) / truth.rate * rate + 1e-6)) + 1
     found: Array = np.full((frames, 2), np.nan)
-    poses = [one for one in poses if 0 <= round(one.time * rate) < frames]
+    poses = [one for one in poses if 0 <= _row(one.time, rate) < frames]
     if not poses:
         return found
-    row = np.array([round(one.time * rate) for one in poses])
+    row = np.array([_row(one.time, rate) for one in poses])
     body = forward_kinematics(
         skeleton, np.stack([one.R_parent_child for one in poses]), np.stack([one.p_world_pelvis for one in poses])
     )
@@ -74,6 +74,11 @@ def error_over_time(poses: Sequence[LivePose], skeleton: Skeleton, truth: Motion
         moved = gauge.apply(ours.reshape(-1, 3)).reshape(ours.shape)
         found[row, 1] = 1e2 * np.linalg.norm(moved[:, 0] - true[:, 0], axis=1)
     return found
+
+
+def _row(time: float, rate: float) -> int:
+    """Number of the nearest frame; halfway between two always the later one, so that each has one row."""
+    return int(np.floor(time * rate + 0.5 + 1e-6))
 
 
 def seconds_until_good(error: ErrorOverTime, undisturbed: ErrorOverTime, start: float) -> float:

@@ -1,13 +1,13 @@
 """What is done to a live stream, and when: the faults of the stream benchmark by name."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
 
+from vip_factors.benchmark.stream_clock_faults import clock_faults
+from vip_factors.benchmark.stream_fault import Fault
 from vip_factors.errors import InputError
-from vip_factors.sensors.live import LiveSample
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.stream_faults import (
@@ -24,7 +24,6 @@ from vip_factors.simulate.stream_faults import (
     turned_on_bone,
 )
 
-Samples = Iterable[LiveSample]
 # Sensors that slip, with their bones' long axes and an axis across, in the bone.
 LIMBS: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
     "left_forearm": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
@@ -35,34 +34,6 @@ TURN_DEG, HEADING_DEG = 40.0, 60.0
 SLIP_S = 0.2  # that a strap takes to slip; a filter that starts anew takes no time
 CAMERA_GONE_S = 10.0
 OVERLOAD_S = 8.0  # with updates of three frames each, five seconds of samples pile up: more than the queue holds
-
-
-@dataclass(frozen=True)
-class Fault:
-    """One fault.
-
-    Attributes:
-        name: for people and for the command line.
-        begin: seconds from the start of the stream.
-        end: when it is over; infinite if what has changed stays so.
-        change: the stream with the fault.
-        overload_s: seconds that each update takes from begin to end; 0: the tracker keeps up.
-        restart: whether tracking is begun anew at ``end`` by a program that knows nothing of before.
-        jump: seconds that the clocks of all samples leap at ``begin``.
-    """
-
-    name: str
-    begin: float
-    end: float
-    change: Callable[[Samples], Iterator[LiveSample]]
-    overload_s: float = 0.0
-    restart: bool = False
-    jump: float = 0.0
-
-    @property
-    def lasts(self) -> bool:
-        """Whether it never ends."""
-        return not np.isfinite(self.end)
 
 
 def faults_of(scene: Scene, begin: float, seed: int = 0) -> dict[str, Fault]:
@@ -96,8 +67,7 @@ def faults_of(scene: Scene, begin: float, seed: int = 0) -> dict[str, Fault]:
             delayed, chosen=of_imus, delay=0.0, jitter=0.04, start=begin, end=begin + 5, seed=seed)),
         Fault("right_shank's clock 3 s back", begin, FOREVER, partial(
             clock_jumping, chosen=OfSensors(["right_shank"]), jump=-3.0, start=begin)),
-        Fault("all clocks 60 s back", begin, FOREVER, partial(
-            clock_jumping, chosen=everything, jump=-60.0, start=begin), jump=-60.0),
+        *clock_faults(begin, seed),
         Fault("updates of 50 ms for 8 s", begin, begin + OVERLOAD_S, iter, overload_s=0.05),
     ]  # fmt: skip
     return {fault.name: fault for fault in faults}

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from vip_factors.benchmark.sip import find_clips
 from vip_factors.benchmark.stream_error import ErrorOverTime, bad_seconds, error_over_time, seconds_until_good
-from vip_factors.benchmark.stream_fault_list import Fault, chosen_faults
+from vip_factors.benchmark.stream_fault import Fault
+from vip_factors.benchmark.stream_fault_list import chosen_faults
 from vip_factors.benchmark.stream_killed import Killed, kill_while_writing
 from vip_factors.benchmark.stream_run import StreamRun, run_stream
 from vip_factors.benchmark.vip_suite import BLEND_S, HOLD_S, PLACEMENT, POSE, straps_and_sensors

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.benchmark.stream_fault_list import Fault
+from vip_factors.benchmark.stream_fault import Fault
 from vip_factors.io.live.queue import LiveQueue
 from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate
-from vip_factors.sensors.live import LiveFinding, LiveSample, LiveSetup
+from vip_factors.sensors.live import LiveFinding, LiveLoss, LiveSample, LiveSetup
 
 
 @dataclass(frozen=True)
@@ -61,27 +61,37 @@ def run_stream(
         settings: of the tracker.
         fault: what is done to the samples, and to the tracker.
     """
-    changed = samples if fault is None else fault.change(samples)
+    sent = _Sent(samples)
+    changed = iter(sent) if fault is None else fault.change(sent)
     if fault is not None and fault.overload_s:
         return _overloaded(list(changed), setup, settings, fault)
     tracker, again = FixedLagTracker(setup, settings), fault is not None and fault.restart
     answers: list[LiveEstimate] = []
     arrival: list[float] = []
-    now = 0.0
     for sample in changed:
         if fault is not None and again and sample.time >= fault.end:
             again = False
             answers += (rest := tracker.finish())
-            arrival += [now] * len(rest)
+            arrival += [sent.now] * len(rest)
             tracker = FixedLagTracker(_unposed(setup), settings)
-        leapt = fault.jump if fault is not None and sample.time < fault.begin + fault.jump / 2 else 0.0
-        now = max(now, sample.time - leapt)
         new = tracker.push(sample)
         answers += new
-        arrival += [now] * len(new)
+        arrival += [sent.now] * len(new)
     rest = tracker.finish()
-    run = StreamRun((*answers, *rest), (*arrival, *[now] * len(rest)))
+    run = StreamRun((*answers, *rest), (*arrival, *[sent.now] * len(rest)))
     return _on_the_scenes_clock(run, fault) if fault is not None and fault.jump else run
+
+
+class _Sent:
+    """Undisturbed samples; ``now`` is the newest one's time, when what a fault makes of it comes."""
+
+    def __init__(self, samples: Iterable[LiveSample]) -> None:
+        self._samples, self.now = samples, 0.0
+
+    def __iter__(self) -> Iterator[LiveSample]:
+        for sample in self._samples:
+            self.now = max(self.now, sample.time)
+            yield sample
 
 
 def _unposed(setup: LiveSetup) -> LiveSetup:
@@ -116,7 +126,8 @@ def _moved(answer: LiveEstimate, shift: float) -> LiveEstimate:
 def _overloaded(samples: Sequence[LiveSample], setup: LiveSetup, settings: LiveSettings, fault: Fault) -> StreamRun:
     """The queue between a source and a tracker that takes its time, on a clock that is made: any machine gives this."""
     now = 0.0
-    queue = LiveQueue(LiveSourceSettings().queue_limit, clock=lambda: now)
+    limits = LiveSourceSettings()
+    queue = LiveQueue(limits.queue_limit, clock=lambda: now, longest_wait=limits.queue_wait)
     tracker = FixedLagTracker(setup, settings)
     answers: list[LiveEstimate] = []
     arrival: list[float] = []
@@ -130,7 +141,10 @@ def _overloaded(samples: Sequence[LiveSample], setup: LiveSetup, settings: LiveS
             queue.put(coming)
             coming = next(waiting, None)
         item = queue.get()
-        if isinstance(item, LiveFinding):
+        if isinstance(item, LiveLoss):
+            tracker.note_loss()
+            told += [] if item.again else [(now, item.sentence)]
+        elif isinstance(item, LiveFinding):
             told.append((now, item.sentence))
         elif item is not None:
             new = tracker.push(item)

@@ -30,6 +30,7 @@ from vip_factors.cli.benchmark_stream_options import (
     StreamHourOptions,
     StreamKillOptions,
     StreamLatencyOptions,
+    StreamSlowOptions,
 )
 from vip_factors.cli.options import parse
 from vip_factors.cli.terminal import Tell, progress_bar
@@ -48,6 +49,7 @@ Options = (
     | StreamFaultsOptions
     | StreamLatencyOptions
     | StreamHourOptions
+    | StreamSlowOptions
     | StreamKillOptions
     | DiskFullOptions
     | LongOptions
@@ -77,6 +79,7 @@ class BenchmarkOptions:
         | Annotated[StreamFaultsOptions, tyro.conf.subcommand("stream-faults")]
         | Annotated[StreamLatencyOptions, tyro.conf.subcommand("stream-latency")]
         | Annotated[StreamHourOptions, tyro.conf.subcommand("stream-hour")]
+        | Annotated[StreamSlowOptions, tyro.conf.subcommand("stream-slow")]
         | Annotated[StreamKillOptions, tyro.conf.subcommand("stream-kill")]
         | Annotated[DiskFullOptions, tyro.conf.subcommand("disk-full")]
         | Annotated[LongOptions, tyro.conf.subcommand("long")]
@@ -131,6 +134,8 @@ def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
         return benchmark_stream.stream_latency(options, tell)
     if isinstance(options, StreamHourOptions):
         return benchmark_stream.stream_hour(options, tell, write)
+    if isinstance(options, StreamSlowOptions):
+        return benchmark_stream.stream_slow(options, tell)
     if isinstance(options, StreamKillOptions):
         return benchmark_stream.stream_kill(options, tell)
     if isinstance(options, DiskFullOptions):
@@ -288,9 +293,13 @@ def _speed(options: SpeedOptions, tell: Tell) -> tuple[str, str]:
 def _stream_faults(options: StreamFaultsOptions, tell: Tell) -> tuple[str, str]:
     from vip_factors.benchmark.stream_fault_table import stream_fault_json, stream_fault_table
     from vip_factors.benchmark.stream_faults import StreamTrials, run_stream_faults
+    from vip_factors.live.recalibration_settings import RecalibrationSettings
+    from vip_factors.live.settings import LiveSettings
 
+    anew = RecalibrationSettings(use=options.recalibration)
     trials = StreamTrials(
-        options.seconds, options.fault_s, options.cameras, options.faults, processes=options.processes
-    )
+        options.seconds, options.fault_s, options.cameras, options.faults,
+        settings=LiveSettings(frame_rate=options.frame_rate, recalibration=anew), processes=options.processes,
+    )  # fmt: skip
     results = run_stream_faults(trials, options.motions, options.clips, tell)
     return stream_fault_table(results, trials), stream_fault_json(results, trials)

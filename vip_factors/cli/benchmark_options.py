@@ -222,6 +222,10 @@ class StreamFaultsOptions:
     cameras: tuple[Literal["fixed", "hand-held", "walking"], ...] = ("fixed", "hand-held")
     """What films."""
     faults: tuple[str, ...] = ()
-    """Parts of names of faults, such as 'lost' or 'shank'; 'killed' for that of the program; all if absent."""
+    """Parts of names of faults, such as 'lost', 'shank' or 'clock'; 'killed' for that of the program; all if absent."""
     processes: int = 1
     """Streams worked on side by side."""
+    frame_rate: float = 60.0
+    """Frames per second."""
+    recalibration: Flag = True
+    """Find calibrations anew in between, which takes most of the time."""

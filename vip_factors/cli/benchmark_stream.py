@@ -1,4 +1,4 @@
-"""``vip-factors benchmark stream-latency``, ``stream-hour``, ``stream-kill``, ``disk-full`` and ``long``."""
+"""``vip-factors benchmark`` ``stream-latency``, ``-hour``, ``-slow``, ``-kill``, ``disk-full`` and ``long``."""
 
 from collections.abc import Callable
 
@@ -8,6 +8,7 @@ from vip_factors.cli.benchmark_stream_options import (
     StreamHourOptions,
     StreamKillOptions,
     StreamLatencyOptions,
+    StreamSlowOptions,
 )
 from vip_factors.cli.terminal import Tell
 
@@ -31,10 +32,26 @@ def stream_hour(options: StreamHourOptions, tell: Tell, write: Callable[[str], N
     from vip_factors.live.settings import LiveSettings
 
     trials = LongStreamTrials(60 * options.minutes, options.scene_s, options.camera)
-    result = run_stream_hour(
-        trials, LiveSettings(), tell, 60 * options.part_minutes, lambda so_far: write(hour_json(so_far))
-    )
+    part_s = 60 * options.part_minutes
+    if options.whole:
+        from vip_factors.benchmark.stream_whole import run_stream_whole, whole_json, whole_table
+
+        whole = run_stream_whole(trials, options.frame_rate, part_s, tell, lambda so_far: write(whole_json(so_far)))
+        return whole_table(whole), whole_json(whole)
+    settings = LiveSettings(frame_rate=options.frame_rate)
+    result = run_stream_hour(trials, settings, tell, part_s, lambda so_far: write(hour_json(so_far)))
     return hour_table(result), hour_json(result)
+
+
+def stream_slow(options: StreamSlowOptions, tell: Tell) -> tuple[str, str]:
+    """The table and the JSON."""
+    from vip_factors.benchmark.long_stream import LongStreamTrials
+    from vip_factors.benchmark.stream_slow import SlowTrials, run_stream_slow, slow_json, slow_table
+
+    stream = LongStreamTrials(options.seconds, options.seconds + 1.0, options.camera)  # all of it forwards
+    trials = SlowTrials(options.seconds, options.begin_s, options.end_s, options.share, options.frame_rate, stream)
+    result = run_stream_slow(trials, tell)
+    return slow_table(result), slow_json(result)
 
 
 def long(options: LongOptions, tell: Tell) -> tuple[str, str]:

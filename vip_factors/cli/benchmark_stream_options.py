@@ -45,6 +45,10 @@ class StreamHourOptions:
     """Of the scene that is played forwards and backwards, with new noise."""
     camera: Literal["fixed", "hand-held", "walking"] = "hand-held"
     """What films."""
+    whole: Flag = False
+    """The program in place of its tracker alone: in real time over the network, with its files and lines of JSON."""
+    frame_rate: float = 60.0
+    """Frames per second."""
 
 
 @dataclass(frozen=True)
@@ -93,3 +97,25 @@ class DiskFullOptions:
     """Of each stream: one wearer of six sensors, 30 frames per second."""
     seed: int = 0
     """Of the sizes."""
+
+
+@dataclass(frozen=True)
+class StreamSlowOptions:
+    """What a stream does on a machine half as fast as it needs, for a while, and how soon it recovers (Linux)."""
+
+    json: Path | None = None
+    """Also write everything to this file, as JSON."""
+    overwrite: Flag = False
+    """Replace the JSON file if it exists."""
+    seconds: float = 75.0
+    """Of the simulated stream, in real time: 13 IMUs at 60 Hz, 18 keypoints at 30 Hz."""
+    begin_s: float = 25.0
+    """When the machine becomes slow."""
+    end_s: float = 50.0
+    """And when it is fast again."""
+    share: float = 0.5
+    """Of the processor time that the program took before, which it gets meanwhile."""
+    frame_rate: float = 60.0
+    """Frames per second."""
+    camera: Literal["fixed", "hand-held", "walking"] = "hand-held"
+    """What films."""

@@ -132,10 +132,12 @@ class Session:
     def take(self, item: LiveItem) -> None:
         """One item of the source."""
         if isinstance(item, LiveFinding):
-            self.tell(item.sentence)
-            self._pending.append(item.sentence)
             if isinstance(item, LiveLoss):
                 self._tracker.note_loss()
+                if item.again:
+                    return
+            self.tell(item.sentence)
+            self._pending.append(item.sentence)
             return
         if isinstance(item, VideoFrame):
             for viewer in self._viewers:

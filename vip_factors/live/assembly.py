@@ -168,8 +168,11 @@ class FrameAssembler:
             begun = "tracking starts again" if now - past > self._settings.longest_pause else "going on"
             lost = past - self._lost_at <= self._settings.repeat_after
             span = f"{now - past:.1f} s from {past:.2f} s on"
-            what = f"no samples for {span}, as the tracker did not keep up and they were dropped"
-            self._log.say(f"{what if lost else f'all sensors were silent for {span}'}: {begun}")
+            if lost:
+                sentence = f"no samples for {span}, as the tracker did not keep up and they were dropped: {begun}"
+                self._log.tally("lost", now, lambda _: sentence)  # as long as it does not keep up, now and then
+            else:
+                self._log.say(f"all sensors were silent for {span}: {begun}")
         if now - past <= self._settings.longest_pause:
             return []
         if self._start is None:

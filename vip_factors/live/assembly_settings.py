@@ -23,8 +23,11 @@ class AssemblySettings:
     dead_after: float = 1.0
     # A silence of all sensors: after a longer one nobody knows where the wearers are, and tracking begins anew.
     longest_pause: float = 2.5
-    # A step of one sensor's clock, back or ahead of all others, that no delay explains.
+    # A step of a clock, between sources or ahead of all others, that no delay explains.
     jump: float = 1.0
+    # A smaller one, of a sensor that was there: back behind its own newest sample, as packets seldom overtake one
+    # another by more than three, or ahead of it and of all others. Less shows in nothing but the poses.
+    step: float = 0.2
     # Samples from such a clock, in a row, after which it is believed to have started again: a lone bad stamp never
     # lasts, and a sensor switched off and on is back within the second.
     restart_after: float = 0.5

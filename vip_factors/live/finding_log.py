@@ -5,7 +5,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 
 MOST_WAITING = 1000  # sentences that nobody has taken: beyond, new ones are lost rather than memory
-GATHER_S = 2.0  # of the stream, in which all clocks that leap together have leapt
+GATHER_S = 0.3  # of the stream, in which all clocks that leap together are found to have leapt
 
 
 @dataclass
@@ -14,7 +14,6 @@ class _Tally:
     told: float = -math.inf
     sentence: Callable[[int], str] = str
     due: float = math.inf  # when what was gathered is to be told
-    alone: bool = False  # whether one was told last
 
 
 class FindingLog:
@@ -48,7 +47,7 @@ class FindingLog:
             self._tell(tally, now)
 
     def gather(self, key: Hashable, now: float, sentence: str) -> None:
-        """Tell this at once, and what follows of the kind ``key`` in one sentence: after a moment, then now and then.
+        """Tell this a moment later, together with what others of the kind ``key`` do by then; again only now and then.
 
         Args:
             key: of what many sources do at the same time.
@@ -56,13 +55,11 @@ class FindingLog:
             sentence: about this one.
         """
         tally = self._tallies.setdefault(key, _Tally())
-        if not tally.count and (now - tally.told >= self._repeat_after or not math.isfinite(tally.told)):
-            tally.told, tally.alone = now, True
-            self.say(sentence)
-            return
+        if not tally.count:
+            first = sentence
+            tally.sentence = lambda count: f"{first}; so did {count - 1} more" if count > 1 else first
+            tally.due = max(now + GATHER_S, tally.told + self._repeat_after)
         tally.count += 1
-        tally.sentence = lambda count: f"{count} more of this kind, the last: {sentence}" if count > 1 else sentence
-        tally.due = tally.told + (GATHER_S if tally.alone else self._repeat_after)
 
     def close(self) -> None:
         """Tell the counts that were still held back."""
@@ -74,7 +71,6 @@ class FindingLog:
         """All sentences since the last time, in order; and what has been gathered for long enough."""
         for tally in self._tallies.values():
             if now >= tally.due:
-                tally.due, tally.alone = math.inf, False
                 self._tell(tally, now)
         taken = tuple(self._waiting)
         self._waiting.clear()
@@ -82,7 +78,7 @@ class FindingLog:
 
     def _tell(self, tally: _Tally, now: float) -> None:
         self.say(tally.sentence(tally.count))
-        tally.count, tally.told = 0, now
+        tally.count, tally.told, tally.due = 0, now, math.inf
 
 
 def counted(count: int, noun: str) -> str:

@@ -92,8 +92,11 @@ def main() -> None:
             found = str(error)
         except Exception as error:  # the stream goes on with what it has, and says so
             found = f"{type(error).__name__}: {error}"
-        pickle.dump(found, answers, pickle.HIGHEST_PROTOCOL)
-        answers.flush()
+        try:
+            pickle.dump(found, answers, pickle.HIGHEST_PROTOCOL)
+            answers.flush()
+        except BrokenPipeError:  # the program that tracks was killed meanwhile
+            os._exit(1)  # without another attempt to write what is in the buffer
 
 
 if __name__ == "__main__":

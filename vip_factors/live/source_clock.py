@@ -7,11 +7,15 @@ from dataclasses import dataclass
 from vip_factors.live.assembly_settings import AssemblySettings
 
 SHARED_OFFSET = 0.5  # s: a clock that starts again this near to another's new time has started with it
+STRAYS = 1000  # refused in a row without any order: told, even if nobody's time goes on
 
 
 @dataclass
 class _Refused:
-    """Samples refused in a row: the first and the newest time on the source's clock, ahead of the stream or behind."""
+    """Samples refused in a row: the first and the newest time on the source's clock, ahead of the stream or behind.
+
+    Of strays without any order only the latest are in a row; ``since`` and ``count`` are of all of them.
+    """
 
     first: float
     newest: float
@@ -19,6 +23,8 @@ class _Refused:
     leap: str  # in words
     present_before: float  # s, the stream's newest before the first
     others_before: int  # samples accepted from anybody before the first
+    since: float  # s, the stream's newest before the first of all
+    count: int = 0
     told: bool = False
 
 
@@ -33,10 +39,10 @@ class Admitted:
 class StreamClocks:
     """Maps times of sources onto the stream's clock: sensors first, cameras behind them.
 
-    A sample that lies more than a jump *before* its own source's newest, or *ahead* of all sensors, is refused, and so
-    is a sensor's that is older than the longest pause. If that lasts, the source's clock has started again: its time
-    goes on from the stream's newest. But if nobody else went on meanwhile, all were silent, and the time ahead is
-    believed.
+    A sample that lies more than a step *before* its own source's newest, or *ahead* of it and of all sensors, is
+    refused, and so is a sensor's that is older than the longest pause. If that lasts, the source's clock has jumped:
+    its time goes on from the stream's newest, and one remark says so. But if nobody else went on meanwhile, all were
+    silent, and the time ahead is believed.
     """
 
     def __init__(self, sensors: int, cameras: int, settings: AssemblySettings) -> None:
@@ -60,13 +66,18 @@ class StreamClocks:
         moment = time + self._offset[source]
         newest = self._newest[source]
         # Nobody begins far from the others; but a slow detector's frames are seconds old, and need not wait for IMUs.
-        tolerance = settings.longest_pause if camera else settings.jump
         if newest == -math.inf:
+            tolerance = settings.longest_pause if camera else settings.jump
             behind = self.present - tolerance
         else:
-            behind = newest - settings.jump
+            # Sensors may lag far behind the video, whose frames, if they are few, are then all ahead.
+            tolerance = settings.jump if camera else settings.step
+            behind = newest - settings.step
             if not camera:
                 behind = max(behind, self.present - settings.longest_pause)
+            refused = self._refused[source]
+            if refused is not None and not refused.ahead:  # until it has caught up, or that has lasted
+                behind = max(behind, newest if camera else self.present - settings.step)
         ahead = max(newest, self.present) + tolerance
         if moment < behind:
             return self._refuse(source, time, alive, is_ahead=False)
@@ -77,8 +88,9 @@ class StreamClocks:
     def _accept(self, source: int, moment: float, remark: str = "") -> Admitted:
         refused = self._refused[source]
         if refused is not None and not remark and not refused.told:
-            stray = abs(refused.newest + self._offset[source] - moment) > self._settings.jump
-            remark = refused.leap if stray else ""  # else the others have followed, and it was right
+            back = (refused.newest + self._offset[source] - moment) * (1 if refused.ahead else -1)
+            # Else the others have followed, and it was right.
+            remark = f"{refused.leap}: such samples are refused" if back > self._settings.step else ""
         self._refused[source] = None
         self._newest[source] = max(self._newest[source], moment)
         if source < self._sensors:
@@ -90,24 +102,34 @@ class StreamClocks:
         refused, moment = self._refused[source], time + self._offset[source]
         now = max(self._newest[source], self.present)
         if refused is None or refused.ahead != is_ahead or abs(time - refused.newest) > self._settings.jump:
-            leap = f"its clock jumped from {now:.2f} s to {moment:.2f} s: such samples are refused"
-            refused = self._refused[source] = _Refused(time, time, is_ahead, leap, self.present, self._accepted)
+            leap = f"its clock jumped from {now:.2f} s to {moment:.2f} s"
+            fresh = _Refused(time, time, is_ahead, leap, self.present, self._accepted, self.present)
+            if refused is not None:
+                fresh.since, fresh.count, fresh.told = refused.since, refused.count, refused.told
+            refused = self._refused[source] = fresh
         refused.newest = max(refused.newest, time)
+        refused.count += 1
         lasts = refused.newest - refused.first >= self._settings.restart_after
-        if not is_ahead and moment >= self._newest[source] - self._settings.jump:
+        if not is_ahead and moment >= self._newest[source] - self._settings.step:
             # Its own time goes on, far behind the others': a backlog comes in faster than time passes.
             lasts &= self.present - refused.present_before >= self._settings.restart_after / 2
         if is_ahead and self._all_were_silent(source, moment, alive, lasts):
             return self._accept(source, moment)
         if not lasts:
-            tell = not refused.told and (not is_ahead or self._others_went_on(refused))
-            refused.told |= tell
-            return Admitted(None, refused.leap if tell else "")
+            return Admitted(None, self._strays(refused))
         self._offset[source] = self._new_offset(source, time, now)
-        moment = time + self._offset[source]
+        new = time + self._offset[source]
         return self._accept(
-            source, moment, f"its clock has started again: its {time:.2f} s are taken for {moment:.2f} s"
+            source, new, f"{refused.leap} and goes on from there: its {time:.2f} s are taken for {new:.2f} s"
         )
+
+    def _strays(self, refused: _Refused) -> str:
+        """What is to be said, once, of a clock that neither comes back nor goes on from anywhere; mostly nothing."""
+        lasts = self.present - refused.since >= self._settings.dead_after or refused.count >= STRAYS
+        if refused.told or not lasts:
+            return ""
+        refused.told = True
+        return f"{refused.leap}: such samples are refused"
 
     def _all_were_silent(self, source: int, moment: float, alive: Sequence[bool], lasts: bool) -> bool:
         """Whether the time ahead is right, because nobody else went on."""
@@ -138,4 +160,6 @@ class StreamClocks:
         """So that time goes on from ``now``: clocks that start again together keep their common time."""
         candidates = {0.0, *self._offset}
         nearest = min(candidates, key=lambda offset: abs(time + offset - now))
-        return nearest if abs(time + nearest - now) <= SHARED_OFFSET else now - time
+        # After a small step its old offset is near, too.
+        limit = min(SHARED_OFFSET, abs(time + self._offset[source] - now) / 2)
+        return nearest if abs(time + nearest - now) <= limit else now - time

@@ -63,7 +63,13 @@ class LiveFinding:
 
 @dataclass(frozen=True)
 class LiveLoss(LiveFinding):
-    """Samples that were sent and then dropped on the way to the tracker, which did not keep up."""
+    """Samples that were sent and then dropped on the way to the tracker, which did not keep up.
+
+    Attributes:
+        again: whether people were told of such losses a moment ago, and will be told of these later.
+    """
+
+    again: bool = False
 
 
 LiveItem = LiveSample | LiveFinding

@@ -1,10 +1,10 @@
 """What goes wrong with live streams: samples lost, late, twice, in disorder, from clocks that leap, sensors that slip.
 
 Every function takes samples in the order of their arrival and gives them in theirs; a sample's time is when it was
-measured, and only :func:`clock_jumping` changes it. Same seed, same fault.
+measured, and only those of clocks change it. Same seed, same fault.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from heapq import heappop, heappush
 from itertools import count
@@ -115,3 +115,17 @@ def clock_jumping(samples: Samples, chosen: Chosen, jump: float, start: float) -
     """From ``start`` on the clocks of the chosen samples are ``jump`` seconds ahead; behind if it is negative."""
     for sample in samples:
         yield replace(sample, time=sample.time + jump) if sample.time >= start and chosen(sample) else sample
+
+
+def clocks_leaping(samples: Samples, leaps: Sequence[tuple[float, Chosen, float]]) -> Iterator[LiveSample]:
+    """Clocks that leap again: each leap is when (s), whose, and by how much (s); they add up."""
+    for sample in samples:
+        shift = sum(by for at, chosen, by in leaps if sample.time >= at and chosen(sample))
+        yield replace(sample, time=sample.time + shift) if shift else sample
+
+
+def clock_drifting(samples: Samples, chosen: Chosen, drift: float, start: float, takes: float) -> Iterator[LiveSample]:
+    """From ``start`` on the clocks of the chosen samples drift ahead by ``drift`` seconds within ``takes`` seconds."""
+    for sample in samples:
+        share = min(1.0, max(0.0, (sample.time - start) / takes))
+        yield replace(sample, time=sample.time + drift * share) if chosen(sample) else sample

@@ -3,6 +3,7 @@
 import errno
 import os
 import shutil
+import sys
 import time
 from pathlib import Path
 from threading import Thread
@@ -39,10 +40,10 @@ def hand_over(stream: "rr.RecordingStream", partial: Path, path: Path) -> None:
             stream.flush(timeout_sec=ATTEMPT_S)
             return
         except RuntimeError as error:
-            # A writer that fails while it is waited for is not noticed until it is asked again.
+            # A writer that fails while it is waited for is not noticed by Rerun; that there is no room, is.
             if size != (size := partial.stat().st_size):
                 until = time.monotonic() + STALL_S
-            if time.monotonic() > until or ENDED in str(error):
+            if time.monotonic() > until or ENDED in str(error) or _cannot_grow(partial):
                 raise _not_written(path) from error
 
 
@@ -60,7 +61,11 @@ def complete(stream: "rr.RecordingStream", partial: Path, path: Path) -> None:
     hand_over(stream, partial, path)
     ending = Thread(target=stream.disconnect, daemon=True)  # it waits for ever for a writer that has failed
     ending.start()
-    ending.join(STALL_S)
+    until = time.monotonic() + STALL_S
+    while ending.is_alive() and time.monotonic() < until:
+        ending.join(ATTEMPT_S)
+        if _cannot_grow(partial):
+            break
     if not is_whole(partial):
         raise _not_written(path)
 
@@ -72,6 +77,18 @@ def is_whole(path: Path) -> bool:
     with open(path, "rb") as file:
         file.seek(-min(FOOTER_BYTES, path.stat().st_size), os.SEEK_END)
         return FOOTER in file.read()
+
+
+def _cannot_grow(partial: Path) -> bool:
+    """Whether the disk is full, or the file as large as the system lets this process make one."""
+    if shutil.disk_usage(partial.parent).free < FULL_BYTES:
+        return True
+    if sys.platform == "win32":
+        return False
+    import resource
+
+    most, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
+    return most != resource.RLIM_INFINITY and partial.stat().st_size >= most
 
 
 def _not_written(path: Path) -> OSError | VipFactorsError:

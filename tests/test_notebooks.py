@@ -1,5 +1,7 @@
 """The notebooks run from top to bottom, and so does the Python of the documentation."""
 
+import ast
+import importlib
 import json
 import re
 from pathlib import Path
@@ -23,6 +25,18 @@ def test_notebook_runs(notebook: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     namespace: dict[str, object] = {"__name__": "__main__"}
     for number, source in enumerate(code_cells(notebook)):
         exec(compile(source, f"{notebook.name}, code cell {number}", "exec"), namespace)
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_what_a_notebook_imports_is_there(notebook: Path) -> None:
+    found = [node for source in code_cells(notebook) for node in ast.walk(ast.parse(source))]
+    imports = [node for node in found if isinstance(node, ast.ImportFrom) and node.module]
+    ours = [node for node in imports if str(node.module).startswith("vip_factors")]
+    assert ours
+    for node in ours:
+        module = importlib.import_module(str(node.module))
+        for name in node.names:
+            assert hasattr(module, name.name), f"{notebook.name}: {node.module} has no {name.name}"
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)

@@ -12,8 +12,9 @@ import numpy as np
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
 
-Evaluate = Callable[[gtsam.Values], tuple[Array, list[Array]]]
-"""From values to the residual ``(m,)`` and one Jacobian ``(m, d)`` per key, in the order of the keys."""
+Evaluate = Callable[[gtsam.Values, bool], tuple[Array, list[Array]]]
+"""From values, and whether Jacobians are asked for, to the residual ``(m,)`` and one ``(m, d)`` per key, in the order
+of the keys; or to the residual alone."""
 
 
 def custom_factor(
@@ -26,7 +27,7 @@ def custom_factor(
         noise: its noise model; its dimension is the residual's.
         keys: of its variables.
         dimensions: tangent dimension of each variable.
-        evaluate: residual and Jacobians; must not hold on to the graph (it would never be freed).
+        evaluate: residual, and Jacobians if asked for; must not hold on to the graph (it would never be freed).
 
     Raises:
         SolveError: from inside GTSAM, if ``evaluate`` returns wrong shapes or numbers that are not finite.
@@ -34,7 +35,7 @@ def custom_factor(
     rows = noise.dim()
 
     def callback(_: gtsam.CustomFactor, values: gtsam.Values, H: list[Array] | None) -> Array:
-        residual, jacobians = evaluate(values)
+        residual, jacobians = evaluate(values, H is not None)
         if residual.shape != (rows,) or not np.all(np.isfinite(residual)):
             raise SolveError(f"{name} factor: residual {residual}: expected {rows} finite numbers")
         if H is not None:

@@ -135,11 +135,11 @@ class _Window:
         confidence = np.broadcast_to(equations.confidence, equations.residual.shape[:2])[row, n]
         root = float(np.sqrt(confidence))
 
-        def evaluate(values: gtsam.Values) -> tuple[Array, list[Array]]:
+        def evaluate(values: gtsam.Values, derived: bool) -> tuple[Array, list[Array]]:
             at = self.at(self.problem, state_of(values, self.state, variables, self.begin))
             found = self.equations(at)
             assert found is not None
-            blocks = [root * block for _, block in self._blocks(found, at, row, n)]
+            blocks = [root * block for _, block in self._blocks(found, at, row, n)] if derived else []
             return root * found.residual[row, n], blocks
 
         noise = noise_model(equations.loss, equations.residual.shape[2])

@@ -20,7 +20,8 @@ ROWS = [
     {"stages", "configurations"},
     {"pipeline", "live", "report"},
     {"api"},
-    {"benchmark", "tune", "fuzz"},
+    {"benchmark", "tune"},
+    {"fuzz"},
     {"cli"},
 ]
 ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}

@@ -20,7 +20,8 @@ ROWS = [
     {"stages", "configurations"},
     {"pipeline", "live", "report"},
     {"api"},
-    {"benchmark", "tune", "fuzz"},
+    {"benchmark", "tune"},
+    {"fuzz"},
     {"cli"},
     {"__main__"},
 ]

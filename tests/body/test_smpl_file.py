@@ -9,6 +9,7 @@ import pytest
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.smpl_file import skeleton_from_smpl, smpl_body
 from vip_factors.errors import FileFormatError, InputError
+from vip_factors.fuzz.limits import limited_memory
 
 JOINTS = skeleton_from_stature(1.7).p_pelvis_joint + np.array([0.0, -0.2, 0.03])
 # A body of very few vertices: one at each joint, then head, and heel and toes and fingertip of either side.
@@ -125,3 +126,18 @@ def test_a_template_of_one_number_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", v_template=np.array(1.0), shapedirs=np.zeros((4, 3, 2)), J_regressor=np.zeros((24, 4)))
     with pytest.raises(FileFormatError, match=r"v_template \(\) and shapedirs"):
         skeleton_from_smpl(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\x80\x02}r\xff\xff\xff\x7f.",  # the two thousand millionth object
+        b"\x80\x04\x8e\x00\x00\x00\x00\x00\x01\x00\x00.",  # a terabyte
+        b"\x80\x02cnumpy\nndarray\nJ\xff\xff\xff\x7f\x85R.",  # an array of so many numbers
+        b"\x80\x02}q\x00.",
+    ],
+)
+def test_sizes_that_a_pickle_declares_are_not_made_room_for(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "a.pkl").write_bytes(content)
+    with limited_memory(2**29), pytest.raises(FileFormatError, match=r"a\.pkl: (not a SMPL model pickle|lacks)"):
+        skeleton_from_smpl(tmp_path / "a.pkl")

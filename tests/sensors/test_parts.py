@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vip_factors.errors import InputError
+from vip_factors.errors import InputError, RecordingError
 from vip_factors.sensors.parts import in_parts, joined_in_memory, scene_in_parts
 from vip_factors.sensors.placement import Placement, preset
 from vip_factors.sensors.recording import Recording
@@ -85,3 +85,15 @@ def test_what_is_no_part_is_refused(recording: Recording) -> None:
     bea = replace(second, subject=replace(second.subject, name="Bea"))
     with pytest.raises(InputError, match="c has 2 wearers, a 1"):
         scene_in_parts([Scene("s", (first,)), Scene("s", (second, bea))], ["a", "c"])
+
+
+def test_a_part_without_samples_is_refused_by_name(recording: Recording) -> None:
+    empty = replace(recording, imus={})
+    for join in (
+        lambda: in_parts([RecordingInMemory(recording), RecordingInMemory(empty)], ["a.mcap", "b.mcap"]),
+        lambda: joined_in_memory([empty, recording], ["b.mcap", "a.mcap"]),
+    ):
+        with pytest.raises(InputError, match=r"b\.mcap holds no samples of any sensor: was it cut off\?"):
+            join()
+    with pytest.raises(RecordingError, match="holds no samples of any sensor"):
+        _ = RecordingInMemory(empty).interval

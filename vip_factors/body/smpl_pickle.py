@@ -4,7 +4,9 @@ Only NumPy arrays, plain containers and stand-ins for chumpy and scipy.sparse ob
 the file is refused before it is looked up.
 """
 
+import math
 import pickle
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,8 @@ import numpy as np
 
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import Array
+
+MOST_ENTRIES = 10**8  # of a matrix: SMPL-X has 55 joints and 10,475 vertices
 
 
 class _StandIn:
@@ -33,12 +37,23 @@ class _Sparse(_StandIn):
 
 
 def _numpy_allowed() -> dict[tuple[str, str], Any]:
-    from numpy._core.multiarray import _reconstruct, scalar
+    from numpy._core.multiarray import scalar
 
-    found: dict[tuple[str, str], Any] = {("numpy", "ndarray"): np.ndarray, ("numpy", "dtype"): np.dtype}
+    found: dict[tuple[str, str], Any] = {("numpy", "ndarray"): _NoArrayYet, ("numpy", "dtype"): np.dtype}
     for module in ("numpy.core.multiarray", "numpy._core.multiarray"):
-        found |= {(module, "_reconstruct"): _reconstruct, (module, "scalar"): scalar}
+        found |= {(module, "_reconstruct"): _empty, (module, "scalar"): scalar}
     return found
+
+
+class _NoArrayYet:
+    """What stands for the class of arrays: it cannot be called with a size that is not in the file."""
+
+
+def _empty(*_: Any) -> Any:
+    """An array without entries, which gets its size with its content."""
+    from numpy._core.multiarray import _reconstruct
+
+    return _reconstruct(np.ndarray, (0,), b"b")
 
 
 def _latin1(text: str, encoding: str = "latin1") -> bytes:
@@ -53,7 +68,9 @@ def _new_object(cls: type, *_: Any) -> Any:
     return cls()
 
 
-class _RestrictedUnpickler(pickle.Unpickler):
+class _RestrictedUnpickler(pickle._Unpickler):
+    """The one in Python: that in C makes room for as many objects as a damaged file announces."""
+
     def find_class(self, module: str, name: str) -> Any:
         known = _numpy_allowed() | {
             ("_codecs", "encode"): _latin1,
@@ -79,11 +96,10 @@ def read_smpl_pickle(path: Path) -> dict[str, Any]:
         FileFormatError: for anything that is not a dictionary of arrays, or holds a class it should not.
     """
     try:
-        with path.open("rb") as file:
-            content = _RestrictedUnpickler(file, encoding="latin1").load()
-    except (pickle.UnpicklingError, EOFError, ValueError, TypeError, AttributeError, IndexError, KeyError, ImportError,
-            OSError) as error:  # fmt: skip
-        raise FileFormatError(f"{path}: not a SMPL model pickle ({error}); expected a model's .pkl or .npz") from error
+        content = _RestrictedUnpickler(BytesIO(path.read_bytes()), encoding="latin1").load()
+    except Exception as error:  # of damaged pickles, pickle and NumPy raise a dozen kinds
+        reason = error or "it breaks off"
+        raise FileFormatError(f"{path}: not a SMPL model pickle ({reason}); expected a model's .pkl or .npz") from error
     if not isinstance(content, dict):
         raise FileFormatError(f"{path}: holds a {type(content).__name__}; expected the dictionary of a SMPL model")
     return content
@@ -110,6 +126,8 @@ def _dense_chumpy(value: Any) -> Array:
 
 def _dense_sparse(value: Any) -> Array:
     shape = tuple(int(size) for size in getattr(value, "_shape", None) or value.shape)
+    if math.prod(shape) > MOST_ENTRIES:
+        raise ValueError(f"a matrix of {' x '.join(map(str, shape))}")
     full = np.zeros(shape)
     if hasattr(value, "row"):
         np.add.at(full, (value.row, value.col), value.data)

@@ -81,6 +81,9 @@ def in_parts(parts: Sequence[SampledRecording], sources: Sequence[str]) -> Recor
     Raises:
         InputError: if two overlap or are far apart, or differ in who wore what, in sensors or in their rates.
     """
+    for part, source in zip(parts, sources, strict=True):
+        if not part.sensors:
+            raise InputError(f"{source} holds no samples of any sensor: was it cut off? Leave it out, or copy it again")
     told = [part.head.start_ns != 0 for part in parts]
     if any(told) and not all(told):
         some, none = sources[told.index(True)], sources[told.index(False)]

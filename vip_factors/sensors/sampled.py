@@ -11,7 +11,7 @@ from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.recording import Recording, nothing_placed
 
 MARGIN_S = 1.0  # of samples read on either side of frames: each frame looks a coarse step to both sides
 LEAST_SAMPLES = 2  # of a stream: one alone has no rate
@@ -60,6 +60,8 @@ class RecordingInMemory:
     def interval(self) -> tuple[float, float]:
         """See :class:`SampledRecording`."""
         streams = [self.recording.imus[name] for name in self.sensors]
+        if not streams:
+            raise nothing_placed(self.recording.name, self.recording.imus)
         return float(min(one.time[0] for one in streams)), float(max(one.time[-1] for one in streams))
 
     def between(self, start: float, end: float) -> Mapping[str, ImuStream]:

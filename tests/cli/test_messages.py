@@ -3,6 +3,7 @@
 import re
 import sys
 import warnings
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,7 +13,9 @@ import pytest
 from vip_factors.cli.info_scene import _path_text
 from vip_factors.cli.main import main
 from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_recording import read_recording
+from vip_factors.io.mcap_messages import calibration_message, calibration_of
+from vip_factors.io.mcap_recording import read_recording, write_recording
+from vip_factors.sensors.placement import Placement
 
 
 def assert_one_sentence(told, *words: str) -> None:
@@ -67,9 +70,26 @@ def test_a_cut_file_is_told_of_once(run, files, tmp_path: Path) -> None:
 def test_info_tells_sites_and_mountings_with_their_sigmas(run, files) -> None:
     told = run("info", files.recording)
     assert re.search(r"left_shank +left_shank +left_knee ", told.out)
-    assert re.search(
-        r"heading of head: .* ± .*; mounting wxyz .* ± [0-9.]+° \(worst axis\)", run("info", files.estimate).out
-    )
+    told = run("info", files.estimate).out
+    assert re.search(r"heading of head \(on head\): .* ± .*; mounting wxyz .* ± [0-9.]+° \(worst axis\)", told)
+
+
+def test_calibrations_without_bones_are_read(files) -> None:
+    """As files of older versions have them."""
+    calibration = read_estimate(files.estimate).calibration
+    assert {one.bone for one in calibration.values()} > {"head", "pelvis"}
+    message = calibration_message(calibration)
+    for one in message.sensors:
+        one.ClearField("bone")
+    assert {one.bone for one in calibration_of(message).values()} == {""}
+
+
+def test_a_stream_of_sensors_nowhere_says_what_to_do(run, files, tmp_path: Path) -> None:
+    nowhere = tmp_path / "nowhere.mcap"
+    recording = read_recording(files.recording)
+    write_recording(replace(recording, placement=Placement()), nowhere)
+    for command in ("stream", "smooth"):
+        assert_one_sentence(run(command, nowhere), "is placed on the body: say where they sit", "--placement")
 
 
 def test_a_camera_that_trembles_stands() -> None:

@@ -280,6 +280,17 @@ def test_a_gap_of_dropped_samples_is_not_blamed_on_the_sensors() -> None:
     )
 
 
+def test_one_sensor_without_samples_is_not_called_silent_where_some_were_dropped() -> None:
+    assembler = started()
+    assembler.note_loss()
+    assemble(stream(1.0, 3.0, OTHERS), assembler, flush=False)
+    (finding,) = assembler.take_findings()
+    assert finding == (
+        "sensor 'wrist' of 'Ada' is without samples for 1.0 s, as the tracker did not keep up and some were dropped: "
+        "going on without it"
+    )
+
+
 def test_clocks_that_leap_together_are_told_once_and_counted() -> None:
     columns = [("Ada", f"sensor{number}") for number in range(13)]
     assembler = FrameAssembler(columns, RATE)

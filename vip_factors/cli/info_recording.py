@@ -106,9 +106,10 @@ def estimate_text(estimate: Estimate) -> str:
     if estimate.body is not None:
         lines += [f"  {line}" for line in body_lines(estimate.body)]
     lines += [f"  {line}" for line in sensor_place_lines(estimate.sensor_places)]
-    bones = {one.sensor: f" (on {one.bone})" for one in estimate.sensor_places}
+    bones = {one.sensor: one.bone for one in estimate.sensor_places}  # in files of older versions, nowhere else
     for name, one in estimate.calibration.items():
-        where, heading, mounting = bones.get(name, ""), heading_text(one), mounting_text(one)
+        bone = one.bone or bones.get(name, "")
+        where, heading, mounting = f" (on {bone})" if bone else "", heading_text(one), mounting_text(one)
         lines.append(f"  heading of {name}{where}: {heading}; mounting {mounting} in the bone's axes")
     return "\n".join(lines)
 

@@ -161,6 +161,7 @@ def calibration_message(calibration: Calibration) -> CalibrationEstimate:
             mounting_sigma_rad=vector_message(one.mounting_sigma),
             heading_time_s=one.heading_time,
             heading_path_rad=one.heading_path,
+            bone=one.bone,
         )
     return message
 
@@ -170,7 +171,7 @@ def calibration_of(message: CalibrationEstimate) -> dict[str, SensorCalibration]
     return {
         one.sensor: SensorCalibration(
             one.heading_rad, rotation(one.mounting_wxyz), one.heading_sigma_rad, vector(one.mounting_sigma_rad),
-            np.array(one.heading_time_s), np.array(one.heading_path_rad),
+            np.array(one.heading_time_s), np.array(one.heading_path_rad), one.bone,
         )
         for one in message.sensors
     }  # fmt: skip

@@ -4,7 +4,7 @@ import time as clock
 
 import numpy as np
 
-from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES
 from vip_factors.geometry.rotations import Array, wrap_angle
 from vip_factors.live.answer_filter import AnswerFilter
 from vip_factors.live.settings import LiveSettings
@@ -84,6 +84,7 @@ class Answers:
                     own.R_bone_sensor[s],
                     float(sigma[headings[s]]) if len(headings) else float("nan"),
                     sigma[mountings[s]] if len(mountings) else np.full(3, np.nan),
+                    bone=JOINT_NAMES[model.sensors[s].bone],
                 )
                 for s, sensor in enumerate(model.frames.sensors)
             }

@@ -93,6 +93,7 @@ class FrameAssembler:
     def note_loss(self) -> None:
         """Samples were sent, but dropped on their way here: no sensor is to blame for a gap that begins soon."""
         self._lost_at = self._clocks.present
+        self._attendance.note_loss(self._lost_at)
 
     def flush(self) -> list[FrameMeasurement]:
         """The end of the stream: the frames up to its newest sample, without waiting for anybody."""

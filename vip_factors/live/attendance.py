@@ -24,6 +24,7 @@ class Attendance:
         self._reached = [-math.inf] * len(labels)  # s, of the newest sample that was of use
         self._arrived = [-math.inf] * len(labels)  # s, of the newest sample at all
         self._resumed = -math.inf  # s: before it all were silent, which no sensor is to blame for
+        self._lost_at = -math.inf  # s, when samples were dropped last
         self._watched = -math.inf
         self._away: dict[int, str] = {}  # told to be silent or late: what to say when it sends again
 
@@ -46,6 +47,10 @@ class Attendance:
         """All sensors were silent until now."""
         self._resumed = time
 
+    def note_loss(self, present: float) -> None:
+        """Samples were sent, but dropped on their way here: nobody knows whose."""
+        self._lost_at = present
+
     def call(self, present: float) -> None:
         """The first frame is to be made: say who has not begun."""
         for sensor, reached in enumerate(self._reached):
@@ -66,6 +71,8 @@ class Attendance:
             self._away[sensor] = "is back"
             late = self._arrived[sensor] > max(reached, self._resumed)
             what = f"has come too late for {silent:.1f} s" if late else f"has been silent for {silent:.1f} s"
+            if self._lost_at >= max(reached, self._resumed):
+                what = f"is without samples for {silent:.1f} s, as the tracker did not keep up and some were dropped"
             self._log.say(f"{self._labels[sensor]} {what}: going on without it")
 
     def known_until(self) -> float:

@@ -19,6 +19,7 @@ class SensorCalibration:
         mounting_sigma: ``(3,)`` standard deviations in radians about the sensor's axes, NaN if not estimated.
         heading_time, heading_path: ``(n,)`` seconds, and ``(n,)`` radians (not wrapped) of a heading that changes with
             time, linear in between; empty where it is constant.
+        bone: name of the bone that it is on; empty where that is not known, or where it is on a camera.
     """
 
     heading: float
@@ -27,6 +28,7 @@ class SensorCalibration:
     mounting_sigma: Array = field(default_factory=lambda: np.full(3, np.nan))
     heading_time: Array = field(default_factory=lambda: np.zeros(0))
     heading_path: Array = field(default_factory=lambda: np.zeros(0))
+    bone: str = ""
 
     def heading_at(self, time: Array) -> Array:
         """Headings in radians at instants in seconds; beyond its ends the path stays as it is there."""

@@ -11,7 +11,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.placement import Placement
-from vip_factors.sensors.recording import Subject
+from vip_factors.sensors.recording import Subject, nothing_placed
 from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Scene
 
 
@@ -154,7 +154,14 @@ class LiveSetup:
 
     @classmethod
     def of(cls, scene: Scene) -> "LiveSetup":
-        """What is known of a scene before its first sample."""
+        """What is known of a scene before its first sample.
+
+        Raises:
+            RecordingError: for a wearer none of whose sensors is placed.
+        """
+        for one in scene.wearers:
+            if not one.placed:
+                raise nothing_placed(one.name, one.imus)
         wearers = tuple(LiveWearer(one.subject, one.placement, one.initial_pose) for one in scene.wearers)
         cameras = []
         for camera in scene.cameras:

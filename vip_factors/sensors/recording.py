@@ -148,5 +148,6 @@ def nothing_placed(name: str, imus: Iterable[str]) -> RecordingError:
     if not sensors:
         return RecordingError(f"recording '{name}' holds no samples of any sensor: was its file cut off?")
     return RecordingError(
-        f"recording '{name}': none of its sensors ({sensors}) is placed on the body; name the placement"
+        f"recording '{name}': none of its sensors ({sensors}) is placed on the body: say where they sit, vip-factors "
+        "convert RECORDING.mcap PLACED.mcap --placement PRESET or FILE.toml"
     )

@@ -88,7 +88,9 @@ def simulate_sensor(
     angular_rate = rate[here] if settings.angular_rate else None
     stream = ImuStream(site.sensor, time[here], force[here], R_inertial_sensor[here], angular_rate)
     heading_time, heading_path = _path(time, heading + drift)
-    return stream, SensorCalibration(heading, R_bone_sensor, heading_time=heading_time, heading_path=heading_path)
+    return stream, SensorCalibration(
+        heading, R_bone_sensor, heading_time=heading_time, heading_path=heading_path, bone=site.bone
+    )
 
 
 def _path(time: Array, heading: Array) -> tuple[Array, Array]:

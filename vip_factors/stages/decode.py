@@ -6,6 +6,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import Estimate, PoseCovariance, SolveReport
 from vip_factors.factors.acceleration import acceleration_residual
 from vip_factors.factors.orientation import orientation_residual
@@ -41,11 +42,12 @@ def calibration_of(model: WearerProblem, state: WearerState) -> dict[str, Sensor
 
 def _calibration(model: WearerProblem, state: WearerState, sensor: int) -> SensorCalibration:
     heading, R_bone_sensor = float(wrap_angle(state.headings[sensor])), state.R_bone_sensor[sensor]
+    bone = JOINT_NAMES[model.sensors[sensor].bone]
     if not model.headings_walk:
-        return SensorCalibration(heading, R_bone_sensor)
+        return SensorCalibration(heading, R_bone_sensor, bone=bone)
     path = state.heading_knots[:, sensor]
     return SensorCalibration(
-        heading, R_bone_sensor, heading_time=model.heading_knots, heading_path=heading + path - path[0]
+        heading, R_bone_sensor, heading_time=model.heading_knots, heading_path=heading + path - path[0], bone=bone
     )
 
 

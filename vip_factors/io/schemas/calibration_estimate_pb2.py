@@ -25,7 +25,7 @@ _sym_db = _symbol_database.Default()
 from vip_factors.io.schemas import geometry_pb2 as vip__factors_dot_geometry__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n&vip_factors/calibration_estimate.proto\x12\x0bvip_factors\x1a\x1avip_factors/geometry.proto\"\xb2\x02\n\x13\x43\x61librationEstimate\x12\x38\n\x07sensors\x18\x01 \x03(\x0b\x32\'.vip_factors.CalibrationEstimate.Sensor\x1a\xe0\x01\n\x06Sensor\x12\x0e\n\x06sensor\x18\x01 \x01(\t\x12\x13\n\x0bheading_rad\x18\x02 \x01(\x01\x12\x32\n\rmounting_wxyz\x18\x03 \x01(\x0b\x32\x1b.vip_factors.QuaternionWxyz\x12\x19\n\x11heading_sigma_rad\x18\x04 \x01(\x01\x12\x30\n\x12mounting_sigma_rad\x18\x05 \x01(\x0b\x32\x14.vip_factors.Vector3\x12\x16\n\x0eheading_time_s\x18\x06 \x03(\x01\x12\x18\n\x10heading_path_rad\x18\x07 \x03(\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n&vip_factors/calibration_estimate.proto\x12\x0bvip_factors\x1a\x1avip_factors/geometry.proto\"\xc0\x02\n\x13\x43\x61librationEstimate\x12\x38\n\x07sensors\x18\x01 \x03(\x0b\x32\'.vip_factors.CalibrationEstimate.Sensor\x1a\xee\x01\n\x06Sensor\x12\x0e\n\x06sensor\x18\x01 \x01(\t\x12\x13\n\x0bheading_rad\x18\x02 \x01(\x01\x12\x32\n\rmounting_wxyz\x18\x03 \x01(\x0b\x32\x1b.vip_factors.QuaternionWxyz\x12\x19\n\x11heading_sigma_rad\x18\x04 \x01(\x01\x12\x30\n\x12mounting_sigma_rad\x18\x05 \x01(\x0b\x32\x14.vip_factors.Vector3\x12\x16\n\x0eheading_time_s\x18\x06 \x03(\x01\x12\x18\n\x10heading_path_rad\x18\x07 \x03(\x01\x12\x0c\n\x04\x62one\x18\x08 \x01(\tb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -33,7 +33,7 @@ _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'vip_factors.calibration_est
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
   _globals['_CALIBRATIONESTIMATE']._serialized_start=84
-  _globals['_CALIBRATIONESTIMATE']._serialized_end=390
+  _globals['_CALIBRATIONESTIMATE']._serialized_end=404
   _globals['_CALIBRATIONESTIMATE_SENSOR']._serialized_start=166
-  _globals['_CALIBRATIONESTIMATE_SENSOR']._serialized_end=390
+  _globals['_CALIBRATIONESTIMATE_SENSOR']._serialized_end=404
 # @@protoc_insertion_point(module_scope)

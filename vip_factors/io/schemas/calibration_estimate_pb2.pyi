@@ -9,7 +9,7 @@ DESCRIPTOR: _descriptor.FileDescriptor
 class CalibrationEstimate(_message.Message):
     __slots__ = ("sensors",)
     class Sensor(_message.Message):
-        __slots__ = ("sensor", "heading_rad", "mounting_wxyz", "heading_sigma_rad", "mounting_sigma_rad", "heading_time_s", "heading_path_rad")
+        __slots__ = ("sensor", "heading_rad", "mounting_wxyz", "heading_sigma_rad", "mounting_sigma_rad", "heading_time_s", "heading_path_rad", "bone")
         SENSOR_FIELD_NUMBER: _ClassVar[int]
         HEADING_RAD_FIELD_NUMBER: _ClassVar[int]
         MOUNTING_WXYZ_FIELD_NUMBER: _ClassVar[int]
@@ -17,6 +17,7 @@ class CalibrationEstimate(_message.Message):
         MOUNTING_SIGMA_RAD_FIELD_NUMBER: _ClassVar[int]
         HEADING_TIME_S_FIELD_NUMBER: _ClassVar[int]
         HEADING_PATH_RAD_FIELD_NUMBER: _ClassVar[int]
+        BONE_FIELD_NUMBER: _ClassVar[int]
         sensor: str
         heading_rad: float
         mounting_wxyz: _geometry_pb2.QuaternionWxyz
@@ -24,7 +25,8 @@ class CalibrationEstimate(_message.Message):
         mounting_sigma_rad: _geometry_pb2.Vector3
         heading_time_s: _containers.RepeatedScalarFieldContainer[float]
         heading_path_rad: _containers.RepeatedScalarFieldContainer[float]
-        def __init__(self, sensor: _Optional[str] = ..., heading_rad: _Optional[float] = ..., mounting_wxyz: _Optional[_Union[_geometry_pb2.QuaternionWxyz, _Mapping]] = ..., heading_sigma_rad: _Optional[float] = ..., mounting_sigma_rad: _Optional[_Union[_geometry_pb2.Vector3, _Mapping]] = ..., heading_time_s: _Optional[_Iterable[float]] = ..., heading_path_rad: _Optional[_Iterable[float]] = ...) -> None: ...
+        bone: str
+        def __init__(self, sensor: _Optional[str] = ..., heading_rad: _Optional[float] = ..., mounting_wxyz: _Optional[_Union[_geometry_pb2.QuaternionWxyz, _Mapping]] = ..., heading_sigma_rad: _Optional[float] = ..., mounting_sigma_rad: _Optional[_Union[_geometry_pb2.Vector3, _Mapping]] = ..., heading_time_s: _Optional[_Iterable[float]] = ..., heading_path_rad: _Optional[_Iterable[float]] = ..., bone: _Optional[str] = ...) -> None: ...
     SENSORS_FIELD_NUMBER: _ClassVar[int]
     sensors: _containers.RepeatedCompositeFieldContainer[CalibrationEstimate.Sensor]
     def __init__(self, sensors: _Optional[_Iterable[_Union[CalibrationEstimate.Sensor, _Mapping]]] = ...) -> None: ...

@@ -101,5 +101,6 @@ def test_what_cannot_be_drawn_is_said(sample: Scene, tmp_path: Path) -> None:
 def test_a_camera_without_frames_is_refused(sample: Scene, tmp_path: Path) -> None:
     seen = sample.camera.detections
     none = Detections(seen.keypoints, np.zeros(0), np.zeros(0, int), seen.pixels[:0], seen.confidence[:0])
+    blind = replace(sample, camera=replace(sample.camera, detections=none), truth=None)
     with pytest.raises(InputError, match="no video frames to draw"):
-        scene_filmstrip(replace(sample, camera=replace(sample.camera, detections=none)), None, tmp_path / "a.png")
+        scene_filmstrip(blind, None, tmp_path / "a.png")

@@ -38,3 +38,9 @@ def test_keypoints_lie_where_people_point() -> None:
 def test_an_unknown_set_is_refused() -> None:
     with pytest.raises(InputError, match="coco17"):
         keypoint_set("coco")
+
+
+def test_a_keypoint_whose_twin_is_not_in_the_set_is_its_own() -> None:
+    np.testing.assert_array_equal(
+        KeypointSet("few", ("left_eye", "nose", "right_hip", "left_hip")).mirrored, [0, 1, 3, 2]
+    )

@@ -9,6 +9,7 @@ import pytest
 from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
+from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene, Video
 from vip_factors.viz.headings_chart import INK
 from vip_factors.viz.scene_charts import LINE_COLOURS, scene_charts
@@ -95,3 +96,11 @@ def test_what_cannot_be_drawn_is_said(sample: Scene, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="exists"):
         scene_filmstrip(sample, None, tmp_path / "b.png")
     assert (tmp_path / "b.png").read_text() == "precious"
+
+
+def test_a_camera_without_frames_is_refused(sample: Scene, tmp_path: Path) -> None:
+    seen = sample.camera.detections
+    none = Detections(seen.keypoints, np.zeros(0), np.zeros(0, int), seen.pixels[:0], seen.confidence[:0])
+    blind = replace(sample, camera=replace(sample.camera, detections=none), truth=None)
+    with pytest.raises(InputError, match="no video frames to draw"):
+        scene_filmstrip(blind, None, tmp_path / "a.png")

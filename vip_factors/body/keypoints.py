@@ -131,7 +131,8 @@ class KeypointSet:
             swap = {"left": "right", "right": "left"}
             return "_".join(swap.get(word, word) for word in name.split("_"))
 
-        return np.array([self.keypoints.index(twin(name)) for name in self.keypoints])
+        place = {name: row for row, name in enumerate(self.keypoints)}
+        return np.array([place.get(twin(name), row) for row, name in enumerate(self.keypoints)])
 
     def on_body(self, skeleton: Skeleton) -> tuple[Landmark | None, ...]:
         """Where each keypoint sits on a skeleton; None where it is not on our body."""

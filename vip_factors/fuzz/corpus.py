@@ -1,4 +1,10 @@
-"""All formats that the commands read, each with small whole files of it."""
+"""All formats that the commands read, each with small whole files of it, and what the commands make of them.
+
+Out of it on purpose: BlazePose's two models (nothing here can write a small one; a wheel of them is damaged, and
+refused by its sum), WebSocket's handshake and frames (the library's; what its messages hold is in), Rerun files
+(written, never read), the published data sets that ``benchmark`` reads, SMPL pickles with chumpy inside, and messages
+between the package's own processes.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -51,12 +51,14 @@ def scene_filmstrip(
         overwrite: replace an existing file.
 
     Raises:
-        InputError: if the scene has no camera, or the file exists.
+        InputError: if the scene has no camera, or one without frames, or the file exists.
     """
     drawn = drawn_scene(scene, estimate)
     if drawn.detections is None or drawn.model is None:
         raise InputError(f"scene '{scene.name}' has no camera: expected one to draw what it saw")
     count = len(drawn.detections.time)
+    if not count:
+        raise InputError(f"scene '{drawn.name}': its camera has no video frames to draw: was its file cut off?")
     chosen = np.unique(np.round(np.linspace(0.04, 0.96, frames) * (count - 1)).astype(int))
     curves, label = _curves(drawn)
     columns = min(COLUMNS, len(chosen))

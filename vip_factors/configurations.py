@@ -52,6 +52,8 @@ def configured(own: Tree, name: Configuration | str) -> Tree:
     Raises:
         ValueError: for an unknown name.
     """
+    if name not in list(Configuration):
+        raise ValueError(f"{name!r} is no configuration: expected one of {', '.join(Configuration)}")
     changed: Tree = _SETTINGS[Configuration(name)](own)
     return changed
 

@@ -49,6 +49,12 @@ NotNegative = Annotated[float, Range(least=0)]
 """A setting that 0 switches off."""
 NotNegativeInt = Annotated[int, Range(least=0)]
 """A count that may be none."""
+Rate = Annotated[float, Range(above=0, most=10_000)]
+"""Hz, of frames or samples: beyond it no sensor measures, and no memory holds a recording."""
+MaybeRate = Annotated[float | None, Range(above=0, most=10_000)]
+"""As :data:`Rate`; None: as something else has it."""
+Port = Annotated[int, Range(least=1, most=65_534)]
+"""Of a server, which may take the next one too."""
 Share = Annotated[float, Range(least=0, most=1)]
 """A part of a whole."""
 

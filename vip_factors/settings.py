@@ -11,7 +11,7 @@ from vip_factors.initialise.sensor_delays import SensorClockSettings
 from vip_factors.initialise.suppositions import StartSettings
 from vip_factors.problem.scene import CameraFactorSettings
 from vip_factors.problem.wearer import FactorSettings
-from vip_factors.ranges import NotNegative, NotNegativeInt, RangeError, check_ranges
+from vip_factors.ranges import NotNegative, NotNegativeInt, RangeError, Rate, check_ranges
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 LEAST_OVERLAPS = 2  # to a window: one at each end
@@ -114,7 +114,7 @@ class SolverName(StrEnum):
 class Settings:
     """All settings of the pipeline."""
 
-    frame_rate: float = 60.0  # Hz of the estimated motion: brisk motion has its power below 10 Hz
+    frame_rate: Rate = 60.0  # Hz of the estimated motion: brisk motion has its power below 10 Hz
     acceleration: bool = True  # off: the inertial tracker alone (IT; SOP with six sensors)
     coarse_factor: int = 4  # the calibration is found on every n-th frame first; 1 solves at the full rate only
     covariance: bool = False  # marginal covariance of every joint and frame: costs about one more iteration a minute

@@ -9,6 +9,7 @@ import tyro
 
 from vip_factors.cli.options import Flag, parse
 from vip_factors.cli.outputs import Input, Output
+from vip_factors.ranges import MaybeRate
 
 if TYPE_CHECKING:
     from vip_factors.io.scene_building import CameraOptions
@@ -77,7 +78,7 @@ class ConvertOptions:
     """2D poses: OpenPose's folder, or the .json file of AlphaPose, MMPose or COCO's results."""
     keypoints: str | None = None
     """Their keypoints: coco17, openpose18, body25, body25b, halpe26, blazepose33; told by their number if absent."""
-    video_rate: float | None = None
+    video_rate: MaybeRate = None
     """Frames per second of the video, if neither the video is given nor the 2D poses tell times."""
     first_frame: int | None = None
     """Number of the video's first frame among the 2D poses; the format's usual one if absent."""

@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from vip_factors.cli.options import Flag, parse
 from vip_factors.errors import InputError
+from vip_factors.ranges import NotNegativeInt, Range, Rate
 
 
 @dataclass(frozen=True)
@@ -17,11 +18,11 @@ class DemoOptions:
     """Folder for the files; made if absent."""
     placement: Literal["sip6", "tnt10", "totalcapture13", "mvn17"] = "totalcapture13"
     """Where the sensors sit."""
-    seconds: float = 12.0
+    seconds: Annotated[float, Range(above=0, most=86_400)] = 12.0
     """Length of the walk, after a calibration pose of two seconds."""
-    seed: int = 0
+    seed: NotNegativeInt = 0
     """Of the sensors' errors."""
-    frame_rate: float = 60.0
+    frame_rate: Rate = 60.0
     """Frames per second of the reconstruction."""
     overwrite: Flag = False
     """Replace files of an earlier demo."""

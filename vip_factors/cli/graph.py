@@ -12,6 +12,7 @@ from vip_factors.cli.named import named_tree
 from vip_factors.cli.options import Flag, beside, parse_with_settings
 from vip_factors.cli.outputs import Output
 from vip_factors.configurations import Configuration
+from vip_factors.ranges import Range
 
 if TYPE_CHECKING:
     from vip_factors.settings import Settings
@@ -32,7 +33,7 @@ class GraphOptions:
     """Recording (.mcap); vip-factors convert makes one from foreign files."""
     picture: Annotated[Path | None, Output(".svg")] = None
     """Picture (.svg) to write; RECORDING.graph.svg if absent."""
-    frame: int | None = None
+    frame: Annotated[int | None, Range(least=0)] = None
     """Frame of the graph to draw in full, from 0; the middle one if absent."""
     configuration: Configuration = Configuration.OWN
     """Settings to start from: this package's own, or those that stand for the estimators of Kaichi et al. 2020."""

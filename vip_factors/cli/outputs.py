@@ -37,6 +37,8 @@ def check_outputs(options: Any) -> None:
     """
     read, written = list[Path](), list[Path]()
     for path, mark in _files(options):
+        if "\0" in str(path):
+            raise InputError(f"{str(path)!r}: the name of a file cannot hold the character 0")
         if not isinstance(mark, Output):
             read.append(path)
             continue

@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 
 from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.outputs import Output
 from vip_factors.cli.run_steps import Step, take
 from vip_factors.errors import InputError
 
@@ -40,7 +41,7 @@ class RunOptions:
     so."""
     out: Path | None = None
     """Folder for all files, made if it is not there; VIDEO_motion beside the video if absent."""
-    export: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FILE")] = ()
+    export: Annotated[tuple[Path, ...], Output(), tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FILE")] = ()
     """File of another program to write in the end; the suffix tells the format. May be said several times."""
     report: bool = True
     """Write report.html, a page that tells what was found."""
@@ -101,6 +102,15 @@ def check(options: RunOptions) -> None:
         raise InputError(f"{options.video}: no such video file")
     if options.detections is not None and (options.overlay or options.detect_options):
         raise InputError("--detections given: nothing is detected, so leave out --overlay and --detect-options")
+    for text in (options.detect_options, options.convert_options, options.smooth_options):
+        _words(text)
+    from vip_factors.io.atomic import check_target
+    from vip_factors.io.export.files import FORMATS
+
+    for target in options.export:
+        if target.suffix.lower() not in FORMATS:
+            raise InputError(f"--export {target}: expected a file that ends in {', '.join(FORMATS)}")
+        check_target(target, overwrite=True)  # whether an earlier run wrote it is not known yet
     if not 0 < options.field_of_view_deg < 180:
         raise InputError(f"--field-of-view-deg {options.field_of_view_deg}: expected degrees between 0 and 180")
     from vip_factors.io.export.files import export_format
@@ -112,6 +122,8 @@ def check(options: RunOptions) -> None:
 def usual_folder(options: RunOptions) -> Path:
     """Beside the video, or else the first log."""
     source = options.video or options.log[0]
+    if not source.name:  # this folder
+        source = source.resolve()
     return source.with_name(f"{source.stem if source.is_file() else source.name}_motion")
 
 
@@ -186,7 +198,10 @@ def _filmed(options: RunOptions, video: Path, poses: Path, camera: Path) -> Word
 
 
 def _words(text: str) -> Words:
-    return tuple(shlex.split(text))
+    try:
+        return tuple(shlex.split(text))
+    except ValueError as wrong:
+        raise InputError(f"{text}: expected options as on a command line; {wrong}") from wrong
 
 
 def guess_camera(video: Path, field_of_view_deg: float, path: Path) -> None:

@@ -27,8 +27,11 @@ def read_settings(path: Path, defaults: Tree, named: Callable[[str], Tree] | Non
         FileFormatError: if the file is not TOML.
         OSError: if it cannot be read.
     """
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: expected a TOML file with settings")
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        # Editors of Windows put a mark before the text.
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError) as wrong:  # also numbers of too many digits, and tables in tables without end
         raise FileFormatError(f"{path}: not TOML: {wrong}") from wrong
     if named is not None and "configuration" in content:

@@ -10,6 +10,7 @@ import tyro
 from vip_factors.cli.options import Flag, asks_for_short_help, parse, tell_short_help
 from vip_factors.cli.outputs import Input, Output
 from vip_factors.errors import InputError
+from vip_factors.ranges import NotNegativeInt, Range, Rate
 from vip_factors.simulate.detector_settings import DetectorSettings
 from vip_factors.simulate.settings import SimulateSettings
 
@@ -41,13 +42,13 @@ class VideoOptions:
     """Motions of further wearers, as MOTION."""
     bystanders: int = 0
     """People without sensors in the scene; they repeat the motions of the wearers, elsewhere and out of step."""
-    video_rate: float = 30.0
+    video_rate: Rate = 30.0
     """Frames per second."""
     image: tuple[int, int] = (1920, 1080)
     """Width and height in pixels."""
     fov_deg: float = 60.0
     """Horizontal field of view; a phone's when filming."""
-    distance_m: float | None = None
+    distance_m: Annotated[float | None, Range(above=0, most=1_000)] = None
     """From the action to the camera; absent, as far as it takes to see it."""
     keypoints: str = "openpose18"
     """Keypoint set of the simulated detector: coco17, openpose18, body25, body25b, halpe26 …"""
@@ -71,13 +72,13 @@ class SimulateCommand:
     """Recording (.mcap) to write."""
     placement: PresetName = "totalcapture13"
     """Where the sensors sit."""
-    seed: int = 0
+    seed: NotNegativeInt = 0
     """Of all errors: the same seed gives the same recording."""
     initial_pose: Literal["none", "n-pose", "t-pose"] = "n-pose"
     """Calibration pose that the person holds before the motion."""
     pose_error_deg: float = 3.0
     """How imperfectly that pose is held, sigma of each joint and axis; 3 add up to 10 to 15 at the hands."""
-    seconds: float | None = None
+    seconds: Annotated[float | None, Range(above=0, most=86_400)] = None
     """Length of the package's own motion (20 if absent); in a scene, files are repeated or cut to it too."""
     noise_free: Flag = False
     """Perfect sensors instead of realistic ones; error options (of --help-all) given besides are ignored."""

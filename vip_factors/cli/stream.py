@@ -18,6 +18,7 @@ from vip_factors.cli.rerun_targets import STREAM_INSTEAD, check_display, check_r
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.io.live.settings import LiveSourceSettings, VmcPose
+from vip_factors.ranges import Port
 
 if TYPE_CHECKING:
     from vip_factors.cli.stream_session import Interrupts, Session
@@ -54,7 +55,7 @@ class StreamOptions:
     """Rerun file (.rrd) to write."""
     rerun_connect: str | None = None
     """Show it in a viewer that runs already, at rerun+http://host:9876/proxy say."""
-    rerun_serve: int | None = None
+    rerun_serve: Port | None = None
     """Port on which Rerun's viewers may connect."""
     rerun_host: str = "127.0.0.1"
     """Address of it: 127.0.0.1 for viewers on this machine, 0.0.0.0 for those in all its networks."""

@@ -10,6 +10,7 @@ import tyro
 from vip_factors.benchmark.scene_making import SceneMaking
 from vip_factors.cli.options import Flag, parse
 from vip_factors.cli.outputs import Output
+from vip_factors.ranges import NotNegativeInt
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class TrainAssociationOptions:
     """How many scenes to simulate; each trains both passes."""
     measure: int = 0
     """How many scenes to simulate of the motions left out, to measure precision and recall by."""
-    seed: int = 0
+    seed: NotNegativeInt = 0
     """Of the scenes; those to measure by are other ones anyhow."""
     overwrite: Flag = False
     """Replace the file if it exists."""

@@ -10,6 +10,7 @@ import tyro
 from vip_factors.cli.options import Flag, parse
 from vip_factors.cli.outputs import Output
 from vip_factors.errors import InputError
+from vip_factors.ranges import MaybeRate, NotNegativeInt
 
 if TYPE_CHECKING:
     from vip_factors.sensors.scene import Scene
@@ -45,9 +46,9 @@ class TuneOptions:
     world. Recordings count alike: each by the ratio to its error before."""
     settings: Path | None = None
     """TOML file with the settings to begin with."""
-    frame_rate: float | None = None
+    frame_rate: MaybeRate = None
     """Frames per second of the trials; fewer are quicker, and weights that depend on the rate will differ."""
-    seed: int = 0
+    seed: NotNegativeInt = 0
     """Of the sampler."""
     overwrite: Flag = False
     """Replace the settings file if it exists."""

@@ -12,6 +12,7 @@ from vip_factors.cli.options import Flag, parse
 from vip_factors.cli.outputs import Output
 from vip_factors.cli.rerun_targets import VIEW_INSTEAD, check_display, check_rerun_file
 from vip_factors.errors import InputError
+from vip_factors.ranges import Port
 from vip_factors.viz.film_settings import FilmSettings
 
 
@@ -32,7 +33,7 @@ class ViewOptions:
     """Show it in a web browser: serve it until Ctrl-C, and print the address to open."""
     host: str = "127.0.0.1"
     """Where --serve listens: this machine alone, or 0.0.0.0 for everybody who can reach it."""
-    port: int = 9090
+    port: Port = 9090
     """Of the page that --serve serves; its data come from the port after it."""
     screenshot: Annotated[Path | None, Output(".png")] = None
     """Write a picture (.png) of Rerun's view; needs Vulkan, in software (Mesa) if need be."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import InputError
+from vip_factors.ranges import Rate
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.simulate.detector_settings import DetectorSettings
 from vip_factors.simulate.settings import SimulateSettings
@@ -19,7 +20,7 @@ class SceneSettings:
     """Camera, detector and sensors of a simulated scene."""
 
     camera: CameraKind = "hand-held"  # on a tripod, in the hands of somebody who stands, or of somebody who follows
-    video_rate: float = 30.0  # Hz: what phones film at, and 3DPW was
+    video_rate: Rate = 30.0  # Hz: what phones film at, and 3DPW was
     width: int = 1920  # pixels
     height: int = 1080
     fov_deg: float = 60.0  # horizontal: a phone's main camera (65–70) less what filming crops

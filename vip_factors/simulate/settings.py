@@ -3,7 +3,7 @@
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from vip_factors.ranges import RangeError
+from vip_factors.ranges import RangeError, Rate
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class SimulateSettings:
     bone (orientation, specific force and angular rate all follow).
     """
 
-    imu_rate: float = 100.0  # Hz; Xsens Awinda sends 60–100 Hz
+    imu_rate: Rate = 100.0  # Hz; Xsens Awinda sends 60–100 Hz
     truth_rate: float = 60.0  # Hz of the truth motion: the frame rate of TotalCapture and of most video
     phases: bool = True  # sensors sample at their own instants within a period, as unsynchronised ones do
     angular_rate: bool = True  # whether the streams carry a gyroscope

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vip_factors.errors import InputError
+from vip_factors.ranges import Rate
 
 
 @dataclass(frozen=True)
@@ -12,7 +13,7 @@ class FilmSettings:
 
     video_height: int = 720
     """Height in pixels; the width follows. Small films for pages: 360 to 480."""
-    video_rate: float = 30.0
+    video_rate: Rate = 30.0
     """Most frames per second: of a faster video every second or third frame is shown. 15 makes animated pictures
     (.gif, .webp) half as large."""
     video_seconds: tuple[float, float] | None = None

@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
+from vip_factors.ranges import MaybeRate
+
 
 class BoneNames(StrEnum):
     """What the bones of an animation are called."""
@@ -48,7 +50,7 @@ class ExportSettings:
 
     wearer: str | None = None
     """Export this wearer only, by name; of a format that holds one person, each wearer gets a file of its own."""
-    frame_rate: float | None = None
+    frame_rate: MaybeRate = None
     """Frames a second of the file; those of the estimate if absent, for then no frame is interpolated."""
     recording: Path | None = None
     """Recording (.mcap) that the estimate was made from: a .pkl takes its 2D poses and the times of the video frames

@@ -120,6 +120,14 @@ def test_nothing_waits_for_long() -> None:
     assert left == [1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, 2.05]
 
 
+def test_who_was_late_a_moment_ago_may_be_less_late() -> None:
+    clock = Clock()
+    queue = LiveQueue(1000, clock=clock, longest_wait=2.0)
+    for clock.now in (0.0, 2.1, 2.2, 2.8, 3.1):
+        queue.put(imu(clock.now))
+    assert [item.time for item in drained(queue) if isinstance(item, ImuSample)] == [2.8, 3.1]
+
+
 def test_findings_are_never_dropped() -> None:
     queue = LiveQueue(1)
     for number in range(5):

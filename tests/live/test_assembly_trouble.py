@@ -329,3 +329,18 @@ def test_a_clock_without_any_order_is_told_once() -> None:
         told += assembler.take_findings()
     assert [("jumped" in one, "silent" in one) for one in told].count((True, False)) == 1
     assert len(told) == 2
+
+
+def test_gaps_of_dropped_samples_are_no_jumps_of_clocks() -> None:
+    columns = [("Ada", f"sensor{number}") for number in range(13)]
+    assembler, told = FrameAssembler(columns, RATE), list[str]()
+    for period, one in enumerate(stream(0.0, 8.0, columns)):
+        # What is dropped need not begin or end with all sensors at once.
+        if 13 * 120 + 5 <= period < 13 * 250 + 3 or 13 * 250 + 7 <= period < 13 * 370 + 1:
+            continue
+        if period == 13 * 250 + 3:
+            assembler.note_loss()
+        assembler.push(one)
+        told += assembler.take_findings()
+    assert told
+    assert not any("clock" in one for one in told)

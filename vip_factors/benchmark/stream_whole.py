@@ -211,10 +211,10 @@ def whole_table(result: WholeStream) -> str:
         latency = " | ".join(f"{1e3 * one:.0f}" for one in part.latency_s)
         memory = " | ".join(f"{one / MB:.0f}" for one in part.memory)
         sizes = " | ".join(f"{one / MB:.1f}" for one in part.bytes)
-        share = part.cpu_s / max(part.until - before, 1e-9)
+        share = f"{part.cpu_s / (part.until - before):.2f}" if part.until - before > 1.0 else "-"
         lines.append(
             f"| {part.until / 60:.1f} | {part.answers} | {part.missing} | {latency} | {part.dropped[0]} | "
-            f"{part.dropped[1]} | {part.findings} | {memory} | {share:.2f} | {sizes} |"
+            f"{part.dropped[1]} | {part.findings} | {memory} | {share} | {sizes} |"
         )
         before = part.until
     lines += ["", f"The sender itself was {1e3 * result.latest_s:.0f} ms late at most."]

@@ -114,6 +114,7 @@ class StreamClocks:
             # Its own time goes on, far behind the others': a backlog comes in faster than time passes.
             lasts &= self.present - refused.present_before >= self._settings.restart_after / 2
         if is_ahead and self._all_were_silent(source, moment, alive, lasts):
+            self._refused = [None if one is not None and one.ahead else one for one in self._refused]  # as right as it
             return self._accept(source, moment)
         if not lasts:
             return Admitted(None, self._strays(refused))

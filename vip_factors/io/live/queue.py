@@ -10,6 +10,8 @@ from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, LiveLoss,
 
 KEPT = 8  # one IMU sample in so many stays where they must be dropped: who is late is to catch up, not to stay late
 KEPT_WAIT = 0.45  # likewise of the seconds that samples may wait: the gap is to be one over which tracking goes on
+AGAIN_WAIT = 0.4  # and of these, once some were dropped lately: a start takes long once, a slow machine always
+LATELY_S = 10.0
 VIDEO_WAIT = 0.8  # of these seconds, that video frames may wait: without them a tracker is faster, and may catch up
 MOST_FINDINGS = 1000  # that wait: somebody who connects and errs all the time must not fill the memory
 SAY_EVERY = 1.0  # seconds between findings about dropped samples: the tracker spares itself as long as they come
@@ -46,7 +48,7 @@ class LiveQueue:
         self._findings: deque[tuple[int, float, LiveItem]] = deque()
         self._lost = {VideoFrame: 0, ImuSample: 0}  # since it was told last
         self._losing = False  # whether some were since it was said last
-        self._said = self._told = -float("inf")
+        self._said = self._told = self._dropped = -float("inf")  # s: some for being late, the last one
         self._finished = False
         self._closed = False
 
@@ -116,11 +118,12 @@ class LiveQueue:
 
     def _drop_late(self, now: float) -> None:
         """What has waited for too long: all video frames but the newest, and if that does not help, samples."""
-        if self._frames and now - self._frames[0][1] > VIDEO_WAIT * self._longest_wait:
+        longest = self._longest_wait * (AGAIN_WAIT if now - self._dropped < LATELY_S else 1.0)
+        if self._frames and now - self._frames[0][1] > VIDEO_WAIT * longest:
             while len(self._frames) > 1:
                 self._lose(self._frames)
-        if self._imu and now - self._imu[0][1] > self._longest_wait:
-            since = now - KEPT_WAIT * self._longest_wait
+        if self._imu and now - self._imu[0][1] > longest:
+            self._dropped, since = now, now - KEPT_WAIT * longest
             for kind in (self._imu, self._frames):
                 while kind and kind[0][1] < since:
                     self._lose(kind)

@@ -171,6 +171,16 @@ def test_lost_frames_leave_gaps_and_no_motion(tmp_path: Path) -> None:
     assert any("some frames are missing" in note for note in log.notes)
 
 
+def test_two_frames_far_apart_are_no_motion(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mvnx"
+    write(path, motion())
+    lines = path.read_text().split("\n")
+    path.write_text("\n".join(line for line in lines if not any(f'index="{t}"' in line for t in (1, 2, 4, 5, 6, 7))))
+    log = mvnx.read(path)
+    assert len(log.imus["T8"]) == 2
+    assert log.truth_motion is None
+
+
 def test_a_file_that_breaks_off_gives_what_it_holds(tmp_path: Path) -> None:
     path = tmp_path / "walk.mvnx"
     write(path, motion())

@@ -241,6 +241,12 @@ def test_truth_without_rotations_at_its_end_is_trimmed(tmp_path: Path) -> None:
         ("s1_walking2_Xsens.sensors", "13\t40", "40", "line 1 is '40': expected the numbers of sensors and of frames"),
         ("s1_walking2_Xsens.sensors", "\nHead\t", "\nHut\t", None),
         ("s1_walking2_Xsens.sensors", "\n7\n", "\nx\n", "line 86 is 'x': expected a frame's number"),
+        (
+            "s1_walking2_Xsens.sensors",
+            "\n7\n",
+            "\n" + "9" * 400 + "\n",
+            "line 86 is '9{40}': expected a frame's number",
+        ),
         ("s1_walking2_calib_imu_bone.txt", "Pelvis ", "Pelvis x", "line 4 .*expected Name qx qy qz qw"),
         ("gt_skel_gbl_pos.txt", "Hips\t", "Hip\t", "its joints are not those of gt_skel_gbl_pos.txt"),
         ("gt_skel_gbl_pos.txt", "Neck\t", "", "expected 60 numbers"),

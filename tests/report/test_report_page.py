@@ -163,3 +163,9 @@ def test_what_does_not_belong_together_is_refused(estimate: SceneEstimate, scene
     with pytest.raises(InputError, match="no truth"):
         material(estimate, scene, blind)
     assert material(estimate, blind, scene).has_truth
+
+
+def test_an_estimate_without_frames_is_refused(estimate: SceneEstimate) -> None:
+    cut = replace(estimate.wearers[0], motion=estimate.wearers[0].motion.frames(slice(0, 0)))
+    with pytest.raises(InputError, match="has no frames to draw: was its file cut off"):
+        material(replace(estimate, wearers=(cut, *estimate.wearers[1:])))

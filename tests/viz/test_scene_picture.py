@@ -104,3 +104,14 @@ def test_a_camera_without_frames_is_refused(sample: Scene, tmp_path: Path) -> No
     blind = replace(sample, camera=replace(sample.camera, detections=none), truth=None)
     with pytest.raises(InputError, match="no video frames to draw"):
         scene_filmstrip(blind, None, tmp_path / "a.png")
+
+
+def test_a_truth_without_frames_is_none_and_an_estimate_without_is_refused(sample: Scene) -> None:
+    first = sample.wearers[0]
+    cut = replace(first, truth=replace(first.truth, motion=first.truth.motion.frames(slice(0, 0))))
+    scene, estimate = replace(sample, wearers=(cut, *sample.wearers[1:])), estimate_of(sample, ERRORS)
+    assert drawn_scene(scene, estimate).wearers[0].truth is None
+    assert drawn_scene(scene, None).wearers[0].shown is None
+    none = replace(estimate.wearers[0], motion=estimate.wearers[0].motion.frames(slice(0, 0)))
+    with pytest.raises(InputError, match="has no frames to draw: was its file cut off"):
+        drawn_scene(sample, replace(estimate, wearers=(none, *estimate.wearers[1:])))

@@ -23,7 +23,8 @@ MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     ".pkl": (mutated_pickle, mutated_pickle, mutated_bytes),
     ".mat": (mutated_mat, mutated_mat, mutated_bytes),
     ".onnx": (mutated_protobuf, mutated_protobuf, mutated_bytes),
-} | dict.fromkeys((".mp4", ".png", ".jpg", ".tflite", ".whl", ".db"), (mutated_bytes,))
+    **dict.fromkeys((".mp4", ".png", ".jpg", ".tflite", ".whl", ".db"), (mutated_bytes,)),
+}
 """By the suffix of a file; all others are text."""
 
 Files = Mapping[str, bytes]

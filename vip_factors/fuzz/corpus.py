@@ -47,7 +47,7 @@ class Commands:
 def all_cases(commands: Commands) -> list[Case]:
     """One of each format."""
     logs = log_cases(commands.describe_recording)
-    log = next(one.files for one in logs if one.name == "xsens-txt")
+    log = next(dict(one.files) for one in logs if one.name == "xsens-txt")
     return [
         *logs,
         *scene_cases(commands.describe_file),

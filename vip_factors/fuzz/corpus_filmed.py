@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vip_factors.body.keypoints import keypoint_set
-from vip_factors.fuzz.case import Case, Files, Run, command_case
+from vip_factors.fuzz.case import Case, Run, command_case
 from vip_factors.fuzz.corpus_scenes import scene_files
 from vip_factors.fuzz.installed import installed
 from vip_factors.fuzz.pictures import BOARD_HEIGHT, BOARD_WIDTH, COLUMNS, FOCAL, HEIGHT, ROWS, WIDTH, board, small_film
@@ -22,7 +22,7 @@ FRAMES = 3  # with people; the film has more
 CONVERT = "convert {}/plain.mcap {}/out.mcap --overwrite"
 
 
-def filmed_cases(run: Run, log: Files) -> list[Case]:
+def filmed_cases(run: Run, log: dict[str, bytes]) -> list[Case]:
     """By ``convert`` and ``calibrate-camera``, which ``run`` runs; ``log`` is one of Xsens's, in the folder log."""
     case = partial(command_case, run=run)
     plain = {"plain.mcap": scene_files()["plain.mcap"]}
@@ -88,7 +88,7 @@ def _poses() -> bytes:
     return json.dumps(tree).encode()
 
 
-def _lab() -> Files:
+def _lab() -> dict[str, bytes]:
     """A calibration of two cameras, and OpenPose's folders of both, as Pose2Sim has them."""
     tables = [
         f'[{name}]\nname = "{name}"\nsize = [{WIDTH}.0, {HEIGHT}.0]\nmatrix = [[50.0, 0.0, 32.0], [0.0, 50.0, 24.0], '

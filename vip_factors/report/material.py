@@ -7,6 +7,7 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, SceneEstimate
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
+from vip_factors.viz.compare import check_frames
 from vip_factors.viz.scene_world import DrawnScene, drawn_scene
 
 
@@ -72,11 +73,13 @@ def material(estimate: SceneEstimate, scene: Scene | None = None, truth: Scene |
         truth: a scene whose truth counts instead of that scene's.
 
     Raises:
-        InputError: if they do not hold the same number of wearers, or there is no wearer, or no truth where one is
-            asked for.
+        InputError: if they do not hold the same number of wearers, or there is no wearer, one without frames, or no
+            truth where one is asked for.
     """
     if not estimate.wearers:
         raise InputError(f"estimate '{estimate.name}' has no wearer: expected at least one")
+    for wearer in estimate.wearers:
+        check_frames(wearer.motion)
     for other in (scene, truth):
         if other is not None and len(other.wearers) != len(estimate.wearers):
             raise InputError(

@@ -17,7 +17,7 @@ from vip_factors.problem.extra import ExtraTerms
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames, resample_streams
-from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.recording import Recording, nothing_placed
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.stages.calibration_start import search_start
@@ -58,7 +58,14 @@ def inertial_tracker(
 
 
 def inertial_trackers(scene: Scene, time: Array, settings: Settings, solver: Solver) -> tuple[Tracked, ...]:
-    """Each wearer of a scene at the instants ``time`` ``(T,)``, alone."""
+    """Each wearer of a scene at the instants ``time`` ``(T,)``, alone.
+
+    Raises:
+        RecordingError: for a wearer without samples of placed sensors.
+    """
+    for wearer in scene.wearers:
+        if not wearer.placed:
+            raise nothing_placed(wearer.name, wearer.imus)
     return tuple(
         inertial_tracker(
             wearer, resample_streams([wearer.imus[name] for name in wearer.placed], time), settings, solver

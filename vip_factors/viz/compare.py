@@ -48,6 +48,22 @@ def at_times(motion: Motion, time: Array, rate: float) -> Motion:
     return Motion(motion.skeleton, R, root, rate, float(time[0]), motion.name)
 
 
+def known_truth(truth: Motion | None) -> Motion | None:
+    """The truth, or None where it has no frames, as that of a file that was cut off: nothing of it can be drawn."""
+    return truth if truth is not None and len(truth) else None
+
+
+def check_frames(motion: Motion) -> Motion:
+    """The estimated motion.
+
+    Raises:
+        InputError: if it has no frames.
+    """
+    if not len(motion):
+        raise InputError(f"the estimate of '{motion.name}' has no frames to draw: was its file cut off?")
+    return motion
+
+
 def common_frames(estimate: Motion, truth: Motion) -> tuple[Motion, Motion]:
     """Both motions at the estimate's frames, as far as the truth reaches.
 

@@ -14,7 +14,16 @@ from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.recording import Recording
 from vip_factors.viz.canvas import Canvas, Rod, mixed
 from vip_factors.viz.chart import draw_chart
-from vip_factors.viz.compare import Compare, common_frames, floor_height, known_bones, onto_truth, position_error_mm
+from vip_factors.viz.compare import (
+    Compare,
+    check_frames,
+    common_frames,
+    floor_height,
+    known_bones,
+    known_truth,
+    onto_truth,
+    position_error_mm,
+)
 from vip_factors.viz.eye import Eye, Lens
 from vip_factors.viz.figure import Figure, as_bytes, blend, lit_from
 from vip_factors.viz.room import Room, floor_light
@@ -62,8 +71,9 @@ def filmstrip(
     """
     if truth is None and recording is not None and recording.truth is not None:
         truth = recording.truth.motion
+    truth = known_truth(truth)
     if estimate is not None:
-        shown, ghost = estimate.motion, None
+        shown, ghost = check_frames(estimate.motion), None
         if truth is not None:
             shown, ghost = common_frames(estimate.motion, truth)
             shown = onto_truth(shown, ghost, Compare.ROOT)

@@ -12,7 +12,16 @@ from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.sensors.recording import Recording
-from vip_factors.viz.compare import Compare, common_frames, floor_height, known_bones, onto_truth, position_error_mm
+from vip_factors.viz.compare import (
+    Compare,
+    check_frames,
+    common_frames,
+    floor_height,
+    known_bones,
+    known_truth,
+    onto_truth,
+    position_error_mm,
+)
 from vip_factors.viz.layout import GHOST_COLOUR, blueprint
 from vip_factors.viz.new_file import new_file
 from vip_factors.viz.rerun_body import log_body, log_rest_body, log_sensors, log_trail
@@ -68,6 +77,9 @@ def show(
     """
     if truth is None and recording is not None and recording.truth is not None:
         truth = recording.truth.motion
+    truth = known_truth(truth)
+    if estimate is not None:
+        check_frames(estimate.motion)
     send(_Scene(recording, estimate, truth, compare, metrics), sink or LiveViewer())
 
 

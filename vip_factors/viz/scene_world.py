@@ -19,7 +19,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.reprojection import keypoints_in_image, reprojection_error
 from vip_factors.sensors.scene import Scene, Video
 from vip_factors.sensors.video_clock import VideoClock
-from vip_factors.viz.compare import common_frames, position_error_mm
+from vip_factors.viz.compare import check_frames, common_frames, known_truth, position_error_mm
 from vip_factors.viz.set_apart import moved, set_apart
 
 NOBODY = -1
@@ -137,7 +137,7 @@ def drawn_scene(scene: Scene | None, estimate: SceneEstimate | None) -> DrawnSce
     without (which does not tie its wearers to each other) wearer by wearer.
 
     Raises:
-        InputError: if neither is given, or they do not hold the same number of wearers.
+        InputError: if neither is given, they do not hold the same number of wearers, or an estimate has no frames.
     """
     if scene is None and estimate is None:
         raise InputError("nothing to show: expected a scene, its estimate, or both")
@@ -200,8 +200,8 @@ def _side_by_side(scene: Scene | None, estimate: SceneEstimate | None) -> list[D
     for index in range(count):
         recording = scene.wearers[index] if scene is not None else None
         one = estimate.wearers[index] if estimate is not None else None
-        motion = one.motion if one is not None else None
-        truth = recording.truth.motion if recording is not None and recording.truth is not None else None
+        motion = check_frames(one.motion) if one is not None else None
+        truth = known_truth(recording.truth.motion if recording is not None and recording.truth is not None else None)
         if motion is not None and truth is not None:
             motion, truth = common_frames(motion, truth)
         name = recording.subject.name if recording is not None else f"wearer {index + 1}"

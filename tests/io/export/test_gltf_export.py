@@ -17,6 +17,7 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.export.bone_names import bone_names
 from vip_factors.io.export.files import export
+from vip_factors.io.export.gltf_buffer import GltfBuffer
 from vip_factors.io.export.settings import BoneNames, ExportSettings
 
 DTYPES = {5126: np.float32, 5121: np.uint8, 5123: np.uint16, 5125: np.uint32}
@@ -162,3 +163,11 @@ def test_the_package_that_is_missing_is_named(tmp_path: Path, monkeypatch: pytes
     with pytest.raises(InputError, match=r"vip-factors\[export\]"):
         export(any_pose(), tmp_path / "a.glb")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [np.inf, np.nan])
+def test_numbers_that_gltf_cannot_hold_are_refused(number: float) -> None:
+    buffer = GltfBuffer()
+    buffer.add(np.zeros((2, 3), np.float32), bounds=True)
+    with pytest.raises(InputError, match="holds numbers that glTF cannot"):
+        buffer.add(np.array([0.0, number], np.float32), bounds=True)

@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from vip_factors.errors import InputError
+
 FLOAT, UNSIGNED_BYTE, UNSIGNED_SHORT, UNSIGNED_INT = 5126, 5121, 5123, 5125  # component types of glTF 2.0
 _COMPONENTS = {"float32": FLOAT, "uint8": UNSIGNED_BYTE, "uint16": UNSIGNED_SHORT, "uint32": UNSIGNED_INT}
 _KINDS = {(): "SCALAR", (2,): "VEC2", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
@@ -26,10 +28,15 @@ class GltfBuffer:
             target: what it is for, :data:`CORNERS` or :data:`INDICES`.
             bounds: whether least and greatest values are told, as glTF wants of positions and times.
             unit: whether integers stand for fractions of their greatest value.
+
+        Raises:
+            InputError: for numbers that are not finite, or were not before they became float32.
         """
         from pygltflib import Accessor, BufferView
 
         values = np.ascontiguousarray(values)
+        if values.dtype.kind == "f" and not np.all(np.isfinite(values)):
+            raise InputError("the estimate holds numbers that glTF cannot (not finite, or above 3e38): is it damaged?")
         self.views.append(BufferView(buffer=0, byteOffset=len(self.data), byteLength=values.nbytes, target=target))
         self.data += values.tobytes()
         self.data += bytes(-len(self.data) % 4)

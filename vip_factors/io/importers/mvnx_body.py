@@ -77,7 +77,7 @@ def body_of(document: MvnxDocument, time: Array) -> MvnBody | str:
     if quaternions is None or positions is None:
         return "no motion of MVN's own: the frames hold no segment orientations and positions"
     whole = np.all(np.isfinite(quaternions), axis=(1, 2)) & np.all(np.isfinite(positions), axis=(1, 2))
-    if not np.all(whole) or (len(time) > 2 and np.ptp(np.diff(time)) > 0.1 / document.frame_rate):
+    if not np.all(whole) or np.any(np.abs(np.diff(time) * document.frame_rate - 1) > 0.1):
         return "no motion of MVN's own: some frames are missing"
     offsets = _offsets(document)
     if offsets is None:

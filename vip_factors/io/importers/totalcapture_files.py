@@ -130,8 +130,11 @@ def read_sensors(path: Path) -> SensorTable:
     return SensorTable(names, index, values, truncated)
 
 
+MOST_DIGITS = 12  # of a frame's number
+
+
 def _frame_number(path: Path, text: str, line: int) -> int:
-    if not text.strip().isdigit():
+    if not text.strip().isdigit() or len(text.strip()) > MOST_DIGITS:
         raise FileFormatError(f"{path}: line {line} is '{text[:40]}': expected a frame's number alone")
     return int(text)
 

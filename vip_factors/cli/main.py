@@ -9,7 +9,7 @@ from vip_factors import __version__
 from vip_factors.errors import VipFactorsError, naming_file
 
 PROGRAM = "vip-factors"
-BAD_INPUT, INTERRUPTED = 2, 130  # 130: what shells report for a program stopped by Ctrl-C
+BAD_INPUT = 2
 # Name → one line. The module of the same name (with _ for -) holds ``main(prog, arguments)``, imported when asked for.
 COMMANDS = {
     "demo": "reconstruct a recording that the package makes itself, and draw it",
@@ -41,10 +41,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: without the program's name; those of the process if None.
 
     Returns:
-        The exit code: 0, 2 for what the user can mend (bad options, files or recordings), 130 after Ctrl-C.
+        The exit code: 0, 2 for what the user can mend (bad options, files or recordings), 130 after Ctrl-C,
+        143 after SIGTERM.
         Anything unforeseen is raised, with its traceback.
     """
+    from vip_factors.cli.process import ending, open_streams
+
     given = list(sys.argv[1:] if arguments is None else arguments)
+    open_streams()
+    with ending() as asked:
+        try:
+            return _run(given)
+        except KeyboardInterrupt:
+            pass
+        except ImportError:  # what compiled modules make of a signal that comes while they are loaded
+            if not asked.number:
+                raise
+    print(f"{PROGRAM}: interrupted; nothing half-written is left", file=sys.stderr)
+    return asked.exit_code
+
+
+def _run(given: list[str]) -> int:
     if not given or given[0] in ("-h", "--help", "help"):
         print(_help())
         return 0 if given else BAD_INPUT
@@ -70,9 +87,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (VipFactorsError, OSError) as error:
         print(f"{PROGRAM}: {_sentence(error)}", file=sys.stderr)
         return BAD_INPUT
-    except KeyboardInterrupt:
-        print(f"{PROGRAM}: interrupted; nothing half-written is left", file=sys.stderr)
-        return INTERRUPTED
     except SystemExit as stop:  # how the parser of options ends, after help or a complaint
         return stop.code if isinstance(stop.code, int) else BAD_INPUT if stop.code else 0
     return 0

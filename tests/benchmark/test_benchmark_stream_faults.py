@@ -96,6 +96,9 @@ def test_a_queue_that_runs_over_is_told_and_order_is_kept(scene: Scene, monkeypa
             new = next(self._left, None) if len(taken) % 13 == 0 else None
             return [] if new is None else [new]
 
+        def note_loss(self) -> None:
+            pass
+
         def finish(self) -> list[object]:
             return []
 

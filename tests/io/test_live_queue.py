@@ -106,28 +106,6 @@ def test_losses_are_said_once_a_second_and_told_every_ten_and_at_the_end() -> No
     assert not told.again
 
 
-def test_nothing_waits_for_long() -> None:
-    clock = Clock()
-    queue = LiveQueue(1000, clock=clock, longest_wait=2.0)
-    for tenth in range(20):
-        clock.now = tenth / 10
-        queue.put(imu(clock.now))
-        queue.put(video(clock.now))
-        assert len(queue._frames) == (tenth + 1 if tenth <= 16 else tenth - 15)
-    clock.now = 2.05
-    queue.put(imu(clock.now))
-    left = [item.time for item in drained(queue) if isinstance(item, ImuSample)]
-    assert left == [1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, 2.05]
-
-
-def test_who_was_late_a_moment_ago_may_be_less_late() -> None:
-    clock = Clock()
-    queue = LiveQueue(1000, clock=clock, longest_wait=2.0)
-    for clock.now in (0.0, 2.1, 2.2, 2.8, 3.1):
-        queue.put(imu(clock.now))
-    assert [item.time for item in drained(queue) if isinstance(item, ImuSample)] == [2.8, 3.1]
-
-
 def test_findings_are_never_dropped() -> None:
     queue = LiveQueue(1)
     for number in range(5):

@@ -321,6 +321,16 @@ def test_a_small_step_of_one_clock_is_followed_and_told_once(leap: float) -> Non
         np.testing.assert_allclose(one.R_inertial_sensor[1], truth, atol=0.05)  # a period off: by arrival alone
 
 
+def test_every_jump_is_told_but_not_for_ever() -> None:
+    assembler, told = started(), list[float]()
+    for one in stream(1.0, 41.0):
+        leaps = 100.0 * int(one.time)  # every second
+        assembler.push(replace(one, time=one.time + leaps) if one.sensor == "wrist" else one)
+        told += [one.time for sentence in assembler.take_findings() if "jumped" in sentence]
+    assert 11 <= len(told) <= 14
+    assert np.all(np.diff(told[:10]) < 1.2)
+
+
 def test_a_clock_without_any_order_is_told_once() -> None:
     assembler, random, told = started(), np.random.default_rng(0), []
     for one in stream(1.0, 6.0):

@@ -134,9 +134,9 @@ def _killed(trials: EndTrials, scene: Path, folder: Path, answers: int) -> Kille
     smoothed = [one["wearers"][0]["smoothed"] for one in map(json.loads, whole)]
     told = [one["time"] for one in smoothed if one is not None]
     rrd = partial_path(folder / "e.rrd")
-    outlived = 0.0
-    while any(map(is_running, below)) and (outlived := time.monotonic() - killed) < VIEWER_S:
+    while (any(map(is_running, below)) or not is_whole(rrd)) and time.monotonic() - killed < VIEWER_S:
         time.sleep(0.1)
+    outlived = time.monotonic() - killed  # those that hold the pipe were waited for above
     end = _readable_until(folder / "e.mcap")
     first, last = (told[0], told[-1]) if told else (0.0, 0.0)
     lost = last - (end if end is not None else first)

@@ -126,8 +126,7 @@ def _moved(answer: LiveEstimate, shift: float) -> LiveEstimate:
 def _overloaded(samples: Sequence[LiveSample], setup: LiveSetup, settings: LiveSettings, fault: Fault) -> StreamRun:
     """The queue between a source and a tracker that takes its time, on a clock that is made: any machine gives this."""
     now = 0.0
-    limits = LiveSourceSettings()
-    queue = LiveQueue(limits.queue_limit, clock=lambda: now, longest_wait=limits.queue_wait)
+    queue = LiveQueue(LiveSourceSettings().queue_limit, clock=lambda: now)
     tracker = FixedLagTracker(setup, settings)
     answers: list[LiveEstimate] = []
     arrival: list[float] = []

@@ -5,6 +5,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 
 MOST_WAITING = 1000  # sentences that nobody has taken: beyond, new ones are lost rather than memory
+OFTEN = 10  # tellings of a kind, after which it is told now and then only
 GATHER_S = 0.3  # of the stream, in which all clocks that leap together are found to have leapt
 
 
@@ -12,6 +13,7 @@ GATHER_S = 0.3  # of the stream, in which all clocks that leap together are foun
 class _Tally:
     count: int = 0
     told: float = -math.inf
+    tellings: int = 0
     sentence: Callable[[int], str] = str
     due: float = math.inf  # when what was gathered is to be told
 
@@ -47,7 +49,9 @@ class FindingLog:
             self._tell(tally, now)
 
     def gather(self, key: Hashable, now: float, sentence: str) -> None:
-        """Tell this a moment later, together with what others of the kind ``key`` do by then; again only now and then.
+        """Tell this a moment later, together with what others of the kind ``key`` do by then.
+
+        What happens ever again is told now and then only.
 
         Args:
             key: of what many sources do at the same time.
@@ -58,7 +62,9 @@ class FindingLog:
         if not tally.count:
             first = sentence
             tally.sentence = lambda count: f"{first}; so did {count - 1} more" if count > 1 else first
-            tally.due = max(now + GATHER_S, tally.told + self._repeat_after)
+            tally.due = now + GATHER_S
+            if tally.tellings >= OFTEN:
+                tally.due = max(tally.due, tally.told + self._repeat_after)
         tally.count += 1
 
     def close(self) -> None:
@@ -79,6 +85,7 @@ class FindingLog:
     def _tell(self, tally: _Tally, now: float) -> None:
         self.say(tally.sentence(tally.count))
         tally.count, tally.told, tally.due = 0, now, math.inf
+        tally.tellings += 1
 
 
 def counted(count: int, noun: str) -> str:

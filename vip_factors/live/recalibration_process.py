@@ -10,6 +10,7 @@ import pickle
 import subprocess
 import sys
 import threading
+import time
 import weakref
 from concurrent.futures import Future
 
@@ -19,6 +20,7 @@ from vip_factors.live.coarse import Known
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.start import Started
 
+LOOK_S = 1.0  # seconds between looks whether the program that tracks is still there
 POLITE = 10  # of niceness: the tracker's updates come first where both want a core
 
 
@@ -72,12 +74,20 @@ def _ended(process: "subprocess.Popen[bytes]") -> None:
                 pipe.close()
 
 
+def _end_with(parent: int) -> None:
+    """End when the program that tracks is gone: what it was killed in the midst of takes half a minute more."""
+    while os.getppid() == parent:
+        time.sleep(LOOK_S)
+    os._exit(1)
+
+
 def main() -> None:
     """Solve what comes through standard input until it ends."""
     from vip_factors.live.recalibration import recalibrate
 
     if hasattr(os, "nice"):
         os.nice(POLITE)
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no answer
     while True:

@@ -27,7 +27,6 @@ from vip_factors.sensors.live import LiveSample, LiveSetup, VideoFrame
 DEFAULT = LiveSettings()
 SOME_VIDEO = 10  # frames with people in them, within the time that tracking begins with
 MEASURES = 0.9  # of the frames: a sensor that measured in so many is there
-SPARING_S = 2.0  # after samples were dropped, in which fewer frames are solved: losses are told once a second
 BODY_S = 9.0  # of data: a body found from so much is kept over a pause
 
 
@@ -67,7 +66,6 @@ class FixedLagTracker:
         self._has_told_of_doubts = False  # about how sensors sit
         self._found: Found | None = None  # a calibration to go on with as soon as the wearers are seen
         self._next_continuation = 0  # frame
-        self._spares_until = 0  # frame
         self._learnt_s = 0.0  # of data that calibration and bodies were found from
         self._recalibrator = Recalibrator(setup, self._columns, settings, real_time)
         self._threads = ThreadpoolController()  # finding the libraries takes longer than an update: once
@@ -80,13 +78,8 @@ class FixedLagTracker:
         return self._answer(self._assembler.push(sample))
 
     def note_loss(self) -> None:
-        """Samples were sent, but dropped on their way here, as answers took too long: no sensor is to blame.
-
-        For a moment fewer frames are solved, and more are predicted.
-        """
+        """Samples were sent, but dropped on their way here, as answers took too long: no sensor is to blame."""
         self._assembler.note_loss()
-        newest = self._recent[-1].frame if self._recent else 0
-        self._spares_until = newest + round(SPARING_S * self.settings.frame_rate)
 
     def finish(self) -> list[LiveEstimate]:
         """The end of the stream: answers to the last frames."""
@@ -119,8 +112,7 @@ class FixedLagTracker:
         tracking, waited = self._tracking, self._recalibrator.waited_s
         try:
             covariance = self._answers.root_covariance(len(self.setup.wearers))
-            sparing = measured.frame < self._spares_until
-            self._answers.find(*tracking.step(measured, self._lag, covariance, sparing))
+            self._answers.find(*tracking.step(measured, self._lag, covariance))
             if tracking.moved:
                 self._recalibrator.leave_out(tracking.moved, measured.frame)
                 if self._found is not None:

@@ -26,7 +26,6 @@ from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.sensors.live import LiveSetup, VideoFrame
 
 SURE_ROOT = 0.04 * np.eye(3)  # m², of where a wearer is when tracking goes on from a calibration found anew
-SPARING = 0.6  # of the lag's frames that are predicted before one is solved, where time is short
 CALIBRATION = 4  # columns of a sensor's heading and mounting
 CONTACT_FRAMES = 8  # frames over which a foot is watched to tell whether it stands
 
@@ -132,17 +131,13 @@ class Tracking:
                     views = observer.observe(number, one, self._belief(camera, window, number, surely))
                     smoother.frame(number).views[camera] = views
 
-    def step(
-        self, measured: FrameMeasurement, lag: int, root_covariance: Sequence[Array], sparing: bool = False
-    ) -> list[str]:
+    def step(self, measured: FrameMeasurement, lag: int, root_covariance: Sequence[Array]) -> list[str]:
         """One frame more.
 
         Args:
             measured: in the new frame.
             lag: frames to keep behind it.
             root_covariance: of where each wearer is, as of late.
-            sparing: whether time is short: then, as where nothing is measured, as few frames are solved as the lag
-                allows.
 
         Returns:
             Sentences for the user.
@@ -168,11 +163,7 @@ class Tracking:
         ]
         self._changed += changed
         self._unsolved += 1
-        every = self._settings.solve_every
-        sparing |= not np.any(measured.orientation_valid)
-        if sparing:  # a frame is still solved before it is told as smoothed
-            every = max(every, round(SPARING * lag))
-        self.solved = self._unsolved >= every or bool(changed and not self._was_seen and not sparing)
+        self.solved = self._unsolved >= self._settings.solve_every or bool(changed and not self._was_seen)
         if self.solved:
             smoother.update(min(self._changed, default=None))
             self._learn()

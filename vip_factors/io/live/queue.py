@@ -9,12 +9,8 @@ from threading import Condition
 from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, LiveLoss, VideoFrame
 
 KEPT = 8  # one IMU sample in so many stays where they must be dropped: who is late is to catch up, not to stay late
-KEPT_WAIT = 0.45  # likewise of the seconds that samples may wait: the gap is to be one over which tracking goes on
-AGAIN_WAIT = 0.4  # and of these, once some were dropped lately: a start takes long once, a slow machine always
-LATELY_S = 10.0
-VIDEO_WAIT = 0.8  # of these seconds, that video frames may wait: without them a tracker is faster, and may catch up
 MOST_FINDINGS = 1000  # that wait: somebody who connects and errs all the time must not fill the memory
-SAY_EVERY = 1.0  # seconds between findings about dropped samples: the tracker spares itself as long as they come
+SAY_EVERY = 1.0  # seconds between findings about dropped samples: the tracker is to know why there is a gap
 TELL_EVERY = 10.0  # seconds between those that are for people
 
 
@@ -23,32 +19,27 @@ class LiveQueue:
 
     When more samples than ``limit`` wait, either the reader waits too (a file has time), or the oldest video frame is
     dropped, and without one all IMU samples but the newest: a pose without a video frame is still a pose, and old
-    samples are of less use than new ones. So it is with samples that have waited for longer than ``longest_wait``. How
-    many were dropped is said in a finding, at most once a second.
+    samples are of less use than new ones. How many were dropped is said in a finding, at most once a second.
 
     Args:
         limit: of waiting samples.
         drops: False makes :meth:`put` wait instead of dropping.
         clock: monotonic seconds.
-        longest_wait: seconds.
     """
 
-    def __init__(
-        self, limit: int, drops: bool = True, clock: Callable[[], float] = time.monotonic,
-        longest_wait: float = float("inf"),
-    ) -> None:  # fmt: skip
-        self._limit, self._longest_wait = limit, longest_wait
+    def __init__(self, limit: int, drops: bool = True, clock: Callable[[], float] = time.monotonic) -> None:
+        self._limit = limit
         self._drops = drops
         self._clock = clock
         self._changed = Condition()
         self._number = count()
-        # Each with its number and time of arrival; by the numbers the three together keep the order.
-        self._frames: deque[tuple[int, float, LiveItem]] = deque()
-        self._imu: deque[tuple[int, float, LiveItem]] = deque()
-        self._findings: deque[tuple[int, float, LiveItem]] = deque()
+        # Each with its number of arrival, so that the three together keep the order.
+        self._frames: deque[tuple[int, LiveItem]] = deque()
+        self._imu: deque[tuple[int, LiveItem]] = deque()
+        self._findings: deque[tuple[int, LiveItem]] = deque()
         self._lost = {VideoFrame: 0, ImuSample: 0}  # since it was told last
         self._losing = False  # whether some were since it was said last
-        self._said = self._told = self._dropped = -float("inf")  # s: some for being late, the last one
+        self._said = self._told = -float("inf")
         self._finished = False
         self._closed = False
 
@@ -59,7 +50,7 @@ class LiveQueue:
         """Append an item; does nothing once the queue is closed."""
         with self._changed:
             if isinstance(item, LiveFinding):
-                self._findings.append((next(self._number), self._clock(), item))
+                self._findings.append((next(self._number), item))
                 if len(self._findings) > MOST_FINDINGS:
                     self._findings.popleft()
             else:
@@ -68,12 +59,9 @@ class LiveQueue:
                 if self._closed:
                     return
                 kind = self._frames if isinstance(item, VideoFrame) else self._imu
-                now = self._clock()
-                kind.append((next(self._number), now, item))
+                kind.append((next(self._number), item))
                 if self._waiting > self._limit:
                     self._drop()
-                if self._drops:
-                    self._drop_late(now)
             self._changed.notify_all()
 
     def get(self) -> LiveItem | None:
@@ -88,7 +76,7 @@ class LiveQueue:
             waiting = [kind for kind in (self._frames, self._imu, self._findings) if kind]
             if not waiting:
                 return None
-            _, _, item = min(waiting, key=lambda kind: kind[0][0]).popleft()
+            _, item = min(waiting, key=lambda kind: kind[0][0]).popleft()
             self._changed.notify_all()
             return item
 
@@ -116,19 +104,7 @@ class LiveQueue:
         while len(self._imu) > left:
             self._lose(self._imu)
 
-    def _drop_late(self, now: float) -> None:
-        """What has waited for too long: all video frames but the newest, and if that does not help, samples."""
-        longest = self._longest_wait * (AGAIN_WAIT if now - self._dropped < LATELY_S else 1.0)
-        if self._frames and now - self._frames[0][1] > VIDEO_WAIT * longest:
-            while len(self._frames) > 1:
-                self._lose(self._frames)
-        if self._imu and now - self._imu[0][1] > longest:
-            self._dropped, since = now, now - KEPT_WAIT * longest
-            for kind in (self._imu, self._frames):
-                while kind and kind[0][1] < since:
-                    self._lose(kind)
-
-    def _lose(self, kind: deque[tuple[int, float, LiveItem]]) -> None:
+    def _lose(self, kind: deque[tuple[int, LiveItem]]) -> None:
         self._lost[VideoFrame if kind is self._frames else ImuSample] += 1
         self._losing = True
         kind.popleft()

@@ -8,7 +8,7 @@ from vip_factors.ranges import RangeError
 MIB = 1024 * 1024
 POSITIVE = (
     "header_wait", "message_wait", "largest_rate", "clients", "largest_message", "largest_chunk", "queue_limit",
-    "queue_wait", "growth_wait",
+    "growth_wait",
 )  # fmt: skip
 
 
@@ -39,9 +39,6 @@ class LiveSourceSettings:
             with images in them at a few more.
         queue_limit: samples that wait for the tracker before some are dropped; two wearers of 13 sensors at 100 Hz
             send 2,600 a second, so that a start-up of a second and a half loses nothing.
-        queue_wait: seconds that they wait before some are dropped, of streams that come by themselves: what answers may
-            be late by. A start takes a slow and busy machine three; and what is dropped then leaves a gap shorter than
-            the longest pause (2.5 s) over which tracking goes on.
         growth_wait: seconds without growth after which a file counts as finished; recorders flush several times a
             second, a minute of slack for the operating system would only delay the end.
         next_client_wait: seconds that a server waits for another client after one that had sent its header has gone,
@@ -55,7 +52,6 @@ class LiveSourceSettings:
     largest_message: int = 16 * MIB
     largest_chunk: int = 64 * MIB
     queue_limit: int = 4096
-    queue_wait: float = 4.0
     growth_wait: float = 10.0
     next_client_wait: float = float("inf")
 

@@ -38,7 +38,7 @@ class LiveSource(ABC):
         self.name = name
         self._settings = settings
         self._tell = tell
-        self._queue = LiveQueue(settings.queue_limit, drops, longest_wait=settings.queue_wait)
+        self._queue = LiveQueue(settings.queue_limit, drops)
         self._stop = Event()
         self._changed = Condition()
         self._early: list[LiveFinding] = []  # before the set-up is known

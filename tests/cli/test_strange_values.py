@@ -43,6 +43,7 @@ def test_run_looks_at_all_its_words_first(run, files, tmp_path: Path, monkeypatc
     assert_one_sentence(run(*log, "--smooth-options", '"'), "No closing quotation")
     assert_one_sentence(run(*log, "--export", tmp_path / "a.xyz"), "a.xyz", ".bvh")
     assert_one_sentence(run(*log, "--export", files.recording), files.recording.name)
+    assert_one_sentence(run(*log, "--out", files.recording), "is a file: expected a folder")
     assert list(tmp_path.iterdir()) == []
     here = tmp_path / "here"
     here.mkdir()

@@ -102,6 +102,8 @@ def check(options: RunOptions) -> None:
         raise InputError(f"{options.video}: no such video file")
     if options.detections is not None and (options.overlay or options.detect_options):
         raise InputError("--detections given: nothing is detected, so leave out --overlay and --detect-options")
+    if options.out is not None and options.out.exists() and not options.out.is_dir():
+        raise InputError(f"--out {options.out} is a file: expected a folder for all files")
     for text in (options.detect_options, options.convert_options, options.smooth_options):
         _words(text)
     from vip_factors.io.atomic import check_target

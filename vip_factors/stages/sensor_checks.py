@@ -7,6 +7,7 @@ import numpy as np
 
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.errors import RecordingError
 from vip_factors.initialise.accelerometers import (
     AccelerometerSettings,
     accelerometer_scale,
@@ -20,6 +21,8 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.sampled import LEAST_SAMPLES, SampledRecording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
+
+LEAST_GRAVITY = 0.05  # of what it is: with less there is none in the samples, and nothing to scale them by
 
 
 def checked_scene(scene: Scene, settings: Settings) -> tuple[Scene, tuple[str, ...]]:
@@ -137,10 +140,14 @@ def _accelerometer(who: str, stream: ImuStream, settings: AccelerometerSettings)
     found = accelerometer_scale(stream, settings)
     if found is None or abs(found.scale - 1) <= max(settings.scale_error, settings.deviations * found.sigma):
         return correction, findings
-    findings.append(
-        f"{who}: the accelerometer of '{stream.name}' measures gravity as {9.81 * found.scale:.2f} m/s², "
-        f"{100 * (found.scale - 1):+.0f} %: scaled to 9.81; calibrate it"
-    )
+    gravity = f"the accelerometer of '{stream.name}' measures gravity as {9.81 * found.scale:.2f} m/s²"
+    if abs(found.scale) < LEAST_GRAVITY:
+        raise RecordingError(
+            f"{who}: {gravity}: expected 9.81; give accelerations with gravity in them (specific force), not what is "
+            "left without it"
+        )
+    what = "was it given in g?" if abs(9.81 * found.scale - 1) < 0.1 else "calibrate it"
+    findings.append(f"{who}: {gravity}, {100 * (found.scale - 1):+.0f} %: scaled to 9.81; {what}")
     return replace(correction, scale=found.scale), findings
 
 

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import bvhio
 import numpy as np
 import pytest
 from animated import TENTH_MM, any_pose, filmed, zup
@@ -15,6 +14,8 @@ from vip_factors.io.export.bone_names import bone_names
 from vip_factors.io.export.files import export
 from vip_factors.io.export.settings import BoneNames, BvhSettings, ExportSettings, LengthUnit, UpAxis
 from vip_factors.io.motions.bvh import read_bvh, read_bvh_clip
+
+bvhio = pytest.importorskip("bvhio", reason="its PyGLM has no wheel for every Python")
 
 CENTIMETRES_Z_UP = BvhSettings(UpAxis.Z, LengthUnit.CENTIMETRES)
 

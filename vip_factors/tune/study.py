@@ -176,9 +176,10 @@ def _readable(path: Path) -> Iterator[None]:
     foreign: tuple[type[Exception], ...] = (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError,
                                             ValueError)  # fmt: skip
     if path.suffix.lower() in DATABASES:
+        from optuna.exceptions import StorageInternalError
         from sqlalchemy.exc import SQLAlchemyError
 
-        foreign = (*foreign, SQLAlchemyError)
+        foreign = (*foreign, SQLAlchemyError, StorageInternalError, RuntimeError)  # of another version of its tables
     try:
         yield
     except foreign as error:

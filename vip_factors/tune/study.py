@@ -195,7 +195,7 @@ def _check_journal(path: Path) -> None:
     for number, line in enumerate(path.read_bytes().splitlines(keepends=True), start=1):
         try:
             whole = line.endswith(b"\n") and isinstance(json.loads(line), dict)
-        except ValueError:
+        except (ValueError, RecursionError):
             whole = False
         if not whole:
             raise InputError(

@@ -97,3 +97,11 @@ def test_an_error_names_the_step_and_what_to_do(step: Step, tmp_path: Path) -> N
     with pytest.raises(InputError, match="step simulate: expected options that it knows"):
         take(again(step, name="simulate", command="simulate", words=("--no-such",), inputs=()), tmp_path / "steps")
     assert not (tmp_path / "steps").exists()
+
+
+@pytest.mark.parametrize("record", ["[" * 100_000, '{"command": "c", "outputs": 1, "told": []}', "[]", "", '"outputs"'])
+def test_a_damaged_record_is_none(step: Step, tmp_path: Path, record: str) -> None:
+    command, folder = Command(), tmp_path / "steps"
+    take(step, folder, main=command)
+    (folder / "copy.json").write_text(record)
+    assert take(step, folder, main=command)

@@ -8,6 +8,8 @@ import pytest
 
 from vip_factors.detect.onnx_pose import DEVIATION, MEAN, Box, OnnxPose, box_around, heat_peaks
 from vip_factors.errors import FileFormatError, InputError
+from vip_factors.fuzz.containers import fields_of, protobuf_of
+from vip_factors.fuzz.corpus_models import simcc_model
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
@@ -129,3 +131,16 @@ def test_another_order_of_as_many_keypoints_can_be_named(make: Make) -> None:
     assert OnnxPose(make(*simcc()), 1, "coco17").keypoints.name == "coco17"
     with pytest.raises(InputError, match="halpe26 has 26"):
         OnnxPose(make(*simcc()), 1, "halpe26")
+
+
+def test_a_model_without_an_input_is_refused(tmp_path: Path) -> None:
+    path, model = tmp_path / "model.onnx", fields_of(simcc_model())
+    path.write_bytes(protobuf_of(model))
+    assert OnnxPose(path, 1).keypoints.name == "coco17"
+    bare = [
+        (number, kind, protobuf_of([one for one in fields_of(content) if one[0] != 11]) if number == 7 else content)
+        for number, kind, content in model
+    ]
+    path.write_bytes(protobuf_of(bare))
+    with pytest.raises(FileFormatError, match=r"input \[\]: expected one input"):
+        OnnxPose(path, 1)

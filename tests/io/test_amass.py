@@ -78,3 +78,17 @@ def test_motion_files_are_found_below_a_folder(tmp_path: Path) -> None:
     for name in ("b_poses.npz", "deep/a.bvh", "deep/shape.npz", "notes.txt", "x_neutral_stagei.npz"):
         (tmp_path / name).touch()
     assert [path.name for path in motion_files(tmp_path)] == ["b_poses.npz", "a.bvh"]
+
+
+@pytest.mark.parametrize("number", [1e300, np.nan])
+def test_joint_offsets_that_no_body_has_are_refused(tmp_path: Path, number: float) -> None:
+    offsets = np.full((24, 3), number)
+    np.savez(
+        tmp_path / "a.npz",
+        poses=np.zeros((2, 156)),
+        trans=np.zeros((2, 3)),
+        mocap_framerate=60.0,
+        joint_offsets=offsets,
+    )
+    with pytest.raises(FileFormatError, match="joint_offsets hold numbers beyond 10 m"):
+        read_amass(tmp_path / "a.npz")

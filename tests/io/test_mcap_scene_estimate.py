@@ -105,3 +105,12 @@ def test_a_camera_without_poses_is_left_out(tmp_path: Path) -> None:
         writer.copy(read_contents(tmp_path / "whole.mcap"), (CAMERA_POSE,))
     with pytest.warns(McapWarning, match=f"camera 'phone' is left out: nothing on {CAMERA_POSE}"):
         assert read_scene_estimate(tmp_path / "e.mcap").camera is None
+
+
+def test_more_reprojection_errors_than_there_can_be_are_not_made_room_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_scene_estimate(sample(), tmp_path / "e.mcap")
+    monkeypatch.setattr("vip_factors.io.mcap_scene_estimate.MOST_RESIDUALS", 3)
+    with pytest.raises(FileFormatError, match=r"e\.mcap: tells of reprojection errors in \d+ frames of \d wearers"):
+        read_scene_estimate(tmp_path / "e.mcap")

@@ -1,6 +1,8 @@
 """Parameters are found by name, studies go on where they stopped, and a recording never judges its own settings."""
 
+import contextlib
 import re
+import sqlite3
 import tomllib
 from pathlib import Path
 
@@ -160,3 +162,14 @@ def test_a_damaged_study_is_refused_with_the_line(tmp_path: Path) -> None:
         path.write_bytes(damaged)
         with pytest.raises(InputError, match=r"study\.log: cannot be read or written as a study"):
             Study(path, task)
+
+
+def test_a_database_of_another_version_is_refused(tmp_path: Path) -> None:
+    path, one = tmp_path / "study.db", DEFAULT_PARAMETERS[0]
+    task = Task(("a.mcap",), (one,), {one.name: one.low})
+    Study(path, task)
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute("UPDATE alembic_version SET version_num = 'x'")
+        database.commit()
+    with pytest.raises(InputError, match=r"study\.db: cannot be read or written as a study"):
+        Study(path, task)

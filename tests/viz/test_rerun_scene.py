@@ -13,6 +13,7 @@ from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
 from vip_factors.estimate import SceneEstimate
+from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene, Video
 from vip_factors.viz.rerun_scene import show_scene
 from vip_factors.viz.rerun_view import SaveTo
@@ -120,3 +121,12 @@ def test_pictures_come_from_images_or_a_video_file(sample: Scene, tmp_path: Path
         pictures[name] = printed.stdout.count("EncodedImage:blob")  # the legend of the sensors is one, too
     assert pictures["gone.rrd"] == pictures["plain.rrd"]
     assert min(pictures["images.rrd"], pictures["file.rrd"]) > pictures["plain.rrd"]
+
+
+def test_a_camera_without_frames_is_nothing_to_show(sample: Scene, tmp_path: Path) -> None:
+    seen = sample.camera.detections
+    none = Detections(seen.keypoints, np.zeros(0), np.zeros(0, int), seen.pixels[:0], seen.confidence[:0])
+    wearers = tuple(replace(one, truth=None) for one in sample.wearers)
+    blind = replace(sample, wearers=wearers, camera=replace(sample.camera, detections=none), truth=None)
+    with pytest.raises(InputError, match="nothing to show"):
+        show_scene(blind, None, SaveTo(tmp_path / "a.rrd"))

@@ -113,7 +113,7 @@ def load_weights(path: Path = SHIPPED_WEIGHTS) -> AssociationWeights:
             for name, features in FEATURES.items()
         }
         return AssociationWeights(logistic, str(content["provenance"]))
-    except (OSError, KeyError, TypeError, ValueError, OverflowError) as error:
+    except (OSError, KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise FileFormatError(
             f"{path}: not association weights ({error}); expected JSON as 'vip-factors train association' writes it"
         ) from error

@@ -106,9 +106,16 @@ def _read(record: Path) -> dict[str, Any]:
     """What was written of a step before; nothing if it was never taken, or the file is none of ours."""
     try:
         content = json.loads(record.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):  # of brackets within brackets
         return {}
-    return content if isinstance(content, dict) and {"command", "outputs", "told"} <= set(content) else {}
+    return content if isinstance(content, dict) and all(_are_words(content.get(one)) for one in WORDS) else {}
+
+
+WORDS = ("outputs", "told")  # of a record
+
+
+def _are_words(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(one, str) for one in value)
 
 
 def _is_fresh(step: Step, before: dict[str, Any]) -> bool:

@@ -66,7 +66,7 @@ class OnnxPose:
         except Exception as error:  # its exceptions share no base of their own
             raise FileFormatError(f"{path}: expected an ONNX model ({str(error).splitlines()[0]})") from error
         given = self._session.get_inputs()
-        shape = given[0].shape
+        shape = given[0].shape if given else []
         if len(given) != 1 or len(shape) != 4 or shape[1] != 3 or not all(isinstance(one, int) for one in shape[2:]):
             raise FileFormatError(
                 f"{path}: input {shape}: expected one input (1, 3, height, width) of fixed size, as a top-down pose "

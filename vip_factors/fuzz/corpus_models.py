@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from vip_factors import __version__
 from vip_factors.body.train_body_prior import DIMENSIONS
 from vip_factors.fuzz.case import Case, Run, command_case, files_below
 from vip_factors.fuzz.containers import protobuf_of
@@ -52,7 +53,9 @@ def _survey(seed: int) -> bytes:
 
 
 def _record() -> bytes:
-    return json.dumps({"command": "vip-factors info", "version": "1", "inputs": {}, "outputs": [], "told": []}).encode()
+    told = ["note: a remark"]
+    record = {"command": "vip-factors info", "version": __version__, "inputs": {}, "outputs": [], "told": told}
+    return json.dumps(record).encode()
 
 
 def _afresh(folder: Path, name: str, read: Callable[[Path], object]) -> None:

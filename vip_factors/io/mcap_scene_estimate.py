@@ -274,10 +274,18 @@ def _covariance(poses: Sequence[CameraPose]) -> Array | None:
     return np.array([one.covariance for one in poses]).reshape(-1, 6, 6)
 
 
+MOST_RESIDUALS = 20_000_000  # nine hours at 60 Hz, of ten wearers
+
+
 def _residuals(path: Path, info: CameraEstimateInfo, messages: Sequence[CameraResiduals]) -> Array | None:
     """``(T, wearers)``; NaN where a frame's message is lost."""
     if not info.has_residuals:
         return None
+    if info.residual_frames * info.wearers > MOST_RESIDUALS:
+        raise FileFormatError(
+            f"{path}: tells of reprojection errors in {info.residual_frames} frames of {info.wearers} wearers: "
+            f"expected {MOST_RESIDUALS:,} at most; the file is damaged, copy it again"
+        )
     residual = np.full((info.residual_frames, info.wearers), np.nan)
     for message in messages:
         if len(message.pixels) != info.wearers or message.frame >= len(residual):

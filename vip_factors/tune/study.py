@@ -176,9 +176,10 @@ def _readable(path: Path) -> Iterator[None]:
     foreign: tuple[type[Exception], ...] = (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError,
                                             ValueError)  # fmt: skip
     if path.suffix.lower() in DATABASES:
+        from optuna.exceptions import StorageInternalError
         from sqlalchemy.exc import SQLAlchemyError
 
-        foreign = (*foreign, SQLAlchemyError)
+        foreign = (*foreign, SQLAlchemyError, StorageInternalError, RuntimeError)  # of another version of its tables
     try:
         yield
     except foreign as error:
@@ -194,7 +195,7 @@ def _check_journal(path: Path) -> None:
     for number, line in enumerate(path.read_bytes().splitlines(keepends=True), start=1):
         try:
             whole = line.endswith(b"\n") and isinstance(json.loads(line), dict)
-        except ValueError:
+        except (ValueError, RecursionError):
             whole = False
         if not whole:
             raise InputError(

@@ -66,8 +66,11 @@ class _SceneView:
     def log(self, stream: rr.RecordingStream) -> None:
         """Log everything and the layout."""
         drawn = self.drawn
-        if drawn.detections is None and all(wearer.shown is None for wearer in drawn.wearers):
-            raise InputError(f"scene '{drawn.name}' has no camera, no truth and no estimate: nothing to show")
+        filmed = drawn.detections is not None and len(drawn.detections.time) > 0
+        if not filmed and all(wearer.shown is None for wearer in drawn.wearers):
+            raise InputError(
+                f"scene '{drawn.name}' has no camera with video frames, no truth and no estimate: nothing to show"
+            )
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         bodies = [wearer.truth or wearer.shown for wearer in drawn.wearers]
         floor = min((floor_height(body) for body in bodies if body is not None), default=0.0)

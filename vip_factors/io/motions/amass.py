@@ -22,6 +22,9 @@ STATURE_M = {"male": 1.78, "female": 1.65, None: 1.71}
 P_MODEL_PELVIS = np.array([0.0, -0.23, 0.03])
 
 
+LONGEST_BONE_M = 10.0  # nobody's
+
+
 def read_amass(
     path: str | Path,
     model: str | Path | None = None,
@@ -51,6 +54,9 @@ def read_amass(
         )
     if not (np.all(np.isfinite(poses)) and np.all(np.isfinite(trans))):
         raise FileFormatError(f"{path}: poses or trans hold numbers that are not finite")
+    offsets = content["joint_offsets"]
+    if offsets is not None and not np.all(np.abs(offsets) < LONGEST_BONE_M):
+        raise FileFormatError(f"{path}: joint_offsets hold numbers beyond {LONGEST_BONE_M:g} m: is it damaged?")
     rate = rate or content["rate"]
     if rate is None:
         raise InputError(f"{path}: none of {', '.join(RATE_NAMES)} in the file: give the rate")

@@ -12,6 +12,7 @@ from scene_samples import filmed_walk, scenes
 
 from vip_factors.errors import FileFormatError, RecordingError
 from vip_factors.io.mcap_contents import McapWarning, read_contents
+from vip_factors.io.mcap_detections import detections_of
 from vip_factors.io.mcap_recording import read_recording, write_recording
 from vip_factors.io.mcap_scene_recording import FIRST_CAMERA, read_scene, wearer_topics, write_scene
 from vip_factors.io.mcap_writer import MessageWriter
@@ -198,3 +199,11 @@ def test_a_camera_without_intrinsics_is_left_out(tmp_path: Path) -> None:
         writer.copy(read_contents(tmp_path / "whole.mcap"), ("/camera/calibration",))
     with pytest.warns(McapWarning, match=r"camera is left out.*found /camera/info"):
         assert read_scene(tmp_path / "s.mcap").camera is None
+
+
+@pytest.mark.parametrize("frame", [2**64 - 1, 10**9])
+def test_frame_numbers_that_no_video_has_are_refused(frame: int) -> None:
+    with pytest.raises(FileFormatError, match=f"video frame {frame}: expected at most 20,000,000"):
+        detections_of(
+            CameraInfo(keypoint_set="coco17"), [Detections2D(frame=0), Detections2D(frame=frame, seconds=1.0)]
+        )

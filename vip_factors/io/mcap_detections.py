@@ -50,6 +50,9 @@ def detection_messages(
         yield time_ns, channel, message.SerializeToString()
 
 
+MOST_FRAMES = 20_000_000  # of a video: nine hours at 600 Hz
+
+
 def detections_of(info: CameraInfo, messages: Sequence[Detections2D]) -> tuple[Detections, DetectionTruth | None]:
     """The detections of their messages; frames lost in between count as frames without people.
 
@@ -59,6 +62,9 @@ def detections_of(info: CameraInfo, messages: Sequence[Detections2D]) -> tuple[D
     """
     keypoints = keypoint_set_of(info)
     K = len(keypoints)
+    last = max((one.frame for one in messages), default=0)
+    if last > MOST_FRAMES:
+        raise FileFormatError(f"detections: video frame {last}: expected at most {MOST_FRAMES:,}; is the file damaged?")
     frames = np.array([one.frame for one in messages], dtype=int)
     if np.any(np.diff(frames) <= 0):
         at = int(frames[1:][np.diff(frames) <= 0][0])

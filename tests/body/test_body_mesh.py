@@ -8,7 +8,7 @@ import pytest
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.body_mesh import BodyMesh, body_mesh, surface_net
 from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.body.skeleton import joint_index
+from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.geometry.rotations import exp
 
 SKELETON = skeleton_from_stature(1.8)
@@ -75,6 +75,12 @@ def test_head_and_soles_are_where_the_stature_says(mesh: BodyMesh) -> None:
     state = forward_kinematics(SKELETON, R, np.zeros((1, 3)))
     p, _ = mesh.posed(state.R_world_bone[0], state.p_world_joint[0])
     assert np.ptp(p[:, 1]) == pytest.approx(SKELETON.stature, abs=0.03)
+
+
+def test_a_skeleton_without_height_has_a_small_skin() -> None:
+    offsets = np.zeros((24, 3))
+    offsets[1:, 0] = np.linspace(-1, 1, 23)
+    assert len(body_mesh(Skeleton(offsets)).p_bind) < 200_000
 
 
 def test_a_skeleton_without_landmarks_has_a_skin_too() -> None:

@@ -58,3 +58,10 @@ def test_stature_is_from_heel_to_head_top() -> None:
 def test_offsets_that_are_none_are_refused(offsets: np.ndarray) -> None:
     with pytest.raises(InputError, match="expected 24 finite rows"):
         Skeleton(offsets)
+
+
+def test_a_bone_that_nobody_has_is_refused() -> None:
+    offsets = np.zeros((24, 3))
+    offsets[joint_index("left_knee")] = [0, -420.0, 0]
+    with pytest.raises(InputError, match=r"skeleton \(a clip\): left_knee is at .* expected metres, less than 10"):
+        Skeleton(offsets, source="a clip")

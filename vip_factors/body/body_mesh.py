@@ -20,6 +20,7 @@ SOFTNESS = 0.16  # of a segment's thinner end: creases rounded, fingers still ap
 WEIGHT_SOFTNESS = 0.45  # of a segment's thicker end: over what length around a joint the skin bends
 LEGS_APART = np.deg2rad(14.0)  # while the skin is made: thighs that touch would grow together
 REACH = 7.0  # in softnesses: a segment that far away adds a thousandth
+MOST_CELLS = 300  # along one axis of a piece's grid, four times a person's: of who has no height, say
 # Joints whose segments make a piece of their own, and the size of its grid's cells, in thousandths of stature.
 PIECES = (
     (("pelvis", "spine1", "spine2", "spine3", "neck", "left_collar", "right_collar", "left_hip", "right_hip",
@@ -120,6 +121,7 @@ class _Field:
         ends = np.stack([self.start, self.start + self.axis])
         low, high = ends.min(axis=0) - reach[:, None], ends.max(axis=0) + reach[:, None]
         origin = low[chosen].min(axis=0)
+        cell = max(cell, float((high[chosen].max(axis=0) - origin).max()) / MOST_CELLS)
         shape = np.ceil((high[chosen].max(axis=0) - origin) / cell).astype(int) + 1
         total = np.full(shape, 1e-4, dtype=np.float32)
         for n in np.flatnonzero(chosen).tolist():

@@ -21,6 +21,7 @@ JOINT_NAMES = (
 )  # fmt: skip
 PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21)
 JOINT_COUNT = len(JOINT_NAMES)
+LONGEST_BONE_M = 10.0  # nobody's, but a giant's of an animation
 
 # Bones whose name is a joint's but which people call otherwise.
 BONE_ALIASES = {
@@ -98,6 +99,12 @@ class Skeleton:
         offsets = np.asarray(self.p_parent_joint, dtype=float)
         if offsets.shape != (JOINT_COUNT, 3) or not np.all(np.isfinite(offsets)):
             raise InputError(f"skeleton offsets have shape {offsets.shape}: expected 24 finite rows of x, y, z")
+        joint = int(np.argmax(np.abs(offsets).max(axis=1)))
+        if not np.max(np.abs(offsets[joint])) < LONGEST_BONE_M:
+            raise InputError(
+                f"skeleton ({self.source}): {JOINT_NAMES[joint]} is at {offsets[joint]} m "
+                f"from the joint above it: expected metres, less than {LONGEST_BONE_M:g}"
+            )
         object.__setattr__(self, "p_parent_joint", offsets)
 
     @cached_property

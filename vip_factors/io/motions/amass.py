@@ -9,7 +9,7 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.motion import Motion
 from vip_factors.body.npz_file import read_npz
-from vip_factors.body.skeleton import JOINT_COUNT, Skeleton
+from vip_factors.body.skeleton import JOINT_COUNT, LONGEST_BONE_M, Skeleton
 from vip_factors.body.smpl_file import smpl_body
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, exp
@@ -20,9 +20,6 @@ RATE_NAMES = ("mocap_framerate", "mocap_frame_rate", "fps")
 # Where no model file tells: round statures of European adults, and the pelvis of the mean SMPL shape.
 STATURE_M = {"male": 1.78, "female": 1.65, None: 1.71}
 P_MODEL_PELVIS = np.array([0.0, -0.23, 0.03])
-
-
-LONGEST_BONE_M = 10.0  # nobody's
 
 
 def read_amass(

@@ -21,6 +21,17 @@ def test_no_output_is_there_or_it_knows_no_degrees(files) -> None:
     assert (closed.returncode, closed.stderr) == (0, b"")
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full (Linux)")
+@pytest.mark.parametrize("words", ["--version", "info --help", "info"])
+def test_a_full_disk_behind_standard_output_is_named(files, words: str) -> None:
+    given = [*words.split(), *([str(files.estimate)] if words == "info" else [])]
+    with open("/dev/full", "w") as full:
+        told = subprocess.run(
+            [sys.executable, "-m", "vip_factors", *given], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert (told.returncode, told.stderr) == (2, "vip-factors: standard output: No space left on device\n")
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_leave_nothing_half_written(run, files, tmp_path: Path, monkeypatch, number: int) -> None:
     def signalled(*_: object, **__: object) -> None:

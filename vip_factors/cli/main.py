@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from vip_factors import __version__
-from vip_factors.errors import VipFactorsError, naming_file
+from vip_factors.errors import VipFactorsError
 
 PROGRAM = "vip-factors"
 BAD_INPUT = 2
@@ -62,31 +62,40 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(given: list[str]) -> int:
+    from vip_factors.cli.process import STANDARD_OUTPUT, give_up_output
+
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = _Notes().tell
+            code = _dispatched(given)
+            sys.stdout.flush()
+            return code
+    except BrokenPipeError:  # the reader of our output, ``head`` say, has seen enough
+        sys.stderr.close()
+        return 0
+    except (VipFactorsError, OSError) as error:
+        if isinstance(error, OSError) and error.filename == STANDARD_OUTPUT:
+            give_up_output()
+        print(f"{PROGRAM}: {_sentence(error)}", file=sys.stderr)
+        return BAD_INPUT
+
+
+def _dispatched(given: list[str]) -> int:
     if not given or given[0] in ("-h", "--help", "help"):
         print(_help())
         return 0 if given else BAD_INPUT
     if given[0] == "--version":
         print(f"{PROGRAM} {__version__}")
         return 0
-    try:
-        if given[0].partition("=")[0] == "--completion":
-            from vip_factors.cli.completion import completion
+    if given[0].partition("=")[0] == "--completion":
+        from vip_factors.cli.completion import completion
 
-            shell = given[1] if len(given) > 1 else given[0].partition("=")[2]
-            print(completion(shell, PROGRAM, COMMANDS), end="")
-            return 0
-        with warnings.catch_warnings():
-            warnings.showwarning = _Notes().tell
-            command = _command(given[0])
-            import_module(f"vip_factors.cli.{command.replace('-', '_')}").main(f"{PROGRAM} {command}", given[1:])
-            with naming_file("standard output"):
-                sys.stdout.flush()
-    except BrokenPipeError:  # the reader of our output, ``head`` say, has seen enough
-        sys.stderr.close()
+        shell = given[1] if len(given) > 1 else given[0].partition("=")[2]
+        print(completion(shell, PROGRAM, COMMANDS), end="")
         return 0
-    except (VipFactorsError, OSError) as error:
-        print(f"{PROGRAM}: {_sentence(error)}", file=sys.stderr)
-        return BAD_INPUT
+    command = _command(given[0])
+    try:
+        import_module(f"vip_factors.cli.{command.replace('-', '_')}").main(f"{PROGRAM} {command}", given[1:])
     except SystemExit as stop:  # how the parser of options ends, after help or a complaint
         return stop.code if isinstance(stop.code, int) else BAD_INPUT if stop.code else 0
     return 0

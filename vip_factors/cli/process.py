@@ -8,7 +8,11 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
+from vip_factors.errors import naming_file
+
+STANDARD_OUTPUT = "standard output"
 ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -56,6 +60,14 @@ def ending() -> Iterator[Ending]:
             signal.signal(number, handler)
 
 
+class _StandardOutput(io.FileIO):
+    """Standard output, whose errors name it: to the system it is a number."""
+
+    def write(self, data: Any, /) -> int:
+        with naming_file(STANDARD_OUTPUT):
+            return super().write(data)
+
+
 def open_streams() -> None:
     """Make sure that there is an output to write to, and that it takes all characters: what it has not is escaped."""
     for name in ("stdout", "stderr"):
@@ -64,3 +76,21 @@ def open_streams() -> None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115  # for as long as we live
         elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+            if name == "stdout" and type(stream) is io.TextIOWrapper:
+                sys.stdout = _named(stream)
+
+
+def _named(stream: io.TextIOWrapper) -> io.TextIOWrapper:
+    """The same output with a name; Python itself keeps the first one open, as ``sys.__stdout__``."""
+    if stream is not sys.__stdout__:
+        return stream
+    stream.flush()
+    raw = _StandardOutput(stream.fileno(), "w", closefd=False)
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw), stream.encoding, stream.errors, line_buffering=stream.line_buffering
+    )
+
+
+def give_up_output() -> None:
+    """Forget what could not be written to standard output, or Python would try once more at its end."""
+    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  # for as long as we live

@@ -318,6 +318,15 @@ def test_an_interrupt_waits_for_the_update_to_end() -> None:
     assert interrupts.asked
 
 
+def test_an_interrupt_before_the_wait_is_not_waited_over() -> None:
+    with Interrupts() as interrupts:
+        os.kill(os.getpid(), signal.SIGTERM)
+        with pytest.raises(KeyboardInterrupt):
+            interrupts.waiting_for(lambda: pytest.fail("waited"))
+        assert list(interrupts.until_asked(iter([LiveFinding("x")]))) == []
+    assert interrupts.exit_code == 128 + signal.SIGTERM
+
+
 def test_the_status_and_the_summary() -> None:
     line = status(answer(live_scene(0.3), 9), np.array([0.004, 0.006]))
     assert line == "frame 9 | 0.1 s | update 5.0 ms, 99 % 6.0 ms | seen: ann, bob | headings ±2.9°, head ±2.9°"

@@ -79,9 +79,11 @@ class Interrupts:
 
     def until_asked(self, source: Iterator[LiveItem]) -> Iterator[LiveItem]:
         """The items of a source, until it ends or one of the signals comes."""
-        while not self.asked:
+        while True:
             self._waiting = True
             try:
+                if self.asked:  # looked at after that, lest one between the two be waited over
+                    return
                 item = next(source)
             except StopIteration:
                 return
@@ -100,6 +102,8 @@ class Interrupts:
         """
         self._waiting = True
         try:
+            if self.asked:
+                raise KeyboardInterrupt
             return wait()
         finally:
             self._waiting = False

@@ -1,5 +1,7 @@
 """Lengths of skeletons, and what is known of those that were found before."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,6 +10,7 @@ from hypothesis import strategies as st
 from vip_factors.body.anthropometry import likely_body, skeleton_from_stature
 from vip_factors.body.length_prior import LEAST_SIGMA, LengthPrior
 from vip_factors.body.lengths import LENGTHS
+from vip_factors.body.skeleton import joint_index
 from vip_factors.body.variation import BodyVariation, lengths_of
 from vip_factors.errors import InputError
 
@@ -22,6 +25,14 @@ def covariance_of(variation: BodyVariation) -> np.ndarray:
 def test_lengths_change_by_what_a_skeleton_is_changed(changes: list[float]) -> None:
     varied = likely_body(USUAL.stature).variation.varied(USUAL, np.array(changes))
     np.testing.assert_allclose(lengths_of(varied) - lengths_of(USUAL), changes, atol=1e-9)
+
+
+def test_a_limb_without_length_has_none() -> None:
+    offsets = USUAL.p_parent_joint.copy()
+    offsets[[joint_index("left_wrist"), joint_index("right_wrist")]] = 0.0
+    found = dict(zip(LENGTHS, lengths_of(replace(USUAL, p_parent_joint=offsets)), strict=True))
+    assert found["forearm"] == pytest.approx(0.0, abs=1e-9)
+    assert found["thigh"] == pytest.approx(USUAL.bone_length("left_knee"))
 
 
 def test_lengths_are_those_of_a_tape() -> None:

@@ -13,6 +13,7 @@ from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton, joint_inde
 from vip_factors.geometry.rotations import Array
 
 FOUND = "; lengths estimated"  # behind a skeleton's source
+NO_LENGTH_M = 1e-9  # a limb that short has no direction: its length stays as it is
 LIMBS = {
     "upper arm": ("left_elbow", "right_elbow"),
     "forearm": ("left_wrist", "right_wrist"),
@@ -74,7 +75,9 @@ class BodyVariation:
             children = [joint for joint in STRETCHED if PARENTS[joint] == bone]
             for child in children:
                 along = skeleton.p_parent_joint[child]
-                share = float(np.clip(p_bone_point[number] @ along / (along @ along), 0.0, 1.0))
+                share = float(
+                    np.clip(p_bone_point[number] @ along / max(float(along @ along), NO_LENGTH_M**2), 0.0, 1.0)
+                )
                 shift[number] += share * self.directions[child]
         return shift
 
@@ -97,7 +100,9 @@ def directions_of(skeleton: Skeleton) -> Array:
             along = skeleton.p_parent_joint[joint_index(joint)]
             if name in STRAIGHT:  # what bends it at rest is a length of its own
                 along = np.where(np.arange(3) == STRAIGHT[name], along, 0.0)
-            directions[joint_index(joint), :, LENGTHS.index(name)] = along / np.linalg.norm(along)
+            directions[joint_index(joint), :, LENGTHS.index(name)] = along / max(
+                float(np.linalg.norm(along)), NO_LENGTH_M
+            )
     for name, end in WIDTHS.items():
         for side, sign in (("left", 0.5), ("right", -0.5)):
             directions[joint_index(f"{side}_{end}"), 0, LENGTHS.index(name)] = sign

@@ -1,5 +1,6 @@
 """Time and memory that reading one small file may take."""
 
+import faulthandler
 import os
 import signal
 from collections.abc import Iterator
@@ -41,7 +42,8 @@ def limited_memory(extra: int = MEMORY) -> Iterator[None]:
 def limited_time(seconds: float = SECONDS) -> Iterator[None]:
     """Raise :class:`Hang` after so many seconds of computing, or :data:`IDLE` times as many of waiting.
 
-    In the main thread only, and only where the system has such alarms; a loop within a C library ends first.
+    In the main thread only, and only where the system has such alarms; a loop within a C library ends first. If that
+    does not end, the whole program does, and prints where it was; the damaged file is left in its temporary folder.
     """
     if not hasattr(signal, "setitimer"):
         yield
@@ -54,9 +56,11 @@ def limited_time(seconds: float = SECONDS) -> Iterator[None]:
     before = [signal.signal(number, stop) for number, _, _ in alarms]
     for _, timer, after in alarms:
         signal.setitimer(timer, after)
+    faulthandler.dump_traceback_later(2 * IDLE * seconds, exit=True)
     try:
         yield
     finally:
+        faulthandler.cancel_dump_traceback_later()
         for (number, timer, _), handler in zip(alarms, before, strict=True):
             signal.setitimer(timer, 0.0)
             signal.signal(number, handler)

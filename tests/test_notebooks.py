@@ -11,6 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ("docs/reference/index.md", "docs/graph.md", "docs/live.md")
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+LONG = ("camera_and_drift", "factor_graph")  # half a minute each; what they import is looked up all the same
 
 
 def code_cells(notebook: Path) -> list[str]:
@@ -18,7 +19,10 @@ def code_cells(notebook: Path) -> list[str]:
     return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
 
 
-@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "notebook",
+    [pytest.param(path, id=path.stem, marks=pytest.mark.slow if path.stem in LONG else ()) for path in NOTEBOOKS],
+)
 def test_notebook_runs(notebook: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib", reason="needs the extra dev or notebook")
     monkeypatch.setenv("MPLBACKEND", "agg")

@@ -128,6 +128,22 @@ def test_a_template_of_one_number_is_refused(tmp_path: Path) -> None:
         skeleton_from_smpl(tmp_path / "a.npz")
 
 
+def test_arrays_of_objects_are_none(tmp_path: Path) -> None:
+    arrays = model() | {"v_template": np.array([[None, 1.0, 2.0]], dtype=object)}
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(arrays, protocol=2))
+    with pytest.raises(FileFormatError, match="an array of 'O8'"):
+        skeleton_from_smpl(tmp_path / "a.pkl")
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_numbers_of_either_byte_order_are_read(tmp_path: Path, order: str) -> None:
+    arrays = {name: np.asfortranarray(one.astype(f"{order}f4")) for name, one in model().items()}
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(arrays, protocol=2))
+    np.savez(tmp_path / "a.npz", **model())
+    from_pickle, from_npz = (skeleton_from_smpl(tmp_path / f"a.{kind}") for kind in ("pkl", "npz"))
+    np.testing.assert_allclose(from_pickle.p_parent_joint, from_npz.p_parent_joint, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     "content",
     [

@@ -1,11 +1,12 @@
 """Reading a SMPL ``.pkl`` without chumpy or SciPy, and without running anything that stands in it.
 
-Only NumPy arrays, plain containers and stand-ins for chumpy and scipy.sparse objects can be made; any other class in
-the file is refused before it is looked up.
+Only plain containers and stand-ins for objects of NumPy, chumpy and scipy.sparse can be made; any other class in the
+file is refused before it is looked up.
 """
 
 import math
 import pickle
+import re
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -36,24 +37,42 @@ class _Sparse(_StandIn):
     """Any compressed scipy.sparse matrix: ``data``, ``indices``, ``indptr`` and its shape."""
 
 
-def _numpy_allowed() -> dict[tuple[str, str], Any]:
-    from numpy._core.multiarray import scalar
+class _Kind:
+    """A ``numpy.dtype`` of numbers or text. NumPy's own, filled from a damaged file, can end the program."""
 
-    found: dict[tuple[str, str], Any] = {("numpy", "ndarray"): _NoArrayYet, ("numpy", "dtype"): np.dtype}
-    for module in ("numpy.core.multiarray", "numpy._core.multiarray"):
-        found |= {(module, "_reconstruct"): _empty, (module, "scalar"): scalar}
+    def __init__(self, code: str, *_: Any) -> None:
+        if not re.fullmatch(r"[biufSU]\d{1,3}", code):
+            raise pickle.UnpicklingError(f"an array of '{code[:20]}'")
+        self.dtype = np.dtype(code)
+
+    def __setstate__(self, state: Any) -> None:
+        _, order, *_ = state
+        if order in ("<", ">"):
+            self.dtype = self.dtype.newbyteorder(order)
+
+
+class _Plain:
+    """A ``numpy.ndarray``, likewise: it has the size that its content in the file has."""
+
+    def __setstate__(self, state: Any) -> None:
+        *_, shape, kind, by_column, content = state
+        content = content.encode("latin1") if isinstance(content, str) else bytes(content)
+        self._array = np.frombuffer(content, kind.dtype).reshape(shape, order="F" if by_column else "C")
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.array(self._array, dtype)
+
+
+def _scalar(kind: _Kind, content: bytes) -> Any:
+    (found,) = np.frombuffer(content, kind.dtype)
     return found
 
 
-class _NoArrayYet:
-    """What stands for the class of arrays: it cannot be called with a size that is not in the file."""
-
-
-def _empty(*_: Any) -> Any:
-    """An array without entries, which gets its size with its content."""
-    from numpy._core.multiarray import _reconstruct
-
-    return _reconstruct(np.ndarray, (0,), b"b")
+def _numpy_allowed() -> dict[tuple[str, str], Any]:
+    found: dict[tuple[str, str], Any] = {("numpy", "ndarray"): _Plain, ("numpy", "dtype"): _Kind}
+    for module in ("numpy.core.multiarray", "numpy._core.multiarray"):
+        found |= {(module, "_reconstruct"): lambda *_: _Plain(), (module, "scalar"): _scalar}
+    return found
 
 
 def _latin1(text: str, encoding: str = "latin1") -> bytes:
@@ -128,14 +147,17 @@ def _dense_sparse(value: Any) -> Array:
     shape = tuple(int(size) for size in getattr(value, "_shape", None) or value.shape)
     if math.prod(shape) > MOST_ENTRIES:
         raise ValueError(f"a matrix of {' x '.join(map(str, shape))}")
-    full = np.zeros(shape)
+    full, data = np.zeros(shape), np.asarray(value.data, dtype=float)
     if hasattr(value, "row"):
-        np.add.at(full, (value.row, value.col), value.data)
+        np.add.at(full, (np.asarray(value.row, int), np.asarray(value.col, int)), data)
         return full
-    major = np.repeat(np.arange(len(value.indptr) - 1), np.diff(value.indptr))
-    by_column = len(value.indptr) - 1 == shape[1]
+    ends, indices = np.asarray(value.indptr, dtype=int), np.asarray(value.indices, dtype=int)
+    if len(ends) == 0 or ends[-1] != len(indices):
+        raise ValueError(f"a sparse matrix with {len(indices)} entries, not as many as it says")
+    major = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
+    by_column = len(ends) - 1 == shape[1]
     if shape[0] == shape[1]:
         raise ValueError("a square sparse matrix, of which rows and columns cannot be told apart")
-    rows, columns = (value.indices, major) if by_column else (major, value.indices)
-    np.add.at(full, (rows, columns), value.data)
+    rows, columns = (indices, major) if by_column else (major, indices)
+    np.add.at(full, (rows, columns), data)
     return full

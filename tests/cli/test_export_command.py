@@ -47,7 +47,7 @@ def test_options_reach_the_file(run: Callable, folder: Path, tmp_path: Path) -> 
         (["a.doc"], ".bvh, .glb"),
         ([], "at least one file to write"),
         (["a.bvh", "--wearer", "eve"], "ann, bob"),
-        (["a.bvh", "--frame-rate", "-1"], "positive"),
+        (["a.bvh", "--frame-rate", "-1"], "more than 0"),
         (["a.pkl", "--recording", "none.mcap"], "none.mcap"),
         (["nowhere/a.glb"], "nowhere"),
     ],

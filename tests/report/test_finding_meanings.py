@@ -26,7 +26,7 @@ NOT_FINDINGS = (
 
 
 class Sentences(ast.NodeVisitor):
-    """Texts with ``0`` for what is filled in; docstrings and parts of other texts are not among them."""
+    """Texts with ``0`` for what is filled in; docstrings, errors and parts of other texts are not among them."""
 
     def __init__(self, constants: dict[str, str]) -> None:
         self.found: list[str] = []
@@ -35,6 +35,9 @@ class Sentences(ast.NodeVisitor):
     def visit_Expr(self, node: ast.Expr) -> None:
         if not isinstance(node.value, ast.Constant):
             self.generic_visit(node)
+
+    def visit_Raise(self, node: ast.Raise) -> None:
+        pass
 
     def visit_Constant(self, node: ast.Constant) -> None:
         if isinstance(node.value, str):

@@ -3,6 +3,7 @@
 import faulthandler
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -54,10 +55,11 @@ def limited_time(seconds: float = SECONDS) -> Iterator[None]:
 
     alarms = ((signal.SIGPROF, signal.ITIMER_PROF, seconds), (signal.SIGALRM, signal.ITIMER_REAL, IDLE * seconds))
     before = [signal.signal(number, stop) for number, _, _ in alarms]
-    for _, timer, after in alarms:
-        signal.setitimer(timer, after)
-    faulthandler.dump_traceback_later(2 * IDLE * seconds, exit=True)
     try:
+        for _, timer, after in alarms:
+            signal.setitimer(timer, after)
+        # What a command prints may be caught; where it was is for whoever started the program.
+        faulthandler.dump_traceback_later(2 * IDLE * seconds, exit=True, file=sys.__stderr__ or sys.stderr)
         yield
     finally:
         faulthandler.cancel_dump_traceback_later()

@@ -120,6 +120,8 @@ def test_what_is_no_such_model(make: Make, tmp_path: Path) -> None:
     identity = [onnx.helper.make_node("Identity", ["input"], ["same"])]
     with pytest.raises(FileFormatError, match="of fixed size"):
         OnnxPose(make(identity, {"same": ["n", 3, "h", "w"]}, ["n", 3, "h", "w"]), 1)
+    with pytest.raises(FileFormatError, match=r"\[1, 3, 2147483648, 6\].* 4096 at most"):
+        OnnxPose(make(identity, {"same": [1, 3, 2**31, 6]}, [1, 3, 2**31, 6]), 1)
     with pytest.raises(InputError, match="gives 3 keypoints"):
         OnnxPose(make(identity, {"same": [1, 3, HEIGHT, WIDTH]}), 1)
     nodes, outputs = simcc()

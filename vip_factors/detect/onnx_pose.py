@@ -16,6 +16,7 @@ from vip_factors.geometry.rotations import Array
 
 MEAN, DEVIATION = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])
 WIDENED = 1.25
+LARGEST_INPUT = 4096  # pixels; top-down models take 256 × 192 to 384 × 288
 ABOVE = 0.12  # of a box's height: keypoints end at the eyes, boxes that models were trained on at the hair
 # Number of keypoints → set that begins so: COCO, Halpe, their whole-body forms.
 OF_COUNT = {17: "coco17", 26: "halpe26", 133: "coco17", 136: "halpe26"}
@@ -67,10 +68,11 @@ class OnnxPose:
             raise FileFormatError(f"{path}: expected an ONNX model ({str(error).splitlines()[0]})") from error
         given = self._session.get_inputs()
         shape = given[0].shape if given else []
-        if len(given) != 1 or len(shape) != 4 or shape[1] != 3 or not all(isinstance(one, int) for one in shape[2:]):
+        sized = all(isinstance(one, int) and 0 < one <= LARGEST_INPUT for one in shape[2:])
+        if len(given) != 1 or len(shape) != 4 or shape[1] != 3 or not sized:
             raise FileFormatError(
-                f"{path}: input {shape}: expected one input (1, 3, height, width) of fixed size, as a top-down pose "
-                "model has"
+                f"{path}: input {shape}: expected one input (1, 3, height, width) of fixed size, {LARGEST_INPUT} at "
+                "most, as a top-down pose model has"
             )
         self._path, self._name, self._height, self._width = path, given[0].name, shape[2], shape[3]
         count = self._outputs(np.zeros((self._height, self._width, 3)))[0].shape[0]

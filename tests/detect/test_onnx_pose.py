@@ -20,8 +20,10 @@ Make = Callable[..., Path]
 
 @pytest.fixture
 def make(tmp_path: Path) -> Make:
-    def made(nodes: list, outputs: dict[str, list], shape: list | None = None) -> Path:
-        helper, kind = onnx.helper, onnx.TensorProto.FLOAT
+    def made(
+        nodes: list, outputs: dict[str, list], shape: list | None = None, kind: int = onnx.TensorProto.FLOAT
+    ) -> Path:
+        helper = onnx.helper
         given = helper.make_tensor_value_info("input", kind, shape or [1, 3, HEIGHT, WIDTH])
         told = [helper.make_tensor_value_info(name, kind, size) for name, size in outputs.items()]
         graph = helper.make_graph(nodes, "pose", [given], told, CONSTANTS)
@@ -122,6 +124,8 @@ def test_what_is_no_such_model(make: Make, tmp_path: Path) -> None:
         OnnxPose(make(identity, {"same": ["n", 3, "h", "w"]}, ["n", 3, "h", "w"]), 1)
     with pytest.raises(FileFormatError, match=r"\[1, 3, 2147483648, 6\].* 4096 at most"):
         OnnxPose(make(identity, {"same": [1, 3, 2**31, 6]}, [1, 3, 2**31, 6]), 1)
+    with pytest.raises(FileFormatError, match=r"does not run .* expected one that takes \(1, 3, 64, 48\) floats"):
+        OnnxPose(make(identity, {"same": [1, 3, HEIGHT, WIDTH]}, kind=onnx.TensorProto.DOUBLE), 1)
     with pytest.raises(InputError, match="gives 3 keypoints"):
         OnnxPose(make(identity, {"same": [1, 3, HEIGHT, WIDTH]}), 1)
     nodes, outputs = simcc()

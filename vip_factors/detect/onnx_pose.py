@@ -65,7 +65,8 @@ class OnnxPose:
         try:
             self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         except Exception as error:  # its exceptions share no base of their own
-            raise FileFormatError(f"{path}: expected an ONNX model ({str(error).splitlines()[0]})") from error
+            reason = str(error).partition("\n")[0]
+            raise FileFormatError(f"{path}: expected an ONNX model ({reason})") from error
         given = self._session.get_inputs()
         shape = given[0].shape if given else []
         sized = all(isinstance(one, int) and 0 < one <= LARGEST_INPUT for one in shape[2:])
@@ -114,7 +115,14 @@ class OnnxPose:
 
     def _outputs(self, given: Array) -> list[np.ndarray]:
         """Of a normalised crop ``(height, width, 3)``: rows along x and y, or one of heat maps, without the batch."""
-        found = self._session.run(None, {self._name: given.transpose(2, 0, 1)[None].astype(np.float32)})
+        batch = given.transpose(2, 0, 1)[None].astype(np.float32)
+        try:
+            found = [one for one in self._session.run(None, {self._name: batch}) if isinstance(one, np.ndarray)]
+        except Exception as error:  # its exceptions share no base of their own
+            reason = str(error).partition("\n")[0]
+            raise FileFormatError(
+                f"{self._path}: the model does not run ({reason}); expected one that takes {batch.shape} floats"
+            ) from error
         rows, maps = [one[0] for one in found if one.ndim == 3], [one[0] for one in found if one.ndim == 4]
         if len(rows) == 2 and len(rows[0]) == len(rows[1]):
             return rows

@@ -139,6 +139,13 @@ def test_another_order_of_as_many_keypoints_can_be_named(make: Make) -> None:
         OnnxPose(make(*simcc()), 1, "halpe26")
 
 
+def test_a_name_that_is_no_text_is_refused(make: Make) -> None:
+    path = make(*simcc())
+    path.write_bytes(path.read_bytes().replace(b"input", b"in\xffut"))
+    with pytest.raises(FileFormatError, match="expected an ONNX model"):
+        OnnxPose(path, 1)
+
+
 def test_a_model_without_an_input_is_refused(tmp_path: Path) -> None:
     path, model = tmp_path / "model.onnx", fields_of(simcc_model())
     path.write_bytes(protobuf_of(model))

@@ -64,18 +64,18 @@ class OnnxPose:
         options.intra_op_num_threads, options.log_severity_level = threads, 3  # 3: errors
         try:
             self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+            given = [(one.name, one.shape) for one in self._session.get_inputs()]  # names may be no text
         except Exception as error:  # its exceptions share no base of their own
             reason = str(error).partition("\n")[0]
             raise FileFormatError(f"{path}: expected an ONNX model ({reason})") from error
-        given = self._session.get_inputs()
-        shape = given[0].shape if given else []
+        name, shape = given[0] if given else ("", [])
         sized = all(isinstance(one, int) and 0 < one <= LARGEST_INPUT for one in shape[2:])
         if len(given) != 1 or len(shape) != 4 or shape[1] != 3 or not sized:
             raise FileFormatError(
                 f"{path}: input {shape}: expected one input (1, 3, height, width) of fixed size, {LARGEST_INPUT} at "
                 "most, as a top-down pose model has"
             )
-        self._path, self._name, self._height, self._width = path, given[0].name, shape[2], shape[3]
+        self._path, self._name, self._height, self._width = path, name, shape[2], shape[3]
         count = self._outputs(np.zeros((self._height, self._width, 3)))[0].shape[0]
         self.keypoints = self._set(count, keypoints)
 

@@ -52,10 +52,6 @@ class WearerState:
         """Headings at all knots ``(K, S)``."""
         return np.vstack([self.headings, self.later_headings.reshape(-1, len(self.headings))])
 
-    def heading(self, sensor: int, weights: Array | None) -> float | Array:
-        """A sensor's heading: at the frames whose knots' ``weights`` ``(t, K)`` are given, or the constant one."""
-        return float(self.headings[sensor]) if weights is None else weights @ self.heading_knots[:, sensor]
-
     def with_knots(self, count: int) -> "WearerState":
         """The same headings, now at ``count`` knots: all as the first."""
         return replace(self, later_headings=np.tile(self.headings, (max(count - 1, 0), 1)))

@@ -4,12 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.assembly.evaluation import WearerEvaluation
+from vip_factors.assembly.wearer_terms import acceleration, orientation
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import Estimate, PoseCovariance, SolveReport
-from vip_factors.factors.acceleration import acceleration_residual
-from vip_factors.factors.orientation import orientation_residual
 from vip_factors.geometry.rotations import Array, wrap_angle
 from vip_factors.problem.layout import FRAME, ROOT
 from vip_factors.problem.state import WearerState
@@ -61,22 +60,15 @@ def motion_of(model: WearerProblem, state: WearerState, name: str = "wearer") ->
 
 def residuals(model: WearerProblem, state: WearerState) -> dict[str, Array]:
     """Norms ``(T, S)`` of the misfit of every sensor in every frame, by kind; NaN where it measured nothing."""
-    frames, T, S = model.frames, len(model.frames), len(model.sensors)
-    body = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis)
-    orientation, acceleration = np.full((T, S), np.nan), np.full((T, S), np.nan)
-    weights, inner = model.knot_weights(), model.knot_weights(slice(1, -1))
-    for s, sensor in enumerate(model.sensors):
-        R, R_bone = frames.R_inertial_sensor[:, s], body.R_world_bone[:, sensor.bone]
-        error = orientation_residual(R_bone, state.R_bone_sensor[s], state.heading(s, weights), R)
-        seen = frames.orientation_valid[:, s]
-        orientation[seen, s] = np.rad2deg(np.linalg.norm(error[seen], axis=1))
-        p, force = sensor.of(body), frames.specific_force_inertial[1:-1, s]
-        misfit = acceleration_residual(p[:-2], p[1:-1], p[2:], frames.step, state.heading(s, inner), force)
-        whole = frames.acceleration_valid[1:-1, s]
-        acceleration[1:-1, s][whole] = np.linalg.norm(misfit[whole], axis=1)
-    kinds = {"orientation_deg": orientation}
-    if model.use_acceleration:
-        kinds["acceleration_m_s2"] = acceleration
+    at, frames, settings = WearerEvaluation(0, model, state), model.frames, model.settings
+    kinds = dict[str, Array]()
+    for one in orientation(at, slice(0, len(frames))):
+        misfit = np.rad2deg(settings.orientation.sigma * one.norm)
+        kinds["orientation_deg"] = np.where(frames.orientation_valid, misfit, np.nan)
+    for each in acceleration(at, slice(0, max(len(frames) - 2, 0))):
+        misfit = np.full(frames.acceleration_valid.shape, np.nan)
+        misfit[1:-1] = settings.acceleration.sigma * each.norm
+        kinds["acceleration_m_s2"] = np.where(frames.acceleration_valid, misfit, np.nan)
     return kinds
 
 

@@ -200,3 +200,17 @@ def test_findings_are_told_once() -> None:
         "odd by 3.5, 4.25 px (from 0 to 60 s, and in 1 more windows)",
         "other (from 54 to 114 s)",
     )
+
+
+def test_findings_about_others_are_others() -> None:
+    """Digits of names, in quotes or not, tell them apart; measured ones do not, nor do apostrophes hide them."""
+    about = [
+        ("wearer_1", "00B40C44, foot-1"), ("wearer_2", "00B40C44, foot-1"), ("wearer 3", "00B40C44, foot-1"),
+        ("4", "00B40C44, foot-1"), ("wearer_1", "00B40C45, foot-1"), ("wearer_1", "00B40C44, foot-2"),
+    ]  # fmt: skip
+    sentence = "wearer '{}' before camera 'left 1': {} is {} % off the sensors', by {} px the camera's (not 0.5)"
+    gathered = GatheredFindings()
+    gathered.add([sentence.format(*one, "+3.5", "1.5") for one in about], 0.0, 60.0)
+    gathered.add([sentence.format(*one, "-14", "2, 3.5") for one in about], 54.0, 114.0)
+    expected = {f"{sentence.format(*one, '+3.5', '1.5')} (from 0 to 60 s, and in 1 more windows)" for one in about}
+    assert set(gathered.sentences()) == expected

@@ -3,11 +3,12 @@
 import re
 from collections.abc import Sequence
 
-_NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?(?:, \d+(?:\.\d+)?)*")
+# A name in quotes, or a number that stands by itself: digits of names without quotes touch other characters.
+_NAME_OR_NUMBER = re.compile(r"(?P<name>(?<!\w)'.*?'(?!\w))|(?<![^\s(])[+-]?\d+(?:\.\d+)?(?:, \d+(?:\.\d+)?)*(?![\w-])")
 
 
 class GatheredFindings:
-    """Sentences are the same if they differ by numbers alone.
+    """Sentences are the same if they differ by numbers alone, none of which is in a name.
 
     Args:
         known: what is told of the whole already: windows need not say it again.
@@ -38,4 +39,4 @@ class GatheredFindings:
 
 
 def _kind(sentence: str) -> str:
-    return _NUMBER.sub("#", sentence)
+    return _NAME_OR_NUMBER.sub(lambda found: found["name"] or "#", sentence)

@@ -84,7 +84,7 @@ def _placed(
     for w, places in enumerate(seen):
         if places:
             at, p = np.array([t for t, _ in places]), np.stack([one for _, one in places])
-            line = np.polyfit(at, p, min(1, len(at) - 1))  # one frame's depth is off by a tenth
+            line = np.polyfit(at, p, min(1, len(np.unique(at)) - 1))  # one frame's depth is off by a tenth
             p_world_pelvis[:, w] = np.stack([np.polyval(line[:, axis], np.arange(len(states))) for axis in range(3)], 1)
     return [replace(state, p_world_pelvis=p) for state, p in zip(states, p_world_pelvis, strict=True)]
 

@@ -7,7 +7,7 @@ import pytest
 from vip_factors.errors import SolveError
 from vip_factors.solve.chain import eliminate
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
-from vip_factors.solve.marginals import chain_marginals
+from vip_factors.solve.marginals import chain_marginals, last_covariance
 
 T, D, S = 7, 3, 2
 
@@ -105,9 +105,21 @@ class Linear:
 
     def stretches(self, damping: float):
         graph, ordering = gtsam.GaussianFactorGraph(), gtsam.Ordering()
-        graph.push_back(gtsam.HessianFactor(self.key, self.J.T @ self.J + damping * np.eye(2), -self.J.T @ self.r, 0.0))
+        H = self.J.T @ self.J
+        graph.push_back(gtsam.HessianFactor(self.key, H + damping * np.eye(len(H)), -self.J.T @ self.r, 0.0))
         ordering.push_back(self.key)
         yield graph, ordering
+
+
+def test_the_last_covariance_keeps_the_digits_of_its_factor() -> None:
+    """Of a factor of condition 10⁶, which elimination finds to the last digit, its square does not keep them."""
+    h, e = 2.0**-9, 2.0**-18
+    R = np.array([[7.0, 5.0, 0.0], [0.0, 3 * h, 5 * h], [0.0, 0.0, e]])
+    inverse = np.array([[1 / 7, -5 / (21 * h), 25 / (21 * e)], [0.0, 1 / (3 * h), -5 / (3 * e)], [0.0, 0.0, 1 / e]])
+    exact = inverse @ inverse.T
+    assert np.abs(np.linalg.inv(R.T @ R) / exact - 1).max() > 1e-6
+    system = Linear(gtsam.symbol("z", 0), R, np.zeros(3))
+    np.testing.assert_allclose(last_covariance(system, [system.key]), exact, rtol=1e-12)
 
 
 def test_the_banana_valley_is_walked_to_its_end() -> None:

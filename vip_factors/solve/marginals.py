@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import gtsam
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
@@ -52,8 +53,8 @@ def _last_covariance(system: LinearSystem, keys: Sequence[int]) -> tuple[Array, 
         start = block.stop
     if set(places) != set(keys):
         raise SolveError("covariance: the variables asked for are not the last ones")
-    covariance = np.asarray(np.linalg.inv(R.T @ R), dtype=float)
-    return covariance, places
+    inverse = solve_triangular(R, np.eye(len(R)), check_finite=False)  # inverting R.T @ R would lose twice the digits
+    return np.asarray(inverse @ inverse.T, dtype=float), places
 
 
 def chain_marginals(system: LinearSystem) -> dict[int, Array]:

@@ -15,7 +15,7 @@ from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.simulate.staging import from_time, placed
 
-QUICK = Settings(frame_rate=15.0, coarse_factor=1)
+QUICK = Settings(frame_rate=15.0)
 # As much as findings need that are made before the last solve: one round of association, a few steps.
 HASTY = replace(QUICK, fusion=FusionSettings(rounds=1, refits=0), solve=replace(QUICK.solve, max_iterations=2))
 

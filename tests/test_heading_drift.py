@@ -24,7 +24,7 @@ from vip_factors.simulate.settings import SimulateSettings
 SECONDS, KNOT_S = 6.0, 3.0
 SETTINGS = Settings(
     calibration=CalibrationSettings(estimate_mountings=False, acceleration_sigma=0.05, heading_knot_s=KNOT_S),
-    coarse_factor=2,
+    calibration_rate=30.0,
     factors=replace(EXACT, heading_walk=replace(EXACT.heading_walk, drift_deg=20.0, unknown_drift_deg=20.0)),
 )
 

@@ -22,7 +22,7 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 SETTINGS = Settings(
-    frame_rate=15.0, coarse_factor=2, solve=SolveSettings(max_iterations=2), fusion=FusionSettings(rounds=1)
+    frame_rate=15.0, calibration_rate=7.5, solve=SolveSettings(max_iterations=2), fusion=FusionSettings(rounds=1)
 )
 QUICK = CrowdTrials(2.0, bystanders=4, camera="fixed", placement="sip6", settings=SETTINGS)
 CLIPS = {f"clip{seed}": gestures(4.0 + seed) for seed in range(3)}

@@ -40,7 +40,7 @@ from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.simulate.stance import floor_height
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
-SETTINGS = LiveSettings(frame_rate=30.0, coarse_factor=3, solve=SolveSettings(max_iterations=2))
+SETTINGS = LiveSettings(frame_rate=30.0, calibration_rate=10.0, solve=SolveSettings(max_iterations=2))
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
-SETTINGS = LiveSettings(frame_rate=30.0, coarse_factor=3, solve=SolveSettings(max_iterations=2))
+SETTINGS = LiveSettings(frame_rate=30.0, calibration_rate=10.0, solve=SolveSettings(max_iterations=2))
 TRIALS = StreamTrials(
     VipTrials(seconds=1.8), lags=(0.25,), cameras=("fixed", "none"), begins=("t-pose",), settings=SETTINGS
 )

@@ -20,7 +20,7 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
-SETTINGS = Settings(frame_rate=30.0, coarse_factor=3, solve=SolveSettings(max_iterations=2))
+SETTINGS = Settings(frame_rate=30.0, calibration_rate=10.0, solve=SolveSettings(max_iterations=2))
 QUICK = VipTrials(seconds=1.6, settings=SETTINGS)
 
 

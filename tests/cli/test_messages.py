@@ -39,9 +39,9 @@ def test_sentences_name_options_and_no_functions(run, files, tmp_path: Path) -> 
 
 def test_a_settings_file_with_a_wrong_number_is_named(run, files, tmp_path: Path) -> None:
     settings = tmp_path / "s.toml"
-    settings.write_text("coarse_factor = -1")
+    settings.write_text("calibration_rate = -1")
     told = run("smooth", files.recording, "--overwrite", "--settings", settings)
-    assert_one_sentence(told, "s.toml", "setting coarse_factor is -1")
+    assert_one_sentence(told, "s.toml", "setting calibration_rate is -1")
 
 
 def test_a_true_motion_may_be_compared_with(run, files, tmp_path: Path) -> None:

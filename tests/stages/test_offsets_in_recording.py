@@ -19,7 +19,7 @@ from vip_factors.stages.keypoint_offsets import offsets_in_recording
 from vip_factors.stages.learned_offsets import prior_offsets
 
 HABIT = 0.015 * np.random.default_rng(3).standard_normal((len(OFFSET_KEYPOINTS), 3))
-SETTINGS = replace(Settings(), frame_rate=15.0, coarse_factor=1)
+SETTINGS = replace(Settings(), frame_rate=15.0)
 
 
 def seen_with_habit(seconds: float, noise_px: float = 0.5) -> Scene:

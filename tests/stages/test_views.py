@@ -68,8 +68,8 @@ def test_the_scatter_is_measured_whatever_was_assumed(spread: float) -> None:
     time = np.arange(200) / 30
     seen = view(moving(time), time)
     random = np.random.default_rng(0)
-    whitened = spread / (SETTINGS.persistence * 0.5) * random.standard_normal((200, 17, 2))
-    assert scatter(whitened, seen, 0.5, SETTINGS) == pytest.approx(spread, rel=0.05)
+    scattered = spread * seen.oks_px[..., None] * random.standard_normal((200, 17, 2))
+    assert scatter(scattered / seen.sigma[..., None], seen, 0.5) == pytest.approx(spread, rel=0.05)
 
 
 def test_speeds_are_known_however_the_detector_trembles() -> None:

@@ -35,7 +35,6 @@ from vip_factors.stages.windows import WindowPlan
 
 QUICK = Settings(
     frame_rate=10.0,
-    coarse_factor=1,
     calibration=CalibrationSettings(passes=0, start=StartSettings(search=False)),
     solve=SolveSettings(relative_decrease=1e-7),
     windows=WindowSettings(above_s=1.0, window_s=1000.0, overlap_s=2.0),

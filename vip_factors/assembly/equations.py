@@ -5,7 +5,7 @@ factors see: bones and points of a body in one frame, points moving over frames,
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -144,6 +144,12 @@ class KnotEquations(Residuals):
     owner: OwnerId
     block: str
     root: Array
+
+
+def tempered(equations: "Equations", share: float) -> "Equations":
+    """The same factors with ``share`` times their cost: what is far off is forgiven as before."""
+    confidence, loss = equations.confidence * share, equations.loss.tempered(share)
+    return replace(equations, confidence=confidence, loss=loss)
 
 
 Equations = BoneEquations | DifferenceEquations | JointEquations | DenseEquations | KnotEquations

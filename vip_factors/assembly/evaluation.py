@@ -53,6 +53,10 @@ class WearerEvaluation:
         """Number of frames."""
         return self.state.frames
 
+    def frame_share(self, first: slice) -> Array:
+        """What frames count, ``(t, 1)``."""
+        return self.problem.frame_share(first)
+
     def apart(self) -> "WearerEvaluation":
         """The same for another thread."""
         return WearerEvaluation(self.number, self.problem, self.state, self.body)
@@ -132,6 +136,11 @@ class CameraEvaluation:
 
     owner = OwnerId(Owner.CAMERA)
 
+    def frame_share(self, first: slice) -> Array:
+        """What frames count, ``(t, 1)``."""
+        share = min(1.0, self.step / self.problem.settings.correlation_s)
+        return np.full((first.stop - first.start, 1), share)
+
     def poses(self, frames: slice) -> CameraPoses:
         """At a stretch of frames."""
         return self.state.at_frames(frames)
@@ -192,3 +201,7 @@ class ViewEvaluation:
     def frames(self) -> int:
         """Number of frames."""
         return self.wearer.frames
+
+    def frame_share(self, first: slice) -> Array:
+        """What frames count that the camera saw, ``(t, 1)``."""
+        return np.minimum(1.0, self.view.frames_apart * self.wearer.frame_share(first))

@@ -44,13 +44,13 @@ def _add_separate(sums: "Accumulator", eq: JointEquations, part: int, D: Array) 
 def _add_together(sums: "Accumulator", eq: JointEquations, part: int, by_joints: list[Array]) -> None:
     """All coordinates at once: ``P`` between block-diagonal ``D``."""
     assert eq.whitening is not None
-    P, force = eq.information, eq.residual[:, 0] @ eq.whitening
+    P, force, weight = eq.information, eq.weight * (eq.residual[:, 0] @ eq.whitening), eq.weight[..., None, None]
     assert P is not None
     for i, D in enumerate(by_joints):
         (a, _), shift = sums.slot(i, i)
         source, target = sums.rows(shift, eq)
         Dt = transpose(D[source])
-        half = _blocks_times(Dt, P)  # Dᵀ P
+        half = _blocks_times(weight[source] * Dt, P)  # Dᵀ P
         sums.frame_frame(part, a, part, a)[target, JOINTS, JOINTS] += _blocks_times(Dt, transpose(half))
         sums.frame_gradient(part, a)[target, JOINTS] += _blocks_apply(Dt, force[source])
         for j in range(i + 1, len(by_joints)):
@@ -70,10 +70,10 @@ def _add_mean(sums: "Accumulator", eq: JointEquations, part: int, i: int, D: Arr
     assert P is not None
     (a, _), shift = sums.slot(i, i)
     source, target = sums.rows(shift, eq)
-    sums.frame_static(part, a, place.columns)[target, JOINTS] -= _blocks_times(transpose(D[source]), P)
+    weight = eq.weight[..., None, None]
+    sums.frame_static(part, a, place.columns)[target, JOINTS] -= _blocks_times(weight[source] * transpose(D[source]), P)
     columns = np.arange(place.columns.start, place.columns.stop)[None]
-    count = len(force)
-    sums.add_static(columns, columns, np.broadcast_to(P, (count, 1, *P.shape)), eq, mirror=False)
+    sums.add_static(columns, columns, weight * P, eq, mirror=False)
     sums.add_static_gradient(columns, -force[:, None], eq)
 
 

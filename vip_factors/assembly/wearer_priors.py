@@ -128,14 +128,14 @@ def gauge_prior(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
 
 
 PRIORS: tuple[Term[WearerEvaluation], ...] = (
-    Term("heading prior", 0, heading_prior),
-    Term("agreeing headings", 0, agreeing_headings),
-    Term("heading walk", 0, heading_walk),
-    Term("mounting prior", 0, mounting_prior),
-    Term("pose mean", 0, pose_mean),
-    Term("body prior", 0, body_prior),
-    Term("hinge prior", 0, hinge_prior),
-    Term("sensor place prior", 0, sensor_place_prior),
-    Term("sole prior", 0, sole_prior),
-    Term("gauge prior", 0, gauge_prior),
+    Term("heading prior", 0, heading_prior, every_frame=False),
+    Term("agreeing headings", 0, agreeing_headings, every_frame=False),
+    Term("heading walk", 0, heading_walk, every_frame=False),
+    Term("mounting prior", 0, mounting_prior, every_frame=False),
+    Term("pose mean", 0, pose_mean, every_frame=False),
+    Term("body prior", 0, body_prior, every_frame=False),
+    Term("hinge prior", 0, hinge_prior, every_frame=False),
+    Term("sensor place prior", 0, sensor_place_prior, every_frame=False),
+    Term("sole prior", 0, sole_prior, every_frame=False),
+    Term("gauge prior", 0, gauge_prior, every_frame=False),
 )

@@ -267,7 +267,7 @@ WEARER_TERMS: tuple[Term[WearerEvaluation], ...] = (
     Term("joint limit", 0, joint_limit),
     Term("hinge", 0, hinge),
     Term("floor contact", 0, floor_contact),
-    Term("initial pose", 0, initial_pose),
+    Term("initial pose", 0, initial_pose, every_frame=False),
     Term("smoothness", 1, smoothness),
     Term("pelvis turn", 1, pelvis_turn),
     Term("acceleration", 2, acceleration),

@@ -242,9 +242,9 @@ class _Window:
 
 def noise_model(loss: RobustLoss, rows: int) -> gtsam.noiseModel.Base:
     """Of whitened residuals under a loss."""
-    unit = gtsam.noiseModel.Unit.Create(rows)
+    unit, k = gtsam.noiseModel.Unit.Create(rows), np.asarray(loss.k).item()  # of the one frame that a factor begins in
     if loss.loss is Loss.HUBER:
-        return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(loss.k), unit)
+        return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(k), unit)
     if loss.loss is Loss.CAUCHY:
-        return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(loss.k), unit)
+        return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(k), unit)
     return unit

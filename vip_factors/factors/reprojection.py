@@ -28,6 +28,7 @@ class ReprojectionSettings:
     persistence: NotNegative = 5.0
     adaptive: bool = True  # after a first fit the spread is that of the residuals: detectors differ
     least_px: NotNegative = 1.0  # detectors answer on a grid of a few pixels
+    point_sigma: NotNegative = 0.0
     least_confidence: Share = 0.1  # below it detectors guess
     # px, standard deviation of every fully confident keypoint alike; none: by its OKS sigma and the person's size.
     fixed_px: float | None = None

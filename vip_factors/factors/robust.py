@@ -1,6 +1,6 @@
 """Robust losses: what they cost, and what they weigh."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -22,6 +22,10 @@ class RobustLoss:
 
     loss: Loss = Loss.SQUARE
     k: float = 1.345
+
+    def tempered(self, share: Array | float) -> "RobustLoss":
+        """What becomes of the loss where the *squared* residual is scaled by ``share``: ``share`` times as much in all."""
+        return replace(self, k=self.k * np.sqrt(share))
 
     def weight(self, norm: Array) -> Array:
         """Factor on the squared residual in the normal equations (IRLS), for norms of any shape."""

@@ -15,7 +15,7 @@ from vip_factors.live.association import NOBODY, CameraPose, OnlineAssociation, 
 from vip_factors.problem.scene import CameraFactorSettings, KeypointView
 from vip_factors.sensors.live import LiveCamera, VideoFrame
 from vip_factors.stages.ground import ground_view, seen_feet
-from vip_factors.stages.views import AREA_OF_HEIGHT, RAYLEIGH_MEDIAN, pixel_sigma, points_on_body
+from vip_factors.stages.views import AREA_OF_HEIGHT, pixel_sigma, points_on_body, scatter
 
 NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer
 
@@ -97,12 +97,11 @@ class CameraObserver:
         self.chosen = self._decided[-1].chosen
         return changed
 
-    def learn_spread(self, wearer: int, residual: Array, share: float) -> None:
-        """Learn how detections scatter from whitened residuals ``(n, 2)`` of smoothed frames; ``share`` in (0, 1]."""
-        if not self._settings.adaptive or len(residual) == 0:
+    def learn_spread(self, wearer: int, residual: Array, view: KeypointView, share: float) -> None:
+        """Learn how detections scatter from whitened residuals ``(T, K, 2)`` of smoothed frames; ``share`` in (0, 1]."""
+        if not self._settings.adaptive:
             return
-        median = float(np.median(np.linalg.norm(residual, axis=1)))
-        measured = self._settings.persistence * self.spreads[wearer] * median / RAYLEIGH_MEDIAN
+        measured = scatter(residual, view, self.spreads[wearer])
         self.spreads[wearer] = float(
             np.exp((1 - share) * np.log(self.spreads[wearer]) + share * np.log(max(measured, 1e-3)))
         )
@@ -126,11 +125,12 @@ class CameraObserver:
             predicted = lens.project((np.concatenate([point.of(body) for point in points]) - p) @ R)
             weight = adaptive_biweight(pixels, predicted, oks, scale, lens.width, settings.biweight)
             seen, confidence = seen & (weight > 0), confidence * weight
-        sigma = pixel_sigma(oks * scale, confidence, seen, self.spreads[wearer], settings)
+        metre = lens.focal[1] / max(depth, NEAREST_M)
+        sigma, oks_px = pixel_sigma(oks * scale, confidence, seen, self.spreads[wearer], metre, settings)
         confidence = np.where(seen, np.minimum(confidence, 1.0), 0.0)
         pixels = np.where(seen[:, None], pixels, 0.0)
         view = KeypointView(
-            points, pixels[None], sigma[None], seen[None], np.zeros_like(pixels)[None], confidence[None],
+            points, pixels[None], sigma[None], oks_px[None], seen[None], np.zeros_like(pixels)[None], confidence[None],
             names=tuple(self.camera.keypoints.keypoints[k] for k in used),
         )  # fmt: skip
         standing = belief.standing[wearer]

@@ -115,7 +115,7 @@ class LagProblem:
             wearers.append(
                 replace(
                     wearer,
-                    frames=_imu_frames(wearer.frames.sensors, time, parts, self.sensors[number]),
+                    frames=_imu_frames(wearer.frames.sensors, time, parts, self.sensors[number], self.step),
                     contact_confidence=contacts,
                     initial_pose=pose,
                     is_beginning=beginning,
@@ -123,7 +123,7 @@ class LagProblem:
             )
         camera = replace(self.camera, is_beginning=beginning)
         if camera.imu is not None:
-            camera = replace(camera, imu=_imu_frames(camera.imu.sensors, time, parts, self.sensors[-1]))
+            camera = replace(camera, imu=_imu_frames(camera.imu.sensors, time, parts, self.sensors[-1], self.step))
         views = [self._views(frames, number) for number in range(len(self._points))]
         further = tuple(replace(one, views=own) for one, own in zip(self.further, views[1:], strict=True))
         return SceneProblem(tuple(wearers), camera, views[0], further)
@@ -141,6 +141,8 @@ class LagProblem:
         )
 
 
-def _imu_frames(names: tuple[str, ...], time: np.ndarray, parts: tuple[Array, ...], columns: np.ndarray) -> ImuFrames:
+def _imu_frames(
+    names: tuple[str, ...], time: np.ndarray, parts: tuple[Array, ...], columns: np.ndarray, step: float
+) -> ImuFrames:
     R, seen, force, whole = (part[:, columns] for part in parts)
-    return ImuFrames(names, time, R, seen, force, whole)
+    return ImuFrames(names, time, R, seen, force, whole, step)

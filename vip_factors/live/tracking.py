@@ -324,4 +324,4 @@ class Tracking:
                 if view.seen.any():
                     at = WearerEvaluation(number, wearer, own, body)
                     residual = reprojection_residuals(ViewEvaluation(at, CAMERA, one.problem, one.state, view))
-                    observer.learn_spread(number, residual[view.seen], self._settings.spread_share)
+                    observer.learn_spread(number, residual, view, self._settings.spread_share)

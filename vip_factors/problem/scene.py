@@ -35,6 +35,7 @@ class CameraFactorSettings:
     ground_contact: GroundContactSettings = field(default_factory=GroundContactSettings)
     keypoint_offset: KeypointOffsetSettings = field(default_factory=KeypointOffsetSettings)
     clock: VideoClockSettings = field(default_factory=VideoClockSettings)
+    correlation_s: float = 1 / 15  # of what the camera's own sensor says, as factors.correlation_s
     heading_sigma_deg: float = 45.0  # of the camera IMU's heading, which nothing but the picture tells
 
 
@@ -133,23 +134,27 @@ class KeypointView:
         points: on the body.
         pixels: ``(T, K, 2)``; zero where not seen.
         sigma: ``(T, K)`` pixels; one where not seen.
+        oks_px: ``(T, K)`` pixels, one OKS sigma over the root of the confidence: how detections scatter is told in it.
         seen: ``(T, K)``.
         pixels_per_second: ``(T, K, 2)`` how fast the detections move, for the clock.
         confidence: ``(T, K)`` of the detector, times the biweight; zero where not seen. Sigma has it already.
         ground: of the feet among them, if their contact with the ground is used.
         names: of the keypoints, where the detector's own way of placing them is of interest.
         clock: offset and drift of the video's clock with which the pixels were put onto the frames.
+        frames_apart: from one frame that the camera saw to the next: a video may be slower than the frames.
     """
 
     points: tuple[BodyPoint, ...]
     pixels: Array
     sigma: Array
+    oks_px: Array
     seen: np.ndarray
     pixels_per_second: Array
     confidence: Array = field(default_factory=lambda: np.zeros((0, 0)))
     ground: GroundView | None = None
     names: tuple[str, ...] = ()
     clock: tuple[float, float] = (0.0, 0.0)
+    frames_apart: float = 1.0
 
     @cached_property
     def offsets(self) -> tuple[np.ndarray, Array]:
@@ -164,7 +169,7 @@ class KeypointView:
     def unseen(cls, points: tuple[BodyPoint, ...], frames: int = 1) -> "KeypointView":
         """Of somebody who is not in the picture."""
         none, pixels = np.zeros((frames, len(points))), np.zeros((frames, len(points), 2))
-        return cls(points, pixels, none + 1.0, none.astype(bool), pixels, none)
+        return cls(points, pixels, none + 1.0, none + 1.0, none.astype(bool), pixels, none)
 
     @classmethod
     def joined(
@@ -178,11 +183,13 @@ class KeypointView:
             points,
             np.concatenate([one.pixels for one in each]),
             np.concatenate([one.sigma for one in each]),
+            np.concatenate([one.oks_px for one in each]),
             np.concatenate([one.seen for one in each]),
             np.concatenate([one.pixels_per_second for one in each]),
             np.concatenate([one.confidence for one in each]),
             ground,
             next((one.names for one in each if one.names), ()),
+            frames_apart=max(one.frames_apart for one in each),
         )
 
     @cached_property
@@ -196,6 +203,7 @@ class KeypointView:
             self,
             pixels=self.pixels[frames],
             sigma=self.sigma[frames],
+            oks_px=self.oks_px[frames],
             seen=self.seen[frames],
             pixels_per_second=self.pixels_per_second[frames],
             confidence=self.confidence[frames],

@@ -53,6 +53,10 @@ class FactorSettings:
     floor_contact: FloorContactSettings = field(default_factory=FloorContactSettings)
     gauge_prior: GaugePriorSettings = field(default_factory=GaugePriorSettings)
     coasting: CoastingSettings = field(default_factory=CoastingSettings)
+    # s. Errors of tissue, joints and detectors last as long as postures do: frames nearer than this are one statement, and
+    # each of them counts as its share of it, so that the frame rate, which is nobody's evidence, changes no weight.
+    correlation_s: float = 1 / 15
+    length_scale: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -135,6 +139,7 @@ class WearerProblem:
     hinge_prior: HingePrior = field(default_factory=HingePrior)
     free_places: bool = False
     free_sole: bool = False
+    posture_share: Array = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def sensor_points(self) -> BodyPoints:
@@ -159,6 +164,12 @@ class WearerProblem:
             along = np.outer(limb, limb) / length**2
             found.append(along / (settings.along * length) + (np.eye(3) - along) / settings.across)
         return np.array(found).reshape(-1, 3, 3)
+
+    def frame_share(self, first: slice) -> Array:
+        """What frames count ``(t, 1)``: their share of a correlation time, or of all that are held likewise."""
+        if len(self.posture_share):
+            return self.posture_share[first, None]
+        return np.full((first.stop - first.start, 1), min(1.0, self.frames.step / self.settings.correlation_s))
 
     @property
     def body_moves(self) -> bool:
@@ -193,6 +204,7 @@ class WearerProblem:
             frames=self.frames.window(frames),
             p_world_start=starts,
             contact_confidence=self.contact_confidence[frames],
+            posture_share=self.posture_share[frames],
             initial_pose=None if pose is None else replace(pose, passed=pose.passed + frames.start),
             is_beginning=self.is_beginning and frames.start == 0,
         )

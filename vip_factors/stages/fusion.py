@@ -100,7 +100,7 @@ def _scatter_before(
     for view, wearer, spread in zip(camera.views, wearers, spreads, strict=True):
         at = ViewEvaluation(wearer, CAMERA, camera.problem, camera.state, view, detector.keypoint_offsets)
         residual = reprojection_residuals(at)
-        found.append(scatter(residual, view, spread, camera.problem.settings.reprojection))
+        found.append(scatter(residual, view, spread))
     return tuple(found)
 
 

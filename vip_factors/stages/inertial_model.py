@@ -7,6 +7,7 @@ import numpy as np
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.body.variation import BodyVariation
 from vip_factors.errors import InputError
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.root_path import contact_confidence, contact_points, standing_path
@@ -53,9 +54,13 @@ def inertial_model(
         free_hinges=settings.calibration.estimate_hinges,
         hinge_prior=recording.subject.hinge_prior(),
         use_acceleration=settings.acceleration,
-        variation=recording.subject.variation(),
+        variation=_widened(recording.subject.variation(), factors.length_scale),
         gauge_sensor=gauge_sensor([site.bone_index for site in sites]),
     )
+
+
+def _widened(variation: BodyVariation | None, scale: float) -> BodyVariation | None:
+    return None if variation is None else replace(variation, whitening=variation.whitening / scale)
 
 
 def gauge_sensor(bones: list[int]) -> int:
@@ -112,7 +117,7 @@ def loosened(model: WearerProblem, calibration: CalibrationSettings) -> WearerPr
 
 def kept(model: WearerProblem, frames: ImuFrames) -> WearerProblem:
     """The model over other frames, with headings, mountings and mean pose kept as they are."""
-    return replace(calibration_held(model), frames=frames, initial_pose=None)
+    return replace(calibration_held(model), frames=frames, initial_pose=None, posture_share=np.zeros(0))
 
 
 def placed_on_floor(model: WearerProblem, state: WearerState) -> WearerState:

@@ -21,13 +21,13 @@ def factor_graph(
 ) -> FactorGraph:
     """The factor graph of a recording or a scene, with everything free, and where it starts.
 
-    It is the problem in which headings, mountings and the camera are found, on every ``coarse_factor``-th frame: of a
+    It is the problem in which headings, mountings and the camera are found, at ``calibration_rate``: of a
     scene the first round of fusion, of a recording the first calibration. What comes before it is done here: the
     inertial tracker and who is who.
 
     Args:
         source: of one wearer, or filmed.
-        settings: of all rooms; ``coarse_factor=1`` for the graph of all frames.
+        settings: of all rooms; ``calibration_rate=frame_rate`` for the graph of all frames.
         progress: called with the name of the stage and the fraction of it done.
 
     Returns:

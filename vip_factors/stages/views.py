@@ -52,10 +52,15 @@ def keypoint_view(
         weight = adaptive_biweight(pixels, predicted, oks, scale, image_width, settings.biweight)
         seen, sureness = seen & (weight > 0), sureness * weight
     sureness = np.where(seen, np.minimum(sureness, 1.0), 0.0)
-    sigma = pixel_sigma(oks * scale[:, None], sureness, seen, spread, settings)
+    metre = scale[:, None] / (AREA_OF_HEIGHT * stature_of(skeleton))
+    sigma, oks_px = pixel_sigma(oks * scale[:, None], sureness, seen, spread, metre, settings)
     speed = _speed(detections.time, track, time)
     names = tuple(detections.keypoints.keypoints[k] for k in used)
-    return KeypointView(points, np.where(seen[..., None], pixels, 0.0), sigma, seen, speed, sureness, names=names)
+    apart = max(1.0, _period(detections.time) / _period(time)) if len(time) > 1 else 1.0
+    return KeypointView(
+        points, np.where(seen[..., None], pixels, 0.0), sigma, oks_px, seen, speed, sureness, names=names,
+        frames_apart=apart,
+    )  # fmt: skip
 
 
 def predicted_pixels(
@@ -71,21 +76,24 @@ def predicted_pixels(
 
 
 def pixel_sigma(
-    size: Array, confidence: Array, seen: np.ndarray, spread: float, settings: ReprojectionSettings
-) -> Array:
-    """Standard deviations of keypoints in pixels, one where not seen.
+    size: Array, confidence: Array, seen: np.ndarray, spread: float, metre: Array | float,
+    settings: ReprojectionSettings,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Standard deviations of keypoints in pixels, and in pixels one OKS sigma as sure as the detector is; else one.
 
     Args:
         size: of one OKS sigma of each keypoint in pixels; all arrays have one shape, or broadcast to it.
         confidence: of the detector.
         seen: whether they count.
         spread: scatter of a fully confident keypoint in OKS sigmas.
+        metre: how many pixels a metre has where the keypoints are.
         settings: of the reprojection factor.
     """
-    certain = settings.persistence * spread * size if settings.fixed_px is None else settings.fixed_px
     with np.errstate(divide="ignore"):
-        sigma = certain / np.sqrt(np.minimum(confidence, 1.0))
-    return np.where(seen, np.maximum(sigma, settings.least_px), 1.0)
+        unsure = 1 / np.sqrt(np.minimum(confidence, 1.0))
+    scattered = unsure * (settings.persistence * spread * size if settings.fixed_px is None else settings.fixed_px)
+    sigma = np.hypot(np.maximum(scattered, settings.least_px), settings.point_sigma * metre)
+    return np.where(seen, sigma, 1.0), np.where(seen, size * unsure, 1.0)
 
 
 def image_scale(skeleton: Skeleton, state: SceneState, number: int, model: CameraModel, nearest: float = 0.5) -> Array:
@@ -98,19 +106,18 @@ def image_scale(skeleton: Skeleton, state: SceneState, number: int, model: Camer
     return AREA_OF_HEIGHT * model.focal[1] * stature_of(skeleton) / np.maximum(depth, nearest)
 
 
-def scatter(residual: Array, view: KeypointView, spread: float, settings: ReprojectionSettings) -> float:
+def scatter(residual: Array, view: KeypointView, otherwise: float) -> float:
     """How the detections really scatter about the skeleton, in OKS sigmas: robustly, and per image axis.
 
     Args:
-        residual: ``(T, K, 2)`` whitened by the view's sigmas, which are ``persistence × spread`` OKS sigmas.
+        residual: ``(T, K, 2)`` whitened by the view's sigmas.
         view: whose residuals these are.
-        spread: that the view was made with.
-        settings: of the reprojection factor.
+        otherwise: where nothing was seen.
     """
     if not view.seen.any():
-        return spread
-    median = float(np.median(np.linalg.norm(residual[view.seen], axis=1)))
-    return settings.persistence * spread * median / RAYLEIGH_MEDIAN
+        return otherwise
+    away = np.linalg.norm(residual, axis=2) * view.sigma / view.oks_px
+    return float(np.median(away[view.seen])) / RAYLEIGH_MEDIAN
 
 
 def points_on_body(keypoints: KeypointSet, skeleton: Skeleton) -> tuple[np.ndarray, tuple[BodyPoint, ...]]:
@@ -131,9 +138,14 @@ def _track(detections: Detections, chosen: np.ndarray) -> tuple[Array, Array]:
     return pixels, confidence
 
 
+def _period(time: Array) -> float:
+    """Median seconds from one instant to the next; 1 of a single one."""
+    return float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+
+
 def _at_frames(video: Array, pixels: Array, confidence: Array, time: Array) -> tuple[Array, Array]:
     """The track at the frames: each video frame speaks once, to the frame nearest to it."""
-    period = float(np.median(np.diff(video))) if len(video) > 1 else 1.0
+    period = _period(video)
     left = np.clip(np.searchsorted(video, time, side="right") - 1, 0, max(len(video) - 2, 0))
     right = np.minimum(left + 1, len(video) - 1)
     nearest = np.where(np.abs(video[right] - time) < np.abs(video[left] - time), right, left)
@@ -163,7 +175,7 @@ def _speed(video: Array, pixels: Array, time: Array) -> Array:
     """
     if len(video) < 3:
         return np.zeros((len(time), *pixels.shape[1:]))
-    period = float(np.median(np.diff(video)))
+    period = _period(video)
     size = 2 * max(1, round(SPEED_REACH / period)) + 1
     known = np.isfinite(pixels)
     p = np.where(known, pixels, 0.0)

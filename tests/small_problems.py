@@ -118,7 +118,11 @@ def small_scene(kind: str, silent: Sequence[int] = ()) -> tuple[SceneProblem, Sc
         ground = standing_feet(lens, points, pixels, seen, random)
         sigma = random.uniform(3, 10, seen.shape)
         names = keypoint_set("coco17").keypoints
-        views.append(KeypointView(points, pixels, sigma, 0.5 * sigma, seen, rate, ground=ground, names=names, clock=(0.004, -0.01)))
+        views.append(
+            KeypointView(
+                points, pixels, sigma, 0.5 * sigma, seen, rate, ground=ground, names=names, clock=(0.004, -0.01)
+            )
+        )
     further = tuple(known_camera(lens, views, random) for _ in range(2 if kind == "further cameras" else 0))
     model = SceneProblem((first, second), camera, tuple(views), further, free_keypoints=True)
     detector = DetectorState(0.02 * np.random.default_rng(8).standard_normal((len(OFFSET_KEYPOINTS), 3)))

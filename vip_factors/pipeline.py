@@ -100,7 +100,7 @@ def smooth(
         recording.name, method_of(model, settings), model, state, covariance, tuple(solver.reports), flatten(settings)
     )
     who = f"wearer '{recording.subject.name}'"
-    odd = posture_findings(who, recording, estimate.motion, estimate.calibration)
+    odd = posture_findings(who, recording, estimate.motion, estimate.calibration, model.prior_R_bone_sensor)
     drift = drift_findings(who, estimate.calibration)
     found = (*about_sensors, *start_findings(who, frames.sensors, tracked.starts), *odd, *drift)
     estimate = replace(estimate, findings=found, start=start_choice(frames.sensors, tracked.starts))

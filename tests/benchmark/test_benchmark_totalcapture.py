@@ -31,9 +31,7 @@ from vip_factors.solve.levenberg_marquardt import SolveSettings
 UP = rotation_x(-np.pi / 2)  # our z becomes their y
 R_CAMERA_VICON = np.diag([1.0, -1.0, -1.0])  # looks against their z, upright
 T_CAMERA = np.array([0.0, 1.0, 5.0])  # the wearer stands five metres before it, its eye one metre up
-QUICK = TotalCaptureTrials(
-    seconds=0.0, settings=Settings(frame_rate=30.0, solve=SolveSettings(max_iterations=3))
-)
+QUICK = TotalCaptureTrials(seconds=0.0, settings=Settings(frame_rate=30.0, solve=SolveSettings(max_iterations=3)))
 
 
 def camera_rows() -> str:

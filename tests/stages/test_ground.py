@@ -80,7 +80,9 @@ def test_the_camera_sees_standing_feet_where_it_is_sure_of_their_ankles(sureness
     pixels = LENS.project((p - poses.p_world_camera[:, None]) @ poses.R_world_camera)
     seen = np.ones(pixels.shape[:2], bool)
     seen[3, columns[1]] = False
-    view = KeypointView(points, pixels, np.full(seen.shape, 5.0), np.ones(seen.shape), seen, 0 * pixels, sureness * seen)
+    view = KeypointView(
+        points, pixels, np.full(seen.shape, 5.0), np.ones(seen.shape), seen, 0 * pixels, sureness * seen
+    )
     settings = GroundContactSettings()
     confidence = standing_confidence(model, state, feet, True, settings)
     ground = ground_view(view, feet, columns, confidence, body, SOLE, poses, LENS, settings)

@@ -23,9 +23,11 @@ def worn(motion: Motion, turned: int = 0, pose: str = "none") -> tuple[Recording
     return Recording("made", Subject(skeleton=motion.skeleton), {}, placement=placement, initial_pose=pose), calibration
 
 
-def told(motion: Motion, turned: int = 0, pose: str = "none") -> list[str]:
+def told(motion: Motion, turned: int = 0, pose: str = "none", since_start: int = 0) -> list[str]:
     recording, calibration = worn(motion, turned, pose)
-    return list(posture_findings("anna", recording, motion, calibration))
+    start = np.stack([one.R_bone_sensor for one in calibration.values()])
+    start[:since_start] = exp([1.5, 0, 0]) @ start[:since_start]
+    return list(posture_findings("anna", recording, motion, calibration, start))
 
 
 def bent(motion: Motion, joint: str, degrees: Array) -> Motion:
@@ -62,3 +64,8 @@ def test_sensors_at_odds_with_their_straps() -> None:
     assert "7 of 13 sensors" in one
     assert told(gestures(3.0), turned=6) == []
     assert told(gestures(3.0), turned=7, pose="t-pose") == []  # the pose told of them
+
+
+def test_a_sensor_that_the_motion_turns_against_the_declared_pose() -> None:
+    (one,) = told(gestures(3.0), pose="t-pose", since_start=1)
+    assert "Head by 86°" in one and "the declared pose" in one

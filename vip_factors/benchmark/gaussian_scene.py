@@ -207,4 +207,6 @@ def _view(
     seen = (random.uniform(size=pixels.shape[:2]) >= settings.unseen) & LENS.inside(pixels)
     sigma = np.full(seen.shape, settings.noise * settings.pixel_sigma)
     pixels = pixels + sigma[..., None] * random.standard_normal(pixels.shape)
-    return KeypointView(points, np.where(seen[..., None], pixels, 0.0), sigma, np.ones_like(sigma), seen, np.zeros_like(pixels))
+    return KeypointView(
+        points, np.where(seen[..., None], pixels, 0.0), sigma, np.ones_like(sigma), seen, np.zeros_like(pixels)
+    )

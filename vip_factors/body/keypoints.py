@@ -46,7 +46,7 @@ _PLACES: dict[str, _Place] = {
     "nose": _Place("head", (0.0, 0.010, 0.062)),
     "head_top": _Place("head", landmark="head_top"),
     "neck": _Place("spine3", joints=("left_shoulder", "right_shoulder")),  # detectors learn the shoulders' middle
-    "mid_hip": _Place("pelvis", joints=("left_hip", "right_hip")),
+    "mid_hip": _Place("pelvis", (0.0, 0.008, 0.0), joints=("left_hip", "right_hip")),  # in the middle of its hips
     **_both_sides(
         {
             "eye": _Place("head", (0.018, 0.028, 0.050)),
@@ -62,6 +62,35 @@ _PLACES: dict[str, _Place] = {
             "small_toe": _Place("left_foot", (0.022, 0.0, 0.004)),
         }
     ),
+}
+
+# Where the detectors of a family put what has the same name, beside the table above, in fractions of stature; both sides
+# alike. From the marker sets that Pose2Sim and OpenCap put onto OpenSim models for each keypoint set, and, of knee and
+# heel, from OpenPose beside markers on two walkers; no detector but OpenPose was ever published beside markers with
+# directions. Needham et al. 2021 (Scientific Reports 11: 20673) tell sizes: hips and knees 30–50 mm, ankles 1–15 mm.
+_FEET_PLACES = {
+    "heel": _Place("left_ankle", (-0.003, 0.014, 0.018), landmark="left_heel"),  # on the shoe's side, not under it
+    "big_toe": _Place("left_foot", (-0.003, 0.012, -0.012), landmark="left_toe_tip"),
+    "small_toe": _Place("left_foot", (0.022, 0.003, 0.013)),
+}
+_UPPER_NECK = _Place("spine3", (0.0, 0.037, -0.002), joints=("left_shoulder", "right_shoulder"))
+_OPENPOSE_PLACES = _both_sides(
+    {"hip": _Place("left_hip", (0.009, 0.008, 0.009)), "knee": _Place("left_knee", (0.0, 0.002, 0.007)), **_FEET_PLACES}
+)
+_COCO_PLACES = _both_sides(
+    {"hip": _Place("left_hip", (0.009, 0.008, 0.007)), "knee": _Place("left_knee", (0.0, 0.002, 0.005)), **_FEET_PLACES}
+)
+_BLAZEPOSE_PLACES = _both_sides(
+    {"hip": _Place("left_hip", (0.008, 0.008, 0.004)), "knee": _Place("left_knee", (0.0, 0.002, 0.002)),
+     **_FEET_PLACES, "big_toe": _Place("left_foot", (0.003, 0.014, -0.016), landmark="left_toe_tip")}
+)  # fmt: skip
+_FAMILIES: dict[str, dict[str, _Place]] = {
+    "coco17": _COCO_PLACES,
+    "openpose18": _OPENPOSE_PLACES,
+    "body25": _OPENPOSE_PLACES,
+    "body25b": {**_OPENPOSE_PLACES, "neck": _UPPER_NECK},
+    "halpe26": {**_COCO_PLACES, "neck": _UPPER_NECK},
+    "blazepose33": _BLAZEPOSE_PLACES,
 }
 
 # Standard deviation of where people point, over the square root of the person's area (COCO's OKS sigmas); the last
@@ -124,6 +153,11 @@ class KeypointSet:
         return np.array([OKS_SIGMA.get(name, 0.1) for name in self.keypoints])
 
     @property
+    def offset_spread(self) -> float:
+        """How much farther than OpenPose's its points may lie from where :meth:`on_body` has them: less is known."""
+        return {"coco17": 1.1, "halpe26": 1.1, "blazepose33": 1.25}.get(self.name, 1.0)
+
+    @property
     def mirrored(self) -> np.ndarray:
         """``(K,)`` index of each keypoint's twin on the other side (its own, if it has none)."""
 
@@ -136,14 +170,18 @@ class KeypointSet:
 
     def on_body(self, skeleton: Skeleton) -> tuple[Landmark | None, ...]:
         """Where each keypoint sits on a skeleton; None where it is not on our body."""
-        return tuple(_placed(_PLACES[name], skeleton) if name in _PLACES else None for name in self.keypoints)
+        places = _PLACES | _FAMILIES.get(self.name, {})
+        return tuple(_placed(places[name], skeleton) if name in places else None for name in self.keypoints)
 
 
 def _placed(place: _Place, skeleton: Skeleton) -> Landmark | None:
     rest, bone = skeleton.p_pelvis_joint, joint_index(place.bone)
-    if place.landmark:
-        return skeleton.landmarks.get(place.landmark)
     centre = np.zeros(3)
+    if place.landmark:
+        landmark = skeleton.landmarks.get(place.landmark)
+        if landmark is None:
+            return None
+        bone, centre = landmark.bone, landmark.p_bone_point
     if place.joints:
         centre = np.mean([rest[joint_index(name)] for name in place.joints], axis=0) - rest[bone]
     height = skeleton.stature if {"head_top", "left_heel"} <= set(skeleton.landmarks) else 1.72

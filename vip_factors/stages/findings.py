@@ -69,7 +69,8 @@ def _wearer_findings(
         )
     if estimate.body is not None:
         yield from body_findings(who, estimate.body, recording.subject.stature_m)
-    yield from posture_findings(who, recording, estimate.motion, estimate.calibration)
+    start = fine.model.wearers[number].prior_R_bone_sensor
+    yield from posture_findings(who, recording, estimate.motion, estimate.calibration, start)
     yield from drift_findings(who, estimate.calibration)
     spreads = fine.measured_spreads()
     for index, each in enumerate(associated):

@@ -1,5 +1,7 @@
 """Where a detector puts its keypoints, by a file that was learnt of others before the same detector."""
 
+import numpy as np
+
 from vip_factors.body.keypoint_offsets import KeypointOffsets
 from vip_factors.errors import InputError
 from vip_factors.factors.keypoint_offset import KeypointOffsetSettings
@@ -7,8 +9,8 @@ from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.sensors.scene import Camera
 
 
-def prior_offsets(camera: Camera, settings: KeypointOffsetSettings) -> KeypointOffsets | None:
-    """What was found of a camera's detector before, or learnt of others where a file is named; None without either.
+def prior_offsets(camera: Camera, settings: KeypointOffsetSettings) -> KeypointOffsets:
+    """What was found of a camera's detector before, or learnt of others where a file is named; else its family's.
 
     Raises:
         FileFormatError, InputError: for a file that is none, or knows nothing of the camera's keypoints.
@@ -16,7 +18,8 @@ def prior_offsets(camera: Camera, settings: KeypointOffsetSettings) -> KeypointO
     if camera.keypoint_offsets is not None:
         return camera.keypoint_offsets
     if settings.learned is None:
-        return None
+        sigmas = settings.sigmas * camera.detections.keypoints.offset_spread
+        return KeypointOffsets(np.zeros_like(sigmas), sigmas)
     known, name = read_keypoint_offsets(settings.learned).sets, camera.detections.keypoints.name
     if name not in known:
         raise InputError(

@@ -43,9 +43,9 @@ def detector_estimate(fused: Fused, marginals: Mapping[int, Array] | None) -> De
     if not fused.model.free_keypoints:
         return None
     found = fused.state.detector.keypoint_offsets
-    prior_sigma = fused.model.camera.settings.keypoint_offset.sigmas
+    prior = fused.model.camera.prior_offsets
     sigma = _sigmas(fused, DETECTOR, "keypoint_offsets", found.shape, marginals)
-    return DetectorEstimate(OFFSET_KEYPOINTS, np.zeros_like(found), found, prior_sigma, sigma)
+    return DetectorEstimate(OFFSET_KEYPOINTS, prior.mean, found, prior.sigma, sigma)
 
 
 def _sigmas(

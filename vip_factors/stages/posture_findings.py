@@ -9,7 +9,7 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.motion import Motion
 from vip_factors.body.pose_prior import joint_vector
 from vip_factors.body.skeleton import joint_index
-from vip_factors.geometry.rotations import angle_between
+from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.recording import Recording
 from vip_factors.stages.body_findings import knee_findings
@@ -22,9 +22,12 @@ LEAST_SENSORS = 3  # of which half are odd: of two sensors one is no majority
 CHECK = "check which sensor sits where and, if one was declared, that the pose was held"
 
 
-def posture_findings(who: str, recording: Recording, motion: Motion, calibration: Calibration) -> Iterator[str]:
-    """All that is odd about how a wearer holds himself, one sentence each."""
+def posture_findings(
+    who: str, recording: Recording, motion: Motion, calibration: Calibration, start: Array
+) -> Iterator[str]:
+    """All that is odd about how a wearer holds himself, one sentence each; ``start`` ``(S, 3, 3)`` mountings of it."""
     bones = {recording.placement.site(name).bone for name in calibration}
+    yield from turned_findings(who, recording, start, calibration)
     yield from knee_findings(who, motion)
     yield from lying_findings(who, motion)
     if bones & {"left_knee", "left_ankle"} and bones & {"right_knee", "right_ankle"}:
@@ -32,6 +35,18 @@ def posture_findings(who: str, recording: Recording, motion: Motion, calibration
     yield from limit_findings(who, motion, bones)
     if recording.initial_pose == "none":
         yield from strap_findings(who, recording, calibration)
+
+
+def turned_findings(who: str, recording: Recording, start: Array, calibration: Calibration) -> Iterator[str]:
+    """A sentence about sensors that the motion turns on their bones far from the mountings ``(S, 3, 3)`` of the start."""
+    turned = angle_between(start, np.stack([one.R_bone_sensor for one in calibration.values()]))
+    far = [f"{name} by {np.rad2deg(by):.0f}°" for name, by in zip(calibration, turned, strict=True) if by > TURNED]
+    if far:
+        said = "their straps" if recording.initial_pose == "none" else "the declared pose"
+        yield (
+            f"{who}: the motion turns {', '.join(far)} on their bones against what {said} told: was the pose held, do "
+            "they sit where the placement says, and did they stay there? Do not trust how these bones are turned"
+        )
 
 
 def lying_findings(who: str, motion: Motion) -> Iterator[str]:

@@ -93,7 +93,7 @@ def _head(recording: SampledRecording, found: Tracked, plan: WindowPlan, setting
         settings=flatten(settings),
         findings=(
             *start_findings(who, model.frames.sensors, found.starts),
-            *posture_findings(who, head, sample, calibration),
+            *posture_findings(who, head, sample, calibration, model.prior_R_bone_sensor),
             *drift_findings(who, calibration),
         ),
         start=start_choice(model.frames.sensors, found.starts),

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.studies.__main__ import main
 from vip_factors.body.body_prior import VARIABLES, load_body_prior
 from vip_factors.body.train_body_prior import DIMENSIONS
-from vip_factors.cli.main import main
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.ansur import read_ansur, train_body_prior_from_folder
 
@@ -40,7 +40,7 @@ def test_units_are_metres_and_kilograms(tmp_path: Path) -> None:
 
 def test_the_command_writes_a_prior(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "body.npz"
-    main(["train", "body", "--ansur", str(write(tmp_path)), "--out", str(out)])
+    assert main(["train-body", "--ansur", str(write(tmp_path)), "--out", str(out)]) == 0
     prior = load_body_prior(out)
     assert "400 male, 400 female" in capsys.readouterr().out
     assert prior.groups["both"].mean[VARIABLES.index("thigh")] == pytest.approx(0.412, abs=0.005)

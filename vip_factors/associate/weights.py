@@ -59,7 +59,7 @@ class AssociationWeights:
             if name not in self.logistic or self.logistic[name].weights.shape != (len(features),):
                 raise InputError(
                     f"association weights: '{name}' needs {len(features)} weights; train them again with "
-                    "'vip-factors train association'"
+                    "'python -m tests.studies train-association' in a clone"
                 )
 
 
@@ -115,7 +115,7 @@ def load_weights(path: Path = SHIPPED_WEIGHTS) -> AssociationWeights:
         return AssociationWeights(logistic, str(content["provenance"]))
     except (OSError, KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise FileFormatError(
-            f"{path}: not association weights ({error}); expected JSON as 'vip-factors train association' writes it"
+            f"{path}: not association weights ({error}); expected JSON as the shipped file has it"
         ) from error
 
 

@@ -34,8 +34,8 @@ def train_prior_from_folder(
     prior = train_pose_prior(_read(chosen), settings)
     skipped = sorted({path.stem for path in paths} - {path.stem for path in chosen})
     provenance = (
-        f"Gaussian over joint rotations of {prior.provenance}; trained by 'vip-factors train prior' on the folder "
-        f"'{folder.name}'; left out: {', '.join(skipped) or 'none'}"
+        f"Gaussian over joint rotations of {prior.provenance}; trained by 'python -m tests.studies "
+        f"train-prior' on the folder '{folder.name}'; left out: {', '.join(skipped) or 'none'}"
     )
     return PosePrior(prior.mean, prior.whitening, provenance)
 

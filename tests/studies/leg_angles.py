@@ -1,0 +1,179 @@
+"""How legs and trunk moved as somebody else measured it, and how far ours is from it: angles, and joint centres."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from tests.studies.marker_body import ARMS, LEGS, SHOULDERS, SIDES, MarkerBody, marker_columns
+from tests.studies.walk import CENTRES, R_VICON_BONE, TRIAL, AngleError, read_vicon
+from vip_factors.body.anatomical_frames import R_BODY_ISB
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import joint_index
+from vip_factors.errors import FileFormatError
+from vip_factors.evaluate.joint_angle import (
+    bend_deg,
+    hip_flexion_deg,
+    hip_flexion_of,
+    inclination_deg,
+    knee_flexion_deg,
+    knee_flexion_of,
+    rmse,
+)
+from vip_factors.evaluate.joint_angle import rmse_without_offset as without_offset
+from vip_factors.geometry.alignment import align_rigid
+from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
+from vip_factors.geometry.rotations import Array
+
+OPENSIM_NAMES = {"knee": "knee_angle", "hip": "hip_flexion", "elbow": "elbow_flex"}
+JOINTS = ("hip", "knee", "ankle")
+
+
+@dataclass(frozen=True)
+class GaitMotion:
+    """How somebody walks.
+
+    Attributes:
+        time: ``(T,)`` seconds.
+        flexion: degrees ``(T,)`` of joints by name (``left_knee``, …), and how far the ``trunk`` (from hips to
+            shoulders) and the ``thorax`` (its own axis) lean forward.
+        p_world_joint: ``(T, 3)`` metres of joint centres by name, where they are known.
+    """
+
+    time: Array
+    flexion: Mapping[str, Array]
+    p_world_joint: Mapping[str, Array] = field(default_factory=dict)
+
+
+def vicon_angles(folder: Path) -> GaitMotion:
+    """Of ``xsens_vicon_walk``: segments by optical markers."""
+    vicon = read_vicon(folder / "vicon" / f"{TRIAL}.csv")
+    pelvis = vicon.R_world_segment["RPV"] @ R_VICON_BONE
+    flexion: dict[str, Array] = {}
+    for side in SIDES:
+        thigh = vicon.R_world_segment[f"{side[0].upper()}TH"] @ R_VICON_BONE
+        flexion[f"{side}_knee"], flexion[f"{side}_hip"] = vicon.knee_flexion(side), hip_flexion_deg(pelvis, thigh)
+    return GaitMotion(vicon.time, flexion, {name: vicon.centres[own] for name, own in CENTRES.items()})
+
+
+def optical_angles(path: Path) -> GaitMotion:
+    """Of ``optical_joint_centres.csv``: segments in OpenSim's axes and joint centres, by inverse kinematics of markers.
+
+    Raises:
+        FileFormatError: if a column is missing.
+    """
+    table = np.genfromtxt(path, delimiter=",", names=True)
+
+    def bone(segment: str) -> Array:
+        quaternions = marker_columns(table, [f"{segment}_q{letter}" for letter in "wxyz"], path)
+        return matrix_from_quaternion(quaternions, Order.WXYZ) @ R_BODY_ISB.T  # OpenSim's segments have ISB's axes
+
+    flexion, centres = dict[str, Array](), dict[str, Array]()
+    for side in SIDES:
+        thigh, shank = bone(f"femur_{side[0]}"), bone(f"tibia_{side[0]}")
+        flexion[f"{side}_knee"] = knee_flexion_deg(thigh, shank)
+        flexion[f"{side}_hip"] = hip_flexion_deg(bone("pelvis"), thigh)
+        for joint in JOINTS:
+            centres[f"{side}_{joint}"] = marker_columns(table, [f"{joint}_{side[0]}_{axis}" for axis in "xyz"], path)
+    return GaitMotion(marker_columns(table, ["time_s"], path)[:, 0], flexion, centres)
+
+
+def marker_motion(body: MarkerBody) -> GaitMotion:
+    """Of a body from markers: angles between the lines that join its joint centres.
+
+    Hips are bent against the pelvis of the iliac spines, which whoever stands straight tilts forward by ten degrees.
+    """
+    flexion, bones = dict[str, Array](), body.R_world_bone
+    for side in SIDES:
+        flexion[f"{side}_knee"] = bend_deg(*(body.centres[f"{side}_{joint}"] for joint in JOINTS))
+        flexion[f"{side}_hip"] = hip_flexion_deg(bones["pelvis"], bones[f"{side}_hip"])
+    flexion |= _inclinations(body.centres, bones["spine3"])
+    return GaitMotion(body.time, flexion, body.centres)
+
+
+def opensim_angles(path: Path, begins: float = 0.0, joints: tuple[str, ...] = ("knee", "hip")) -> GaitMotion:
+    """Of a motion file of OpenSim, in degrees; a gait model of which knees bend by ``knee_angle_r``, ``_l``.
+
+    ``begins`` is the second of the recording at which the file does.
+
+    Raises:
+        FileFormatError: if a column is missing, or the file has no header.
+    """
+    lines = path.read_text(encoding="utf-8").splitlines()
+    try:
+        header = lines.index("endheader")
+    except ValueError:
+        raise FileFormatError(f"{path}: no line 'endheader'; expected a motion file of OpenSim") from None
+    names, table = lines[header + 1].split(), np.loadtxt(lines[header + 2 :], ndmin=2)
+    flexion = {}
+    for side in SIDES:
+        for joint in joints:
+            name = f"{OPENSIM_NAMES[joint]}_{side[0]}"
+            if name not in names:
+                raise FileFormatError(f"{path}: no column '{name}'; expected joint angles of OpenSim's gait model")
+            flexion[f"{side}_{joint}"] = table[:, names.index(name)]
+    return GaitMotion(begins + table[:, names.index("time")], flexion)
+
+
+def gait_of(motion: Motion) -> GaitMotion:
+    """Of an estimate."""
+    flexion = {f"{side}_knee": knee_flexion_of(motion, side) for side in SIDES}
+    flexion |= {f"{side}_hip": hip_flexion_of(motion, side) for side in SIDES}
+    p = motion.state.p_world_joint
+    centres = {name: p[:, joint_index(name)] for name in (*LEGS, *SHOULDERS, *ARMS)}
+    flexion |= _inclinations(centres, motion.state.R_world_bone[:, joint_index("spine3")])
+    for side in SIDES:
+        chain = (f"{side}_{name}" for name in ("shoulder", "elbow", "wrist"))
+        flexion[f"{side}_elbow"] = bend_deg(*(p[:, joint_index(name)] for name in chain))
+    return GaitMotion(motion.time, flexion, centres)
+
+
+def _inclinations(centres: Mapping[str, Array], R_world_thorax: Array) -> dict[str, Array]:
+    left = centres["left_hip"] - centres["right_hip"]
+    hips, shoulders = (centres[f"left_{one}"] + centres[f"right_{one}"] for one in ("hip", "shoulder"))
+    return {"trunk": inclination_deg(shoulders - hips, left), "thorax": inclination_deg(R_world_thorax[..., 1], left)}
+
+
+def angle_errors(found: GaitMotion, reference: GaitMotion) -> dict[str, AngleError]:
+    """By joint name, over the reference's time that both have."""
+    both = _shared(found, reference)
+    errors = {}
+    for name, true in reference.flexion.items():
+        ours = np.interp(reference.time[both], found.time, found.flexion[name])
+        errors[name] = AngleError(rmse(ours, true[both]), without_offset(ours, true[both]))
+    return errors
+
+
+def centres_error_mm(found: GaitMotion, reference: GaitMotion) -> float:
+    """Mean distance of hips, knees and ankles after a rigid motion of every frame; NaN where none are known."""
+    return _distances_mm(found, reference, LEGS).get("legs", np.nan)
+
+
+def body_errors_mm(found: GaitMotion, reference: GaitMotion) -> dict[str, float]:
+    """Mean distances after a rigid motion of every frame: of the whole ``body``, its ``legs``, ``shoulders``, ``arms``.
+
+    Empty where not all of these joint centres are known.
+    """
+    return _distances_mm(found, reference, (*LEGS, *SHOULDERS, *ARMS))
+
+
+def _distances_mm(found: GaitMotion, reference: GaitMotion, names: tuple[str, ...]) -> dict[str, float]:
+    both = _shared(found, reference)
+    if not set(names) <= set(reference.p_world_joint) or not both.any():
+        return {}
+    time = reference.time[both]
+    true = np.stack([reference.p_world_joint[name][both] for name in names], axis=1)
+    ours = make_interp_spline(found.time, np.stack([found.p_world_joint[name] for name in names], axis=1), k=1)(time)
+    error = dict(zip(names, 1000 * np.linalg.norm(align_rigid(ours, true).apply(ours) - true, axis=-1).T, strict=True))
+    parts = {"body": names, "legs": LEGS, "shoulders": SHOULDERS, "arms": ARMS}
+    return {
+        part: float(np.mean([error[name] for name in members]))
+        for part, members in parts.items()
+        if set(members) <= set(names)
+    }
+
+
+def _shared(found: GaitMotion, reference: GaitMotion) -> np.ndarray:
+    return (reference.time >= found.time[0]) & (reference.time <= found.time[-1])

@@ -1,0 +1,231 @@
+"""Whether the whole program holds an hour of stream: over the network, into all its files, its lines being read."""
+
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from tests.studies.long_stream import LongStream, LongStreamTrials, scene_of_another_process
+from tests.studies.process_memory import ProcessTree, process_tree
+from tests.studies.stream_program import COMMAND, StreamProgram
+from vip_factors.io.live_mcap import partial_path
+from vip_factors.io.mcap_scene_estimate import read_scene_estimate
+from vip_factors.viz.rerun_file import is_whole
+
+MB = 1e6
+LOOK_S = 5.0  # between looks at memory
+START_S = 10.0  # of the stream: the first answers come together, once there is a second to answer
+ESTIMATE, RERUN = "stream.mcap", "stream.rrd"
+DROPPED = re.compile(r"does not keep up: (?:(\d+) video frames)?(?: and )?(?:(\d+) IMU samples)? were dropped")
+Tell = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class WholePart:
+    """Some minutes of the stream.
+
+    Attributes:
+        until: the stream's time at the end, seconds.
+        answers: lines of JSON.
+        missing: frames without one.
+        latency_s: of answers, from when their newest sample was due to when their line was read: median, 99 %, worst.
+            Those of the first ten seconds of the stream are left out.
+        dropped: video frames and samples of IMUs that the program dropped.
+        findings: sentences.
+        memory: resident bytes of the program, of the processes that it has begun, and the most of all together that
+            was seen.
+        cpu_s: seconds of processor time that the program took, without the processes that it has begun.
+        bytes: of the estimate and of Rerun's file.
+    """
+
+    until: float
+    answers: int
+    missing: int
+    latency_s: tuple[float, float, float]
+    dropped: tuple[int, int]
+    findings: int
+    memory: tuple[int, int, int]
+    cpu_s: float
+    bytes: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class WholeStream:
+    """All parts, and the end.
+
+    Attributes:
+        trials, frame_rate: which stream, and the tracker's frames per second.
+        parts: in order.
+        latest_s: by which the sender itself was late at most, seconds.
+        code: exit code; None as long as it runs.
+        estimate_s: duration of the estimate that can be read.
+        rerun: whether Rerun's file is whole.
+        said: every sentence, with the time (s) when it was said.
+    """
+
+    trials: LongStreamTrials
+    frame_rate: float
+    parts: tuple[WholePart, ...]
+    latest_s: float = 0.0
+    code: int | None = None
+    estimate_s: float = 0.0
+    rerun: bool = False
+    said: tuple[tuple[float, str], ...] = ()
+
+
+def run_stream_whole(
+    trials: LongStreamTrials, frame_rate: float, part_s: float, tell: Tell,
+    keep: Callable[[WholeStream], None] = lambda so_far: None, command: Sequence[str] = COMMAND,
+) -> WholeStream:  # fmt: skip
+    """Send a long stream to the program in real time, and look at it every ``part_s`` seconds; ``keep`` sees that.
+
+    Raises:
+        VipFactorsError: if the program ends early.
+    """
+    stream = LongStream(scene_of_another_process(trials), trials)
+    watch = _Watch(frame_rate)
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        options = [
+            "--out",
+            str(folder / ESTIMATE),
+            "--rerun-save",
+            str(folder / RERUN),
+            "--frame-rate",
+            f"{frame_rate:g}",
+        ]
+        with StreamProgram(options, watch.take, command) as program:
+
+            def sent(time: float) -> None:
+                ends = time >= part_s * (1 + len(watch.parts))
+                if time >= watch.next_look or ends:
+                    watch.look(time, process_tree(program.pid))
+                    tell("stream", time / trials.seconds)
+                if ends:
+                    watch.end_part(time, folder)
+                    keep(WholeStream(trials, frame_rate, tuple(watch.parts), program.latest_s))
+
+            program.send(stream.setup, stream, sent)
+            watch.look(trials.seconds, process_tree(program.pid))
+            code = program.end()
+            if watch.has_answers:
+                watch.end_part(trials.seconds, folder)
+        estimate = read_scene_estimate(folder / ESTIMATE).wearers[0].motion
+        duration = (len(estimate) - 1) / estimate.rate
+        rerun = is_whole(folder / RERUN)
+    return WholeStream(
+        trials, frame_rate, tuple(watch.parts), program.latest_s, code, duration, rerun, tuple(watch.said)
+    )
+
+
+@dataclass
+class _Watch:
+    """Counts what comes, from the thread that reads and the one that sends."""
+
+    frame_rate: float
+    parts: list[WholePart] = field(default_factory=list)
+    said: list[tuple[float, str]] = field(default_factory=list)
+    next_look: float = 0.0  # of the stream, seconds
+
+    def __post_init__(self) -> None:
+        self._lock = Lock()
+        self._last: float | None = None  # time of the last answer, s
+        self._tree, self._most, self._cpu_s = ProcessTree(0, 0, 0.0), 0, 0.0
+        self._clear()
+
+    def _clear(self) -> None:
+        self._latency: list[float] = []
+        self._answers, self._missing, self._findings, self._most = 0, 0, 0, 0
+        self._dropped = np.zeros(2, int)
+
+    @property
+    def has_answers(self) -> bool:
+        """Whether there were any since the last part."""
+        return self._answers > 0
+
+    def take(self, answer: dict[str, Any], age: float) -> None:
+        """A line has been read."""
+        with self._lock:
+            time = float(answer["time"])
+            if self._last is not None:
+                self._missing += round((time - self._last) * self.frame_rate) - 1
+            self._last = time
+            self._answers += 1
+            if time >= START_S:
+                self._latency.append(age)
+            for sentence in answer.get("findings", ()):
+                self._findings += 1
+                self.said.append((time, sentence))
+                if found := DROPPED.search(sentence):
+                    self._dropped += [int(number or 0) for number in found.groups()]
+
+    def look(self, time: float, tree: ProcessTree | None) -> None:
+        """At memory."""
+        self.next_look = time + LOOK_S
+        if tree is not None:
+            self._tree, self._most = tree, max(self._most, tree.own + tree.others)
+
+    def end_part(self, until: float, folder: Path) -> None:
+        """What came since the last one."""
+        sizes = [_size(folder / name) for name in (ESTIMATE, RERUN)]
+        with self._lock:
+            waits = self._latency or [float("nan")]
+            median, late, worst = np.quantile(waits, [0.5, 0.99, 1.0]).tolist()
+            tree = self._tree
+            self.parts.append(
+                WholePart(
+                    until, self._answers, self._missing, (median, late, worst),
+                    (int(self._dropped[0]), int(self._dropped[1])), self._findings, (tree.own, tree.others, self._most),
+                    tree.cpu_s - self._cpu_s, (sizes[0], sizes[1]),
+                )
+            )  # fmt: skip
+            self._cpu_s = tree.cpu_s
+            self._clear()
+
+
+def _size(path: Path) -> int:
+    """Of a file under its final name or the one that it has until then."""
+    return max((one.stat().st_size for one in (path, partial_path(path)) if one.exists()), default=0)
+
+
+def whole_table(result: WholeStream) -> str:
+    """Markdown."""
+    trials = result.trials
+    lines = [
+        f"The whole program at {result.frame_rate:g} frames per second: {trials.placement} at {trials.imu_rate:g} Hz "
+        f"and a {trials.camera} camera at {trials.video_rate:g} Hz over the loopback in real time; an estimate, "
+        "Rerun's file and lines of JSON written",
+        "",
+        "| until min | answers | missing | latency ms: median | 99 % | worst | dropped: video | IMU | findings | MB | "
+        "MB of its processes | MB at most | CPU share | estimate MB | Rerun MB |",
+        "|---:|" + "---:|" * 14,
+    ]
+    before = 0.0
+    for part in result.parts:
+        latency = " | ".join(f"{1e3 * one:.0f}" for one in part.latency_s)
+        memory = " | ".join(f"{one / MB:.0f}" for one in part.memory)
+        sizes = " | ".join(f"{one / MB:.1f}" for one in part.bytes)
+        share = f"{part.cpu_s / (part.until - before):.2f}" if part.until - before > 1.0 else "-"
+        lines.append(
+            f"| {part.until / 60:.1f} | {part.answers} | {part.missing} | {latency} | {part.dropped[0]} | "
+            f"{part.dropped[1]} | {part.findings} | {memory} | {share} | {sizes} |"
+        )
+        before = part.until
+    lines += ["", f"The sender itself was {1e3 * result.latest_s:.0f} ms late at most."]
+    if result.code is not None:
+        lines.append(
+            f"Exit code {result.code}; estimate readable, {result.estimate_s:.1f} s; Rerun's file "
+            f"{'whole' if result.rerun else 'NOT whole'}."
+        )
+    return "\n".join([*lines, "", *(f"- {time:.1f} s: {sentence}" for time, sentence in result.said)]) + "\n"
+
+
+def whole_json(result: WholeStream) -> str:
+    """Everything measured, as JSON."""
+    return json.dumps(asdict(result), indent=2) + "\n"

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.studies.long_stream import BLEND_S, LEAST_SCENE_S, LEAST_STEP, REST_POSE, REST_S, backwards
-from tests.studies.vip_suite import HOLD_S, POSE, straps_and_sensors
+from tests.studies.scenes import HOLD_S, POSE, straps_and_sensors
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import exp
 from vip_factors.io.atomic import atomic_open

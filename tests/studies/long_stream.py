@@ -12,7 +12,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from tests.studies.vip_suite import HOLD_S, PLACEMENT, POSE, straps_and_sensors
+from tests.studies.scenes import HOLD_S, PLACEMENT, POSE, straps_and_sensors
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import exp

@@ -1,19 +1,26 @@
 """SOP and SIP with six sensors, simulated from motion capture that the pose prior has not seen (thesis 3.4, 4.4.2)."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
-from tests.studies.declared_pose import with_nominal_pose
-from tests.studies.first_frame import calibrated_at_first_frame
-from vip_factors.body.held_out_clips import HELD_OUT_CLIPS
+from tests.studies.scenes import (
+    BLEND_S,
+    HOLD_S,
+    POSE,
+    SETTLED_S,
+    ClipStudy,
+    calibrated_at_first_frame,
+    middle_of,
+    true_motion,
+    with_nominal_pose,
+)
+from tests.studies.study import Fixed, Tell, group, mean, table
+from tests.studies.thesis import TRUE_POSE, ZERO_POSE
 from vip_factors.body.motion import Motion
-from vip_factors.errors import InputError
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.metrics import mpjae, mpjpe
-from vip_factors.io.motions.files import motion_files, read_motion
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Recording
@@ -21,22 +28,6 @@ from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.simulate.stance import with_initial_pose
-
-POSE, HOLD_S, BLEND_S = "t-pose", 2.0, 1.0  # TotalCapture's subjects start in a T-pose
-LEAST_S = 0.5  # of a clip left after the blend
-Tell = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class SipTrials:
-    """Which trials are run."""
-
-    seconds: float = 8.0  # of each clip, from its middle: lest the long takes of acting set the run time
-    seeds: int = 1  # recordings of each clip, each with other sensor errors
-    # Of the held T-pose, per joint and axis. Along the chain 8° add up to some 30° at a forearm: told, not shown.
-    pose_error_deg: float = 8.0
-    sensors: SimulateSettings = field(default_factory=SimulateSettings.realistic)
-    settings: Settings = field(default_factory=Settings)  # of the estimator; its calibration is each variant's own
 
 
 @dataclass(frozen=True)
@@ -54,25 +45,22 @@ class Variant:
 
     @property
     def calibration(self) -> CalibrationSettings:
-        """What the pipeline is to do about headings and mountings."""
         free = self.start == "zero pose, calibrated"
         return CalibrationSettings(
             estimate_headings=free, estimate_mountings=free, from_truth=self.start == "true pose"
         )
 
 
+SOP_TRUE, SIP_TRUE = Variant("SOP", "true pose"), Variant("SIP", "true pose")
 VARIANTS = (
-    Variant("SOP", "true pose"),
-    Variant("SIP", "true pose"),
-    Variant("SOP", "zero pose"),
-    Variant("SIP", "zero pose"),
+    SOP_TRUE, SIP_TRUE, Variant("SOP", "zero pose"), Variant("SIP", "zero pose"),
     Variant("SIP", "zero pose, calibrated"),
-)
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Errors of one variant on one recording: MPJPE in mm, MPJAE in degrees, over ``frames`` frames."""
+    """Errors of one variant on one recording, over ``frames`` frames."""
 
     variant: Variant
     kind: str
@@ -84,86 +72,72 @@ class Trial:
     solve_seconds: float
 
 
-def run_sip(
-    motions: Path, trials: SipTrials | None = None, tell: Tell | None = None,
-    clips: dict[str, Sequence[str]] | None = None,
-) -> list[Trial]:  # fmt: skip
-    """Run all variants on all clips.
+@dataclass(frozen=True, kw_only=True)
+class Sip(ClipStudy):
+    """Six simulated sensors on the motions held out of the pose prior, beside the thesis's tables."""
 
-    Args:
-        motions: folder with the motion files of the clips, searched with all folders below it.
-        trials: how much, and with which errors.
-        tell: called with what is done and the fraction of it.
-        clips: names of clips by kind; those held out of the pose prior's training if absent.
+    # Along the chain 8° add up to some 30° at a forearm: told, not shown.
+    pose_error_deg: float = 8.0
+    frame_rate: float = 60.0
+    """Frames per second of the reconstructions."""
+    sensors: Fixed[SimulateSettings] = field(default_factory=SimulateSettings.realistic)
+    settings: Fixed[Settings] = field(default_factory=Settings)
 
-    Raises:
-        InputError: if a clip has no file in the folder, or is too short.
-    """
-    trials, clips = trials or SipTrials(), clips or dict(HELD_OUT_CLIPS)
-    files = find_clips(motions, [name for names in clips.values() for name in names])
-    work = [(kind, name, seed) for kind, names in clips.items() for name in names for seed in range(trials.seeds)]
-    results = []
-    for done, (kind, name, seed) in enumerate(work):
-        recording = recording_of(read_motion(files[name]), name, trials, seed)
-        for number, variant in enumerate(VARIANTS):
-            if tell is not None:
-                tell("benchmark", (done + number / len(VARIANTS)) / len(work))
-            results.append(_trial(recording, variant, kind, name, seed, trials))
-    return results
+    def rows(self, tell: Tell) -> Iterator[Trial]:
+        work = self.chosen()
+        for done, clip in enumerate(work):
+            recording = self.recording(clip.motion(), clip.name, clip.repetition)
+            for number, variant in enumerate(VARIANTS):
+                tell("SOP and SIP", (done + number / len(VARIANTS)) / len(work))
+                yield self._trial(recording, variant, clip.kind, clip.name, clip.repetition)
 
+    def recording(self, motion: Motion, name: str, seed: int) -> Recording:
+        """The middle of a clip after a carelessly held T-pose, as six realistic sensors record it."""
+        middle = middle_of(motion, self.seconds, name)
+        posed = with_initial_pose(middle, POSE, HOLD_S, BLEND_S, self.pose_error_deg, seed)
+        return simulate_recording(posed, preset("sip6", motion.skeleton), self.sensors, seed, name, POSE)
 
-def find_clips(folder: Path, names: Sequence[str]) -> dict[str, Path]:
-    """The file of each clip, found by its stem.
+    def _trial(self, recording: Recording, variant: Variant, kind: str, name: str, seed: int) -> Trial:
+        settings = replace(with_nominal_pose(self.settings), frame_rate=self.frame_rate)
+        settings = replace(settings, acceleration=variant.method == "SIP", calibration=variant.calibration)
+        told = calibrated_at_first_frame(recording) if variant.start == "true pose" else recording
+        estimate = smooth(told, settings)
+        moving = estimate.motion.frames(slice(int(np.ceil(SETTLED_S * estimate.motion.rate)), None))
+        motion, truth, _ = common_frames(moving, true_motion(recording))
+        seconds = sum(report.seconds for report in estimate.reports)
+        return Trial(variant, kind, name, seed, len(motion), mpjpe(motion, truth), mpjae(motion, truth), seconds)
 
-    Raises:
-        InputError: if one is missing.
-    """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: expected a folder of motion files")
-    files = {path.stem: path for path in motion_files(folder)}
-    missing = [name for name in names if name not in files]
-    if missing:
-        raise InputError(f"{folder}: no motion file named {missing[0]}; the benchmark needs {', '.join(names)}")
-    return {name: files[name] for name in names}
-
-
-def recording_of(motion: Motion, name: str, trials: SipTrials, seed: int) -> Recording:
-    """The middle of a clip after a carelessly held T-pose, as six realistic sensors record it."""
-    length = len(motion) / motion.rate
-    if length < BLEND_S + LEAST_S:
-        raise InputError(f"clip {name} lasts {length:.2f} s: expected at least {BLEND_S + LEAST_S:g} s")
-    count = min(len(motion), round(trials.seconds * motion.rate) + 1)
-    start = (len(motion) - count) // 2
-    middle = replace(motion.frames(slice(start, start + count)), start=0.0)
-    posed = with_initial_pose(middle, POSE, HOLD_S, BLEND_S, trials.pose_error_deg, seed)
-    return simulate_recording(posed, preset("sip6", motion.skeleton), trials.sensors, seed, name, POSE)
+    def tables(self, rows: Sequence[Trial]) -> Iterator[str]:
+        yield (
+            f"MPJPE mm / MPJAE deg of six simulated sensors, {len(rows) // len(VARIANTS)} recordings after a T-pose "
+            f"held with errors of {self.pose_error_deg:g} deg per joint and axis"
+        )
+        variants = group(rows, lambda one: (one.variant.method, one.variant.start))
+        yield _table({variant: errors_by_kind(own) for variant, own in variants.items()})
+        yield "Thesis, on TotalCapture (other motions, real sensors; tables 3.3 to 3.5 and 4.9)"
+        starts = (("true pose", TRUE_POSE), ("zero pose", ZERO_POSE))
+        yield _table({(method, start): row for start, several in starts for method, row in several.items()})
 
 
-def _trial(recording: Recording, variant: Variant, kind: str, name: str, seed: int, trials: SipTrials) -> Trial:
-    settings = with_nominal_pose(trials.settings)
-    settings = replace(settings, acceleration=variant.method == "SIP", calibration=variant.calibration)
-    told = recording
-    if variant.start == "true pose":
-        told = replace(calibrated_at_first_frame(recording), initial_pose="none")
-    estimate = smooth(told, settings)
-    if recording.truth is None:
-        raise InputError(f"recording '{recording.name}' has no truth")
-    moving = estimate.motion.frames(slice(int(np.ceil((HOLD_S + BLEND_S) * estimate.motion.rate)), None))
-    motion, truth, _ = common_frames(moving, recording.truth.motion)
-    seconds = sum(report.seconds for report in estimate.reports)
-    return Trial(variant, kind, name, seed, len(motion), mpjpe(motion, truth), mpjae(motion, truth), seconds)
+def errors_by_kind(trials: Sequence[object]) -> dict[str, tuple[float, float]]:
+    """MPJPE in mm and MPJAE in degrees by kind of motion, every recording alike, and ``mean`` of the kinds."""
+    found = {
+        kind: (mean(one.mpjpe_mm for one in own), mean(one.mpjae_deg for one in own))  # type: ignore[attr-defined]
+        for kind, own in group(trials, lambda one: str(one.kind)).items()  # type: ignore[attr-defined]
+    }
+    return found | {"mean": (mean(p for p, _ in found.values()), mean(a for _, a in found.values()))}
 
 
-def means_by_kind(trials: Sequence[Trial], variant: Variant) -> dict[str, tuple[float, float]]:
-    """``(MPJPE mm, MPJAE deg)`` of a variant by kind of motion, every recording alike, and ``mean`` of the kinds."""
-    return dict(_means(trials, variant))
+def _table(rows: dict[tuple[str, str], dict[str, tuple[float, float]]]) -> str:
+    """Every variant by kind of motion, and what acceleration gains."""
+    longest = max(rows.values(), key=len)
+    kinds = list(longest)
+    lines = [[method, start, *(row.get(kind) for kind in kinds)] for (method, start), row in rows.items()]
+    sop, sip = (rows.get((method, "true pose"), {}) for method in ("SOP", "SIP"))
+    gains = [f"{-gain(sop[kind][0], sip[kind][0]):.0f} %" if kind in sop and kind in sip else None for kind in kinds]
+    return table(["tracker", "mountings from", *kinds], [*lines, ["SIP against SOP, MPJPE", "true pose", *gains]])
 
 
-def _means(trials: Sequence[Trial], variant: Variant) -> Iterator[tuple[str, tuple[float, float]]]:
-    own = [trial for trial in trials if trial.variant == variant]
-    kinds = list(dict.fromkeys(trial.kind for trial in own))
-    table = np.array(
-        [np.mean([(t.mpjpe_mm, t.mpjae_deg) for t in own if t.kind == kind], axis=0) for kind in kinds]
-    ).reshape(-1, 2)
-    for name, (position, angle) in zip([*kinds, "mean"], [*table, table.mean(axis=0)], strict=True):
-        yield name, (float(position), float(angle))
+def gain(before: float, after: float) -> float:
+    """By how many percent an error fell."""
+    return 100 * (1 - after / before)

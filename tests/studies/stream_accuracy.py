@@ -3,62 +3,43 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 from time import process_time
-from typing import Literal, get_args
+from typing import Any, Literal
 
-from tests.studies.live_measures import PoseErrors, SinceStart, pose_errors, since_start
-from tests.studies.live_run import LiveRun, live_settings, run_live
-from tests.studies.sip import find_clips
-from tests.studies.vip import SensorError
-from tests.studies.vip_suite import BLEND_S, HOLD_S, PLACEMENT, VipTrials, middle_of, scene_of, seed_of
-from vip_factors.body.held_out_clips import HELD_OUT_CLIPS, held_out_names
+import numpy as np
+
+from tests.studies.live_run import PoseErrors, SinceStart, live_settings, pose_errors, run_live, since_start
+from tests.studies.scenes import (
+    HOLD_S,
+    PLACEMENT,
+    SETTLED_S,
+    ClipStudy,
+    SensorError,
+    middle_of,
+    posed_scene,
+    sensor_errors,
+    straps_and_sensors,
+    true_motion,
+    without_camera,
+)
+from tests.studies.study import NAN, Fixed, Tell, bullets, group, mean, table
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError, RecordingError, SolveError
 from vip_factors.estimate import Estimate
-from vip_factors.evaluate.calibration_metrics import ENDS
 from vip_factors.evaluate.evaluation import evaluate
 from vip_factors.evaluate.frames import common_frames
-from vip_factors.io.motions.files import read_motion
 from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.placement import preset
-from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.scene import Performer, simulate_scene
+from vip_factors.simulate.scene_settings import SceneSettings
 from vip_factors.simulate.staging import lasting
 
 Filming = Literal["fixed", "hand-held", "none"]
 Begins = Literal["t-pose", "in-motion"]
-SETTLED_S = HOLD_S + BLEND_S  # errors count from here on, with and without a T-pose
 BATCH = "batch"
-LAGS = (0.1, 0.25, 0.5, 1.0)
-Tell = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class StreamTrials:
-    """Which scenes are made, and with which lags they are tracked."""
-
-    scenes: VipTrials = field(default_factory=VipTrials)  # what is recorded; its camera and settings are not used
-    lags: tuple[float, ...] = LAGS  # s, of scenes with a T-pose; the others are tracked with the settings' own
-    cameras: tuple[Filming, ...] = get_args(Filming)
-    begins: tuple[Begins, ...] = get_args(Begins)
-    settings: LiveSettings = field(default_factory=LiveSettings)  # of the tracker, and of the pipeline but for the lag
-
-    def __post_init__(self) -> None:
-        for what, given, known in (("camera", self.cameras, Filming), ("begin", self.begins, Begins)):
-            unknown = [one for one in given if one not in get_args(known)]
-            if unknown:
-                raise InputError(f"{what} '{unknown[0]}': expected some of {', '.join(get_args(known))}")
-        if not all(lag > 0 for lag in self.lags):
-            raise InputError(f"lags of {', '.join(f'{lag:g}' for lag in self.lags)} s: expected more than 0")
-
-    def lags_of(self, begin: Begins) -> tuple[float, ...]:
-        """The lags that scenes with this beginning are tracked with."""
-        own = self.settings.lag_s
-        return self.lags if begin == "t-pose" or own not in self.lags else (own,)
 
 
 @dataclass(frozen=True)
@@ -89,84 +70,93 @@ class StreamTrial:
     smoothed: PoseErrors | None = None
     sensors: tuple[SensorError, ...] = ()
     over_time: tuple[SinceStart, ...] = ()
-    jitter_truth: float = float("nan")
+    jitter_truth: float = NAN
     lost: int = 0
-    cpu_ms: float = float("nan")
-    cpu_ms_95: float = float("nan")
-    start_cpu_s: float = float("nan")
-    cpu_s: float = float("nan")
+    cpu_ms: float = NAN
+    cpu_ms_95: float = NAN
+    start_cpu_s: float = NAN
+    cpu_s: float = NAN
     findings: tuple[str, ...] = ()
     failure: str = ""
 
     @property
     def estimator(self) -> str:
-        """Its name in tables."""
         return BATCH if self.lag_s is None else f"lag {self.lag_s:g} s"
 
 
-def run_stream_accuracy(
-    motions: Path, trials: StreamTrials | None = None, tell: Tell | None = None,
-    clips: Mapping[str, Sequence[str]] | None = None, keep: Callable[[tuple[StreamTrial, ...]], None] | None = None,
-) -> tuple[StreamTrial, ...]:  # fmt: skip
-    """Run batch and tracker on clips.
+@dataclass(frozen=True, kw_only=True)
+class StreamAccuracy(ClipStudy):
+    """The fixed-lag tracker beside the batch pipeline, by lag, camera and beginning, on simulated scenes."""
 
-    Args:
-        motions: folder with the motion files of the clips, searched with all folders below it.
-        trials: what is recorded, and the lags.
-        tell: called with what is done and the fraction of it.
-        clips: names by kind; those held out of the pose prior's training if absent.
-        keep: called with all trials so far after each of them: runs are long.
+    lags: tuple[float, ...] = (0.1, 0.25, 0.5, 1.0)
+    """Seconds by which smoothed poses come later, of scenes with a T-pose; without one it is 0.25."""
+    cameras: tuple[Filming, ...] = ("fixed", "hand-held", "none")
+    """What films."""
+    begins: tuple[Begins, ...] = ("t-pose", "in-motion")
+    """What the wearer does at first."""
+    settings: Fixed[LiveSettings] = field(default_factory=LiveSettings)  # of the tracker, and of batch but for the lag
 
-    Raises:
-        InputError: if a clip has no file in the folder or is too short.
-    """
-    trials, clips = trials or StreamTrials(), clips or HELD_OUT_CLIPS
-    files = find_clips(motions, [name for names in clips.values() for name in names])
-    known = held_out_names()
-    listed = [(kind, name) for kind, names in clips.items() for name in names]
-    work = [
-        (seed, n, kind, name, camera, begin)
-        for seed in range(trials.scenes.seeds)
-        for n, (kind, name) in enumerate(listed)
-        for camera in trials.cameras
-        for begin in trials.begins
-    ]
-    found: list[StreamTrial] = []
-    for done, (seed, n, kind, name, camera, begin) in enumerate(work):
-        number = known.index(name) if name in known else n  # the same clip is always recorded alike
-        scene = stream_scene(read_motion(files[name]), name, trials, camera, begin, seed_of(number, seed))
-        blank = StreamTrial(kind, name, seed, camera, begin, None)
-        for trial in trials_of(scene, blank, trials):
-            found.append(trial)
-            if tell is not None:
-                tell(f"{name}, {camera}, {begin}", done / len(work))
-            if keep is not None:
-                keep(tuple(found))
-    return tuple(found)
+    def __post_init__(self) -> None:
+        if not all(lag > 0 for lag in self.lags):
+            raise InputError(f"lags of {', '.join(f'{lag:g}' for lag in self.lags)} s: expected more than 0")
 
+    def rows(self, tell: Tell) -> Iterator[StreamTrial]:
+        work = [(clip, camera, begin) for clip in self.chosen() for camera in self.cameras for begin in self.begins]
+        for done, (clip, camera, begin) in enumerate(work):
+            scene = self.scene(clip.motion(), clip.name, camera, begin, clip.seed)
+            blank = StreamTrial(clip.kind, clip.name, clip.repetition, camera, begin, None)
+            for trial in self._trials(scene, blank):
+                tell(f"{clip.name}, {camera}, {begin}, {trial.estimator}", done / len(work))
+                yield trial
 
-def stream_scene(motion: Motion, name: str, trials: StreamTrials, camera: Filming, begin: Begins, seed: int) -> Scene:
-    """The scene of the suite, begun in a T-pose or in the middle of the motion; without its camera for none.
+    def scene(self, motion: Motion, name: str, camera: Filming, begin: Begins, seed: int) -> Scene:
+        """Begun in a T-pose or in the middle of the motion, with the same straps, sensors and detector."""
+        filmed = "fixed" if camera == "none" else camera
+        settings = SceneSettings.realistic(camera=filmed, keypoints="openpose18", imu=straps_and_sensors())
+        middle = middle_of(motion, self.seconds, name)
+        if begin == "t-pose":
+            scene = posed_scene(middle, name, settings, self.pose_error_deg, seed)
+        else:
+            whole = lasting(middle, HOLD_S + len(middle) / middle.rate)  # as much as after a T-pose is compared
+            performer = Performer("wearer", whole, preset(PLACEMENT, whole.skeleton))
+            scene = simulate_scene([performer], settings, seed, name)
+        return scene if camera != "none" else without_camera(scene)
 
-    Both beginnings have the same straps, sensors and detector.
-    """
-    scenes = replace(trials.scenes, camera="fixed" if camera == "none" else camera)
-    if begin == "t-pose":
-        scene = scene_of(motion, name, scenes, seed)
-    else:
-        middle = middle_of(motion, scenes.seconds, name)
-        whole = lasting(middle, HOLD_S + len(middle) / middle.rate)  # as much as after a T-pose is compared
-        performer = Performer("wearer", whole, preset(PLACEMENT, whole.skeleton))
-        scene = simulate_scene([performer], scenes.scene_settings, seed, name)
-    return scene if camera != "none" else replace(scene, camera=None, truth=None)
+    def _trials(self, scene: Scene, blank: StreamTrial) -> Iterator[StreamTrial]:
+        """Batch, then every lag; what fails says so."""
+        yield _guarded(blank, partial(_batch, scene, blank, self.settings))
+        own = self.settings.lag_s
+        for lag in self.lags if blank.begin == "t-pose" or own not in self.lags else (own,):
+            one, settings = replace(blank, lag_s=lag), live_settings(self.settings, lag_s=lag)
+            yield _guarded(one, partial(_live, scene, one, settings))
 
-
-def trials_of(scene: Scene, blank: StreamTrial, trials: StreamTrials) -> Iterator[StreamTrial]:
-    """Batch, then every lag; what fails says so."""
-    yield _guarded(blank, partial(_batch, scene, blank, trials.settings))
-    for lag in trials.lags_of(blank.begin):
-        one, settings = replace(blank, lag_s=lag), live_settings(trials.settings, lag_s=lag)
-        yield _guarded(one, partial(_live, scene, one, settings))
+    def tables(self, rows: Sequence[StreamTrial]) -> Iterator[str]:
+        """Errors by camera, beginning and lag; then by time since the start."""
+        yield (
+            f"{len({(one.clip, one.seed) for one in rows})} recordings of {self.seconds:g} s, 13 sensors; errors from "
+            f"{SETTLED_S:g} s on, each clip alike. newest: zero lag; smoothed: one lag later"
+        )
+        head = [
+            "camera", "begin", "estimator", "newest mm", "deg", "root cm", "jitter", "smoothed mm", "deg", "root cm",
+            "jitter", "of truth", "to batch", "heading", "95 %", "mounting", "95 %", "lost", "CPU ms", "95 %",
+        ]  # fmt: skip
+        several = group(rows, lambda one: (one.camera, one.begin, one.estimator))
+        batch = {(t.clip, t.seed, t.camera, t.begin): t.smoothed for t in rows if t.lag_s is None}
+        yield table(head, [[*names, *_cells(own), *_rest(own, batch)] for names, own in several.items()])
+        yield "By time since tracking began, newest poses, all clips"
+        spans = sorted({(span.since_s, span.until_s) for one in rows for span in one.over_time})
+        head = ["camera", "begin", "estimator"]
+        for since, until in spans:
+            name = f"{since:g} to {until:g} s" if until < 1e8 else f"from {since:g} s"
+            head += [f"{name}: mm", "deg RMS", "expected"]
+        lines = []
+        for names, own in several.items():
+            found = [[s for one in own for s in one.over_time if (s.since_s, s.until_s) == key] for key in spans]
+            if any(found):
+                lines.append([*names, *(value for those in found for value in _span(those))])
+        yield table(head, lines)
+        failures = (f"{t.clip}, {t.camera}, {t.begin}, {t.estimator}: {t.failure}" for t in rows if t.failure)
+        yield bullets("No estimate, and left out of the means:", failures)
 
 
 def _guarded(blank: StreamTrial, work: Callable[[], StreamTrial]) -> StreamTrial:
@@ -180,50 +170,58 @@ def _batch(scene: Scene, trial: StreamTrial, settings: LiveSettings) -> StreamTr
     begin = process_time()
     estimate = smooth_scene(scene, settings)
     seconds, own = process_time() - begin, estimate.wearers[0]
-    measured = _with_calibration(trial, scene.wearers[0], own.motion, own.calibration)
-    return replace(measured, smoothed=_errors(scene, own.motion), cpu_s=seconds, findings=estimate.findings)
+    measured = _with_calibration(trial, scene, own.motion, own.calibration)
+    smoothed = pose_errors(own.motion, true_motion(scene.wearers[0]), SETTLED_S)
+    return replace(measured, smoothed=smoothed, cpu_s=seconds, findings=estimate.findings)
 
 
 def _live(scene: Scene, trial: StreamTrial, settings: LiveSettings) -> StreamTrial:
-    run = run_live(scene, settings)
-    measured = _with_calibration(trial, scene.wearers[0], run.smoothed, run.calibration)
+    run, truth = run_live(scene, settings), true_motion(scene.wearers[0])
     median, high = run.cpu_ms
     return replace(
-        measured,
-        newest=_errors(scene, run.newest),
-        smoothed=_errors(scene, run.smoothed),
-        over_time=_over_time(scene, run),
+        _with_calibration(trial, scene, run.smoothed, run.calibration),
+        newest=pose_errors(run.newest, truth, SETTLED_S),
+        smoothed=pose_errors(run.smoothed, truth, SETTLED_S),
+        over_time=since_start(run.newest_poses, run.start, truth),
         lost=run.lost,
         cpu_ms=median,
         cpu_ms_95=high,
         start_cpu_s=run.cpu_seconds[0],
         cpu_s=sum(run.cpu_seconds),
-        findings=tuple(f"{time:.1f} s: {finding}" for time, finding in run.findings),
+        findings=run.findings,
     )
 
 
-def _errors(scene: Scene, motion: Motion) -> PoseErrors:
-    return pose_errors(motion, _truth(scene.wearers[0]), SETTLED_S)
-
-
-def _over_time(scene: Scene, run: LiveRun) -> tuple[SinceStart, ...]:
-    return since_start(run.newest_poses, run.start, _truth(scene.wearers[0]))
-
-
-def _truth(wearer: Recording) -> Motion:
-    if wearer.truth is None:
-        raise InputError(f"recording '{wearer.name}' has no truth to measure by: expected a simulated one")
-    return wearer.truth.motion
-
-
-def _with_calibration(trial: StreamTrial, wearer: Recording, motion: Motion, calibration: Calibration) -> StreamTrial:
+def _with_calibration(trial: StreamTrial, scene: Scene, motion: Motion, calibration: Calibration) -> StreamTrial:
     """The trial with the errors of a calibration, and the truth's own jitter."""
+    wearer = scene.wearers[0]
+    part = common_frames(motion, true_motion(wearer))[0]
     assert wearer.truth is not None
-    part = common_frames(motion, wearer.truth.motion)[0]
-    table = evaluate(Estimate(wearer.name, "", part, calibration), wearer.truth, wearer.placement)
-    ends = {site.sensor for site in wearer.placement.sites if site.bone in ENDS}
-    sensors = tuple(
-        SensorError(name, name in ends, abs(row["heading_deg"]), row["mounting_deg"])
-        for name, row in table.sensors.items()
-    )
-    return replace(trial, sensors=sensors, jitter_truth=table["jitter_truth"])
+    found = evaluate(Estimate(wearer.name, "", part, calibration), wearer.truth, wearer.placement)
+    return replace(trial, sensors=sensor_errors(found.sensors, wearer), jitter_truth=found["jitter_truth"])
+
+
+def _cells(own: Sequence[StreamTrial]) -> Iterator[float]:
+    for several in ([one.newest for one in own], [one.smoothed for one in own]):
+        known = [one for one in several if one is not None]
+        yield from (
+            mean(getattr(one, name) for one in known) for name in ("mpjpe_mm", "mpjae_deg", "root_cm", "jitter")
+        )
+
+
+def _rest(own: Sequence[StreamTrial], batch: Mapping[Any, PoseErrors | None]) -> Iterator[object]:
+    yield mean(one.jitter_truth for one in own)
+    # MPJPE of newest and smoothed over batch's, over the recordings that both solved.
+    pairs = [(one.newest, one.smoothed, batch.get((one.clip, one.seed, one.camera, one.begin))) for one in own]
+    both = [(a.mpjpe_mm, b.mpjpe_mm, c.mpjpe_mm) for a, b, c in pairs if a is not None and b is not None and c]
+    newest, smoothed, reference = np.sum(both, axis=0) if both else (NAN, NAN, NAN)
+    yield f"{newest / reference:.2f} / {smoothed / reference:.2f}" if both else ""
+    for name in ("heading_deg", "mounting_deg"):
+        values = [getattr(sensor, name) for one in own for sensor in one.sensors]
+        yield from (np.mean(values), np.quantile(values, 0.95)) if values else (NAN, NAN)
+    yield from (sum(one.lost for one in own), mean(one.cpu_ms for one in own), mean(one.cpu_ms_95 for one in own))
+
+
+def _span(spans: Sequence[SinceStart]) -> list[float]:
+    squares = (float(np.sqrt(mean(getattr(s, name) ** 2 for s in spans))) for name in ("error_deg", "sigma_deg"))
+    return [mean(one.mpjpe_mm for one in spans), *squares]

@@ -8,7 +8,7 @@ from dataclasses import asdict
 import numpy as np
 
 from tests.studies.stream_faults import Errors, FaultTrial, KilledTrial, StreamResults, StreamTrials
-from tests.studies.vip_table import plain
+from tests.studies.study import plain
 
 HEAD = (
     "fault", "newest: before", "during", "after", "smoothed: before", "during", "after", "newest good after s",

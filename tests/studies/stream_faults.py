@@ -6,13 +6,12 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from tests.studies.sip import find_clips
+from tests.studies.scenes import BLEND_S, HOLD_S, PLACEMENT, POSE, find_clips, straps_and_sensors
 from tests.studies.stream_error import ErrorOverTime, bad_seconds, error_over_time, seconds_until_good
 from tests.studies.stream_fault import Fault
 from tests.studies.stream_fault_list import chosen_faults
 from tests.studies.stream_killed import Killed, kill_while_writing
 from tests.studies.stream_run import StreamRun, run_stream
-from tests.studies.vip_suite import BLEND_S, HOLD_S, PLACEMENT, POSE, straps_and_sensors
 from vip_factors.errors import InputError
 from vip_factors.io.motions.files import read_motion
 from vip_factors.live.settings import LiveSettings

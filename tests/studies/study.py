@@ -1,6 +1,7 @@
 """What a study is: options, rows that it makes one by one, tables of them; and the writer of tables and JSON."""
 
 import json
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from vip_factors.cli.options import Flag
 from vip_factors.cli.outputs import Output
 from vip_factors.io.atomic import atomic_open, check_target
 
+NUMBER = re.compile(r"[-+*\d]|n/a|$")
 NAN = float("nan")
 MB = 1e6
 Tell = Callable[[str, float], None]
@@ -84,9 +86,10 @@ def plain(value: Any) -> Any:
 
 
 def table(head: Sequence[str], lines: Iterable[Sequence[object]]) -> str:
-    """Markdown: numbers to the right of a first column of names."""
-    written = [f"| {' | '.join(map(cell, line))} |" for line in lines]
-    return "\n".join([f"| {' | '.join(head)} |", "|---|" + "---:|" * (len(head) - 1), *written])
+    """Markdown; columns of numbers are aligned on the right."""
+    written = [list(map(cell, line)) for line in lines]
+    rules = ["---:" if all(NUMBER.match(one) for one in column) else "---" for column in zip(*written, strict=True)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in (head, rules or ["---"] * len(head), *written))
 
 
 def columns(rows: Iterable[Row], values: Mapping[str, Callable[[Row], object]]) -> str:

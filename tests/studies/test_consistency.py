@@ -1,18 +1,11 @@
 """Covariances are honest where the noise is as the factors suppose; here on a few seeds of small scenes."""
 
-import json
-
 import numpy as np
 import pytest
 
-from tests.studies.consistency import (
-    ConsistencyTrials,
-    consistency_json,
-    consistency_table,
-    gaussian_nees,
-    run_consistency,
-)
+from tests.studies.consistency import Consistency, gaussian_nees
 from tests.studies.gaussian_scene import GaussianSettings, gaussian_scene
+from tests.studies.study import markdown, run
 from vip_factors.assembly.objective import SceneObjective
 
 SMALL = GaussianSettings(frames=8, placement="sip6", noise=0.25)
@@ -42,16 +35,15 @@ def test_the_noise_is_as_large_as_the_factors_suppose(moving: bool) -> None:
 
 @pytest.mark.parametrize("camera", ["fixed", "hand-held"])
 def test_nees_is_within_its_bounds(camera: str) -> None:
-    result = run_consistency(ConsistencyTrials(6, camera, sizes=(0.25,), gaussian=SMALL))  # type: ignore[arg-type]
-    (table,) = result.tables.values()
-    assert set(table) == {"headings", "mountings", "camera", "joints", "root"}
-    for name, one in table.items():
+    study = Consistency(seeds=6, camera=camera, sizes=(0.25,), gaussian=SMALL)  # type: ignore[arg-type]
+    rows = run(study)
+    assert [row.of for row in rows] == ["headings", "mountings", "camera", "joints", "root"]
+    for row in rows:
+        one = row.over_seeds
         assert one.runs == 6
         # Of 99.99 %, not 95: a suite of tests throws these dice with every change.
-        assert 1 - 2 * (1 - one.low) < one.nees < 1 + 2.5 * (one.high - 1), name
-    text = consistency_table(result)
-    assert "| Gaussian, 0.25 of what is assumed | headings | 6 |" in text
-    assert json.loads(consistency_json(result))["camera"] == camera
+        assert 1 - 2 * (1 - one.low) < one.nees < 1 + 2.5 * (one.high - 1), row.of
+    assert "| Gaussian, 0.25 of what is assumed | headings | 6 |" in markdown(study, rows)
 
 
 def test_too_small_a_covariance_is_seen() -> None:

@@ -1,19 +1,21 @@
 """Scenes of several people: association and relative places, on tiny scenes."""
 
-import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.studies.association_trials import (
+from tests.studies.crowd import (
     AssociationTrial,
-    association_json,
-    association_table,
+    Crowd,
+    Wearers,
+    WearersTrial,
+    WhoIsWho,
     first_association,
     pooled,
+    wearers_trial,
 )
-from tests.studies.crowd import CrowdTrials, crowd_scene
-from tests.studies.wearers import WearersTrial, wearers_json, wearers_table, wearers_trial
+from tests.studies.study import markdown
 from vip_factors.errors import InputError
 from vip_factors.evaluate.association import association_score
 from vip_factors.sensors.scene import Scene
@@ -24,23 +26,20 @@ from vip_factors.solve.levenberg_marquardt import SolveSettings
 SETTINGS = Settings(
     frame_rate=15.0, coarse_factor=2, solve=SolveSettings(max_iterations=2), fusion=FusionSettings(rounds=1)
 )
-QUICK = CrowdTrials(2.0, bystanders=4, camera="fixed", placement="sip6", settings=SETTINGS)
+QUICK = Crowd(motions=Path(), seconds=2.0, bystanders=4, placement="sip6", settings=SETTINGS)
 CLIPS = {f"clip{seed}": gestures(4.0 + seed) for seed in range(3)}
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return crowd_scene(CLIPS, QUICK, 1)
+    return QUICK.scene(CLIPS, "fixed", 1)
 
 
 def test_a_crowd_has_wearers_and_strangers(scene: Scene) -> None:
     assert [wearer.subject.name for wearer in scene.wearers] == ["wearer1", "wearer2"]
-    assert scene.truth is not None
     assert {-1, 0, 1} <= set(scene.truth.wearer)
     assert scene.wearers[0].initial_pose == "t-pose"
-    again = crowd_scene(CLIPS, QUICK, 1)
-    assert again.truth is not None
-    np.testing.assert_array_equal(again.truth.wearer, scene.truth.wearer)
+    np.testing.assert_array_equal(QUICK.scene(CLIPS, "fixed", 1).truth.wearer, scene.truth.wearer)
 
 
 def test_association_from_the_inertial_tracker(scene: Scene) -> None:
@@ -48,9 +47,7 @@ def test_association_from_the_inertial_tracker(scene: Scene) -> None:
     assert trial.frames == 121
     assert trial.score.true > 0
     assert trial.seconds > 0
-    table = association_table([trial], QUICK)
-    assert "| thesis, 3DPW | | | | | 99.3 | 92.2 |" in table
-    assert json.loads(association_json([trial], QUICK))["trials"][0]["score"]["given"] == trial.score.given
+    assert "| 99.3 | 92.2 |" in markdown(WhoIsWho(motions=Path()), [trial])
     with pytest.raises(InputError, match="lacks a camera"):
         first_association(Scene("blind", scene.wearers), SETTINGS)
 
@@ -65,10 +62,7 @@ def test_scores_are_pooled_over_labels_not_over_scenes() -> None:
 def test_relative_places_of_two_wearers(scene: Scene) -> None:
     trial = wearers_trial(scene, SETTINGS, "fixed", 1)
     assert not trial.failure
-    assert list(trial.pairs) == ["wearer1 - wearer2"]
     assert trial.pairs["wearer1 - wearer2"]["relative_mm"] < 3000
-    lost = WearersTrial("fixed", 2, {}, {}, 1.0, failure="nobody is there")
-    table = wearers_table([trial, lost], QUICK)
-    assert "**fixed, mean**" in table
-    assert "nobody is there" in table
-    assert json.loads(wearers_json([trial, lost], QUICK))["trials"][1]["pairs"] == {}
+    told = markdown(Wearers(motions=Path()), [trial, WearersTrial("fixed", 2, {}, {}, 1.0, failure="nobody is there")])
+    assert "**fixed, mean**" in told
+    assert "seed 2: not solved: nobody is there" in told

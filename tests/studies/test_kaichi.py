@@ -1,34 +1,16 @@
 """The benchmark beside Kaichi et al. 2020: its scenes, what each form uses, and a tiny run all the way through."""
 
-import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.studies import kaichi as benchmark
-from tests.studies.kaichi import (
-    PUBLISHED_CM,
-    Form,
-    KaichiTrial,
-    KaichiTrials,
-    Way,
-    measured,
-    our_settings,
-    run_kaichi,
-)
-from tests.studies.kaichi_suite import (
-    KaichiScenes,
-    grounded,
-    kaichi_scene,
-    mean_angle,
-    share_off_ground,
-    told_headings,
-    told_straps,
-    with_sensors,
-)
-from tests.studies.kaichi_table import kaichi_json, kaichi_line, kaichi_table
-from tests.studies.vip_suite import nominal_start
+from tests.studies import scenes
+from tests.studies.kaichi import PUBLISHED_CM, Form, Kaichi, KaichiTrial, Way, measured, our_settings
+from tests.studies.kaichi_scenes import grounded, share_off_ground, told_headings, told_straps, with_sensors
+from tests.studies.scenes import mean_angle, nominal_start, true_calibration, true_motion
+from tests.studies.study import markdown, run
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import angle_between, wrap_angle
@@ -41,11 +23,12 @@ from vip_factors.simulate.stance import floor_height
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 SETTINGS = LiveSettings(frame_rate=30.0, coarse_factor=3, solve=SolveSettings(max_iterations=2))
+QUICK = Kaichi(motions=Path(), clips=("07_01",), seconds=1.8, settings=SETTINGS)
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return kaichi_scene(gestures(2.5), "walk", KaichiScenes(seconds=1.8), 0)
+    return QUICK.scene(gestures(2.5), "walk", 0)
 
 
 def _floating(jump_m: float) -> Motion:
@@ -78,21 +61,21 @@ def test_fewer_sensors_are_the_papers(scene: Scene) -> None:
 
 def test_their_calibration_is_right_if_pose_and_sensors_are() -> None:
     sensors = SimulateSettings.noise_free(heading_offset_deg=180.0)
-    perfect = kaichi_scene(gestures(2.5), "walk", KaichiScenes(1.8, pose_error_deg=0.0, sensors=sensors), 0)
+    perfect = replace(QUICK, pose_error_deg=0.0, sensors=sensors).scene(gestures(2.5), "walk", 0)
     told = told_headings(perfect, Settings()).wearers[0]
     assert told.initial_pose == "none"
-    true, known = (dict(one.truth.calibration or {}) for one in (perfect.wearers[0], told))  # type: ignore[union-attr]
-    for name, one in known.items():
+    true = true_calibration(perfect.wearers[0])
+    for name, one in true_calibration(told).items():
         assert one.heading == true[name].heading
         assert angle_between(one.R_bone_sensor, true[name].R_bone_sensor) < np.deg2rad(1.0)
 
 
 def test_under_told_straps_the_pose_gives_the_headings(scene: Scene) -> None:
     settings = Settings()
-    known = told_headings(scene, settings).wearers[0].truth
+    known = true_calibration(told_headings(scene, settings).wearers[0])
     told = told_straps(scene, settings)
     names, start = nominal_start(told.wearers[0], settings)
-    true = np.array([(known.calibration or {})[name].heading for name in names])  # type: ignore[union-attr]
+    true = np.array([known[name].heading for name in names])
     turns = wrap_angle(true - start.headings)
     assert np.abs(wrap_angle(turns - mean_angle(turns))).max() < np.deg2rad(1.0)
     assert told.wearers[0].truth is scene.wearers[0].truth
@@ -109,10 +92,7 @@ def test_forms_use_what_the_papers_do() -> None:
 
 
 def test_errors_are_not_aligned_and_split_as_the_camera_looks(scene: Scene) -> None:
-    truth, camera = scene.wearers[0].truth, scene.truth
-    assert truth is not None
-    assert camera is not None
-    motion = truth.motion
+    motion, camera = true_motion(scene.wearers[0]), scene.truth
     away = (motion.p_world_pelvis - camera.camera.p_world_camera[0]) * [1.0, 1.0, 0.0]
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     path = motion.p_world_pelvis + 0.1 * away
@@ -128,24 +108,16 @@ def test_errors_are_not_aligned_and_split_as_the_camera_looks(scene: Scene) -> N
 
 @pytest.mark.slow
 def test_a_run_from_clips_to_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "walk.bvh").touch()
-    monkeypatch.setattr(benchmark, "read_motion", lambda path: gestures(2.5))
-    trials = KaichiTrials(KaichiScenes(seconds=1.8), (13, 8), (Form.IMU, Form.FULL), (Way.THEIRS,), SETTINGS)
-    kept: list[tuple[KaichiTrial, ...]] = []
-    results = run_kaichi(tmp_path, trials, None, {"walking": ("walk",)}, kept.append)
-    live = KaichiTrials(KaichiScenes(seconds=1.8), (13,), (Form.FULL,), (Way.NEWEST, Way.SMOOTHED), SETTINGS)
-    results += run_kaichi(tmp_path, live, None, {"walking": ("walk",)})
-    assert [len(one) for one in kept] == [1, 2, 3, 4]
-    assert not any(one.failure for one in results)
-    assert [one.way for one in results[4:]] == [Way.NEWEST, Way.SMOOTHED]
-    full = next(one for one in results if one.form is Form.FULL)
+    (tmp_path / "07_01.bvh").touch()
+    monkeypatch.setattr(scenes, "read_motion", lambda path: gestures(2.5))
+    study = replace(QUICK, motions=tmp_path, imus=(13, 8), forms=("imu", "full"), ways=("theirs",))
+    rows = run(study) + run(replace(study, imus=(13,), forms=("full",), ways=("newest", "smoothed")))
+    assert not any(one.failure for one in rows)
+    assert [one.way for one in rows[4:]] == [Way.NEWEST, Way.SMOOTHED]
+    full = next(one for one in rows if one.form is Form.FULL)
     assert full.error_cm < 40
     assert len(full.joints_cm) == 16
-    table = kaichi_table(results, trials)
-    assert f"{PUBLISHED_CM[Form.FULL]:g} |" in table
-    assert "| full | theirs, per frame |" in table
-    assert "13 IMUs | 8 IMUs" in table
-    assert "walk, 13 IMUs, full, ours, zero lag: " in kaichi_line(results[4])
-    written = json.loads(kaichi_json(results, trials))
-    assert written["trials"][0]["error_cm"] == pytest.approx(results[0].error_cm)
-    assert written["published_cm"]["full"] == 13.5
+    tables = markdown(study, rows)
+    assert f"| {PUBLISHED_CM[Form.FULL]:g} |" in tables
+    assert "| full | theirs, per frame |" in tables
+    assert "13 IMUs | 8 IMUs" in tables

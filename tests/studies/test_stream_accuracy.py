@@ -1,22 +1,16 @@
 """The benchmark of the fixed-lag tracker against batch: its measures, and a tiny run all the way through."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.studies import stream_accuracy as benchmark
-from tests.studies.live_measures import pose_errors, since_start
-from tests.studies.live_run import filled_motion
-from tests.studies.stream_accuracy import StreamTrial, StreamTrials, run_stream_accuracy, stream_scene
-from tests.studies.stream_accuracy_table import (
-    stream_accuracy_json,
-    stream_accuracy_line,
-    stream_accuracy_table,
-)
-from tests.studies.vip_suite import VipTrials
+from tests.studies import scenes, stream_accuracy
+from tests.studies.live_run import filled_motion, pose_errors, since_start
+from tests.studies.scenes import true_motion
+from tests.studies.stream_accuracy import StreamAccuracy
+from tests.studies.study import markdown, run
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.geometry.rotations import exp, rotation_z
@@ -27,9 +21,10 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 SETTINGS = LiveSettings(frame_rate=30.0, coarse_factor=3, solve=SolveSettings(max_iterations=2))
-TRIALS = StreamTrials(
-    VipTrials(seconds=1.8), lags=(0.25,), cameras=("fixed", "none"), begins=("t-pose",), settings=SETTINGS
-)
+QUICK = StreamAccuracy(
+    motions=Path(), clips=("07_01",), seconds=1.8, lags=(0.25,), cameras=("fixed", "none"), begins=("t-pose",),
+    settings=SETTINGS,
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -77,49 +72,41 @@ def test_where_tracking_was_lost_the_pose_before_is_kept(truth: Motion) -> None:
 
 
 def test_both_beginnings_have_the_same_sensors_and_as_much_to_compare() -> None:
-    posed, moving = (
-        stream_scene(gestures(2.5), "walk", TRIALS, "fixed", begin, 0) for begin in ("t-pose", "in-motion")
-    )
+    posed, moving = (QUICK.scene(gestures(2.5), "walk", "fixed", begin, 0) for begin in ("t-pose", "in-motion"))
     assert [scene.wearers[0].initial_pose for scene in (posed, moving)] == ["t-pose", "none"]
-    lengths = [scene.wearers[0].truth.motion.time[-1] for scene in (posed, moving)]  # type: ignore[union-attr]
+    lengths = [true_motion(scene.wearers[0]).time[-1] for scene in (posed, moving)]
     assert lengths[0] == pytest.approx(lengths[1], abs=0.1)
-    assert stream_scene(gestures(2.5), "walk", TRIALS, "none", "t-pose", 0).camera is None
-    with pytest.raises(InputError, match="camera 'flying': expected some of fixed, hand-held, none"):
-        replace(TRIALS, cameras=("flying",))  # type: ignore[arg-type]
+    assert QUICK.scene(gestures(2.5), "walk", "none", "t-pose", 0).camera is None
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StreamAccuracy:
+    (tmp_path / "07_01.bvh").touch()
+    monkeypatch.setattr(scenes, "read_motion", lambda path: gestures(2.5))
+    return replace(QUICK, motions=tmp_path)
 
 
 @pytest.mark.slow
-def test_a_run_from_clips_to_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "walk.bvh").touch()
-    monkeypatch.setattr(benchmark, "read_motion", lambda path: gestures(2.5))
-    kept: list[tuple[StreamTrial, ...]] = []
-    results = run_stream_accuracy(tmp_path, TRIALS, None, {"walking": ("walk",)}, kept.append)
-    assert [(one.camera, one.estimator) for one in results] == [
+def test_a_run_from_clips_to_tables(study: StreamAccuracy) -> None:
+    rows = run(study)
+    assert [(one.camera, one.estimator) for one in rows] == [
         ("fixed", "batch"), ("fixed", "lag 0.25 s"), ("none", "batch"), ("none", "lag 0.25 s"),
     ]  # fmt: skip
-    assert [len(one) for one in kept] == [1, 2, 3, 4]
-    assert not any(one.failure for one in results)
-    live = results[1]
-    assert live.newest is not None
-    assert live.newest.mpjpe_mm < 100
-    assert len(live.sensors) == 13
-    assert live.over_time[0].sigma_deg > 0
-    table = stream_accuracy_table(results, TRIALS)
-    assert "| fixed | t-pose | lag 0.25 s |" in table
-    assert "0 to 1 s: mm" in table
-    assert "newest none" in stream_accuracy_line(results[0])
-    written = json.loads(stream_accuracy_json(results, TRIALS))
-    assert written["trials"][1]["newest"]["mpjpe_mm"] == pytest.approx(live.newest.mpjpe_mm)
+    assert not any(one.failure for one in rows)
+    assert rows[1].newest.mpjpe_mm < 100
+    assert len(rows[1].sensors) == 13
+    assert rows[1].over_time[0].sigma_deg > 0
+    tables = markdown(study, rows)
+    assert "| fixed | t-pose | lag 0.25 s |" in tables
+    assert "0 to 1 s: mm" in tables
 
 
-def test_what_cannot_be_tracked_is_told_and_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_tracked_is_told_and_left_out(study: StreamAccuracy, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(scene: Scene, settings: LiveSettings) -> None:
         raise RecordingError("the tracker gave no answer")
 
-    (tmp_path / "walk.bvh").touch()
-    monkeypatch.setattr(benchmark, "read_motion", lambda path: gestures(2.5))
-    monkeypatch.setattr(benchmark, "run_live", fail)
-    monkeypatch.setattr(benchmark, "smooth_scene", fail)
-    results = run_stream_accuracy(tmp_path, replace(TRIALS, cameras=("none",)), None, {"walking": ("walk",)})
-    assert all(one.failure == "RecordingError: the tracker gave no answer" for one in results)
-    assert "- walk, none, t-pose, batch: RecordingError" in stream_accuracy_table(results, TRIALS)
+    for name in ("run_live", "smooth_scene"):
+        monkeypatch.setattr(stream_accuracy, name, fail)
+    rows = run(replace(study, cameras=("none",)))
+    assert all(one.failure == "RecordingError: the tracker gave no answer" for one in rows)
+    assert "- 07_01, none, t-pose, batch: RecordingError" in markdown(study, rows)

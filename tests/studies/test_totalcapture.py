@@ -1,18 +1,13 @@
 """TotalCapture as scenes: a sequence of its form written here, from a motion that is known."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.studies.totalcapture import (
-    TotalCaptureTrials,
-    read_cameras,
-    run_totalcapture,
-    sequences,
-    totalcapture_scene,
-)
-from tests.studies.vip_table import vip_table
+from tests.studies.study import markdown, run
+from tests.studies.totalcapture import TotalCapture, read_cameras, sequences, totalcapture_scene
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
@@ -26,13 +21,12 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.simulate.stance import with_initial_pose
-from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 UP = rotation_x(-np.pi / 2)  # our z becomes their y
 R_CAMERA_VICON = np.diag([1.0, -1.0, -1.0])  # looks against their z, upright
 T_CAMERA = np.array([0.0, 1.0, 5.0])  # the wearer stands five metres before it, its eye one metre up
-QUICK = TotalCaptureTrials(
-    seconds=0.0, settings=Settings(frame_rate=30.0, coarse_factor=2, solve=SolveSettings(max_iterations=3))
+QUICK = TotalCapture(
+    folder=Path(), seconds=0.0, variants=("IT", "VIP-2D"), frame_rate=30.0, iterations=3, base=Settings(coarse_factor=2)
 )
 
 
@@ -93,7 +87,7 @@ def test_the_camera_sees_the_wearer_where_it_stands(made: tuple[Path, Recording]
     top, recording = made
     (sequence,) = sequences(top)
     assert (sequence.name, sequence.kind) == ("s1_walking2", "walking")
-    scene, origin = totalcapture_scene(sequence, top, QUICK)
+    scene, origin = totalcapture_scene(sequence, replace(QUICK, folder=top))
     assert "simulator's detector" in origin
     assert scene.camera is not None
     assert scene.truth is not None
@@ -110,7 +104,7 @@ def test_the_camera_sees_the_wearer_where_it_stands(made: tuple[Path, Recording]
 
 def test_headings_and_mountings_are_those_of_the_files(made: tuple[Path, Recording]) -> None:
     top, recording = made
-    scene, _ = totalcapture_scene(sequences(top)[0], top, QUICK)
+    scene, _ = totalcapture_scene(sequences(top)[0], replace(QUICK, folder=top))
     truth = scene.wearers[0].truth
     assert truth is not None
     assert recording.truth is not None
@@ -121,13 +115,13 @@ def test_headings_and_mountings_are_those_of_the_files(made: tuple[Path, Recordi
 
 
 def test_variants_run_on_it_and_the_table_says_where_the_poses_came_from(made: tuple[Path, Recording]) -> None:
-    results, origin = run_totalcapture(made[0], QUICK, ("IT", "VIP-2D"))
-    assert [trial.variant for trial in results.trials] == ["IT", "VIP-2D"]
-    assert not any(trial.failure for trial in results.trials)
-    assert all(trial.mpjpe_mm < 60 for trial in results.trials)
-    table = vip_table(results, origin)
-    assert "made by the simulator's detector" in table
-    assert "| VIP-2D |" in table
+    study = replace(QUICK, folder=made[0])
+    trials = run(study)
+    assert [trial.variant for trial in trials] == ["IT", "VIP-2D"]
+    assert all(not trial.failure and trial.mpjpe_mm < 60 for trial in trials)
+    tables = markdown(study, trials)
+    assert "made by the simulator's detector" in tables
+    assert "| VIP-2D |" in tables
 
 
 def test_calibrations_that_are_none_are_refused(tmp_path: Path) -> None:

@@ -1,16 +1,16 @@
 """The video-inertial benchmark: what each tracker is told, and a tiny run all the way through."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.studies import thesis, vip
-from tests.studies.vip import VipResults, chosen_clips, run_vip
-from tests.studies.vip_suite import VipTrials, distorted, nominal_start, scene_of, start_errors, turned
-from tests.studies.vip_table import means_by_kind, simulated_title, vip_json, vip_table
+from tests.studies import scenes, thesis, vip
+from tests.studies.scenes import chosen_clips, distorted, nominal_start, start_errors, turned
+from tests.studies.sip import errors_by_kind
+from tests.studies.study import markdown, run
+from tests.studies.vip import Vip
 from tests.studies.vip_variants import VARIANTS, chosen_variants, settings_of, told
 from vip_factors.errors import InputError, SolveError
 from vip_factors.geometry.rotations import angle_between, wrap_angle
@@ -21,12 +21,12 @@ from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 SETTINGS = Settings(frame_rate=30.0, coarse_factor=3, solve=SolveSettings(max_iterations=2))
-QUICK = VipTrials(seconds=1.6, settings=SETTINGS)
+QUICK = Vip(motions=Path(), clips=("07_01",), seconds=1.6, frame_rate=30.0, iterations=2, base=SETTINGS)
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return scene_of(gestures(3.0), "walk", QUICK, 0)
+    return QUICK.scene(gestures(3.0), "walk", 0)
 
 
 def test_the_thesis_names_its_trackers_as_we_do() -> None:
@@ -85,46 +85,42 @@ def test_distorted_headings_keep_the_declared_pose_and_the_pelvis(scene: Scene) 
 
 def test_without_errors_the_start_is_right() -> None:
     perfect = replace(QUICK, pose_error_deg=0.0, sensors=SimulateSettings.noise_free(heading_offset_deg=90.0))
-    found = start_errors(scene_of(gestures(3.0), "walk", perfect, 0).wearers, SETTINGS)
+    found = start_errors(perfect.scene(gestures(3.0), "walk", 0).wearers[0], SETTINGS)
     assert max(found.heading_deg, found.mounting_deg, found.pose_alone_deg) < 1.0
 
 
-def test_a_run_from_clips_to_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "walk.bvh").touch()
-    monkeypatch.setattr(vip, "read_motion", lambda path: gestures(3.0))
-    kept: list[VipResults] = []
-    results = run_vip(tmp_path, QUICK, ("VIP-IT", "IT"), clips={"walking": ("walk",)}, keep=kept.append)
-    assert [trial.variant for trial in results.trials] == ["VIP-IT", "IT"]  # VIP ran for the first, and is not told
-    assert kept == [results]
-    first, second = results.trials
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Vip:
+    (tmp_path / "07_01.bvh").touch()
+    monkeypatch.setattr(scenes, "read_motion", lambda path: gestures(3.0))
+    return replace(QUICK, motions=tmp_path)
+
+
+def test_a_run_from_clips_to_tables(study: Vip) -> None:
+    study = replace(study, variants=("VIP-IT", "IT"))
+    first, second = trials = run(study)
+    assert [trial.variant for trial in trials] == ["VIP-IT", "IT"]  # VIP ran for the first, and is not told
     assert not first.failure
     assert first.mpjpe_mm != second.mpjpe_mm
     assert len(first.sensors) == 13
     assert sum(sensor.at_end for sensor in first.sensors) == 2
-    assert results.start is not None
-    assert results.start.sensors == 13
-    table = vip_table(results, simulated_title(results, QUICK))
-    assert "| VIP-IT |" in table
-    assert "28.2 / 12.2" in table
+    assert first.start is not None
+    tables = markdown(study, trials)
+    assert "| VIP-IT |" in tables
+    assert "28.2 / 12.2" in tables
     ratio = 100 * first.mpjpe_mm / second.mpjpe_mm
-    assert f"- MPJPE of VIP-IT is {ratio:.1f} % of IT's" in table
-    assert "(thesis 51.3 %, -26.8 mm)" in table
-    written = json.loads(vip_json(results, QUICK))
-    assert written["means"]["IT"]["mean"]["mpjpe_mm"] == pytest.approx(second.mpjpe_mm)
-    assert written["trials"][1]["camera_m"] is None
+    assert f"- MPJPE of VIP-IT is {ratio:.1f} % of IT's" in tables
+    assert "(thesis 51.3 %, -26.8 mm)" in tables
 
 
-def test_what_cannot_be_solved_is_told_and_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_solved_is_told_and_left_out(study: Vip, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(scene: Scene, settings: Settings) -> None:
         raise SolveError("the linear system is not determined")
 
-    (tmp_path / "walk.bvh").touch()
-    monkeypatch.setattr(vip, "read_motion", lambda path: gestures(3.0))
     monkeypatch.setattr(vip, "smooth_scene", fail)
-    results = run_vip(tmp_path, QUICK, ("VIP",), clips={"walking": ("walk",)})
-    assert "SolveError" in results.trials[0].failure
-    assert "not determined" in vip_table(results, "")
-    assert np.isnan(means_by_kind(results.trials, "VIP")["mean"][0])
+    trials = run(replace(study, variants=("VIP",)))
+    assert "not determined" in markdown(study, trials)
+    assert np.isnan(errors_by_kind(trials)["mean"][0])
 
 
 def test_clips_are_chosen_by_kind_and_name() -> None:

@@ -11,7 +11,7 @@ ZERO_POSE: dict[str, dict[str, tuple[float, float]]] = {"SIP": {"mean": (68.7, 1
 
 SECONDS_1000_FRAMES_20_ITERATIONS = 450.0  # 3.4.1: MATLAB, one core, six sensors
 
-# By the names of tests.studies.vip_variants; all over TotalCapture's test sequences.
+# By the names of the trackers in vip_variants.py; all over TotalCapture's test sequences.
 VARIANTS: dict[str, tuple[float, float]] = {
     "IT": (55.0, 17.5),  # table 4.1; its text says 16.9 deg
     "VIP": (26.0, 12.3),  # table 4.1

@@ -5,14 +5,15 @@ beside it or in a folder above. 2D poses are OpenPose's JSON files in a folder b
 so without them they are made by the simulator's detector from the optical motion.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from tests.studies.vip import Tell, VipResults, Work, run_scene
-from tests.studies.vip_suite import start_errors
+from tests.studies.scenes import Clip
+from tests.studies.study import Fixed, Tell
+from tests.studies.vip import Trial, VipTables, run_scene
 from tests.studies.vip_variants import chosen_variants
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import FileFormatError, InputError
@@ -30,7 +31,6 @@ from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.placement import CARELESS_MOUNTING_SIGMA
 from vip_factors.sensors.recording import Recording, Subject, Truth
 from vip_factors.sensors.scene import Camera, Scene, SceneTruth
-from vip_factors.settings import Settings
 from vip_factors.simulate.dense import dense_motion
 from vip_factors.simulate.detector import detect, owners
 from vip_factors.simulate.detector_settings import DetectorSettings
@@ -43,17 +43,6 @@ SKIPPED_S = 1.0  # of the T-pose at the start: not compared
 
 
 @dataclass(frozen=True)
-class TotalCaptureTrials:
-    """How much of it is run."""
-
-    seconds: float = 30.0  # from the start, where the T-pose is; 0 for all
-    camera: int = 1  # counted from one, in the order of the calibration
-    every: int = 2  # video frame: 30 Hz, as phones film and detectors are mostly run
-    keypoints: str = "openpose18"  # of detections made here
-    settings: Settings = field(default_factory=Settings)
-
-
-@dataclass(frozen=True)
 class Capture:
     """One sequence: its folder, ``s1_walking2``, and the kind of motion, ``walking``."""
 
@@ -62,47 +51,41 @@ class Capture:
     kind: str
 
 
-def run_totalcapture(
-    folder: Path, trials: TotalCaptureTrials | None = None, variants: Sequence[str] = (), tell: Tell | None = None,
-    names: Sequence[str] = (), kinds: Sequence[str] = (), keep: Callable[[VipResults], None] | None = None,
-) -> tuple[VipResults, str]:  # fmt: skip
-    """Run variants on sequences.
+@dataclass(frozen=True, kw_only=True)
+class TotalCapture(VipTables):
+    """The thesis's video-inertial trackers on TotalCapture's test sequences.
 
-    Args:
-        folder: of the dataset, or of one sequence.
-        trials: how much.
-        variants: names; all if empty.
-        tell: called with what is done and the fraction of it.
-        names: of sequences, with or without the subject; the test split if empty.
-        kinds: of motion (``walking``); all if empty.
-        keep: called with the results so far after each sequence.
-
-    Returns:
-        The results, and a sentence on where the 2D poses came from.
-
-    Raises:
-        InputError: if there is no such sequence.
-        FileFormatError: if a file is not of the form.
+    2D poses are OpenPose's JSON in a folder beside each .sensors file, or else made by the simulator's detector from
+    the optical motion.
     """
-    trials = trials or TotalCaptureTrials()
-    wanted, chosen = chosen_variants(tuple(variants)), _chosen(sequences(folder), names, kinds)
-    results, origins = VipResults(()), []
-    wearers: list[Recording] = []
-    for done, one in enumerate(chosen):
 
-        def part(fraction: float, done: int = done) -> None:
-            if tell is not None:
-                tell("benchmark", (done + fraction) / len(chosen))
+    folder: Path
+    """Of the dataset, or of one sequence."""
+    clips: tuple[str, ...] = ()
+    """Names of sequences, with or without the subject; the test split if absent."""
+    kinds: tuple[str, ...] = ()
+    """Kinds of motion, such as walking; all if absent."""
+    seconds: float = 30.0
+    """Of each sequence, from the start, where the T-pose is; 0 for all."""
+    camera: int = 1
+    """Which of the cameras, counted from one, in the order of the calibration."""
+    every: Fixed[int] = 2  # video frame: 30 Hz, as phones film and detectors are mostly run
+    keypoints: Fixed[str] = "openpose18"  # of detections made here
 
-        scene, origin = totalcapture_scene(one, folder, trials)
-        origins.append(origin)
-        work = Work(one.kind, one.name, one.folder, done, 0)
-        found = run_scene(scene, work, wanted, trials.settings, part, SKIPPED_S)
-        wearers += scene.wearers
-        results = VipResults((*results.trials, *found), start_errors(wearers, trials.settings))
-        if keep is not None:
-            keep(results)
-    return results, f"2D poses: {', '.join(dict.fromkeys(origins))}"
+    def rows(self, tell: Tell) -> Iterator[Trial]:
+        wanted, chosen = chosen_variants(self.variants), _chosen(sequences(self.folder), self.clips, self.kinds)
+        for done, one in enumerate(chosen):
+            scene, origin = totalcapture_scene(one, self)
+            clip = Clip(f"{one.kind}", one.name, one.folder, done)
+            tell(f"{one.name}, 2D poses {origin}", done / len(chosen))
+            yield from run_scene(scene, clip, wanted, self.settings, skip_s=SKIPPED_S)
+
+    def title(self, rows: Sequence[Trial]) -> str:
+        length = f"{self.seconds:g} s of each sequence" if self.seconds > 0 else "whole sequences"
+        folders = {one.name: one.folder for one in sequences(self.folder)}
+        known = {trial.clip for trial in rows if _openpose(folders[trial.clip])}
+        origin = f"OpenPose's for {len(known)} sequences, of the others made by the simulator's detector"
+        return f"MPJPE mm / MPJAE deg on TotalCapture, camera {self.camera}, {length}. 2D poses: {origin}"
 
 
 def sequences(folder: Path) -> list[Capture]:
@@ -137,17 +120,16 @@ def _chosen(found: list[Capture], names: Sequence[str], kinds: Sequence[str]) ->
     return chosen
 
 
-def totalcapture_scene(sequence: Capture, folder: Path, trials: TotalCaptureTrials) -> tuple[Scene, str]:
+def totalcapture_scene(sequence: Capture, trials: TotalCapture) -> tuple[Scene, str]:
     """One sequence as a scene, and where its 2D poses came from."""
     recording = _recording(sequence, trials)
     assert recording.truth is not None
-    cameras = read_cameras(_calibration(sequence.folder, folder))
+    cameras = read_cameras(_calibration(sequence.folder, trials.folder))
     if not 1 <= trials.camera <= len(cameras):
         raise InputError(f"camera {trials.camera}: {sequence.folder} has {len(cameras)}, counted from one")
     model, path = cameras[trials.camera - 1]
     keypoints, start, end = keypoint_set(trials.keypoints), *_common(recording)
-    openpose = sorted(one for one in sequence.folder.iterdir() if one.is_dir() and any(one.glob("*.json")))
-    if openpose:
+    if openpose := _openpose(sequence.folder):
         detections = read_detections(openpose[0], VIDEO_HZ)
         detections = _thinned(detections, trials.every, start, end)
         keypoints, origin = detections.keypoints, f"OpenPose's of {openpose[0].name}"
@@ -166,6 +148,10 @@ def totalcapture_scene(sequence: Capture, folder: Path, trials: TotalCaptureTria
         pixels = np.where((owner >= 0)[:, None, None], view.pixels[0, detections.frame], np.nan)
     camera = Camera(f"camera{trials.camera}", model, detections, moving=False)
     return Scene(sequence.name, (recording,), camera, SceneTruth(path, owner, pixels)), origin
+
+
+def _openpose(folder: Path) -> list[Path]:
+    return sorted(one for one in folder.iterdir() if one.is_dir() and any(one.glob("*.json")))
 
 
 def _common(recording: Recording) -> tuple[float, float]:
@@ -187,7 +173,7 @@ def _thinned(detections: Detections, every: int, start: float, end: float) -> De
     )  # fmt: skip
 
 
-def _recording(sequence: Capture, trials: TotalCaptureTrials) -> Recording:
+def _recording(sequence: Capture, trials: TotalCapture) -> Recording:
     log = totalcapture.read(sequence.folder)
     if log.truth_motion is None or log.placement is None:
         raise FileFormatError(f"{sequence.folder}: lacks its truth or mountings: {'; '.join(log.notes)}")
@@ -223,7 +209,7 @@ def _calibration(folder: Path, top: Path) -> Path:
             return one / CALIBRATION
         if one == top:
             break
-    raise InputError(f"{folder}: no {CALIBRATION} there or above, up to {top}: the benchmark needs the cameras")
+    raise InputError(f"{folder}: no {CALIBRATION} there or above, up to {top}: the study needs the cameras")
 
 
 def read_cameras(path: Path) -> list[tuple[CameraModel, CameraPath]]:

@@ -1,51 +1,49 @@
-"""The video-inertial trackers of the thesis on simulated scenes with known truth (4.4.2)."""
+"""The video-inertial trackers of the thesis on simulated scenes with known truth (4.4.2), beside its tables."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
-from tests.studies.sip import find_clips
-from tests.studies.vip_suite import (
-    BLEND_S,
-    HOLD_S,
+from tests.studies import thesis
+from tests.studies.scenes import (
+    SETTLED_S,
+    Clip,
+    ClipStudy,
+    SensorError,
     StartErrors,
-    VipTrials,
-    scene_of,
-    seed_of,
+    middle_of,
+    posed_scene,
+    sensor_errors,
     start_errors,
+    straps_and_sensors,
+    true_motion,
 )
+from tests.studies.sip import errors_by_kind
+from tests.studies.study import NAN, Fixed, Study, Tell, bullets, group, mean, table
 from tests.studies.vip_variants import VARIANTS, Variant, chosen_variants, settings_of, told
-from vip_factors.body.held_out_clips import HELD_OUT_CLIPS, held_out_names
-from vip_factors.errors import InputError, RecordingError, SolveError
+from vip_factors.body.motion import Motion
+from vip_factors.errors import RecordingError, SolveError
 from vip_factors.estimate import Estimate, SceneEstimate
-from vip_factors.evaluate.calibration_metrics import ENDS
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.metrics import mpjae, mpjpe
 from vip_factors.evaluate.scene import SceneEvaluation, evaluate_scene
-from vip_factors.io.motions.files import read_motion
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.calibration import Calibration
-from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
+from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
+from vip_factors.simulate.settings import SimulateSettings
 
-Tell = Callable[[str, float], None]
-NAN = float("nan")
-
-
-@dataclass(frozen=True)
-class SensorError:
-    """How far a sensor's calibration is off in degrees; ``at_end``: on a hand or foot."""
-
-    sensor: str
-    at_end: bool
-    heading_deg: float
-    mounting_deg: float
+# Pairs of variants whose MPJPE is to be compared.
+COMPARED = (
+    ("VIP", "IT"), ("VIP-IT", "IT"), ("VIP-Cam", "VIP"), ("VIP-25", "VIP"), ("VIP-45", "VIP"),
+    ("VIP-gtip-25", "VIP-gtip"), ("VIP-gtip-45", "VIP-gtip"),
+)  # fmt: skip
+CALIBRATION_HEAD = ("mean", "95 %", "feet and hands", "95 %")
 
 
 @dataclass(frozen=True)
@@ -60,6 +58,7 @@ class Trial:
         camera_m, camera_deg: mean errors of the camera's path after the gauge.
         precision, recall: of the association, percent.
         solve_seconds, seconds: of the solves, and of the whole pipeline.
+        start: how far off the start of the recording was.
         failure: what the pipeline said if it gave up.
     """
 
@@ -78,145 +77,121 @@ class Trial:
     solve_seconds: float = NAN
     seconds: float = NAN
     findings: tuple[str, ...] = ()
+    start: StartErrors | None = None
     failure: str = ""
 
 
-@dataclass(frozen=True)
-class VipResults:
-    """All trials, and how far off the start of the recordings was."""
+@dataclass(frozen=True, kw_only=True)
+class VipTables(Study):
+    """What studies of the thesis's trackers have in common."""
 
-    trials: tuple[Trial, ...]
-    start: StartErrors | None = None
+    variants: tuple[str, ...] = ()
+    """Names of trackers, such as IT VIP VIP-IT; all if absent."""
+    frame_rate: float = 60.0
+    """Frames per second of the reconstructions."""
+    iterations: int = 30
+    """At most, of each solve."""
+    base: Fixed[Settings] = field(default_factory=Settings)
 
+    @property
+    def settings(self) -> Settings:
+        """Of the estimator; its calibration is each variant's own."""
+        solve = replace(self.base.solve, max_iterations=self.iterations)
+        return replace(self.base, frame_rate=self.frame_rate, solve=solve)
 
-@dataclass(frozen=True)
-class Work:
-    """One recording to be made and estimated by all variants."""
+    def title(self, rows: Sequence[Trial]) -> str:
+        """What was recorded, and how."""
+        raise NotImplementedError
 
-    kind: str
-    clip: str
-    file: Path
-    number: int
-    seed: int
-
-
-def chosen_clips(kinds: Sequence[str] = (), names: Sequence[str] = ()) -> dict[str, tuple[str, ...]]:
-    """The held-out clips of some kinds or of some names; all without either.
-
-    Raises:
-        InputError: for an unknown kind or name, or if no clip is of both.
-    """
-    known = {*HELD_OUT_CLIPS, *held_out_names()}
-    unknown = [name for name in (*kinds, *names) if name not in known]
-    if unknown:
-        raise InputError(f"'{unknown[0]}' is neither a kind of motion nor a held-out clip: expected {sorted(known)}")
-    chosen = {
-        kind: tuple(name for name in clips if not names or name in names)
-        for kind, clips in HELD_OUT_CLIPS.items()
-        if not kinds or kind in kinds
-    }
-    chosen = {kind: clips for kind, clips in chosen.items() if clips}
-    if not chosen:
-        raise InputError(f"no clip is both of kind {' or '.join(kinds)} and named {' or '.join(names)}")
-    return chosen
-
-
-def run_vip(
-    motions: Path, trials: VipTrials | None = None, variants: Sequence[str] = (), tell: Tell | None = None,
-    clips: Mapping[str, Sequence[str]] | None = None, keep: Callable[[VipResults], None] | None = None,
-) -> VipResults:  # fmt: skip
-    """Run variants on clips.
-
-    Args:
-        motions: folder with the motion files of the clips, searched with all folders below it.
-        trials: how much, and with which errors.
-        variants: names; all if empty.
-        tell: called with what is done and the fraction of it.
-        clips: names of clips by kind; those held out of the pose prior's training if absent.
-        keep: called with the results so far after each recording: runs are long.
-
-    Raises:
-        InputError: if a clip has no file in the folder or is too short, or for an unknown variant.
-    """
-    trials, clips = trials or VipTrials(), clips or HELD_OUT_CLIPS
-    wanted = chosen_variants(tuple(variants))
-    files = find_clips(motions, [name for names in clips.values() for name in names])
-    listed = [(kind, name) for kind, names in clips.items() for name in names]
-    work = [
-        Work(kind, name, files[name], _number(name, n), seed)
-        for seed in range(trials.seeds)
-        for n, (kind, name) in enumerate(listed)
-    ]
-    found: list[Trial] = []
-    wearers: list[Recording] = []
-    results = VipResults(())
-    for done, (one, recording) in enumerate(_all_done(work, trials, wanted, tell or (lambda stage, fraction: None))):
-        found += one
-        wearers.append(recording)
-        results = VipResults(tuple(found), start_errors(wearers, trials.settings))
-        if tell is not None:
-            tell("benchmark", (done + 1) / len(work))
-        if keep is not None:
-            keep(results)
-    return results
+    def tables(self, rows: Sequence[Trial]) -> Iterator[str]:
+        """Accuracy, then calibration, camera, association and time of every variant, and the thesis's own figures."""
+        yield self.title(rows)
+        yield _start_line([own[0].start for own in group(rows, lambda one: (one.clip, one.seed)).values()])
+        variants = group(rows, lambda one: one.variant)
+        means = {name: errors_by_kind(own) for name, own in variants.items()}
+        kinds = list(dict.fromkeys(trial.kind for trial in rows))
+        shown = [*kinds, "mean"] if len(kinds) > 1 else ["mean"]
+        yield table(
+            ["variant", *shown, "thesis, mean"],
+            [[name, *(row.get(kind) for kind in shown), thesis.VARIANTS.get(name)] for name, row in means.items()],
+        )
+        yield bullets("", _compared(variants))
+        yield "Errors of headings and mountings in degrees (after the common yaw), and all else"
+        head = [f"{what} {one}" for what in ("heading", "mounting") for one in CALIBRATION_HEAD]
+        head += ["camera mm", "camera deg", "precision %", "recall %", "solve s", "all s"]
+        yield table(["variant", *head], [[name, *_details(own)] for name, own in variants.items()])
+        yield "Thesis, on TotalCapture (other motions, real sensors; tables 4.2 and 4.3)"
+        published = list(thesis.BY_ACTIVITY["VIP"])
+        lines = [[name, *(row[kind] for kind in published)] for name, row in thesis.BY_ACTIVITY.items()]
+        yield table(["variant", *published], lines)
+        failures = (f"{t.variant}, {t.clip}, seed {t.seed}: {t.failure}" for t in rows if t.failure)
+        yield bullets("Not solved, and left out of the means:", failures)
 
 
-def _all_done(
-    work: Sequence[Work], trials: VipTrials, variants: tuple[Variant, ...], tell: Tell
-) -> Iterator[tuple[list[Trial], Recording]]:
-    """The trials and the wearer of one recording after the other."""
-    if trials.processes == 1:
-        for done, one in enumerate(work):
+@dataclass(frozen=True, kw_only=True)
+class Vip(VipTables, ClipStudy):
+    """The thesis's video-inertial trackers on simulated scenes, beside its tables."""
 
-            def part(fraction: float, done: int = done) -> None:
-                tell("benchmark", (done + fraction) / len(work))
+    camera: CameraKind = "fixed"  # TotalCapture's
+    """What films the simulated scenes."""
+    processes: int = 1
+    """Recordings worked on side by side; times are then those of a busy machine."""
+    sensors: Fixed[SimulateSettings] = field(default_factory=straps_and_sensors)
+    keypoints: Fixed[str] = "openpose18"  # the thesis's detector
 
-            yield _done(one, trials, variants, part)
-        return
-    with ProcessPoolExecutor(trials.processes) as pool:
-        yield from pool.map(partial(_done, trials=trials, variants=variants), work)
+    def scene(self, motion: Motion, name: str, seed: int) -> Scene:
+        settings = SceneSettings.realistic(camera=self.camera, keypoints=self.keypoints, imu=self.sensors)
+        return posed_scene(middle_of(motion, self.seconds, name), name, settings, self.pose_error_deg, seed)
 
+    def rows(self, tell: Tell) -> Iterator[Trial]:
+        work, variants = self.chosen(), chosen_variants(self.variants)
+        if self.processes > 1:
+            with ProcessPoolExecutor(self.processes) as pool:
+                for done, trials in enumerate(pool.map(partial(self.trials, variants=variants), work)):
+                    tell("trackers", (done + 1) / len(work))
+                    yield from trials
+            return
+        for done, clip in enumerate(work):
+            tell(clip.name, done / len(work))
+            yield from self.trials(clip, variants)
 
-def _done(
-    work: Work, trials: VipTrials, variants: tuple[Variant, ...], tell: Callable[[float], None] = lambda fraction: None
-) -> tuple[list[Trial], Recording]:
-    scene = scene_of(read_motion(work.file), work.clip, trials, seed_of(work.number, work.seed))
-    return run_scene(scene, work, variants, trials.settings, tell), scene.wearers[0]
+    def trials(self, clip: Clip, variants: Sequence[Variant]) -> list[Trial]:
+        return run_scene(self.scene(clip.motion(), clip.name, clip.seed), clip, variants, self.settings)
 
-
-def _number(name: str, otherwise: int) -> int:
-    """A clip's number in the suite, whichever of its clips are run: the same clip is always recorded alike."""
-    names = held_out_names()
-    return names.index(name) if name in names else otherwise
+    def title(self, rows: Sequence[Trial]) -> str:
+        return (
+            f"MPJPE mm / MPJAE deg of 13 simulated sensors and a {self.camera} camera, "
+            f"{len({(trial.clip, trial.seed) for trial in rows})} recordings of {self.seconds:g} s after a T-pose held "
+            f"{self.pose_error_deg:g} deg off per joint and axis; straps {self.sensors.mounting_error_deg:g} deg off "
+            f"per axis; {self.keypoints} detections"
+        )
 
 
 def run_scene(
-    scene: Scene, work: Work, variants: Sequence[Variant], settings: Settings,
-    tell: Callable[[float], None] = lambda fraction: None, skip_s: float = HOLD_S + BLEND_S,
-) -> list[Trial]:  # fmt: skip
+    scene: Scene, clip: Clip, variants: Sequence[Variant], settings: Settings, skip_s: float = SETTLED_S
+) -> list[Trial]:
     """All variants on one scene; VIP runs first if another needs what it found."""
     vip = VARIANTS["VIP"]
     ordered = sorted(variants, key=lambda one: one != vip)
-    results, found = {}, None
+    results, found, start = {}, None, start_errors(scene.wearers[0], settings)
     if any(one.needs_vip for one in variants) and vip not in variants:
         ordered.insert(0, vip)
-    for number, variant in enumerate(ordered):
-        tell(number / len(ordered))
-        trial, estimate = _trial(scene, work, variant, settings, found, skip_s)
-        results[variant.name] = trial
+    for variant in ordered:
+        trial, estimate = _trial(scene, clip, variant, settings, found, skip_s)
+        results[variant.name] = replace(trial, start=start)
         if variant == vip and estimate is not None:
             found = estimate.wearers[0].calibration
     return [results[one.name] for one in variants]
 
 
 def _trial(
-    scene: Scene, work: Work, variant: Variant, settings: Settings, found: Calibration | None, skip_s: float
+    scene: Scene, clip: Clip, variant: Variant, settings: Settings, found: Calibration | None, skip_s: float
 ) -> tuple[Trial, SceneEstimate | None]:
-    trial = Trial(variant.name, work.kind, work.clip, work.seed)
+    trial = Trial(variant.name, clip.kind, clip.name, clip.repetition)
     settings = settings_of(variant, settings)
     begin = perf_counter()
     try:
-        given = told(scene, variant, settings, seed_of(work.number, work.seed), found)
+        given = told(scene, variant, settings, clip.seed, found)
         estimate = smooth_scene(given, settings)
     except (SolveError, RecordingError) as error:  # one recording that cannot be solved must not end a run of hours
         return replace(trial, failure=f"{type(error).__name__}: {error}", seconds=perf_counter() - begin), None
@@ -228,19 +203,16 @@ def _trial(
 
 def measured(trial: Trial, estimate: SceneEstimate, scene: Scene, skip_s: float) -> Trial:
     """The trial with all that the scene's truth tells of the estimate; positions from ``skip_s`` seconds on."""
-    truth = scene.wearers[0].truth
-    if truth is None:
-        raise InputError(f"scene '{scene.name}' has no truth to measure by")
-    estimated = estimate.wearers[0].motion
+    wearer, estimated = scene.wearers[0], estimate.wearers[0].motion
     late = int(np.count_nonzero(estimated.time < skip_s - 1e-6))
-    motion, reference, _ = common_frames(estimated.frames(slice(late, None)), truth.motion)
+    motion, reference, _ = common_frames(estimated.frames(slice(late, None)), true_motion(wearer))
     evaluation = evaluate_scene(estimate, scene)
     return replace(
         trial,
         frames=len(motion),
         mpjpe_mm=mpjpe(motion, reference),
         mpjae_deg=mpjae(motion, reference),
-        sensors=_sensor_errors(evaluation, scene),
+        sensors=sensor_errors(evaluation.wearers[wearer.subject.name].sensors, wearer),
         camera_m=_metric(evaluation, "camera_translation"),
         camera_deg=_metric(evaluation, "camera_rotation"),
         precision=_metric(evaluation, "association_precision"),
@@ -254,16 +226,46 @@ def _metric(evaluation: SceneEvaluation, name: str) -> float:
     return evaluation.metrics[name].value if name in evaluation.metrics else NAN
 
 
-def _sensor_errors(evaluation: SceneEvaluation, scene: Scene) -> tuple[SensorError, ...]:
-    wearer = scene.wearers[0]
-    ends = {site.sensor for site in wearer.placement.sites if site.bone in ENDS}
-    table = evaluation.wearers[wearer.subject.name].sensors
-    return tuple(
-        SensorError(name, name in ends, abs(row["heading_deg"]), row["mounting_deg"]) for name, row in table.items()
-    )
-
-
 def _solve_seconds(estimate: SceneEstimate) -> float:
     wearers: Sequence[Estimate] = () if estimate.reports else estimate.wearers
     reports = [*estimate.reports, *(report for one in wearers for report in one.reports)]
     return float(sum(report.seconds for report in reports))
+
+
+def _start_line(starts: Sequence[StartErrors | None]) -> str:
+    known = [one for one in starts if one is not None]
+    heading, mounting, alone = (
+        mean(getattr(one, name) for one in known) for name in ("heading_deg", "mounting_deg", "pose_alone_deg")
+    )
+    return (
+        f"At the start headings are off by {heading:.1f} deg on average, mountings by {mounting:.1f} ({alone:.1f} with "
+        "true headings)"
+    )
+
+
+def _compared(variants: dict[str, list[Trial]]) -> Iterator[str]:
+    """MPJPE of one variant against another's, ours and the thesis's; over the recordings that both solved."""
+    for one, other in COMPARED:
+        first, second = (
+            {(t.clip, t.seed): t for t in variants.get(name, ()) if not t.failure} for name in (one, other)
+        )
+        both = [key for key in first if key in second]
+        if not both:
+            continue
+        a, b = (errors_by_kind([found[key] for key in both])["mean"][0] for found in (first, second))
+        published = ""
+        if one in thesis.VARIANTS and other in thesis.VARIANTS:
+            theirs, reference = thesis.VARIANTS[one][0], thesis.VARIANTS[other][0]
+            published = f" (thesis {100 * theirs / reference:.1f} %, {theirs - reference:+.1f} mm)"
+        yield f"MPJPE of {one} is {100 * a / b:.1f} % of {other}'s, {a - b:+.1f} mm{published}"
+
+
+def _details(own: Sequence[Trial]) -> list[float]:
+    sensors = [sensor for trial in own for sensor in trial.sensors]
+    cells: list[float] = []
+    for name in ("heading_deg", "mounting_deg"):
+        for at_end in (False, True):
+            values = np.array([getattr(one, name) for one in sensors if one.at_end == at_end])
+            cells += [float(values.mean()), float(np.quantile(values, 0.95))] if len(values) else [NAN, NAN]
+    names = ("camera_deg", "precision", "recall", "solve_seconds", "seconds")
+    return [*cells, 1000 * mean(t.camera_m for t in own), *(mean(getattr(t, name) for t in own) for name in names)]

@@ -4,9 +4,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.studies.declared_pose import with_nominal_pose
-from tests.studies.first_frame import calibrated_at_first_frame
-from tests.studies.vip_suite import as_calibration, distorted, nominal_start
+from tests.studies.scenes import (
+    as_calibration,
+    calibrated_at_first_frame,
+    distorted,
+    nominal_start,
+    pelvis_of,
+    true_calibration,
+    true_motion,
+    with_nominal_pose,
+    without_camera,
+)
 from vip_factors.errors import InputError
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.sensors.calibration import Calibration
@@ -141,7 +149,7 @@ def told(scene: Scene, variant: Variant, settings: Settings, seed: int, found: C
     wearer = _started(wearer, variant, settings, seed, found)
     scene = replace(scene, wearers=(wearer,))
     if not variant.camera:
-        return replace(scene, camera=None, truth=None)
+        return without_camera(scene)
     if variant.true_pixels:
         scene = with_true_pixels(scene)
     if variant.true_camera:
@@ -180,17 +188,13 @@ def _started(
     """The recording with the calibration that the pipeline is to start from where its truth should be."""
     if variant.start == NOMINAL and not variant.distortion_deg:
         return wearer
-    if wearer.truth is None:
-        raise InputError(f"recording '{wearer.name}' has no truth: variant {variant.name} starts from it")
     if variant.start == FOUND:
         if found is None:
             raise InputError(f"variant {variant.name} starts from what VIP found: run VIP on the same scene first")
-        return replace(wearer, truth=Truth(wearer.truth.motion, found), initial_pose="none")
+        return replace(wearer, truth=Truth(true_motion(wearer), found), initial_pose="none")
     if variant.start == TRUE:
-        wearer = replace(calibrated_at_first_frame(wearer), initial_pose="none")
-        assert wearer.truth is not None
-        known = dict(wearer.truth.calibration or {})
-        names = tuple(wearer.placed)
+        wearer = calibrated_at_first_frame(wearer)
+        known, names = true_calibration(wearer), tuple(wearer.placed)
         start = InitialCalibration(
             np.array([known[name].heading for name in names]), np.zeros(len(names)),
             np.stack([known[name].R_bone_sensor for name in names]),
@@ -198,8 +202,6 @@ def _started(
     else:
         names, start = nominal_start(wearer, settings)
     if variant.distortion_deg:
-        pelvis = next((k for k, name in enumerate(names) if wearer.placement.site(name).bone == "pelvis"), 0)
         random = np.random.default_rng([seed, 0xD157])
-        start = distorted(start, pelvis, variant.distortion_deg, random)
-    assert wearer.truth is not None
-    return replace(wearer, truth=Truth(wearer.truth.motion, as_calibration(names, start)))
+        start = distorted(start, pelvis_of(wearer, names), variant.distortion_deg, random)
+    return replace(wearer, truth=Truth(true_motion(wearer), as_calibration(names, start)))

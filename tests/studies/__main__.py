@@ -21,13 +21,17 @@ STUDIES = {
     "consistency": "consistency:Consistency",
     "stream-accuracy": "stream_accuracy:StreamAccuracy",
     "kaichi": "kaichi:Kaichi",
+    "recordings": "recordings:Recordings",
+    "starts": "recordings:Starts",
+    "real": "real:Real",
+    "walk": "walk:Walk",
     "train-prior": "train_prior:TrainPrior",
     "train-body": "train_prior:TrainBody",
     "train-association": "train_association:TrainAssociation",
 }
 LEGACY = [
     "speed", "stream-faults", "stream-latency", "stream-hour", "stream-slow", "stream-kill", "disk-full", "long",
-    "walk", "recordings", "starts", "real", "fuzz",
+    "fuzz",
 ]  # fmt: skip
 
 

@@ -1,6 +1,5 @@
 """``python -m tests.studies``: accuracy and speed, measured again on any machine."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
@@ -10,12 +9,8 @@ import tyro
 from tests.studies import command_stream as benchmark_stream
 from tests.studies.command_fuzz import FuzzOptions, fuzz
 from tests.studies.command_options import (
-    RealOptions,
-    RecordingsOptions,
     SpeedOptions,
-    StartsOptions,
     StreamFaultsOptions,
-    WalkOptions,
 )
 from tests.studies.command_stream_options import (
     DiskFullOptions,
@@ -41,10 +36,6 @@ Options = (
     | StreamKillOptions
     | DiskFullOptions
     | LongOptions
-    | WalkOptions
-    | RecordingsOptions
-    | StartsOptions
-    | RealOptions
     | FuzzOptions
 )
 PROGRAM = "python -m tests.studies"
@@ -64,10 +55,6 @@ class BenchmarkOptions:
         | Annotated[StreamKillOptions, tyro.conf.subcommand("stream-kill")]
         | Annotated[DiskFullOptions, tyro.conf.subcommand("disk-full")]
         | Annotated[LongOptions, tyro.conf.subcommand("long")]
-        | Annotated[WalkOptions, tyro.conf.subcommand("walk")]
-        | Annotated[RecordingsOptions, tyro.conf.subcommand("recordings")]
-        | Annotated[StartsOptions, tyro.conf.subcommand("starts")]
-        | Annotated[RealOptions, tyro.conf.subcommand("real")]
         | Annotated[FuzzOptions, tyro.conf.subcommand("fuzz")],
         tyro.conf.arg(name=""),
     ]
@@ -107,62 +94,11 @@ def _run(options: Options, tell: Tell, write: Write) -> tuple[str, str]:
         return benchmark_stream.disk_full(options, tell)
     if isinstance(options, LongOptions):
         return benchmark_stream.long(options, tell)
-    if isinstance(options, RecordingsOptions):
-        return _recordings(options, tell, write)
-    if isinstance(options, StartsOptions):
-        return _starts(options, tell)
-    if isinstance(options, RealOptions):
-        return _real(options, tell, write)
     if isinstance(options, FuzzOptions):
         return fuzz(options, tell)
     if isinstance(options, StreamFaultsOptions):
         return _stream_faults(options, tell)
-    return _speed(options, tell) if isinstance(options, SpeedOptions) else _walk(options, tell)
-
-
-def _recordings(options: RecordingsOptions, tell: Tell, write: Write) -> tuple[str, str]:
-    from tests.studies.recordings import RecordingTrial, recordings_json, recordings_table, run_recordings
-
-    def keep(so_far: tuple[RecordingTrial, ...]) -> None:
-        write(recordings_json(so_far))
-
-    results = run_recordings(options.recordings, options.live, tell, keep)
-    return recordings_table(results), recordings_json(results)
-
-
-def _starts(options: StartsOptions, tell: Tell) -> tuple[str, str]:
-    from tests.studies.starts import run_starts, starts_json, starts_table
-
-    results = run_starts(options.recordings, tell)
-    return starts_table(results), starts_json(results)
-
-
-def _real(options: RealOptions, tell: Tell, write: Write) -> tuple[str, str]:
-    from tests.studies.real import run_real
-    from tests.studies.real_table import real_json, real_table
-    from tests.studies.recordings import RecordingTrial, recordings_json, recordings_table, run_recordings
-
-    real = run_real(
-        options.data, options.named, options.live, tell, lambda so_far: write(real_json(so_far)), options.camera
-    )
-    table, content = real_table(real), json.loads(real_json(real))
-    if options.scenes:
-
-        def keep(so_far: tuple[RecordingTrial, ...]) -> None:
-            write(json.dumps(content | json.loads(recordings_json(so_far)), indent=2))
-
-        scenes = run_recordings(options.scenes, options.live, tell, keep)
-        table += "\n" + recordings_table(scenes)
-        content |= json.loads(recordings_json(scenes))
-    return table, json.dumps(content, indent=2)
-
-
-def _walk(options: WalkOptions, tell: Tell) -> tuple[str, str]:
-    from tests.studies.walk import run_walk
-    from vip_factors.settings import Settings
-
-    result = run_walk(options.folder, Settings(), tell)
-    return result.to_table(), result.to_json()
+    return _speed(options, tell)
 
 
 def _speed(options: SpeedOptions, tell: Tell) -> tuple[str, str]:

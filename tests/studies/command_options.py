@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import tyro
-
 from vip_factors.cli.options import Flag
 
 
@@ -17,65 +15,6 @@ class SpeedOptions:
     """A few frames and iterations only."""
     json: Path | None = None
     """Also write everything to this file, as JSON."""
-    overwrite: Flag = False
-    """Replace the JSON file if it exists."""
-
-
-@dataclass(frozen=True)
-class WalkOptions:
-    """Seven real sensors on a walk with optical reference, beside Xsens MVN."""
-
-    folder: Path
-    """The folder xsens_vicon_walk, with raw_mtw, vicon and mvn in it."""
-    json: Path | None = None
-    """Also write everything to this file, as JSON."""
-    overwrite: Flag = False
-    """Replace the JSON file if it exists."""
-
-
-@dataclass(frozen=True)
-class RealOptions:
-    """Public recordings of real people, and any scenes beside them: all that was not made by this project."""
-
-    data: Path
-    """Folder with the public recordings: xsens_vicon_walk, xsens_treadmill_optical, opensense, vidimu and so on."""
-    named: str = ""
-    """Only those whose names contain this."""
-    camera: Literal["standing", "carried"] | None = None
-    """Only those with markers of the whole body, and with what a detector would have seen of these: a camera that
-    stands, or one that is carried."""
-    scenes: tuple[Path, ...] = ()
-    """Recordings or scenes (.mcap) with a truth of their own, in a table below."""
-    live: Flag = True
-    """Stream them too."""
-    json: Path | None = None
-    """Also write everything, findings too, to this file, as JSON, after each recording."""
-    overwrite: Flag = False
-    """Replace the JSON file if it exists."""
-
-
-@dataclass(frozen=True)
-class RecordingsOptions:
-    """Recordings of your own, smoothed and streamed, one row for each wearer: errors where they have a truth."""
-
-    recordings: tyro.conf.Positional[tuple[Path, ...]]
-    """Recordings or scenes (.mcap)."""
-    live: Flag = True
-    """Stream them too."""
-    json: Path | None = None
-    """Also write everything, findings too, to this file, as JSON, after each recording."""
-    overwrite: Flag = False
-    """Replace the JSON file if it exists."""
-
-
-@dataclass(frozen=True)
-class StartsOptions:
-    """First headings and mountings of recordings with a truth: sensors that start wrong, one row for each wearer."""
-
-    recordings: tyro.conf.Positional[tuple[Path, ...]]
-    """Recordings or scenes (.mcap)."""
-    json: Path | None = None
-    """Also write everything, sensor by sensor, to this file, as JSON."""
     overwrite: Flag = False
     """Replace the JSON file if it exists."""
 

@@ -3,23 +3,26 @@
 import tempfile
 import time as clock
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from tests.studies.filmed_markers import CameraName, filmed
 from tests.studies.leg_angles import GaitMotion, angle_errors, body_errors_mm, centres_error_mm, gait_of
+from tests.studies.marker_body import SIDES, CameraName, filmed
 from tests.studies.real_recordings import RealRecording, real_recordings
-from tests.studies.recordings import smoothed_motion, streamed
+from tests.studies.recordings import RecordingTrial, recording_trials, recordings_table, smoothed_motion, streamed
 from tests.studies.strides import StrideErrors, stride_errors
+from tests.studies.study import Study, Tell, table
 from tests.studies.video_agreement import Agreement, agreement
 from tests.studies.walk import AngleError
 from vip_factors.body.motion import Motion
+from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.io.convert import import_recording
+from vip_factors.io.mcap_scene_recording import read_scene
 from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.calibration import Calibration
@@ -63,34 +66,83 @@ class RealTrial:
     live_findings: tuple[str, ...]
 
 
-def run_real(
-    folder: Path, named: str, with_live: bool, tell: Callable[[str, float], None],
-    keep: Callable[[tuple[RealTrial, ...]], None] = lambda so_far: None, camera: CameraName | None = None,
-) -> tuple[RealTrial, ...]:  # fmt: skip
-    """Each recording in the folder whose name contains some letters is converted, smoothed and, if wanted, streamed.
+@dataclass(frozen=True, kw_only=True)
+class Real(Study):
+    """Public recordings of real people, and any scenes beside them: all that was not made by this project."""
 
-    With a camera, only those of which a whole body's markers are known, and what a detector would have seen of these.
+    data: Path
+    """Folder with the public recordings: xsens_vicon_walk, xsens_treadmill_optical, opensense, vidimu and so on."""
+    named: str = ""
+    """Only those whose names contain this."""
+    camera: CameraName | None = None
+    """Only those with markers of the whole body, and with what a detector would have seen of these: a camera that
+    stands, or one that is carried."""
+    scenes: tuple[Path, ...] = ()
+    """Recordings or scenes (.mcap) with a truth of their own, in a table below."""
+    live: Flag = True
+    """Stream them too."""
 
-    Raises:
-        InputError: if there is none.
-    """
-    chosen = [one for one in real_recordings(folder) if named in one.name and (camera is None or one.markers)]
-    if not chosen and camera is not None:
-        raise InputError(
-            f"{folder}: no recording '{named}' with markers of the whole body in it, for a camera to film; expected "
-            "geneva_gait"
-        )
-    if not chosen:
-        raise InputError(
-            f"{folder}: no recording '{named}' in it" if named else
-            f"{folder}: none of the public recordings in it; expected folders like xsens_vicon_walk, opensense, vidimu"
-        )  # fmt: skip
-    trials: tuple[RealTrial, ...] = ()
-    for done, one in enumerate(chosen):
-        tell(one.name, done / len(chosen))
-        trials += (_trial(one, folder, with_live, camera),)
-        keep(trials)
-    return trials
+    def rows(self, tell: Tell) -> Iterator[RealTrial | RecordingTrial]:
+        known = [one for one in real_recordings(self.data) if self.named in one.name]
+        chosen = [one for one in known if self.camera is None or one.markers]
+        if not chosen:
+            raise InputError(
+                f"{self.data}: no recording '{self.named}' with markers of the whole body in it, for a camera to film; "
+                "expected geneva_gait" if self.camera is not None else
+                f"{self.data}: no recording '{self.named}' in it" if self.named else
+                f"{self.data}: none of the public recordings in it; expected folders like xsens_vicon_walk, opensense"
+            )  # fmt: skip
+        for done, one in enumerate(chosen):
+            tell(one.name, done / len(chosen))
+            yield _trial(one, self.data, self.live, self.camera)
+        for path in self.scenes:
+            tell(path.name, 1.0)
+            yield from recording_trials(path.name, read_scene(path), self.live)
+
+    def tables(self, rows: Sequence[RealTrial | RecordingTrial]) -> Iterator[str]:
+        """RMSE in degrees, mean of both sides, in brackets with the mean removed; findings batch, live.
+
+        Where a whole body's markers are known, a table of what they tell; where a video or strides are, one of how far
+        these agree.
+        """
+        real = [one for one in rows if isinstance(one, RealTrial)]
+        head = [
+            "recording",
+            "s",
+            "knee °",
+            "hip °",
+            "centres mm",
+            "live: knee °",
+            "hip °",
+            "mm",
+            "headings °",
+            "findings",
+        ]
+        lines: list[list[object]] = []
+        for one in real:
+            findings = f"{len(one.batch_findings)}, {len(one.live_findings)}"
+            lines.append([one.recording, f"{one.seconds:.0f}", *_legs(one.batch), one.centres_mm[0], *_legs(one.live),
+                          one.centres_mm[1], _headings(one.heading_deg), findings])  # fmt: skip
+            if one.other is not None:
+                lines.append([f"— {one.other[0]}", "", *_legs(one.other[1]), *[""] * 6])
+        yield table(head, lines)
+        if bodies := [one for one in real if one.body_mm[0]]:
+            yield _body_table(bodies)
+        if any(one.video for one in real):
+            yield table(
+                ["recording", "by", "joint", "lag s", "r", "difference °", "bends °"],
+                [[one.recording, name, seen.joint, f"{seen.lag_s:.2f}", f"{seen.correlation:.2f}",
+                  _offset(seen.degrees, seen.without_offset), f"{seen.least:.0f} to {seen.most:.0f}"]
+                 for one in real for name, seen in one.video.items()],
+            )  # fmt: skip
+        if any(one.strides for one in real):
+            yield table(
+                ["recording", "strides", "length m", "error: mean cm", "standard deviation cm"],
+                [[one.recording, seen.count, f"{seen.length:.2f}", f"{100 * seen.error_mean:+.1f}", 100 * seen.error_sd]
+                 for one in real if (seen := one.strides) is not None],
+            )  # fmt: skip
+        if others := [one for one in rows if isinstance(one, RecordingTrial)]:
+            yield recordings_table(others)
 
 
 def _trial(one: RealRecording, folder: Path, with_live: bool, camera: CameraName | None) -> RealTrial:
@@ -167,3 +219,34 @@ def _heading_errors(found: Calibration, reference: Mapping[str, float]) -> tuple
     off = np.array([found[name].heading - np.deg2rad(reference[name]) for name in names])
     off = np.abs(wrap_angle(off - np.angle(np.exp(1j * off).sum())))
     return float(np.rad2deg(np.median(off))), float(np.rad2deg(off.max()))
+
+
+def _body_table(trials: Sequence[RealTrial]) -> str:
+    """Of the whole body: errors of batch, then of live; the last row is the mean of all."""
+    parts = ("body", "legs", "shoulders", "arms")
+    found = []
+    for one in trials:
+        live = [*_pair(one.live.get("trunk")), one.body_mm[1].get("body", np.nan)]
+        lean = [*_pair(one.batch.get("trunk")), *_pair(one.batch.get("thorax"))]
+        found.append([*lean, *(one.body_mm[0][part] for part in parts), *live])
+    rows = [*zip((one.recording for one in trials), found, strict=True), ("mean", np.mean(found, axis=0))]
+    head = ["recording", "trunk °", "thorax °", *(f"{one} mm" for one in parts), "live: trunk °", "mm"]
+    return table(head, [[k, _offset(*v[:2]), _offset(*v[2:4]), *v[4:8], _offset(*v[8:10]), v[10]] for k, v in rows])
+
+
+def _pair(error: AngleError | None) -> tuple[float, float]:
+    return (np.nan, np.nan) if error is None else (error.rmse, error.without_offset)
+
+
+def _offset(whole: float, without: float) -> str:
+    return f"{whole:.1f} ({without:.1f})" if np.isfinite(whole) else "n/a"
+
+
+def _legs(errors: Mapping[str, AngleError]) -> list[str]:
+    """Knees and hips, each the mean of both sides."""
+    sides = [[_pair(errors.get(f"{side}_{joint}")) for side in SIDES] for joint in ("knee", "hip")]
+    return [_offset(*np.mean(pairs, axis=0)) for pairs in sides]
+
+
+def _headings(degrees: tuple[float, float]) -> str:
+    return f"{degrees[0]:.0f}, at most {degrees[1]:.0f}" if np.isfinite(degrees[0]) else "n/a"

@@ -6,8 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.studies.filmed_markers import FILMING, filmed
-from tests.studies.marker_body import ARMS, ELBOW_M, LEGS, SHOULDERS, MarkerBody, posed, read_marker_body
+from tests.studies.marker_body import (
+    ARMS,
+    ELBOW_M,
+    FILMING,
+    LEGS,
+    SHOULDERS,
+    MarkerBody,
+    filmed,
+    posed,
+    read_marker_body,
+)
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError

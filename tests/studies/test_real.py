@@ -1,6 +1,5 @@
 """Real recordings become rows: angles against optical references, headings, findings."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +13,10 @@ from tests.studies.leg_angles import (
     opensim_angles,
     optical_angles,
 )
-from tests.studies.real import RealTrial
+from tests.studies.real import Real, RealTrial
 from tests.studies.real_recordings import real_recordings
-from tests.studies.real_table import real_json, real_table
 from tests.studies.strides import StrideErrors
+from tests.studies.study import markdown
 from tests.studies.video_agreement import Agreement
 from tests.studies.walk import AngleError
 from vip_factors.body.anthropometry import skeleton_from_stature
@@ -79,13 +78,12 @@ def test_a_row_says_what_was_measured() -> None:
         {"smooth": Agreement("knee", 0.1, 0.9, 8.0, 5.0, 2.0, 61.0)}, StrideErrors(57, 1.36, -0.052, 0.05),
         (7.0, 9.0), 1.0, 2.0, ("crossed legs",), (),
     )  # fmt: skip
-    table = real_table([one])
-    assert "| a walk | 20 | 5.0 (2.0) | 5.0 (2.0) | 12.00 | n/a | n/a | n/a | 7, at most 9 | 1, 0 |" in table
-    assert "| — OpenSense | | 5.0 (2.0) | 5.0 (2.0) | | | | | | |" in table
-    assert "| mean | 6.0 (1.0) | n/a | 30.00 | 20.00 | 25.00 | 40.00 | n/a | n/a |" in table
+    table = markdown(Real(data=Path()), [one])
+    assert "| a walk | 20 | 5.0 (2.0) | 5.0 (2.0) | 12.0 | n/a | n/a | n/a | 7, at most 9 | 1, 0 |" in table
+    assert "| — OpenSense |  | 5.0 (2.0) | 5.0 (2.0) |" in table
+    assert "| mean | 6.0 (1.0) | n/a | 30.0 | 20.0 | 25.0 | 40.0 | n/a | n/a |" in table
     assert "| a walk | smooth | knee | 0.10 | 0.90 | 8.0 (5.0) | 2 to 61 |" in table
     assert "| a walk | 57 | 1.36 | -5.2 | 5.0 |" in table
-    assert json.loads(real_json([one]))["a walk"]["batch"]["left_knee"]["rmse"] == 4.0
 
 
 def test_a_folder_without_recordings_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

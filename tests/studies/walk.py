@@ -4,13 +4,13 @@ The recording is the NeuRA-Sparse sample: raw MTw exports of the whole session, 
 centres and segment orientations (Helen–Hayes), with MVN's own full-body result as BVH.
 """
 
-import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from tests.studies.study import Fixed, Study, Tell, table
 from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
@@ -20,10 +20,11 @@ from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.convert import ImportOptions, import_recording
 from vip_factors.io.motions.bvh import read_bvh
-from vip_factors.pipeline import Progress, smooth
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.recording import Recording
 from vip_factors.settings import Settings
 
+SIDES = ("left", "right")
 TRIAL = "S02-Trial-Walk-1"
 RATE = 100.0  # Hz, of all three systems
 FIRST_PACKET = 1120  # of the raw export, at the first row of the Vicon file
@@ -108,62 +109,51 @@ class AngleError:
 
 @dataclass(frozen=True)
 class WalkResult:
-    """Ours and MVN's knees against Vicon, and our joint centres (aligned by a rigid motion per frame) in mm."""
+    """Knees of ours and MVN's against Vicon by side, and our joint centres (each frame aligned rigidly) in mm."""
 
     ours: Mapping[str, AngleError]
     mvn: Mapping[str, AngleError]
     centres_mm: Mapping[str, float]
     seconds: float
 
-    def to_table(self) -> str:
-        """Markdown."""
-        rows = ["| knee flexion against Vicon | RMSE ° | without offset ° |", "|---|---|---|"]
-        for label, errors in (("vip_factors", self.ours), ("Xsens MVN", self.mvn)):
-            for side, error in errors.items():
-                rows.append(f"| {label}, {side} | {error.rmse:.2f} | {error.without_offset:.2f} |")
-            both = [np.mean([getattr(e, name) for e in errors.values()]) for name in ("rmse", "without_offset")]
-            rows.append(f"| **{label}, mean** | **{both[0]:.2f}** | **{both[1]:.2f}** |")
-        rows += ["", "| joint centre | mm |", "|---|---|", *(f"| {k} | {v:.1f} |" for k, v in self.centres_mm.items())]
-        rows.append(f"| **mean** | **{np.mean(list(self.centres_mm.values())):.1f}** |")
-        return "\n".join([*rows, "", f"{self.seconds:.1f} s of solving", ""])
 
-    def to_json(self) -> str:
-        """The same numbers."""
-        knees = {
-            label: {side: vars(error) for side, error in errors.items()}
-            for label, errors in (("ours", self.ours), ("mvn", self.mvn))
-        }
-        return json.dumps({"knee_deg": knees, "centres_mm": dict(self.centres_mm), "seconds": self.seconds}, indent=2)
+@dataclass(frozen=True, kw_only=True)
+class Walk(Study):
+    """Seven real sensors on a walk with optical reference, beside Xsens MVN."""
+
+    folder: Path
+    """The folder xsens_vicon_walk, with raw_mtw, vicon and mvn in it."""
+    settings: Fixed[Settings] = field(default_factory=Settings)
+
+    def rows(self, tell: Tell) -> Iterator[WalkResult]:
+        vicon = read_vicon(self.folder / "vicon" / f"{TRIAL}.csv")
+        estimate = smooth(walk_recording(self.folder, vicon), self.settings, tell)
+        mvn = read_bvh(self.folder / "mvn" / f"{TRIAL}.bvh").frames(slice(FIRST_PACKET - MVN_LEAD, None))
+        ours = {side: _knee(vicon, estimate.motion, side, vicon.time) for side in SIDES}
+        theirs = {side: _knee(vicon, mvn, side, mvn.time[: len(vicon)]) for side in SIDES}
+        seconds = sum(report.seconds for report in estimate.reports)
+        yield WalkResult(ours, theirs, _centres_mm(vicon, estimate.motion), seconds)
+
+    def tables(self, rows: Sequence[WalkResult]) -> Iterator[str]:
+        (one,) = rows
+        lines = []
+        for name, errors in (("vip_factors", one.ours), ("Xsens MVN", one.mvn)):
+            numbers = {side: (error.rmse, error.without_offset) for side, error in errors.items()}
+            numbers["mean"] = tuple(np.mean(list(numbers.values()), axis=0))
+            lines += [[f"{name}, {side}", *(f"{value:.2f}" for value in pair)] for side, pair in numbers.items()]
+        yield table(["knee flexion against Vicon", "RMSE °", "without offset °"], lines)
+        centres = [*one.centres_mm.items(), ("**mean**", np.mean(list(one.centres_mm.values())))]
+        yield table(["joint centre", "mm"], centres)
+        yield f"{one.seconds:.1f} s of solving"
 
 
 def walk_recording(folder: Path, vicon: Vicon) -> Recording:
     """The seven sensors from the raw logs, on a body with the segment lengths that Vicon measured."""
     options = ImportOptions(
-        placement=SENSORS,
-        stature_m=STATURE_M,
-        segment_lengths_m=vicon.segment_lengths_m(),
-        initial_pose="n-pose",
+        placement=SENSORS, stature_m=STATURE_M, segment_lengths_m=vicon.segment_lengths_m(), initial_pose="n-pose",
         name=TRIAL,
-    )
+    )  # fmt: skip
     return import_recording(folder / "raw_mtw", options)
-
-
-def run_walk(folder: Path, settings: Settings, progress: Progress | None = None) -> WalkResult:
-    """Reconstruct the walk and compare it.
-
-    Args:
-        folder: ``xsens_vicon_walk``, with ``raw_mtw``, ``vicon`` and ``mvn``.
-        settings: of the pipeline.
-        progress: told the stage and how much of it is done.
-    """
-    vicon = read_vicon(folder / "vicon" / f"{TRIAL}.csv")
-    estimate = smooth(walk_recording(folder, vicon), settings, progress)
-    mvn = read_bvh(folder / "mvn" / f"{TRIAL}.bvh").frames(slice(FIRST_PACKET - MVN_LEAD, None))
-    sides = ("left", "right")
-    ours = {side: _knee(vicon, estimate.motion, side, vicon.time) for side in sides}
-    theirs = {side: _knee(vicon, mvn, side, mvn.time[: len(vicon)]) for side in sides}
-    seconds = sum(report.seconds for report in estimate.reports)
-    return WalkResult(ours, theirs, _centres_mm(vicon, estimate.motion), seconds)
 
 
 def _knee(vicon: Vicon, motion: Motion, side: str, time: Array) -> AngleError:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.studies.__main__ import LEGACY, study_of
+from tests.studies.__main__ import study_of
 from vip_factors.assembly.camera_terms import CAMERA_TERMS
 from vip_factors.assembly.view_terms import VIEW_TERMS
 from vip_factors.assembly.wearer_priors import PRIORS
@@ -84,8 +84,6 @@ def test_studies_are_there_and_understood(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert "vip-factors benchmark" not in text
     for words in map(str.split, re.findall(r"`python -m tests\.studies ([a-z][^`]*)`", text)):
-        if words[0] in LEGACY:
-            continue
         known = {one.name.replace("_", "-") for one in fields(study_of(words[0]))}
         assert {word.removeprefix("--") for word in words if word.startswith("--")} <= known, f"{page.name}: {words}"
 

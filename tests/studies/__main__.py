@@ -21,18 +21,23 @@ STUDIES = {
     "consistency": "consistency:Consistency",
     "stream-accuracy": "stream_accuracy:StreamAccuracy",
     "kaichi": "kaichi:Kaichi",
+    "stream-faults": "stream_faults:StreamFaults",
+    "stream-latency": "stream_latency:Latencies",
+    "stream-hour": "stream_hour:StreamHour",
+    "stream-slow": "stream_slow:StreamSlow",
+    "stream-kill": "stream_ends:StreamKill",
+    "disk-full": "stream_ends:DiskFull",
+    "long": "long:Long",
+    "speed": "speed:Speed",
     "recordings": "recordings:Recordings",
     "starts": "recordings:Starts",
     "real": "real:Real",
     "walk": "walk:Walk",
+    "fuzz": "fuzz.run:Fuzz",
     "train-prior": "train_prior:TrainPrior",
     "train-body": "train_prior:TrainBody",
     "train-association": "train_association:TrainAssociation",
 }
-LEGACY = [
-    "speed", "stream-faults", "stream-latency", "stream-hour", "stream-slow", "stream-kill", "disk-full", "long",
-    "fuzz",
-]  # fmt: skip
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -43,11 +48,6 @@ def main(arguments: Sequence[str]) -> int:
     name, *words = arguments
     found: list[Any] = []
     try:
-        if name in LEGACY:
-            from tests.studies.command import measure
-
-            measure(arguments)
-            return 0
         study = parse(study_of(name), f"{PROGRAM} {name}", words)
         with progress_bar() as tell:
             try:

@@ -1,4 +1,4 @@
-"""A stream of any length from a scene of a minute: played forwards and backwards in turn, with new noise each time.
+"""A stream or a recording of any length from a scene of a minute: played forwards and backwards, with new noise.
 
 Mechanics has no direction of time: played backwards, orientations and specific forces are still those of one and the
 same motion, and the video shows it. The wearer rests at both ends, so nothing jolts where the direction turns. What is
@@ -6,13 +6,12 @@ drawn slowly (calibration, filter errors, straps, the detector's habits) repeats
 """
 
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 
 import numpy as np
 
 from tests.studies.scenes import HOLD_S, PLACEMENT, POSE, straps_and_sensors
+from tests.studies.study import Study
 from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import exp
@@ -22,11 +21,13 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
+from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.simulate.stance import with_initial_pose
 
 REST_POSE, REST_S, BLEND_S = "n-pose", 1.0, 1.0  # at the end of the scene
 LEAST_SCENE_S = 8.0  # the poses at both ends, their blends, and something to see in between
 LEAST_STEP = 0.25  # of the period of a stream: samples nearer than that to the turn are not sent twice
+IMU_RATE = 60.0  # Hz, each sensor at its own instants
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class LongStreamTrials:
     scene_s: float = 60.0  # of the scene that is played forwards and backwards
     camera: CameraKind = "hand-held"
     placement: str = PLACEMENT
-    imu_rate: float = 60.0  # Hz, each sensor at its own instants
+    imu_rate: float = IMU_RATE
     video_rate: float = 30.0  # Hz
     keypoints: str = "openpose18"  # COCO-18
     seed: int = 0
@@ -49,23 +50,48 @@ class LongStreamTrials:
             raise InputError(f"a stream of {self.seconds:g} s: expected more than nothing")
 
 
+@dataclass(frozen=True, kw_only=True)
+class LongStreamStudy(Study):
+    """Options of studies on such a stream."""
+
+    minutes: float = 10.0
+    """Of the simulated stream: 13 IMUs at 60 Hz, 18 keypoints at 30 Hz."""
+    scene_s: float = 60.0
+    """Of the scene that is played forwards and backwards, with new noise."""
+    camera: CameraKind = "hand-held"
+    """What films."""
+
+    @property
+    def stream(self) -> LongStreamTrials:
+        return LongStreamTrials(60 * self.minutes, self.scene_s, self.camera)
+
+
+def resting(seconds: float) -> Motion:
+    """Gestures from a T-pose to an N-pose, at rest at both ends."""
+    walk = gestures(seconds - HOLD_S - REST_S)
+    motion = with_initial_pose(backwards(walk), REST_POSE, REST_S, BLEND_S)
+    return with_initial_pose(backwards(motion), POSE, HOLD_S)
+
+
+def backwards(motion: Motion) -> Motion:
+    """The motion from its end to its start."""
+    return replace(motion, R_parent_child=motion.R_parent_child[::-1], p_world_pelvis=motion.p_world_pelvis[::-1])
+
+
+def without_white_noise(imu_rate: float) -> SimulateSettings:
+    """Sensors of which every lap adds the noise."""
+    return replace(straps_and_sensors(), imu_rate=imu_rate, filter_white_deg=0.0, acceleration_white=0.0)
+
+
 def stream_scene(trials: LongStreamTrials) -> Scene:
     """The scene, at rest at both ends, without white noise of the IMUs: :class:`LongStream` adds it."""
-    walk = gestures(trials.scene_s - HOLD_S - REST_S)
-    motion = with_initial_pose(backwards(walk), REST_POSE, REST_S, BLEND_S)
-    motion = with_initial_pose(backwards(motion), POSE, HOLD_S)
-    imu = replace(straps_and_sensors(), imu_rate=trials.imu_rate, filter_white_deg=0.0, acceleration_white=0.0)
+    motion = resting(trials.scene_s)
     settings = SceneSettings.realistic(
-        camera=trials.camera, video_rate=trials.video_rate, keypoints=trials.keypoints, imu=imu
-    )
+        camera=trials.camera, video_rate=trials.video_rate, keypoints=trials.keypoints,
+        imu=without_white_noise(trials.imu_rate),
+    )  # fmt: skip
     performer = Performer("wearer", motion, preset(trials.placement, motion.skeleton), POSE)
     return simulate_scene([performer], settings, trials.seed, "long stream")
-
-
-def scene_of_another_process(trials: LongStreamTrials) -> Scene:
-    """The same scene, made where the memory that it takes to make it is given back."""
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        return pool.submit(stream_scene, trials).result()
 
 
 class LongStream:
@@ -114,8 +140,3 @@ class LongStream:
             own = None if sample.R_inertial_sensor is None else R[imu].copy()
             yield replace(sample, time=time, R_inertial_sensor=own, specific_force=measured)
             imu += 1 if there else -1
-
-
-def backwards(motion: Motion) -> Motion:
-    """The motion from its end to its start."""
-    return replace(motion, R_parent_child=motion.R_parent_child[::-1], p_world_pelvis=motion.p_world_pelvis[::-1])

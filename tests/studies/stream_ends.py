@@ -1,49 +1,51 @@
 """Streams that end badly: killed, or on a disk that is full. What is left of their files, and what was said."""
 
 import json
+import multiprocessing
+import pickle
 import subprocess
 import time
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from tests.studies.process_memory import begun_by, is_running
+from tests.studies.processes import begun_by, is_running
 from tests.studies.stream_program import COMMAND
-from vip_factors.io.live_mcap import FLUSH_S, partial_path
+from tests.studies.study import Fixed, Study, Tell, bullets
+from vip_factors.body.motion import Motion
+from vip_factors.io.live_mcap import FLUSH_S, LiveMcapSink, partial_path
 from vip_factors.io.mcap_contents import McapWarning
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.io.mcap_scene_recording import write_scene
+from vip_factors.live_estimate import LiveEstimate
+from vip_factors.sensors.live import LiveSetup
 from vip_factors.sensors.placement import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.viz.rerun_file import is_whole
 
-Tell = Callable[[str, float], None]
 RATE = 30.0  # frames per second: one slow core keeps up
 VIEWER_S = 60.0  # that the process of Rerun may take to complete its file, and any other to end
 LEAST_BYTES = 1000  # that a full disk holds
+PACED_S = 2.0  # before the end, in which answers are written as fast as they would come
+PATIENCE_S = 60.0  # for a process to start and write
 
 
-@dataclass(frozen=True)
-class EndTrials:
-    """Which streams, and how often they are ended.
+@dataclass(frozen=True, kw_only=True)
+class EndStudy(Study):
+    """Options of studies of streams that end badly."""
 
-    Attributes:
-        trials: how often.
-        seconds: of each stream, of one wearer of six sensors.
-        seed: of the moments.
-        command: that runs ``vip-factors``.
-    """
-
-    trials: int = 50
     seconds: float = 6.0
+    """Of each stream: one wearer of six sensors, 30 frames per second."""
     seed: int = 0
-    command: tuple[str, ...] = COMMAND
+    """Of the moments, or of the sizes."""
+    command: Fixed[tuple[str, ...]] = COMMAND
 
 
 @dataclass(frozen=True)
@@ -96,20 +98,35 @@ def small_scene(seconds: float) -> Scene:
     return Scene("wearer", (simulate_recording(motion, preset("sip6", motion.skeleton)),))
 
 
-def run_stream_kill(trials: EndTrials, tell: Tell | None = None) -> list[KilledStream]:
-    """Streams in real time, killed at moments anywhere between their first answers and their end."""
-    rng = np.random.default_rng(trials.seed)
-    found = []
-    with TemporaryDirectory() as root:
-        scene = Path(root) / "scene.mcap"
-        write_scene(small_scene(trials.seconds), scene)
-        for number, share in enumerate(rng.random(trials.trials)):
-            folder = Path(root) / str(number)
-            folder.mkdir()
-            found.append(_killed(trials, scene, folder, int(share * trials.seconds * RATE)))
-            if tell is not None:
-                tell("killing", (1 + number) / trials.trials)
-    return found
+@dataclass(frozen=True, kw_only=True)
+class StreamKill(EndStudy):
+    """What is left of the files of streams that are killed (SIGKILL) at random moments.
+
+    Streams run in real time; moments are anywhere between their first answers and their end.
+    """
+
+    kills: int = 50
+    """How many."""
+
+    def rows(self, tell: Tell) -> Iterator[KilledStream]:
+        with TemporaryDirectory() as root:
+            scene = Path(root) / "scene.mcap"
+            write_scene(small_scene(self.seconds), scene)
+            for number, share in enumerate(np.random.default_rng(self.seed).random(self.kills)):
+                folder = Path(root) / str(number)
+                folder.mkdir()
+                tell("killing", number / self.kills)
+                yield _killed(self.command, scene, folder, int(share * self.seconds * RATE))
+
+    def tables(self, rows: Sequence[KilledStream]) -> Iterator[str]:
+        lost = [one.lost_s for one in rows]
+        yield (
+            f"{len(rows)} streams killed after {min(one.after_s for one in rows):.1f} to "
+            f"{max(one.after_s for one in rows):.1f} s: lost of the estimate {np.median(lost):.2f} s (median), "
+            f"{max(lost):.2f} s at most; estimate readable {sum(one.estimate for one in rows)}, Rerun's file "
+            f"{sum(one.rerun for one in rows)} times; processes it had begun were gone after "
+            f"{max(one.outlived_s for one in rows):.1f} s at most"
+        )
 
 
 def _arguments(scene: Path, folder: Path) -> list[str]:
@@ -119,9 +136,9 @@ def _arguments(scene: Path, folder: Path) -> list[str]:
     ]  # fmt: skip
 
 
-def _killed(trials: EndTrials, scene: Path, folder: Path, answers: int) -> KilledStream:
-    command = [*trials.command, *_arguments(scene, folder), "--real-time", "--json"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+def _killed(command: Sequence[str], scene: Path, folder: Path, answers: int) -> KilledStream:
+    started = [*command, *_arguments(scene, folder), "--real-time", "--json"]
+    process = subprocess.Popen(started, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     assert process.stdout is not None
     lines = [process.stdout.readline()]
     while len(lines) < answers and lines[-1]:
@@ -147,41 +164,53 @@ def _killed(trials: EndTrials, scene: Path, folder: Path, answers: int) -> Kille
 def _readable_until(path: Path) -> float | None:
     """Time of the last pose of what there is of an estimate; None if there is nothing that can be read."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", McapWarning)  # that it was cut off: it was
-            motion = read_scene_estimate(path if path.exists() else partial_path(path)).wearers[0].motion
+        return float(_readable(path if path.exists() else partial_path(path)).time[-1])
     except (ValueError, OSError, IndexError):
         return None
-    return float(motion.time[-1])
 
 
-def run_disk_full(trials: EndTrials, tell: Tell | None = None) -> list[FullDisk]:
-    """Streams whose files may not grow beyond a random size, less than they would have.
+def _readable(path: Path) -> Motion:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", McapWarning)  # that it was cut off: it was
+        return read_scene_estimate(path).wearers[0].motion
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiskFull(EndStudy):
+    """What streams do, and say, whose files cannot grow any more from random sizes on.
 
     The limit is the process's own (RLIMIT_FSIZE), which needs no file system of its own.
     """
-    rng = np.random.default_rng(trials.seed)
-    found = []
-    with TemporaryDirectory() as root:
-        scene, folder = Path(root) / "scene.mcap", Path(root) / "whole"
-        folder.mkdir()
-        write_scene(small_scene(trials.seconds), scene)
-        subprocess.run([*trials.command, *_arguments(scene, folder)], check=True, capture_output=True)
-        size = max(path.stat().st_size for path in folder.iterdir())
-        for number, share in enumerate(rng.random(trials.trials)):
-            folder = Path(root) / str(number)
+
+    streams: int = 50
+    """How many."""
+
+    def rows(self, tell: Tell) -> Iterator[FullDisk]:
+        with TemporaryDirectory() as root:
+            scene, folder = Path(root) / "scene.mcap", Path(root) / "whole"
             folder.mkdir()
-            found.append(_on_full_disk(trials, scene, folder, LEAST_BYTES + int(share * 0.9 * size)))
-            if tell is not None:
-                tell("filling the disk", (1 + number) / trials.trials)
-    return found
+            write_scene(small_scene(self.seconds), scene)
+            subprocess.run([*self.command, *_arguments(scene, folder)], check=True, capture_output=True)
+            size = max(path.stat().st_size for path in folder.iterdir())
+            for number, share in enumerate(np.random.default_rng(self.seed).random(self.streams)):
+                folder = Path(root) / str(number)
+                folder.mkdir()
+                tell("filling the disk", number / self.streams)
+                yield _on_full_disk(self.command, scene, folder, LEAST_BYTES + int(share * 0.9 * size))
+
+    def tables(self, rows: Sequence[FullDisk]) -> Iterator[str]:
+        yield (
+            f"{len(rows)} streams on full disks: exit code not 0 {sum(one.code != 0 for one in rows)}, file named "
+            f"{sum(one.named for one in rows)}, nothing half-written {sum(one.orderly for one in rows)} times"
+        )
+        yield bullets("", (f"{one.bytes} bytes: exit code {one.code}: {one.said}" for one in rows if not one.good))
 
 
-def _on_full_disk(trials: EndTrials, scene: Path, folder: Path, most: int) -> FullDisk:
+def _on_full_disk(command: Sequence[str], scene: Path, folder: Path, most: int) -> FullDisk:
     import resource
 
     done = subprocess.run(
-        [*trials.command, *_arguments(scene, folder)], capture_output=True, text=True, check=False,
+        [*command, *_arguments(scene, folder)], capture_output=True, text=True, check=False,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most)),
     )  # fmt: skip
     said = (done.stderr.splitlines() or [""])[-1]
@@ -192,28 +221,57 @@ def _on_full_disk(trials: EndTrials, scene: Path, folder: Path, most: int) -> Fu
     return FullDisk(most, done.returncode, said.replace(f"{folder}/", ""), str(folder) in said, whole)
 
 
-def kill_table(found: Sequence[KilledStream]) -> str:
-    """What was lost, in a few lines."""
-    lost = [one.lost_s for one in found]
-    return (
-        f"{len(found)} streams killed after {min(one.after_s for one in found):.1f} to "
-        f"{max(one.after_s for one in found):.1f} s: lost of the estimate {np.median(lost):.2f} s (median), "
-        f"{max(lost):.2f} s at most; estimate readable {sum(one.estimate for one in found)}, Rerun's file "
-        f"{sum(one.rerun for one in found)} times; processes it had begun were gone after "
-        f"{max(one.outlived_s for one in found):.1f} s at most\n"
-    )
+@dataclass(frozen=True)
+class Killed:
+    """What a killed program left.
+
+    Attributes:
+        written_s: time of the last smoothed pose that was handed to the file.
+        left_s: time of the last one that can be read.
+        readable: frames.
+    """
+
+    written_s: float
+    left_s: float
+    readable: int
+
+    @property
+    def lost_s(self) -> float:
+        """What was lost."""
+        return self.written_s - self.left_s
 
 
-def disk_full_table(found: Sequence[FullDisk]) -> str:
-    """How many ended as they should, and what the others said."""
-    lines = [
-        f"{len(found)} streams on full disks: exit code not 0 {sum(one.code != 0 for one in found)}, file named "
-        f"{sum(one.named for one in found)}, nothing half-written {sum(one.orderly for one in found)} times"
-    ]
-    lines += [f"- {one.bytes} bytes: exit code {one.code}: {one.said}" for one in found if not one.good]
-    return "\n".join(lines) + "\n"
+def kill_while_writing(answers: Sequence[LiveEstimate], setup: LiveSetup, rate: float, until: float) -> Killed | None:
+    """Write answers up to a time (s) in a process of its own, kill it without a warning, and read what it left.
+
+    None if the process ended by itself.
+    """
+    first = [one for one in answers if one.time <= until]
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "estimate.mcap"
+        context = multiprocessing.get_context("spawn")
+        here, there = context.Pipe(duplex=False)
+        process = context.Process(target=_write, args=(pickle.dumps((first, setup, rate)), str(path), there))
+        process.start()
+        try:
+            written = here.poll(PATIENCE_S) and here.recv()
+        finally:
+            process.kill()
+            process.join()
+        if not written:
+            return None
+        motion = _readable(partial_path(path))
+    late = next(one.wearers[0].smoothed for one in reversed(first) if one.wearers[0].smoothed is not None)
+    return Killed(late.time, float(motion.time[-1]), len(motion))
 
 
-def ends_json(found: Sequence[KilledStream] | Sequence[FullDisk]) -> str:
-    """Every trial."""
-    return json.dumps([asdict(one) for one in found], indent=2) + "\n"
+def _write(content: bytes, path: str, done: Connection) -> None:
+    """In the other process: write all answers, the last ones at their own pace, say so, and wait for the end."""
+    answers, setup, rate = pickle.loads(content)
+    sink = LiveMcapSink(path, setup, rate)
+    for answer in answers:
+        if answer.time > answers[-1].time - PACED_S:
+            time.sleep(1 / rate)
+        sink.write(answer)
+    done.send(True)
+    time.sleep(PATIENCE_S)

@@ -1,59 +1,43 @@
 """What faults of a live stream cost: errors before, during and after, and how long until all is good again."""
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
-from functools import partial
+from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 
-from tests.studies.scenes import BLEND_S, HOLD_S, PLACEMENT, POSE, find_clips, straps_and_sensors
+import numpy as np
+
+from tests.studies.faults import Fault, chosen_faults
+from tests.studies.scenes import HOLD_S, SETTLED_S, find_clips, posed_scene, straps_and_sensors
+from tests.studies.stream_ends import Killed, kill_while_writing
 from tests.studies.stream_error import ErrorOverTime, bad_seconds, error_over_time, seconds_until_good
-from tests.studies.stream_fault import Fault
-from tests.studies.stream_fault_list import chosen_faults
-from tests.studies.stream_killed import Killed, kill_while_writing
 from tests.studies.stream_run import StreamRun, run_stream
+from tests.studies.study import Study, Tell, cell, group, table
+from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.io.motions.files import read_motion
+from vip_factors.live.recalibration_settings import RecalibrationSettings
 from vip_factors.live.settings import LiveSettings
 from vip_factors.sensors.live import LiveSetup, live_samples
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
-from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
-from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.simulate.staging import lasting
-from vip_factors.simulate.stance import with_initial_pose
 
-Tell = Callable[[str, float], None]
 UNTIL_FAULT_S = 4.0  # before it, over which errors are compared
 LASTING_S = 3.0  # after the beginning of what does not end: that counts as "during"
 LEAST_AFTER_S = 3.0  # that are left after it
 KILLS = (0.0, 0.13, 0.29, 0.41)  # seconds after the fault's time: anywhere between two flushes
 KILLED = "killed"
+POSE_ERROR_DEG = 4.0  # of the held T-pose, as in the suite of single wearers
 
 
-@dataclass(frozen=True)
-class StreamTrials:
-    """Which streams are made, and what is done to them."""
-
-    seconds: float = 24.0  # with the initial pose
-    fault_s: float = 8.0  # 4 s after the initial pose: calibrations have settled by then
-    cameras: tuple[CameraKind, ...] = ("fixed", "hand-held")
-    faults: tuple[str, ...] = ()  # parts of names; all if empty
-    pose_error_deg: float = 4.0  # of the held T-pose, as in the suite of single wearers
-    sensors: SimulateSettings = field(default_factory=straps_and_sensors)
-    settings: LiveSettings = field(default_factory=LiveSettings)
-    processes: int = 1
-
-    def __post_init__(self) -> None:
-        if not self.fault_s >= HOLD_S + BLEND_S:
-            raise InputError(f"a fault at {self.fault_s:g} s: expected {HOLD_S + BLEND_S:g} s or more")
-        if not self.seconds >= self.fault_s + LASTING_S + LEAST_AFTER_S:
-            raise InputError(
-                f"streams of {self.seconds:g} s with faults at {self.fault_s:g} s: expected at least "
-                f"{LASTING_S + LEAST_AFTER_S:g} s more"
-            )
+HEAD = (
+    "fault", "newest: before", "during", "after", "smoothed: before", "during", "after", "newest good after s",
+    "smoothed good after s", "bad s", "place at end cm", "frames missing", "oldest answer s",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -114,79 +98,94 @@ class KilledTrial:
     kills: tuple[Killed, ...]
 
 
-@dataclass(frozen=True)
-class StreamResults:
-    """All there is."""
+@dataclass(frozen=True, kw_only=True)
+class StreamFaults(Study):
+    """Live streams with samples lost, late or wrong: what it costs, and how soon all is good again."""
 
-    trials: tuple[FaultTrial, ...]
-    killed: tuple[KilledTrial, ...]
+    motions: Path | None = None
+    """Folder of motions, searched with all folders below it; the package's own gestures if absent."""
+    clips: tuple[str, ...] = ()
+    """Names of the motions' files, such as 07_02; with --motions only."""
+    seconds: float = 24.0
+    """Of each stream, which begins with a T-pose of 2 s; clips are repeated."""
+    fault_s: float = 8.0
+    """When the faults begin, in seconds: by then calibrations have settled."""
+    cameras: tuple[CameraKind, ...] = ("fixed", "hand-held")
+    """What films."""
+    faults: tuple[str, ...] = ()
+    """Parts of names of faults, such as 'lost', 'shank' or 'clock'; 'killed' for that of the program; all if absent."""
+    processes: int = 1
+    """Streams worked on side by side."""
+    frame_rate: float = 60.0
+    """Frames per second."""
+    recalibration: Flag = True
+    """Find calibrations anew in between, which takes most of the time."""
 
+    def __post_init__(self) -> None:
+        if not self.fault_s >= SETTLED_S:
+            raise InputError(f"a fault at {self.fault_s:g} s: expected {SETTLED_S:g} s or more")
+        if not self.seconds >= self.fault_s + LASTING_S + LEAST_AFTER_S:
+            raise InputError(
+                f"streams of {self.seconds:g} s with faults at {self.fault_s:g} s: expected at least "
+                f"{LASTING_S + LEAST_AFTER_S:g} s more"
+            )
+        if (self.motions is None) != (not self.clips):
+            raise InputError("give both a folder of motions and the names of clips in it, or neither")
 
-def stream_scene(trials: StreamTrials, camera: CameraKind, motions: Path | None, clip: str, seed: int = 0) -> Scene:
-    """One wearer of 13 sensors who holds a T-pose and then does what a clip shows; the package's gestures without one.
+    @property
+    def settings(self) -> LiveSettings:
+        return LiveSettings(frame_rate=self.frame_rate, recalibration=RecalibrationSettings(use=self.recalibration))
 
-    Raises:
-        InputError: if there is no such clip.
-    """
-    if motions is None:
-        motion = gestures(trials.seconds - HOLD_S, 60.0)
-    else:
-        motion = read_motion(find_clips(motions, [clip])[clip])
-        motion = lasting(motion.frames(slice(None, None, max(1, round(motion.rate / 60)))), trials.seconds - HOLD_S)
-    posed = with_initial_pose(motion, POSE, HOLD_S, BLEND_S, trials.pose_error_deg, seed)
-    performer = Performer("wearer", posed, preset(PLACEMENT, motion.skeleton), POSE)
-    settings = SceneSettings.realistic(camera=camera, imu=trials.sensors)
-    return simulate_scene([performer], settings, seed, f"{clip}, {camera}")
+    def rows(self, tell: Tell) -> Iterator[FaultTrial | KilledTrial]:
+        work = [(camera, clip) for clip in self.clips or ("gestures",) for camera in self.cameras]
+        for number, (camera, clip) in enumerate(work):
+            tell(f"{clip}, {camera}", number / len(work))
+            scene = self.scene(camera, clip)
+            faults = chosen_faults(scene, self.fault_s, tuple(name for name in self.faults if name != KILLED))
+            if self.faults == (KILLED,):
+                faults = []
+            usual = _run((scene, self.settings, None))
+            assert isinstance(usual, StreamRun)
+            jobs = [(scene, self.settings, fault) for fault in faults]
+            with ProcessPoolExecutor(self.processes) if self.processes > 1 else nullcontext() as pool:
+                runs = map(_run, jobs) if pool is None else pool.map(_run, jobs)
+                for done, (fault, run) in enumerate(zip(faults, runs, strict=True)):
+                    tell(fault.name, (number + done / len(faults)) / len(work))
+                    yield _scored(scene, camera, clip, fault, run, usual, self)
+            if not self.faults or KILLED in self.faults:
+                ends = (self.fault_s + late for late in KILLS)
+                setup = LiveSetup.of(scene)
+                kills = (kill_while_writing(usual.answers, setup, self.frame_rate, end) for end in ends)
+                yield KilledTrial(camera, clip, tuple(one for one in kills if one is not None))
 
-
-def run_stream_faults(
-    trials: StreamTrials, motions: Path | None = None, clips: Sequence[str] = (), tell: Tell | None = None
-) -> StreamResults:
-    """All faults in all streams.
-
-    Args:
-        trials: which.
-        motions: folder of motions; None: the package's gestures.
-        clips: names of files in it.
-        tell: called with what is done and the fraction of it.
-
-    Raises:
-        InputError: for clips without a folder or the reverse, and for a fault that there is not.
-    """
-    if (motions is None) != (not clips):
-        raise InputError("give both a folder of motions and the names of clips in it, or neither")
-    work = [(camera, clip) for clip in clips or ("gestures",) for camera in trials.cameras]
-    found: list[FaultTrial] = []
-    killed: list[KilledTrial] = []
-    for number, (camera, clip) in enumerate(work):
-        own: Tell | None = None
-        if tell is not None:
-            own = partial(_part, tell, number, len(work))
-        scene = stream_scene(trials, camera, motions, clip)
-        faults = chosen_faults(scene, trials.fault_s, tuple(name for name in trials.faults if name != KILLED))
-        if trials.faults == (KILLED,):
-            faults = []
-        usual = _run((scene, trials.settings, None))
-        assert isinstance(usual, StreamRun)
-        jobs = [(scene, trials.settings, fault) for fault in faults]
-        if trials.processes > 1:
-            with ProcessPoolExecutor(trials.processes) as pool:
-                runs = list(pool.map(_run, jobs))
+    def scene(self, camera: CameraKind, clip: str = "gestures", seed: int = 0) -> Scene:
+        """One wearer of 13 sensors who holds a T-pose and then does what a clip shows."""
+        if self.motions is None:
+            motion = gestures(self.seconds - HOLD_S, 60.0)
         else:
-            runs = []
-            for done, job in enumerate(jobs):
-                if own is not None:
-                    own("benchmark", (1 + done) / (1 + len(jobs)))
-                runs.append(_run(job))
-        found += [_scored(scene, camera, clip, fault, run, usual, trials)
-                  for fault, run in zip(faults, runs, strict=True)]  # fmt: skip
-        if not trials.faults or KILLED in trials.faults:
-            killed.append(_killed(scene, camera, clip, usual, trials))
-    return StreamResults(tuple(found), tuple(killed))
+            motion = read_motion(find_clips(self.motions, [clip])[clip])
+            slowed = motion.frames(slice(None, None, max(1, round(motion.rate / 60))))
+            motion = lasting(slowed, self.seconds - HOLD_S)
+        settings = SceneSettings.realistic(camera=camera, imu=straps_and_sensors())
+        return posed_scene(motion, f"{clip}, {camera}", settings, POSE_ERROR_DEG, seed)
 
-
-def _part(tell: Tell, number: int, count: int, stage: str, fraction: float) -> None:
-    tell(stage, (number + fraction) / count)
+    def tables(self, rows: Sequence[FaultTrial | KilledTrial]) -> Iterator[str]:
+        """A table for each stream, and what was said below it."""
+        yield (
+            f"MPJPE mm of one wearer's stream of {self.seconds:g} s; faults from {self.fault_s:g} s on; in brackets "
+            "the same stream without the fault.\n'Good after': until the first second whose mean error is at most 1.2 "
+            "times the undisturbed stream's, from the end of the fault, or from its beginning if it lasts. 'Bad': how "
+            "many seconds of smoothed poses in all are not so, from the beginning of the fault on."
+        )
+        for (clip, camera), own in group(rows, lambda one: (one.clip, one.camera)).items():
+            yield f"## {clip}, {camera} camera"
+            faults = [one for one in own if isinstance(one, FaultTrial)]
+            if faults:
+                yield table(HEAD, map(_line, faults))
+                yield "\n".join(line for one in faults for line in _said(one))
+            for one in own:
+                if isinstance(one, KilledTrial):
+                    yield _kill_line(one)
 
 
 def _run(job: tuple[Scene, LiveSettings, Fault | None]) -> StreamRun | str:
@@ -200,7 +199,7 @@ def _run(job: tuple[Scene, LiveSettings, Fault | None]) -> StreamRun | str:
 
 
 def _scored(
-    scene: Scene, camera: str, clip: str, fault: Fault, run: StreamRun | str, usual: StreamRun, trials: StreamTrials
+    scene: Scene, camera: str, clip: str, fault: Fault, run: StreamRun | str, usual: StreamRun, trials: StreamFaults
 ) -> FaultTrial:
     failure, run = (run, StreamRun((), ())) if isinstance(run, str) else ("", run)
     newest, smoothed = errors_of(scene, run, trials)
@@ -236,7 +235,7 @@ def _scored(
     )  # fmt: skip
 
 
-def errors_of(scene: Scene, run: StreamRun, trials: StreamTrials) -> tuple[ErrorOverTime, ErrorOverTime]:
+def errors_of(scene: Scene, run: StreamRun, trials: StreamFaults) -> tuple[ErrorOverTime, ErrorOverTime]:
     """Of the newest and of the smoothed poses of the first wearer."""
     wearer, rate = scene.wearers[0], trials.settings.frame_rate
     assert wearer.truth is not None
@@ -251,11 +250,35 @@ def errors_of(scene: Scene, run: StreamRun, trials: StreamTrials) -> tuple[Error
     return found[0], found[1]
 
 
-def _killed(scene: Scene, camera: str, clip: str, usual: StreamRun, trials: StreamTrials) -> KilledTrial:
-    kills = []
-    for late in KILLS:
-        until = trials.fault_s + late
-        one = kill_while_writing(usual.answers, LiveSetup.of(scene), trials.settings.frame_rate, until)
-        if one is not None:
-            kills.append(one)
-    return KilledTrial(camera, clip, tuple(kills))
+def _line(one: FaultTrial) -> list[object]:
+    if one.failure:
+        return [one.fault, f"failed: {one.failure}", *[""] * (len(HEAD) - 2)]
+    late = (cell(s) if np.isfinite(s) else "not to the end" for s in (one.good_newest_s, one.good_smoothed_s))
+    pairs = [(one.newest, one.usual_newest), (one.smoothed, one.usual_smoothed)]
+    errors = (
+        text for ours, usual in pairs
+        for text in (cell(ours.before), _both(ours.during, usual.during), _both(ours.after, usual.after))
+    )  # fmt: skip
+    return [one.fault, *errors, *late, one.bad_smoothed_s, _both(*one.place_cm), one.missing, f"{one.latency_s:.2f}"]
+
+
+def _both(ours: float, usual: float) -> str:
+    return f"{cell(ours)} ({cell(usual)})"
+
+
+def _said(one: FaultTrial) -> Iterator[str]:
+    shift = f" (the stream's clock is {one.clock_shift_s:.2f} s behind from then on)" if one.clock_shift_s else ""
+    yield f"- {one.fault}{shift}: " + ("" if one.findings else "nothing was said")
+    first = {sentence: time for time, sentence in reversed(one.findings)}
+    for sentence, count in Counter(sentence for _, sentence in one.findings).items():
+        yield f"  - {first[sentence]:.1f} s: {sentence}" + (f" ({count} times)" if count > 1 else "")
+
+
+def _kill_line(trial: KilledTrial) -> str:
+    if not trial.kills:
+        return "Killed while it wrote: nothing could be read"
+    lost = [one.lost_s for one in trial.kills]
+    return (
+        f"Killed while it wrote, {len(lost)} times: {np.min(lost):.2f} to {np.max(lost):.2f} s of smoothed poses lost, "
+        f"{min(one.readable for one in trial.kills)} frames or more could be read"
+    )

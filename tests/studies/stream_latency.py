@@ -1,14 +1,15 @@
 """How long the fixed-lag tracker takes for an answer, on a stream of minutes; and GTSAM's own smoothers beside it."""
 
-import json
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from time import perf_counter, sleep, thread_time
 
 import numpy as np
 
-from tests.studies.long_stream import LongStream, LongStreamTrials, scene_of_another_process
+from tests.studies.long_stream import LongStream, LongStreamStudy, stream_scene
+from tests.studies.processes import apart
 from tests.studies.stream_references import ReferenceTime, run_references
+from tests.studies.study import Tell, columns, table
 from vip_factors.errors import RecordingError
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
@@ -17,7 +18,6 @@ from vip_factors.sensors.live import LiveSample, LiveSetup
 
 SLOWEST = 5  # updates that are shown one by one
 CAUGHT_UP = 4.0  # frames: an answer no older than that came in time; sensors are a frame apart, windows another
-Tell = Callable[[str, float], None]
 Quantiles = dict[str, float]
 
 
@@ -64,37 +64,72 @@ class Latency:
 
 @dataclass(frozen=True)
 class StreamLatency:
-    """Everything measured."""
+    """Of the tracker, in real time if that was asked for, and of GTSAM's smoothers on some of the stream's factors."""
 
-    trials: LongStreamTrials
-    lag_s: float
     latency: Latency
     real_time: Latency | None
     references: tuple[ReferenceTime, ...]
 
 
-def run_stream_latency(
-    trials: LongStreamTrials, settings: LiveSettings, tell: Tell, real_time_s: float = 0.0, reference_updates: int = 30
-) -> StreamLatency:
-    """Measure the tracker, in real time too if asked for, and GTSAM's smoothers on some of the stream's own factors.
+@dataclass(frozen=True, kw_only=True)
+class Latencies(LongStreamStudy):
+    """What an update of the fixed-lag tracker takes, beside GTSAM's own smoothers on the same factors."""
 
-    Args:
-        trials: the stream.
-        settings: of the tracker.
-        tell: progress.
-        real_time_s: seconds of the stream that are fed as they would arrive; 0 for none.
-        reference_updates: of each of GTSAM's smoothers, which take up to a second each; 0 for none.
-    """
-    stream = LongStream(scene_of_another_process(trials), trials)
-    latency = measure(stream, stream.setup, settings, lambda time: tell("stream", time / trials.seconds))
-    real = None
-    if real_time_s > 0:
-        within = (sample for sample in stream if sample.time <= real_time_s)
-        real = measure(within, stream.setup, settings, lambda time: tell("real time", time / real_time_s), True)
-    references: tuple[ReferenceTime, ...] = ()
-    if reference_updates:
-        references = run_references(stream, stream.setup, settings, reference_updates, tell)
-    return StreamLatency(trials, settings.lag_s, latency, real, references)
+    lag: float = 0.25
+    """Seconds by which smoothed poses come later."""
+    real_time_s: float = 0.0
+    """Also feed so many seconds as they would arrive, and measure how old answers are."""
+    references: int = 30
+    """Updates of each of GTSAM's smoothers, which take up to a second each; 0 for none."""
+
+    def rows(self, tell: Tell) -> Iterator[StreamLatency]:
+        stream, settings = LongStream(apart(stream_scene, self.stream), self.stream), LiveSettings(lag_s=self.lag)
+        latency = measure(stream, stream.setup, settings, lambda time: tell("stream", time / self.stream.seconds))
+        real = None
+        if self.real_time_s > 0:
+            within = (sample for sample in stream if sample.time <= self.real_time_s)
+            real = measure(
+                within, stream.setup, settings, lambda time: tell("real time", time / self.real_time_s), True
+            )
+        references: tuple[ReferenceTime, ...] = ()
+        if self.references:
+            references = run_references(stream, stream.setup, settings, self.references, tell)
+        yield StreamLatency(latency, real, references)
+
+    def tables(self, rows: Sequence[StreamLatency]) -> Iterator[str]:
+        (result,) = rows
+        stream, latency, real = self.stream, result.latency, result.real_time
+        yield (
+            f"Fixed-lag tracker, {stream.placement} at {stream.imu_rate:g} Hz, {stream.keypoints} at "
+            f"{stream.video_rate:g} Hz, {stream.camera} camera, lag {self.lag:g} s: {latency.updates} updates of "
+            f"{stream.seconds:g} s in {latency.total_s:.1f} s"
+        )
+        lines = {"wall time": latency.seconds, "CPU time": latency.cpu_seconds}
+        if real is not None and real.age_s is not None:
+            lines |= {"wall time, fed in real time": real.seconds, "age of answers, in real time": real.age_s}
+        cells = [[name, *(f"{1e3 * value:.2f}" for value in quantiles.values())] for name, quantiles in lines.items()]
+        yield table(["ms per update", "median", "95 %", "99 %", "worst"], cells)
+        yield (
+            f"Longer than a frame ({1e3 * latency.frame_s:.1f} ms): {100 * latency.late:.2f} % of updates. Start: "
+            f"{latency.start_s:.2f} s ({latency.start_cpu_s:.2f} s of CPU), for {latency.first_s:.2f} s of stream."
+        )
+        if real is not None:
+            yield f"In real time, answers came in time {real.caught_up_s:.2f} s after those of the start."
+        yield columns(latency.slowest, {
+            "slowest at s": lambda one: one.time, "wall ms": lambda one: 1e3 * one.seconds,
+            "CPU ms": lambda one: 1e3 * one.cpu_seconds, "said": lambda one: "; ".join(one.findings),
+        })  # fmt: skip
+        if result.references:
+            ours = result.references[0]
+            yield "The smoother alone, on the same factors of the same frames (no association, no covariances):"
+            yield columns(result.references, {
+                "smoother": lambda one: one.name, "updates": lambda one: one.updates,
+                "median ms": lambda one: f"{1e3 * one.median_s:.2f}",
+                "worst ms": lambda one: f"{1e3 * one.worst_s:.2f}",
+                "CPU median ms": lambda one: f"{1e3 * one.median_cpu_s:.2f}",
+                "times ours (CPU)": lambda one: one.median_cpu_s / ours.median_cpu_s,
+                "differs by mm, at most": lambda one: f"{1e3 * one.differs_m:.2f}",
+            })  # fmt: skip
 
 
 def measure(
@@ -158,63 +193,3 @@ def _with_slow(slowest: list[SlowUpdate], answers: Sequence[LiveEstimate], wall:
 def _quantiles(values: np.ndarray) -> Quantiles:
     found = np.quantile(values, [0.5, 0.95, 0.99, 1.0])
     return dict(zip(("median", "95 %", "99 %", "worst"), found.tolist(), strict=True))
-
-
-def latency_table(result: StreamLatency) -> str:
-    """Markdown."""
-    trials, latency = result.trials, result.latency
-    lines = [
-        f"Fixed-lag tracker, {trials.placement} at {trials.imu_rate:g} Hz, {trials.keypoints} at "
-        f"{trials.video_rate:g} Hz, {trials.camera} camera, lag {result.lag_s:g} s: {latency.updates} updates of "
-        f"{trials.seconds:g} s in {latency.total_s:.1f} s",
-        "",
-        "| ms per update | median | 95 % | 99 % | worst |",
-        "|---|---:|---:|---:|---:|",
-        _row("wall time", latency.seconds),
-        _row("CPU time", latency.cpu_seconds),
-    ]
-    real = result.real_time
-    if real is not None and real.age_s is not None:
-        lines += [_row("wall time, fed in real time", real.seconds), _row("age of answers, in real time", real.age_s)]
-    frame = 1e3 * latency.frame_s
-    lines += [
-        "",
-        f"Longer than a frame ({frame:.1f} ms): {100 * latency.late:.2f} % of updates. Start: {latency.start_s:.2f} s "
-        f"({latency.start_cpu_s:.2f} s of CPU), for {latency.first_s:.2f} s of stream.",
-    ]
-    if real is not None:
-        lines += [f"In real time, answers came in time {real.caught_up_s:.2f} s after those of the start."]
-    lines += ["", "| slowest at s | wall ms | CPU ms | said |", "|---:|---:|---:|---|"]
-    lines += [
-        f"| {one.time:.1f} | {1e3 * one.seconds:.1f} | {1e3 * one.cpu_seconds:.1f} | {'; '.join(one.findings)} |"
-        for one in latency.slowest
-    ]
-    return "\n".join([*lines, *_reference_lines(result)]) + "\n"
-
-
-def _row(name: str, seconds: Quantiles) -> str:
-    return f"| {name} | {' | '.join(f'{1e3 * value:.2f}' for value in seconds.values())} |"
-
-
-def _reference_lines(result: StreamLatency) -> list[str]:
-    if not result.references:
-        return []
-    ours = result.references[0]
-    lines = [
-        "",
-        "The smoother alone, on the same factors of the same frames (no association, no covariances):",
-        "",
-        "| smoother | updates | median ms | worst ms | CPU median ms | times ours (CPU) | differs by mm, at most |",
-        "|---|---:|---:|---:|---:|---:|---:|",
-    ]
-    for one in result.references:
-        lines.append(
-            f"| {one.name} | {one.updates} | {1e3 * one.median_s:.2f} | {1e3 * one.worst_s:.2f} | "
-            f"{1e3 * one.median_cpu_s:.2f} | {one.median_cpu_s / ours.median_cpu_s:.1f} | {1e3 * one.differs_m:.2f} |"
-        )
-    return lines
-
-
-def latency_json(result: StreamLatency) -> str:
-    """Everything measured, as JSON."""
-    return json.dumps(asdict(result), indent=2) + "\n"

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from threading import Thread
 from typing import IO, Any
 
@@ -69,12 +69,8 @@ class StreamProgram:
         """Of the process."""
         return self._process.pid
 
-    def send(self, setup: LiveSetup, samples: Iterable[LiveSample], sent: Callable[[float], None]) -> None:
-        """Send the header, and each sample when it is due; ``sent`` is told its time.
-
-        Raises:
-            VipFactorsError: if the program does not listen, or hangs up.
-        """
+    def send(self, setup: LiveSetup, samples: Iterable[LiveSample]) -> Iterator[float]:
+        """Send the header, and each sample when it is due; yields its time."""
         frames: Counter[str] = Counter()
         try:
             with socket.create_connection(("127.0.0.1", self._port()), timeout=START_S) as connection:
@@ -91,16 +87,12 @@ class StreamProgram:
                         time.sleep(-late)
                     self.latest_s = max(self.latest_s, late)
                     connection.sendall(data)
-                    sent(sample.time)
+                    yield sample.time
         except OSError as error:
             raise VipFactorsError(f"the stream has hung up: {error}; it said: {self._last}") from error
 
     def end(self) -> int:
-        """Its exit code, once it has ended.
-
-        Raises:
-            VipFactorsError: if it does not.
-        """
+        """Its exit code, once it has ended."""
         try:
             code = self._process.wait(END_S)
         except subprocess.TimeoutExpired as error:

@@ -13,6 +13,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from tests.studies.reference_smoothers import Isam2Chain, LagOfGtsam, TimeOrderedIsam2
+from tests.studies.study import Tell
 from vip_factors.errors import RecordingError
 from vip_factors.factor_graph.arrivals import arrivals
 from vip_factors.factor_graph.keys import root_key
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
 NEVER_S = 1e9  # between steps of what frames share: GTSAM's smoothers hold it constant
 OURS = "ours"
-Tell = Callable[[str, float], None]
 Timed = tuple[Array, Array]
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.studies.stream_fault import Fault
+from tests.studies.faults import Fault
 from vip_factors.io.live.queue import LiveQueue
 from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.live.settings import LiveSettings

@@ -4,12 +4,11 @@ The program runs as a process of its own and is stopped ever again, so that it g
 processor time that it took before: nothing in it knows of that.
 """
 
-import json
 import os
 import signal
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,40 +17,22 @@ from typing import Any
 
 import numpy as np
 
-from tests.studies.long_stream import LongStream, LongStreamTrials, scene_of_another_process
-from tests.studies.process_memory import process_tree
+from tests.studies.long_stream import LEAST_SCENE_S, LongStream, LongStreamTrials, stream_scene
+from tests.studies.processes import ProcessTree, apart, process_tree
 from tests.studies.stream_error import error_over_time
 from tests.studies.stream_program import COMMAND, StreamProgram
-from tests.studies.stream_whole import DROPPED, MB
+from tests.studies.stream_whole import DROPPED
+from tests.studies.study import MB, NAN, Fixed, Study, Tell, bullets, table
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.live_estimate import LivePose
 from vip_factors.sensors.scene import Scene
+from vip_factors.simulate.scene_settings import CameraKind
 
 SETTLED_S = 12.0  # of the stream: by then the first calibrations have been found anew, and the program's share is usual
 TURN_S = 0.02  # between looks whether it has had its share
 IN_TIME_S = 0.5  # an answer no older is in time: a frame, waiting for late packets, an update
 GOOD_S = 2.0  # for which all answers are to be in time, to say that all is good again
-Tell = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class SlowTrials:
-    """The stream, and how much slower than it needs the machine is from ``begin`` to ``end`` (s)."""
-
-    seconds: float = 75.0
-    begin: float = 25.0
-    end: float = 50.0
-    share: float = 0.5  # of the processor time that it took from SETTLED_S to ``begin``
-    frame_rate: float = 60.0
-    stream: LongStreamTrials = field(default_factory=LongStreamTrials)
-
-    def __post_init__(self) -> None:
-        if not SETTLED_S < self.begin < self.end < self.seconds or not 0 < self.share < 1:
-            raise InputError(
-                f"a slow machine from {self.begin:g} to {self.end:g} s of {self.seconds:g} s, with {self.share:g} of "
-                f"its time: expected these one after the other, behind {SETTLED_S:g} s, and a share between 0 and 1"
-            )
 
 
 @dataclass(frozen=True)
@@ -82,63 +63,97 @@ class SlowPart:
 
 @dataclass(frozen=True)
 class SlowStream:
-    """All parts.
+    """Before, during and after.
 
     Attributes:
-        trials: what was done.
         needed: share of a processor that the program took before.
         parts: before, during, after.
         good_after_s: seconds from the end of the load until all answers of two seconds were in time; NaN if never.
         code: exit code.
     """
 
-    trials: SlowTrials
     needed: float
     parts: tuple[SlowPart, ...]
     good_after_s: float
     code: int
 
 
-def run_stream_slow(trials: SlowTrials, tell: Tell, command: Sequence[str] = COMMAND) -> SlowStream:
-    """Send a stream in real time to a program that gets too little time for a while.
+@dataclass(frozen=True, kw_only=True)
+class StreamSlow(Study):
+    """What a stream does on a machine half as fast as it needs, for a while, and how soon it recovers (Linux)."""
 
-    Raises:
-        InputError: where processes cannot be stopped and their time cannot be read.
-        VipFactorsError: if the program ends early.
-    """
-    if not hasattr(signal, "SIGSTOP") or process_tree(os.getpid()) is None:
-        raise InputError("a slow machine can be made on Linux alone, where a process can be stopped and its time read")
-    scene = scene_of_another_process(trials.stream)
-    stream, watch, memory = LongStream(scene, trials.stream), _Answers(), dict[str, int]()
-    with TemporaryDirectory() as name:
-        options = ["--out", str(Path(name) / "stream.mcap"), "--frame-rate", f"{trials.frame_rate:g}"]
-        with StreamProgram(options, watch.take, command) as program:
-            brake = _Brake(program.pid)
-            used = dict[float, float]()
-            marks = [SETTLED_S, trials.begin, trials.end]
+    seconds: float = 75.0
+    """Of the simulated stream, in real time: 13 IMUs at 60 Hz, 18 keypoints at 30 Hz."""
+    begin_s: float = 25.0
+    """When the machine becomes slow."""
+    end_s: float = 50.0
+    """And when it is fast again."""
+    share: float = 0.5
+    """Of the processor time that the program took before, which it gets meanwhile."""
+    frame_rate: float = 60.0
+    """Frames per second."""
+    camera: CameraKind = "hand-held"
+    """What films."""
+    command: Fixed[tuple[str, ...]] = COMMAND
 
-            def sent(now: float) -> None:
-                if not marks or now < marks[0]:
-                    return
-                mark = marks.pop(0)
-                tree = process_tree(program.pid)
-                used[mark], own = (tree.cpu_s, tree.own) if tree is not None else (float("nan"), 0)
-                tell("stream", now / trials.seconds)
-                if mark == trials.begin:
-                    memory["before"] = own
-                    brake.begin(trials.share * (used[mark] - used[SETTLED_S]) / (mark - SETTLED_S))
-                elif mark == trials.end:
-                    memory["during"] = own
-                    brake.release()
+    def __post_init__(self) -> None:
+        if not SETTLED_S < self.begin_s < self.end_s < self.seconds or not 0 < self.share < 1:
+            raise InputError(
+                f"a slow machine from {self.begin_s:g} to {self.end_s:g} s of {self.seconds:g} s, with {self.share:g} "
+                f"of its time: expected these one after the other, behind {SETTLED_S:g} s, and a share between 0 and 1"
+            )
 
-            program.send(stream.setup, (one for one in stream if one.time <= trials.seconds), sent)
-            tree = process_tree(program.pid)
-            memory["after"] = tree.own if tree is not None else 0
-            code = program.end()
-    needed = (used[trials.begin] - used[SETTLED_S]) / (trials.begin - SETTLED_S)
-    spans = {"before": (SETTLED_S, trials.begin), "during": (trials.begin, trials.end), "after": (trials.end, np.inf)}
-    parts = [watch.part(name, span, memory[name], scene, trials.frame_rate) for name, span in spans.items()]
-    return SlowStream(trials, needed, tuple(parts), watch.good_after(trials.end), code)
+    def rows(self, tell: Tell) -> Iterator[SlowStream]:
+        if not hasattr(signal, "SIGSTOP") or process_tree(os.getpid()) is None:
+            raise InputError("a slow machine can be made on Linux alone, where a process can be stopped and timed")
+        trials = LongStreamTrials(
+            self.seconds, max(self.seconds + 1.0, LEAST_SCENE_S), self.camera
+        )  # all of it forwards
+        scene = apart(stream_scene, trials)
+        stream, watch, trees = LongStream(scene, trials), Answers(), dict[float, ProcessTree]()
+        marks = [SETTLED_S, self.begin_s, self.end_s]
+        with TemporaryDirectory() as name:
+            options = ["--out", str(Path(name) / "stream.mcap"), "--frame-rate", f"{self.frame_rate:g}"]
+            with StreamProgram(options, watch.take, self.command) as program:
+                brake = _Brake(program.pid)
+                for now in program.send(stream.setup, (one for one in stream if one.time <= self.seconds)):
+                    if not marks or now < marks[0]:
+                        continue
+                    mark = marks.pop(0)
+                    trees[mark] = process_tree(program.pid) or ProcessTree(0, 0, NAN)
+                    tell("stream", now / self.seconds)
+                    if mark == self.begin_s:
+                        brake.begin(self.share * self._needed(trees))
+                    elif mark == self.end_s:
+                        brake.release()
+                last = process_tree(program.pid) or ProcessTree(0, 0, NAN)
+                code = program.end()
+        begin, end = self.begin_s, self.end_s
+        spans = {"before": (SETTLED_S, begin), "during": (begin, end), "after": (end, np.inf)}
+        memory = {"before": trees[begin].own, "during": trees[end].own, "after": last.own}
+        parts = [watch.part(name, span, memory[name], scene, self.frame_rate) for name, span in spans.items()]
+        yield SlowStream(self._needed(trees), tuple(parts), watch.good_after(end), code)
+
+    def _needed(self, trees: Mapping[float, ProcessTree]) -> float:
+        used = trees[self.begin_s].cpu_s - trees[SETTLED_S].cpu_s
+        return used / (self.begin_s - SETTLED_S)
+
+    def tables(self, rows: Sequence[SlowStream]) -> Iterator[str]:
+        (result,) = rows
+        yield (
+            f"A program that took {result.needed:.2f} of a processor, at {self.frame_rate:g} frames per second, got "
+            f"{self.share:g} of that from {self.begin_s:g} to {self.end_s:g} s"
+        )
+        head = ["", "answers", "missing", "latency s: median", "99 %", "worst", "MPJPE mm of newest",
+                "sigma mm: median", "worst", "dropped: video", "IMU", "MB"]  # fmt: skip
+        yield table(head, [
+            [part.name, part.answers, part.missing, *(f"{one:.2f}" for one in part.latency_s), part.newest_mm,
+             *(f"{one:.0f}" for one in part.sigma_mm), *part.dropped, f"{part.memory / MB:.0f}"]
+            for part in result.parts
+        ])  # fmt: skip
+        good = f"{result.good_after_s:.1f} s" if np.isfinite(result.good_after_s) else "NOT"
+        yield f"Answers were in time again {good} after the load. Exit code {result.code}."
+        yield bullets("", (f"{time:.1f} s: {sentence}" for part in result.parts for time, sentence in part.said))
 
 
 class _Brake:
@@ -168,7 +183,7 @@ class _Brake:
         os.kill(self._pid, signal.SIGCONT)
 
 
-class _Answers:
+class Answers:
     """What was answered, from the thread that reads."""
 
     def __init__(self) -> None:
@@ -222,32 +237,3 @@ class _Answers:
             at for at, until in pairwise(edges) if until - at > GOOD_S and np.any((read > at) & (read <= at + GOOD_S))
         ]
         return float(free[0] - end) if free else float("nan")
-
-
-def slow_table(result: SlowStream) -> str:
-    """Markdown."""
-    trials = result.trials
-    lines = [
-        f"A program that took {result.needed:.2f} of a processor, at {trials.frame_rate:g} frames per second, got "
-        f"{trials.share:g} of that from {trials.begin:g} to {trials.end:g} s",
-        "",
-        "| | answers | missing | latency s: median | 99 % | worst | MPJPE mm of newest | sigma mm: median | worst | "
-        "dropped: video | IMU | MB |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
-    ]
-    for part in result.parts:
-        latency = " | ".join(f"{one:.2f}" for one in part.latency_s)
-        sigma = " | ".join(f"{one:.0f}" for one in part.sigma_mm)
-        lines.append(
-            f"| {part.name} | {part.answers} | {part.missing} | {latency} | {part.newest_mm:.1f} | {sigma} | "
-            f"{part.dropped[0]} | {part.dropped[1]} | {part.memory / MB:.0f} |"
-        )
-    good = f"{result.good_after_s:.1f} s" if np.isfinite(result.good_after_s) else "NOT"
-    lines += ["", f"Answers were in time again {good} after the load. Exit code {result.code}.", ""]
-    lines += [f"- {time:.1f} s: {sentence}" for part in result.parts for time, sentence in part.said]
-    return "\n".join(lines) + "\n"
-
-
-def slow_json(result: SlowStream) -> str:
-    """Everything measured, as JSON."""
-    return json.dumps(asdict(result), indent=2) + "\n"

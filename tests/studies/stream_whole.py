@@ -1,9 +1,8 @@
 """Whether the whole program holds an hour of stream: over the network, into all its files, its lines being read."""
 
-import json
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock
@@ -11,19 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from tests.studies.long_stream import LongStream, LongStreamTrials, scene_of_another_process
-from tests.studies.process_memory import ProcessTree, process_tree
+from tests.studies.long_stream import LongStream, LongStreamTrials, stream_scene
+from tests.studies.processes import ProcessTree, apart, process_tree
 from tests.studies.stream_program import COMMAND, StreamProgram
+from tests.studies.study import MB, Tell, bullets, table
 from vip_factors.io.live_mcap import partial_path
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.viz.rerun_file import is_whole
 
-MB = 1e6
 LOOK_S = 5.0  # between looks at memory
 START_S = 10.0  # of the stream: the first answers come together, once there is a second to answer
 ESTIMATE, RERUN = "stream.mcap", "stream.rrd"
 DROPPED = re.compile(r"does not keep up: (?:(\d+) video frames)?(?: and )?(?:(\d+) IMU samples)? were dropped")
-Tell = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -56,80 +54,56 @@ class WholePart:
 
 
 @dataclass(frozen=True)
-class WholeStream:
-    """All parts, and the end.
+class WholeEnd:
+    """How it ended.
 
     Attributes:
-        trials, frame_rate: which stream, and the tracker's frames per second.
-        parts: in order.
         latest_s: by which the sender itself was late at most, seconds.
-        code: exit code; None as long as it runs.
+        code: exit code.
         estimate_s: duration of the estimate that can be read.
         rerun: whether Rerun's file is whole.
         said: every sentence, with the time (s) when it was said.
     """
 
-    trials: LongStreamTrials
-    frame_rate: float
-    parts: tuple[WholePart, ...]
-    latest_s: float = 0.0
-    code: int | None = None
-    estimate_s: float = 0.0
-    rerun: bool = False
+    latest_s: float
+    code: int
+    estimate_s: float
+    rerun: bool
     said: tuple[tuple[float, str], ...] = ()
 
 
-def run_stream_whole(
-    trials: LongStreamTrials, frame_rate: float, part_s: float, tell: Tell,
-    keep: Callable[[WholeStream], None] = lambda so_far: None, command: Sequence[str] = COMMAND,
-) -> WholeStream:  # fmt: skip
-    """Send a long stream to the program in real time, and look at it every ``part_s`` seconds; ``keep`` sees that.
-
-    Raises:
-        VipFactorsError: if the program ends early.
-    """
-    stream = LongStream(scene_of_another_process(trials), trials)
-    watch = _Watch(frame_rate)
+def whole_stream(
+    trials: LongStreamTrials, frame_rate: float, part_s: float, tell: Tell, command: Sequence[str] = COMMAND
+) -> Iterator[WholePart | WholeEnd]:
+    """Send a long stream to the program in real time, and look at it every ``part_s`` seconds."""
+    stream = LongStream(apart(stream_scene, trials), trials)
+    watch = Watch(frame_rate)
     with TemporaryDirectory() as name:
         folder = Path(name)
-        options = [
-            "--out",
-            str(folder / ESTIMATE),
-            "--rerun-save",
-            str(folder / RERUN),
-            "--frame-rate",
-            f"{frame_rate:g}",
-        ]
-        with StreamProgram(options, watch.take, command) as program:
-
-            def sent(time: float) -> None:
-                ends = time >= part_s * (1 + len(watch.parts))
+        files = ["--out", str(folder / ESTIMATE), "--rerun-save", str(folder / RERUN)]
+        with StreamProgram([*files, "--frame-rate", f"{frame_rate:g}"], watch.take, command) as program:
+            for time in program.send(stream.setup, stream):
+                ends = time >= part_s * (1 + watch.ended)
                 if time >= watch.next_look or ends:
                     watch.look(time, process_tree(program.pid))
                     tell("stream", time / trials.seconds)
                 if ends:
-                    watch.end_part(time, folder)
-                    keep(WholeStream(trials, frame_rate, tuple(watch.parts), program.latest_s))
-
-            program.send(stream.setup, stream, sent)
+                    yield watch.end_part(time, folder)
             watch.look(trials.seconds, process_tree(program.pid))
             code = program.end()
             if watch.has_answers:
-                watch.end_part(trials.seconds, folder)
+                yield watch.end_part(trials.seconds, folder)
         estimate = read_scene_estimate(folder / ESTIMATE).wearers[0].motion
-        duration = (len(estimate) - 1) / estimate.rate
-        rerun = is_whole(folder / RERUN)
-    return WholeStream(
-        trials, frame_rate, tuple(watch.parts), program.latest_s, code, duration, rerun, tuple(watch.said)
-    )
+        duration, rerun = (len(estimate) - 1) / estimate.rate, is_whole(folder / RERUN)
+        yield WholeEnd(program.latest_s, code, duration, rerun, tuple(watch.said))
 
 
 @dataclass
-class _Watch:
+class Watch:
     """Counts what comes, from the thread that reads and the one that sends."""
 
     frame_rate: float
-    parts: list[WholePart] = field(default_factory=list)
+    ended: int = 0  # parts
     said: list[tuple[float, str]] = field(default_factory=list)
     next_look: float = 0.0  # of the stream, seconds
 
@@ -171,22 +145,22 @@ class _Watch:
         if tree is not None:
             self._tree, self._most = tree, max(self._most, tree.own + tree.others)
 
-    def end_part(self, until: float, folder: Path) -> None:
+    def end_part(self, until: float, folder: Path) -> WholePart:
         """What came since the last one."""
         sizes = [_size(folder / name) for name in (ESTIMATE, RERUN)]
         with self._lock:
             waits = self._latency or [float("nan")]
             median, late, worst = np.quantile(waits, [0.5, 0.99, 1.0]).tolist()
             tree = self._tree
-            self.parts.append(
-                WholePart(
-                    until, self._answers, self._missing, (median, late, worst),
-                    (int(self._dropped[0]), int(self._dropped[1])), self._findings, (tree.own, tree.others, self._most),
-                    tree.cpu_s - self._cpu_s, (sizes[0], sizes[1]),
-                )
+            part = WholePart(
+                until, self._answers, self._missing, (median, late, worst),
+                (int(self._dropped[0]), int(self._dropped[1])), self._findings, (tree.own, tree.others, self._most),
+                tree.cpu_s - self._cpu_s, (sizes[0], sizes[1]),
             )  # fmt: skip
             self._cpu_s = tree.cpu_s
+            self.ended += 1
             self._clear()
+            return part
 
 
 def _size(path: Path) -> int:
@@ -194,38 +168,30 @@ def _size(path: Path) -> int:
     return max((one.stat().st_size for one in (path, partial_path(path)) if one.exists()), default=0)
 
 
-def whole_table(result: WholeStream) -> str:
-    """Markdown."""
-    trials = result.trials
-    lines = [
-        f"The whole program at {result.frame_rate:g} frames per second: {trials.placement} at {trials.imu_rate:g} Hz "
-        f"and a {trials.camera} camera at {trials.video_rate:g} Hz over the loopback in real time; an estimate, "
-        "Rerun's file and lines of JSON written",
-        "",
-        "| until min | answers | missing | latency ms: median | 99 % | worst | dropped: video | IMU | findings | MB | "
-        "MB of its processes | MB at most | CPU share | estimate MB | Rerun MB |",
-        "|---:|" + "---:|" * 14,
-    ]
-    before = 0.0
-    for part in result.parts:
-        latency = " | ".join(f"{1e3 * one:.0f}" for one in part.latency_s)
-        memory = " | ".join(f"{one / MB:.0f}" for one in part.memory)
-        sizes = " | ".join(f"{one / MB:.1f}" for one in part.bytes)
+def whole_tables(trials: LongStreamTrials, frame_rate: float, rows: Sequence[WholePart | WholeEnd]) -> Iterator[str]:
+    """A line for each part, the end, and all that was said."""
+    parts, ends = [r for r in rows if isinstance(r, WholePart)], [r for r in rows if isinstance(r, WholeEnd)]
+    yield (
+        f"The whole program at {frame_rate:g} frames per second: {trials.placement} at {trials.imu_rate:g} Hz and a "
+        f"{trials.camera} camera at {trials.video_rate:g} Hz over the loopback in real time; an estimate, Rerun's file "
+        "and lines of JSON written"
+    )
+    head = [
+        "until min", "answers", "missing", "latency ms: median", "99 %", "worst", "dropped: video", "IMU", "findings",
+        "MB", "MB of its processes", "MB at most", "CPU share", "estimate MB", "Rerun MB",
+    ]  # fmt: skip
+    lines, before = [], 0.0
+    for part in parts:
+        latency, memory = (f"{1e3 * one:.0f}" for one in part.latency_s), (f"{one / MB:.0f}" for one in part.memory)
         share = f"{part.cpu_s / (part.until - before):.2f}" if part.until - before > 1.0 else "-"
-        lines.append(
-            f"| {part.until / 60:.1f} | {part.answers} | {part.missing} | {latency} | {part.dropped[0]} | "
-            f"{part.dropped[1]} | {part.findings} | {memory} | {share} | {sizes} |"
-        )
+        sizes = (one / MB for one in part.bytes)
+        lines.append([part.until / 60, part.answers, part.missing, *latency, *part.dropped, part.findings, *memory,
+                      share, *sizes])  # fmt: skip
         before = part.until
-    lines += ["", f"The sender itself was {1e3 * result.latest_s:.0f} ms late at most."]
-    if result.code is not None:
-        lines.append(
-            f"Exit code {result.code}; estimate readable, {result.estimate_s:.1f} s; Rerun's file "
-            f"{'whole' if result.rerun else 'NOT whole'}."
+    yield table(head, lines)
+    for end in ends:
+        yield (
+            f"The sender itself was {1e3 * end.latest_s:.0f} ms late at most. Exit code {end.code}; estimate readable, "
+            f"{end.estimate_s:.1f} s; Rerun's file {'whole' if end.rerun else 'NOT whole'}."
         )
-    return "\n".join([*lines, "", *(f"- {time:.1f} s: {sentence}" for time, sentence in result.said)]) + "\n"
-
-
-def whole_json(result: WholeStream) -> str:
-    """Everything measured, as JSON."""
-    return json.dumps(asdict(result), indent=2) + "\n"
+        yield bullets("", (f"{time:.1f} s: {sentence}" for time, sentence in end.said))

@@ -8,25 +8,28 @@ from random import Random
 import pytest
 
 from tests.studies.__main__ import main
-from tests.studies.command_fuzz import commands
 from tests.studies.fuzz.case import Case
-from tests.studies.fuzz.corpus import all_cases
 from tests.studies.fuzz.limits import Hang, limited_time
-from tests.studies.fuzz.run import chosen_cases, fuzz_table, mutated, run_fuzz, save_failure
+from tests.studies.fuzz.run import Failure, FuzzResult, all_cases, chosen_cases, fuzzed, mutated, save_failure
 from vip_factors.errors import InputError
 
 MUTATIONS, QUICK = 2000, 20
 
 
+def run_fuzz(cases: list[Case], mutations: int, first: int = 0) -> tuple[FuzzResult, list[Failure]]:
+    result = FuzzResult()
+    return result, list(fuzzed(cases, mutations, first=first, result=result))
+
+
 @pytest.fixture(scope="module")
 def cases() -> list[Case]:
-    return all_cases(commands())
+    return all_cases()
 
 
 def test_damaged_files_of_every_format_are_read_or_refused(cases: list[Case]) -> None:
     quick = [one for one in cases if one.seldom <= QUICK]  # the command takes the others too
-    result = run_fuzz(quick, MUTATIONS)
-    assert not result.failures, fuzz_table(result, cases)
+    result, failures = run_fuzz(quick, MUTATIONS)
+    assert not failures, [(one.case, one.number, one.kind, one.place, one.text[:100]) for one in failures]
     counts = result.read + result.refused
     assert sum(counts.values()) == MUTATIONS
     assert set(counts) == {one.name for one in quick}
@@ -50,8 +53,8 @@ def picky(folder: Path) -> None:
 
 def test_a_planted_failure_is_found_once_and_saved(tmp_path: Path) -> None:
     case = Case("planted", {"a.txt": b"x = 7\n", "b.txt": b"kept"}, picky, "read {}/a.txt", sound=("b.txt",))
-    result = run_fuzz([case], 300, keep=lambda one: save_failure(one, tmp_path / "failures"))
-    (failure,) = result.failures.values()
+    result, (failure,) = run_fuzz([case], 300)
+    save_failure(failure, tmp_path / "failures")
     assert failure.kind == "KeyError"
     assert result.failed["planted"] > 1
     assert result.refused["planted"] > 0
@@ -61,7 +64,7 @@ def test_a_planted_failure_is_found_once_and_saved(tmp_path: Path) -> None:
     note = (folder / "failure.txt").read_text()
     assert f"read {folder}/a.txt" in note
     assert f"mutation {failure.number} of planted" in note
-    again = run_fuzz([case], 1, first=failure.number)
+    again, _ = run_fuzz([case], 1, first=failure.number)
     assert again.failed["planted"] == 1
 
 
@@ -86,8 +89,8 @@ def swallowing(folder: Path) -> None:
 def test_what_takes_too_long_or_too_much_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tests.studies.fuzz.outcome.limited_time", lambda: limited_time(0.05))
     for reader, kind in ((endless, Hang), (greedy, MemoryError), (swallowing, MemoryError)):
-        result = run_fuzz([Case("one", {"a.txt": b"x"}, reader, "")], 5)
-        assert {one.kind for one in result.failures.values()} == {kind.__name__}
+        _, failures = run_fuzz([Case("one", {"a.txt": b"x"}, reader, "")], 5)
+        assert {one.kind for one in failures} == {kind.__name__}
 
 
 def broken(folder: Path) -> None:
@@ -100,8 +103,8 @@ def broken(folder: Path) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not made in this way here")
 def test_a_crash_in_a_process_of_its_own_is_a_failure_and_ends_nothing_else() -> None:
-    result = run_fuzz([Case("one", {"a.txt": b"x"}, broken, "", apart=True)], 25)
-    assert [one.kind for one in result.failures.values()] == ["SIGSEGV"]
+    result, failures = run_fuzz([Case("one", {"a.txt": b"x"}, broken, "", apart=True)], 25)
+    assert [one.kind for one in failures] == ["SIGSEGV"]
     assert result.refused["one"] > 0
     assert result.failed["one"] + result.refused["one"] + result.read["one"] == 25
 

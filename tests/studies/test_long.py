@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.studies.long import LongRun, long_table
-from tests.studies.long_recording import LongRecordingTrials, write_long_recording
+from tests.studies.long import Long, LongRun
+from tests.studies.study import markdown
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.io.mcap_recording import read_recording
@@ -14,7 +14,7 @@ from vip_factors.io.mcap_recording import read_recording
 
 def test_a_clip_is_played_forwards_and_backwards(tmp_path: Path) -> None:
     path = tmp_path / "long.mcap"
-    write_long_recording(LongRecordingTrials(20 / 3600, "sip6", clip_s=8.0), path)
+    Long(hours=20 / 3600, sensors="sip6", clip_s=8.0).write(path)
     recording = read_recording(path)
     assert recording.truth is None
     assert recording.initial_pose == "t-pose"
@@ -31,11 +31,11 @@ def test_a_clip_is_played_forwards_and_backwards(tmp_path: Path) -> None:
 
 def test_what_cannot_be_made_is_refused() -> None:
     with pytest.raises(InputError, match="clip"):
-        LongRecordingTrials(clip_s=1.0)
+        Long(clip_s=1.0)
     with pytest.raises(InputError, match="hours"):
-        LongRecordingTrials(hours=0.0)
+        Long(hours=0.0)
 
 
 def test_the_table_is_per_hour() -> None:
-    table = long_table(LongRun(LongRecordingTrials(0.5), 108000, 600.0, 550.0, 200_000_000, 10**9, 10**8, 2 * 10**8))
-    assert "| 108000 | 1000 | 200 | 600 | 1200 | 1100 | 100 | 200 |" in table
+    one = LongRun(108000, 600.0, 550.0, 200_000_000, 10**9, 10**8, 2 * 10**8)
+    assert "| 108000 | 1000 | 200 | 600 | 1200 | 1100 | 100 | 200 |" in markdown(Long(hours=0.5), [one])

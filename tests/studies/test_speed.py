@@ -1,38 +1,34 @@
 """The speed benchmark runs, and says what it measured."""
 
-import json
-
 import pytest
 
 from tests.studies import speed as speed_module
-from tests.studies.speed import SpeedTrials, run_speed, speed_json, speed_table
+from tests.studies.speed import Speed
+from tests.studies.study import markdown, run
 
 
 @pytest.mark.slow
 def test_quick_run_times_every_part_and_measures_memory() -> None:
-    speed = run_speed(SpeedTrials.quick())
-    assert [one.placement for one in speed.solves] == ["sip6", "totalcapture13"]
-    for one in speed.solves:
+    study = Speed(quick=True)
+    *solves, vip, memory = rows = run(study)
+    assert [one.placement for one in solves] == ["sip6", "totalcapture13"]
+    for one in solves:
         assert one.iterations == 2
         assert all(seconds > 0 for seconds in one.seconds_per_iteration.values())
-    assert speed.vip is not None
-    stages = [stage for stage, _, _ in speed.vip.stages]
+    stages = [stage for stage, _, _ in vip.stages]
     assert stages.count("video-inertial fusion") == 2
     assert stages[0] == "start"
     assert stages[-2].startswith("full rate")
     assert stages[-1] == "how sure, and findings"
-    assert sum(seconds for _, seconds, _ in speed.vip.stages) <= speed.vip.seconds
-    assert abs(speed.vip.frames - 200) <= 8
-    assert speed.vip.peak > speed.vip.before
-    (memory,) = speed.memory
+    assert sum(seconds for _, seconds, _ in vip.stages) <= vip.seconds
+    assert abs(vip.frames - 200) <= 8
+    assert vip.peak > vip.before
     assert memory.sensors == 13
     assert abs(memory.frames - 200) <= 1
     assert memory.peak >= memory.before > 10e6
-    table = speed_table(speed)
-    assert "450" in table
-    assert "floor" in table
-    assert "| video-inertial fusion |" in table
-    assert json.loads(speed_json(speed))["memory"][0]["frames"] == memory.frames
+    tables = markdown(study, rows)
+    assert "| thesis, sip6 | 1000 | 20 | 450 |" in tables
+    assert "| video-inertial fusion |" in tables
 
 
 class Bowl:

@@ -1,6 +1,5 @@
 """Errors of streams over time, the program that is killed, the table; the tracker itself is tested elsewhere."""
 
-import json
 import math
 from dataclasses import replace
 
@@ -8,20 +7,12 @@ import numpy as np
 import pytest
 from live_answers import answers, live_scene, truth_of
 
+from tests.studies.faults import chosen_faults
+from tests.studies.stream_ends import kill_while_writing
 from tests.studies.stream_error import ErrorOverTime, bad_seconds, error_over_time, seconds_until_good
-from tests.studies.stream_fault_list import chosen_faults
-from tests.studies.stream_fault_table import stream_fault_json, stream_fault_table
-from tests.studies.stream_faults import (
-    Errors,
-    FaultTrial,
-    KilledTrial,
-    StreamResults,
-    StreamTrials,
-    run_stream_faults,
-    stream_scene,
-)
-from tests.studies.stream_killed import kill_while_writing
+from tests.studies.stream_faults import Errors, FaultTrial, KilledTrial, StreamFaults
 from tests.studies.stream_run import run_stream
+from tests.studies.study import markdown
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.live.settings import LiveSettings
@@ -64,7 +55,7 @@ def test_errors_forgive_the_gauge_but_not_a_drift() -> None:
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return stream_scene(StreamTrials(9.5, 3.0), "fixed", None, "gestures")
+    return StreamFaults(seconds=9.5, fault_s=3.0).scene("fixed")
 
 
 def test_every_fault_is_a_stream(scene: Scene) -> None:
@@ -79,9 +70,9 @@ def test_every_fault_is_a_stream(scene: Scene) -> None:
     with pytest.raises(InputError, match="no sensor 'pelvis'"):
         chosen_faults(replace(scene, wearers=(replace(scene.wearers[0], imus=few),)), 3.0, ())
     with pytest.raises(InputError, match="at least 6 s more"):
-        StreamTrials(8.0, 3.0)
+        StreamFaults(seconds=8.0, fault_s=3.0)
     with pytest.raises(InputError, match="or neither"):
-        run_stream_faults(StreamTrials(), None, ("07_02",))
+        StreamFaults(clips=("07_02",))
 
 
 def test_a_queue_that_runs_over_is_told_and_order_is_kept(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -128,13 +119,10 @@ def test_the_table_says_what_was_measured() -> None:
         ((1.0, 2.0, 3.0, 4.0),), 0.5, ((8.0, "it is dead"), (9.0, "it is dead")),
     )  # fmt: skip
     failed = replace(trial, fault="other", failure="ValueError: x", findings=())
-    trials = StreamTrials()
-    results = StreamResults((trial, failed), (KilledTrial("fixed", "gestures", ()),))
-    table = stream_fault_table(results, trials)
+    table = markdown(StreamFaults(), [trial, failed, KilledTrial("fixed", "gestures", ())])
     row = next(line for line in table.splitlines() if line.startswith("| pelvis"))
-    assert row.split(" | ")[1:8] == ["20.0", "50.0 (21.0)", "- (22.0)", "20.0", "50.0 (21.0)", "- (22.0)", "1.5"]
+    assert row.split(" | ")[1:8] == ["20.0", "50.0 (21.0)", "n/a (22.0)", "20.0", "50.0 (21.0)", "n/a (22.0)", "1.5"]
     assert "not to the end" in row
     assert "failed: ValueError: x" in table
     assert "8.0 s: it is dead (2 times)" in table
     assert "0.50 s behind" in table
-    assert json.loads(stream_fault_json(results, trials))["trials"][0]["newest"]["after"] is None

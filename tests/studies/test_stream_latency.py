@@ -1,15 +1,15 @@
 """The benchmarks of the tracker's speed run, and its memory is bounded."""
 
-import json
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from tests.studies.long_stream import LongStream, LongStreamTrials, stream_scene
-from tests.studies.stream_hour import StreamHour, growth, hour_json, hour_table, measured_parts
-from tests.studies.stream_latency import StreamLatency, latency_json, latency_table, measure
+from tests.studies.stream_hour import StreamHour, growth, measured_parts
+from tests.studies.stream_latency import Latencies, StreamLatency, measure
 from tests.studies.stream_references import OURS, run_references
+from tests.studies.study import markdown, no_news
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.live.settings import LiveSettings
 from vip_factors.sensors.live import ImuSample
@@ -51,9 +51,7 @@ def test_updates_are_timed_and_the_start_apart(scene: Scene) -> None:
     assert latency.cpu_seconds["median"] > 0
     assert latency.start_s > latency.seconds["median"]
     assert latency.slowest[0].seconds >= latency.slowest[-1].seconds
-    result = StreamLatency(TRIALS, 0.25, latency, None, ())
-    assert "| CPU time |" in latency_table(result)
-    assert json.loads(latency_json(result))["latency"]["updates"] == latency.updates
+    assert "| CPU time |" in markdown(Latencies(), [StreamLatency(latency, None, ())])
 
 
 def test_in_real_time_answers_have_an_age(scene: Scene) -> None:
@@ -62,14 +60,13 @@ def test_in_real_time_answers_have_an_age(scene: Scene) -> None:
     latency = measure(within, stream.setup, LiveSettings(), lambda time: None, real_time=True)
     assert latency.age_s is not None
     assert latency.age_s["median"] > 0
-    result = StreamLatency(TRIALS, 0.25, latency, latency, ())
-    assert "age of answers" in latency_table(result)
+    assert "age of answers" in markdown(Latencies(), [StreamLatency(latency, latency, ())])
 
 
 @pytest.mark.slow
 def test_gtsams_smoothers_are_timed_on_the_same_factors(scene: Scene) -> None:
     stream = LongStream(scene, TRIALS)
-    times = run_references(stream, stream.setup, LiveSettings(lag_s=0.15), 2, lambda stage, fraction: None)
+    times = run_references(stream, stream.setup, LiveSettings(lag_s=0.15), 2, no_news)
     assert [one.updates for one in times] == [2] * 5
     assert times[0].name == OURS
     assert times[1].differs_m < 1e-6  # the same linear factors
@@ -86,9 +83,7 @@ def test_nothing_grows_with_the_stream(scene: Scene) -> None:
     # A second holds 60 frames of some hundred objects each: 6 s that are kept would be tens of thousands.
     counts = [part.objects for part in parts[1:]]
     assert max(counts) - min(counts) < 3000
-    result = StreamHour(TRIALS, 1, parts)
-    assert len(hour_table(result).splitlines()) == 4 + len(parts) + 2
-    assert len(json.loads(hour_json(result))["parts"]) == 4
+    assert "After the first part: " in markdown(StreamHour(), parts)
     assert abs(growth(parts, lambda part: 2 * part.until) - 7200) < 1e-6
 
 
@@ -98,6 +93,6 @@ def test_what_is_too_short_is_said(scene: Scene) -> None:
     with pytest.raises(RecordingError, match="too short"):
         measure(few, stream.setup, LiveSettings(), lambda time: None)
     with pytest.raises(RecordingError, match="too short"):
-        run_references(few, stream.setup, LiveSettings(), 5, lambda stage, fraction: None)
+        run_references(few, stream.setup, LiveSettings(), 5, no_news)
     with pytest.raises(InputError, match="expected at least 8 s"):
         LongStreamTrials(scene_s=3.0)

@@ -1,7 +1,6 @@
 """The whole program fed over the loopback, in small: a tracker that knows the answers stands in for ours."""
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +9,11 @@ from live_answers import live_scene
 
 from tests.studies import stream_slow, stream_whole
 from tests.studies.long_stream import LongStreamTrials
-from tests.studies.process_memory import begun_by, is_running, process_tree
+from tests.studies.processes import begun_by, is_running, process_tree
 from tests.studies.stream_program import StreamProgram
-from tests.studies.stream_slow import SlowPart, SlowStream, SlowTrials, run_stream_slow, slow_json, slow_table
-from tests.studies.stream_whole import run_stream_whole, whole_json, whole_table
+from tests.studies.stream_slow import Answers, SlowPart, SlowStream, StreamSlow
+from tests.studies.stream_whole import Watch, WholeEnd, whole_stream, whole_tables
+from tests.studies.study import markdown, no_news, run
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.io.mcap_scene_recording import write_scene
 from vip_factors.sensors.live import LiveSetup
@@ -27,37 +27,32 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, ...]:
     scene = live_scene(2.0, 1)
     write_scene(scene, tmp_path / "known.mcap")
     for module in (stream_whole, stream_slow):
-        monkeypatch.setattr(module, "scene_of_another_process", lambda trials: scene)
+        monkeypatch.setattr(module, "apart", lambda work, trials: scene)
     return sys.executable, str(STUB), str(tmp_path / "known.mcap")
 
 
 def test_the_whole_program_over_a_second(command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream_whole, "START_S", 0.0)
-    kept = []
     trials = LongStreamTrials(1.2)
-    result = run_stream_whole(trials, 60.0, 0.6, lambda stage, share: None, kept.append, command)
-    assert result.code == 0
-    assert result.rerun
-    assert result.estimate_s == pytest.approx(1.2 - 0.25, abs=0.1)
-    assert len(kept) in (1, 2)
-    assert sum(part.answers for part in result.parts) == pytest.approx(72, abs=3)
-    assert all(part.missing == 0 and part.dropped == (0, 0) for part in result.parts)
-    assert result.parts[-1].bytes[0] > result.parts[0].bytes[0]
+    *parts, end = rows = list(whole_stream(trials, 60.0, 0.6, no_news, command))
+    assert (end.code, end.rerun) == (0, True)
+    assert end.estimate_s == pytest.approx(1.2 - 0.25, abs=0.1)
+    assert sum(part.answers for part in parts) == pytest.approx(72, abs=3)
+    assert all(part.missing == 0 and part.dropped == (0, 0) for part in parts)
+    assert parts[-1].bytes[0] > parts[0].bytes[0]
     if sys.platform == "linux":
-        assert result.parts[0].memory[2] >= result.parts[0].memory[0] > 1e7
-    assert result.said[0][1] == "the stream has begun"
-    assert "Exit code 0; estimate readable" in whole_table(result)
-    assert "NOT whole" in whole_table(replace(result, rerun=False))
-    assert '"latest_s"' in whole_json(result)
+        assert parts[0].memory[2] >= parts[0].memory[0] > 1e7
+    assert end.said[0][1] == "the stream has begun"
+    assert "Exit code 0; estimate readable" in "".join(whole_tables(trials, 60.0, rows))
+    assert "NOT whole" in "".join(whole_tables(trials, 60.0, [*parts, WholeEnd(0.0, 0, 1.0, False)]))
 
 
 def test_what_was_dropped_and_is_missing_is_counted(tmp_path: Path) -> None:
-    watch = stream_whole._Watch(10.0)
+    watch = Watch(10.0)
     both = "the tracker does not keep up: 3 video frames and 20 IMU samples were dropped; use fewer"
     for time, said in ((20.0, []), (20.1, [both]), (20.5, [both.replace("3 video frames and ", "")])):
         watch.take({"time": time, "findings": said}, 0.1)
-    watch.end_part(21.0, tmp_path)
-    (part,) = watch.parts
+    part = watch.end_part(21.0, tmp_path)
     assert (part.answers, part.missing, part.findings) == (3, 3, 2)
     assert part.dropped == (3, 40)
     assert not watch.has_answers
@@ -69,7 +64,7 @@ def test_a_program_that_does_not_begin_is_told() -> None:
     command = (sys.executable, "-c", "import sys; sys.exit('no such thing')")
     with StreamProgram((), lambda answer, age: None, command) as program:
         with pytest.raises(VipFactorsError, match="no such thing"):
-            program.send(LiveSetup.of(scene), (), lambda time: None)
+            list(program.send(LiveSetup.of(scene), ()))
         assert program.end() == 1
 
 
@@ -93,30 +88,28 @@ def test_processes_are_found() -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="there a process can be stopped and its time read")
 def test_a_slow_machine_for_a_moment(command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream_slow, "SETTLED_S", 0.3)
-    trials = SlowTrials(2.0, 0.8, 1.2, 0.5, 60.0, LongStreamTrials(2.0))
-    result = run_stream_slow(trials, lambda stage, share: None, command)
+    study = StreamSlow(seconds=2.0, begin_s=0.8, end_s=1.2, command=command)
+    (result,) = run(study)
     assert result.code == 0
     assert [part.name for part in result.parts] == ["before", "during", "after"]
     assert sum(part.missing for part in result.parts) == 0
     assert result.parts[0].newest_mm == pytest.approx(0, abs=0.5)
     assert result.needed > 0
-    assert "got 0.5 of that" in slow_table(result)
+    assert "got 0.5 of that" in markdown(study, [result])
     with pytest.raises(InputError, match="one after the other"):
-        SlowTrials(2.0, 1.2, 0.8)
+        StreamSlow(seconds=2.0, begin_s=1.2, end_s=0.8)
 
 
 def test_the_table_of_a_slow_machine() -> None:
     part = SlowPart("during", 10, 2, (0.1, 0.5, 1.0), 20.0, (5.0, np.nan), (3, 40), 10**8, ((30.0, "it is slow"),))
-    result = SlowStream(SlowTrials(), 0.6, (part,), float("nan"), 0)
-    table = slow_table(result)
-    assert "| during | 10 | 2 | 0.10 | 0.50 | 1.00 | 20.0 | 5 | nan | 3 | 40 | 100 |" in table
-    assert "in time again NOT" in table
-    assert "- 30.0 s: it is slow" in table
-    assert '"needed": 0.6' in slow_json(result)
+    tables = markdown(StreamSlow(), [SlowStream(0.6, (part,), float("nan"), 0)])
+    assert "| during | 10 | 2 | 0.10 | 0.50 | 1.00 | 20.0 | 5 | nan | 3 | 40 | 100 |" in tables
+    assert "in time again NOT" in tables
+    assert "- 30.0 s: it is slow" in tables
 
 
 def test_answers_are_in_time_again() -> None:
-    answers = stream_slow._Answers()
+    answers = Answers()
     ages = [(50.0, 3.0), (54.0, 1.0), (55.0, 0.1), (56.0, 0.1), (58.0, 0.1)]
     answers._rows = [(time, age, 0.0) for time, age in ages]
     assert answers.good_after(50.0) == pytest.approx(5.0)

@@ -12,37 +12,12 @@ NUMBERS = (
     b"2147483648", b"1000000000", b"0.5", b"-0", b"1e400", b"", b"x", b"NaN", b"true", b'"1"', b"[]", b"{}", b"null",
 )  # fmt: skip
 WORDS = (
-    b"",
-    b"x",
-    b"nan",
-    b"\xff\xfe",
-    b"\x00",
-    b"name",
-    b"time",
-    b"X" * 300,
-    "\u00e9\u4e2d".encode(),
-    b'"',
-    b"[",
-    b"}",
-)
+    b"", b"x", b"nan", b"\xff\xfe", b"\x00", b"name", b"time", b"X" * 300, "\u00e9\u4e2d".encode(), b'"', b"[", b"}",
+)  # fmt: skip
 PIECES = (
-    b"\x00",
-    b"\xff",
-    b"\n",
-    b",",
-    b"\t",
-    b'"',
-    b"{",
-    b"}",
-    b"[",
-    b"]",
-    b"<",
-    b"/>",
-    b"=",
-    b"#",
-    b"\r",
+    b"\x00", b"\xff", b"\n", b",", b"\t", b'"', b"{", b"}", b"[", b"]", b"<", b"/>", b"=", b"#", b"\r",
     b"\xef\xbb\xbf",
-)
+)  # fmt: skip
 
 Mutation = Callable[[bytes, Random], bytes]
 

@@ -1,7 +1,11 @@
 """A format that is put to the test: small whole files of it, how they are damaged, and what reads them."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from io import StringIO
 from pathlib import Path
 
 from tests.studies.fuzz.bytes_and_text import Mutation, mutated_bytes, mutated_text
@@ -29,8 +33,6 @@ MUTATIONS: dict[str, tuple[Mutation, ...]] = {
 
 Files = Mapping[str, bytes]
 """Content by name, with ``/`` between folders."""
-Run = Callable[[str, Sequence[str]], object]
-"""Runs a command, by its name and its words; what a user can mend is raised."""
 
 
 @dataclass(frozen=True)
@@ -62,17 +64,28 @@ class Case:
 
 
 def command_case(
-    name: str, files: Files, lines: Sequence[str], run: Run, sound: tuple[str, ...] = (), seldom: int = 1,
-    apart: bool = False,
-) -> Case:  # fmt: skip
+    name: str, files: Files, *lines: str, sound: tuple[str, ...] = (), seldom: int = 1, apart: bool = False
+) -> Case:
     """A case that is read by whole commands, one after another; ``{}`` stands for the folder."""
 
     def read(folder: Path) -> None:
         for line in lines:
             command, *words = line.replace("{}", str(folder)).split(" ")
-            run(command, words)
+            run_command(command, words)
 
     return Case(name, files, read, " && ".join(f"vip-factors {line}" for line in lines), sound, seldom, apart)
+
+
+def run_command(command: str, words: Sequence[str]) -> None:
+    """A command, without the lines that it prints; what a user can mend is raised."""
+    module = import_module(f"vip_factors.cli.{command.replace('-', '_')}")
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        module.main(f"vip-factors {command}", words)
+
+
+def installed(name: str) -> bool:
+    """Whether a package can be imported: formats of which a library is missing are left out."""
+    return find_spec(name) is not None
 
 
 def mutations_of(name: str) -> tuple[Mutation, ...]:

@@ -1,58 +1,56 @@
 """What is made of estimates, and of recordings beside them: drawings, films, pages, other programs' files, figures."""
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tests.studies.fuzz.case import Case, Files, Run, command_case, files_below
+from tests.studies.fuzz.case import Case, Files, command_case, files_below, installed
 from tests.studies.fuzz.corpus_scenes import scene_files, small_scene
-from tests.studies.fuzz.installed import installed
 from vip_factors.body.motion import Motion
 
 NEEDS = {"glb": "pygltflib", "c3d": "ezc3d"}
 SUFFIXES = ("bvh", "glb", "npz", "csv", "trc", "mot", "sto", "c3d", "pkl")
 
 
-def estimate_cases(run: Run) -> list[Case]:
-    """By the commands that take an estimate; ``run`` runs them."""
-    case = partial(command_case, run=run)
+def estimate_cases() -> list[Case]:
+    """By the commands that take an estimate."""
+    case = command_case
     scene, plain = _files("scene"), _files("plain")
     of_scene, of_plain = ("{}/scene.mcap {}/scene.estimate.mcap", "{}/plain.mcap {}/plain.estimate.mcap")
     film = "--video-height 64 --video-rate 5 --overwrite"
     cases = [
-        case("view-scene", scene, [f"view {of_scene} --save {{}}/out.rrd --overwrite"], seldom=80),
-        case("view-plain", plain, [f"view {of_plain} --save {{}}/out.rrd --overwrite"], seldom=60),
-        case("view-motion", _motions(), ["view {}/a.bvh --save {}/out.rrd --overwrite"], seldom=40),
-        case("view-images", _images(), ["view {}/scene.mcap --save {}/out.rrd --overwrite"], seldom=50),
-        case("picture-scene", scene, [f"view {of_scene} --picture {{}}/out.png --overwrite"], seldom=250),
-        case("picture-plain", plain, [f"view {of_plain} --picture {{}}/out.png --overwrite"], seldom=250),
-        case("picture-images", _images(), ["view {}/scene.mcap --picture {}/out.png --overwrite"], seldom=200),
-        case("chart-scene", scene, [f"view {of_scene} --chart {{}}/out.png --overwrite"], seldom=50),
-        case("chart-plain", plain, [f"view {of_plain} --chart {{}}/out.png --overwrite"], seldom=50),
-        case("report-scene", scene, [f"report {_truthful('scene')} --out {{}}/out.html --overwrite"], seldom=150),
-        case("report-plain", plain, [f"report {_truthful('plain')} --out {{}}/out.html --overwrite"], seldom=100),
+        case("view-scene", scene, f"view {of_scene} --save {{}}/out.rrd --overwrite", seldom=80),
+        case("view-plain", plain, f"view {of_plain} --save {{}}/out.rrd --overwrite", seldom=60),
+        case("view-motion", _motions(), "view {}/a.bvh --save {}/out.rrd --overwrite", seldom=40),
+        case("view-images", _images(), "view {}/scene.mcap --save {}/out.rrd --overwrite", seldom=50),
+        case("picture-scene", scene, f"view {of_scene} --picture {{}}/out.png --overwrite", seldom=250),
+        case("picture-plain", plain, f"view {of_plain} --picture {{}}/out.png --overwrite", seldom=250),
+        case("picture-images", _images(), "view {}/scene.mcap --picture {}/out.png --overwrite", seldom=200),
+        case("chart-scene", scene, f"view {of_scene} --chart {{}}/out.png --overwrite", seldom=50),
+        case("chart-plain", plain, f"view {of_plain} --chart {{}}/out.png --overwrite", seldom=50),
+        case("report-scene", scene, f"report {_truthful('scene')} --out {{}}/out.html --overwrite", seldom=150),
+        case("report-plain", plain, f"report {_truthful('plain')} --out {{}}/out.html --overwrite", seldom=100),
         case("body-picture", plain,
-             ["body {}/plain.estimate.mcap --truth {}/plain.mcap --picture {}/out.svg --overwrite"], seldom=10),
-        case("evaluate-scene", scene, ["evaluate {}/scene.estimate.mcap --truth {}/scene.mcap"],
+             "body {}/plain.estimate.mcap --truth {}/plain.mcap --picture {}/out.svg --overwrite", seldom=10),
+        case("evaluate-scene", scene, "evaluate {}/scene.estimate.mcap --truth {}/scene.mcap",
              sound=("scene.estimate.mcap",), seldom=20),
-        case("evaluate-plain", plain, ["evaluate {}/plain.estimate.mcap --truth {}/plain.mcap"],
+        case("evaluate-plain", plain, "evaluate {}/plain.estimate.mcap --truth {}/plain.mcap",
              sound=("plain.estimate.mcap",), seldom=15),
     ]  # fmt: skip
     for suffix in ("bvh", "npz"):
         files = {name: content for name, content in _motions().items() if name.endswith(suffix)}
         estimate = {"plain.estimate.mcap": plain["plain.estimate.mcap"]}
         line = f"evaluate {{}}/plain.estimate.mcap --truth {{}}/a.{suffix}"
-        cases.append(case(f"evaluate-{suffix}", files | estimate, [line], sound=tuple(estimate), seldom=15))
+        cases.append(case(f"evaluate-{suffix}", files | estimate, line, sound=tuple(estimate), seldom=15))
     for suffix in SUFFIXES:
         name = "scene" if suffix in ("pkl", "glb", "c3d") else "plain"
         one = {f"{name}.estimate.mcap": scene_files()[f"{name}.estimate.mcap"]}
         line = f"export {{}}/{name}.estimate.mcap {{}}/out.{suffix} --overwrite"
         if installed(NEEDS.get(suffix, "numpy")):
-            cases.append(case(f"export-{suffix}", one, [line], seldom=40 if suffix in NEEDS else 12))
+            cases.append(case(f"export-{suffix}", one, line, seldom=40 if suffix in NEEDS else 12))
     if installed("PIL"):
         line = f"view {of_scene} --video {{}}/out.gif --headings {{}}/live.mcap {film}"
-        cases.append(case("film", {**scene, "live.mcap": _live_estimate()}, [line], seldom=100))
+        cases.append(case("film", {**scene, "live.mcap": _live_estimate()}, line, seldom=100))
     return cases
 
 
@@ -110,7 +108,7 @@ def _live_estimate() -> bytes:
 
 def _images() -> Files:
     """The scene with images of its video inside."""
-    from tests.studies.fuzz.pictures import moving_square
+    from tests.studies.fuzz.corpus_filmed import moving_square
     from vip_factors.io.mcap_scene_recording import write_scene
     from vip_factors.sensors.scene import Video
     from vip_factors.viz.encoded import jpeg_bytes, png_bytes

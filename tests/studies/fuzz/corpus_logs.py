@@ -1,7 +1,6 @@
 """Sensor logs of all formats, a few samples each, written here in the form that their makers give them."""
 
 import pickle
-from collections.abc import Callable
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -13,28 +12,26 @@ from tests.studies.fuzz.case import Case, Files
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import joint_index
+from vip_factors.cli.info_recording import recording_text
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp, log, rotation_x
 from vip_factors.io.convert import ImportOptions, import_recording
 from vip_factors.io.convert_template import write_templates
-from vip_factors.sensors.recording import Recording
 
 ROWS = 8
 NAMES = ("Pelvis", "LeftShank", "RightForeArm")
 GRAVITY = np.array([0.0, 0.0, 9.81])
 SELDOM = {"mvnx": 8, "totalcapture": 12, "dip-imu": 12, "qmt-mat": 6, "apdm-7": 3}
 
-Describe = Callable[[Recording], object]
 
-
-def log_cases(describe: Describe) -> list[Case]:
-    """One case for each format of logs; ``describe`` says what a recording holds."""
+def log_cases() -> list[Case]:
+    """One case for each format of logs."""
     cases = []
     for name, path, files, options in _logs():
         command = f"vip-factors convert {{}}/{path} out.mcap" + "".join(
             f" --{key.replace('_', '-')} {{}}/{value}" for key, value in options.items()
         )
-        read = partial(_read, path=path, options=options, describe=describe)
+        read = partial(_read, path=path, options=options)
         cases.append(Case(name, files, read, command, seldom=SELDOM.get(name, 4)))
     table = {"log.csv": _table()["log.csv"]}
     return [
@@ -43,10 +40,10 @@ def log_cases(describe: Describe) -> list[Case]:
     ]
 
 
-def _read(folder: Path, path: str, options: dict[str, str], describe: Describe) -> None:
+def _read(folder: Path, path: str, options: dict[str, str]) -> None:
     """As ``convert`` does."""
     told = {key: (folder / value if key == "columns" else str(folder / value)) for key, value in options.items()}
-    describe(import_recording(folder / path, ImportOptions(**told)))  # type: ignore[arg-type]
+    recording_text(import_recording(folder / path, ImportOptions(**told)))  # type: ignore[arg-type]
 
 
 def _template(folder: Path) -> None:

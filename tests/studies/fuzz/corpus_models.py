@@ -5,8 +5,9 @@ import os
 import pickle
 import zipfile
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from functools import partial
-from io import BytesIO
+from io import BytesIO, StringIO
 from pathlib import Path
 from shutil import copyfile
 from tempfile import TemporaryDirectory
@@ -14,19 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from tests.studies.fuzz.case import Case, files_below
+from tests.studies.fuzz.case import Case, files_below, installed
 from tests.studies.fuzz.containers import protobuf_of
-from tests.studies.fuzz.installed import installed
 from vip_factors import __version__
 from vip_factors.body.train_body_prior import DIMENSIONS
 from vip_factors.io.ansur import train_body_prior_from_folder
 
 PEOPLE = 230
-TakeStep = Callable[[Path], object]
 
 
-def model_cases(take_step: TakeStep) -> list[Case]:
-    """Each by what reads it; ``take_step`` takes a step of which the folder holds a record."""
+def model_cases() -> list[Case]:
+    """Each by what reads it."""
     from vip_factors.io.live.token import read_token
 
     survey = {f"{sex}.csv": _survey(seed) for seed, sex in enumerate(("male", "female"))}
@@ -35,7 +34,7 @@ def model_cases(take_step: TakeStep) -> list[Case]:
              seldom=6),
         Case("token", {"token.txt": b"c2VjcmV0\n"}, lambda folder: read_token(folder / "token.txt"),
              "vip-factors stream tcp://0.0.0.0:5555 --token-file {}/token.txt", seldom=3),
-        Case("step-record", {"info.json": _record()}, take_step, "vip-factors run", seldom=3),
+        Case("step-record", {"info.json": _record()}, _take_step, "vip-factors run", seldom=3),
         *_priors(), *_bodies(), _wheel(),
     ]  # fmt: skip
     if installed("onnxruntime"):
@@ -58,6 +57,14 @@ def _record() -> bytes:
     told = ["note: a remark"]
     record = {"command": "vip-factors info", "version": __version__, "inputs": {}, "outputs": [], "told": told}
     return json.dumps(record).encode()
+
+
+def _take_step(folder: Path) -> None:
+    """One that does nothing, as ``run`` takes it again."""
+    from vip_factors.cli.run_steps import Step, take
+
+    with redirect_stdout(StringIO()):
+        take(Step("info", "info", (), (), ()), folder, main=lambda prog, words: None)
 
 
 def _afresh(folder: Path, name: str, read: Callable[[Path], object]) -> None:

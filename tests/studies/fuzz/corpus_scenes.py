@@ -1,6 +1,5 @@
-"""Recordings, estimates and live streams of half a second, as the package writes them."""
+"""Recordings, estimates and live streams of half a second, as the package writes them; some are solved."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -9,11 +8,12 @@ from threading import Event
 
 import numpy as np
 
-from tests.studies.fuzz.case import Case, files_below
+from tests.studies.fuzz.case import Case, Files, command_case, files_below
 from tests.studies.fuzz.containers import varint
 from vip_factors.body.hinge_estimate import HingeEstimate
 from vip_factors.body.hinges import HINGE_OF
 from vip_factors.body.lengths import LENGTHS
+from vip_factors.cli.info import file_text
 from vip_factors.estimate import (
     BodyEstimate,
     CameraEstimate,
@@ -32,10 +32,8 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings
 
-SECONDS = 0.5
+SECONDS, FILMED_SECONDS = 0.5, 2.5
 TOKEN = "of the sender"
-
-Describe = Callable[[Path], object]
 
 
 def simulated_scene(seconds: float) -> Scene:
@@ -112,20 +110,20 @@ def scene_files() -> dict[str, bytes]:
         return files_below(folder)
 
 
-def scene_cases(describe: Describe) -> list[Case]:
-    """Recordings, estimates and streams; ``describe`` does what ``info`` does with a file."""
+def scene_cases() -> list[Case]:
+    """Recordings, estimates and streams."""
     content = scene_files()
     cases = [
         Case(
             f"{name}-mcap", {f"{name}.mcap": content[f"{name}.mcap"]},
-            partial(_recording, describe=describe, name=name), f"vip-factors info {{}}/{name}.mcap", seldom=15,
+            partial(_recording, name=name), f"vip-factors info {{}}/{name}.mcap", seldom=15,
         )
         for name in ("plain", "scene")
     ]  # fmt: skip
     for name in ("plain", "scene"):
         files = {one: content[one] for one in (f"{name}.mcap", f"{name}.estimate.mcap")}
         command = f"vip-factors evaluate {{}}/{name}.estimate.mcap --truth {{}}/{name}.mcap"
-        read = partial(_estimate, describe=describe, name=name)
+        read = partial(_estimate, name=name)
         cases.append(Case(f"{name}-estimate", files, read, command, (f"{name}.mcap",), seldom=25))
     stream, command = {"a.messages": content["a.messages"]}, "vip-factors stream - < {}/a.messages"
     cases.append(Case("live-stream", stream, _stream, command, seldom=2))
@@ -136,13 +134,13 @@ def scene_cases(describe: Describe) -> list[Case]:
     return cases
 
 
-def _recording(folder: Path, describe: Describe, name: str) -> None:
+def _recording(folder: Path, name: str) -> None:
     """As ``info``, and as far as ``smooth`` goes before it solves."""
     from vip_factors.io.mcap_sampled import open_sampled
     from vip_factors.sensors.live import LiveSetup, live_samples
 
     path = folder / f"{name}.mcap"
-    describe(path)
+    file_text(path)
     sampled = open_sampled(path)
     for wearer in sampled.wearers if sampled is not None else ():
         wearer.between(0.0, 0.1)
@@ -155,7 +153,7 @@ def _recording(folder: Path, describe: Describe, name: str) -> None:
             pass
 
 
-def _estimate(folder: Path, describe: Describe, name: str) -> None:
+def _estimate(folder: Path, name: str) -> None:
     """As ``info``, ``evaluate`` and ``body`` do."""
     from vip_factors.evaluate.evaluation import evaluate
     from vip_factors.evaluate.scene import evaluate_scene
@@ -164,7 +162,7 @@ def _estimate(folder: Path, describe: Describe, name: str) -> None:
     from vip_factors.io.mcap_scene_recording import read_scene
 
     path = folder / f"{name}.estimate.mcap"
-    describe(path)
+    file_text(path)
     estimate, scene = read_scene_estimate(path), read_scene(folder / f"{name}.mcap")
     read_calibration_history(path)
     wearer = scene.wearers[0]
@@ -212,3 +210,32 @@ def _growing(folder: Path) -> None:
     with GrowingFileSource(folder / "scene.mcap", quick, lambda finding: None) as source:
         for _ in source:
             pass
+
+
+def solved_cases() -> list[Case]:
+    """By the commands that solve; seldom, as each takes a second or so."""
+    case, files = command_case, _recordings()
+    plain, scene = ({f"{name}.mcap": files[f"{name}.mcap"]} for name in ("plain", "scene"))
+    filmed = {"filmed.mcap": files["filmed.mcap"]}
+    return [
+        case("smooth-plain", plain, "smooth {}/plain.mcap --out {}/out.mcap --overwrite", seldom=400),
+        case("smooth-scene", scene, "smooth {}/scene.mcap --out {}/out.mcap --overwrite", seldom=400),
+        case("stream-plain", plain, "stream {}/plain.mcap --start-s 0.2 --lag-s 0.2 --out {}/out.mcap --overwrite",
+             seldom=300),
+        case("graph-scene", scene, "graph {}/scene.mcap --picture {}/out.svg --overwrite", seldom=250),
+        case("sync-clocks", filmed, "sync {}/filmed.mcap --dry-run", seldom=40),
+    ]  # fmt: skip
+
+
+def _recordings() -> Files:
+    from vip_factors.io.mcap_recording import write_recording
+    from vip_factors.io.mcap_scene_recording import write_scene
+
+    scene, filmed = simulated_scene(SECONDS), simulated_scene(FILMED_SECONDS)
+    wearer = filmed.wearers[0]
+    few = {name: wearer.imus[name] for name in list(wearer.imus)[:3]}
+    with TemporaryDirectory() as name:
+        write_scene(scene, Path(name, "scene.mcap"))
+        write_recording(scene.wearers[0], Path(name, "plain.mcap"))
+        write_scene(replace(filmed, wearers=(replace(wearer, imus=few),)), Path(name, "filmed.mcap"))
+        return files_below(Path(name))

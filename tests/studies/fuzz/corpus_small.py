@@ -16,8 +16,11 @@ from vip_factors.body.keypoint_offsets import KeypointOffsets, PooledOffsets
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, keypoint_set
 from vip_factors.body.length_prior import LengthPrior
 from vip_factors.body.lengths import LENGTHS
-from vip_factors.body.motion import Motion
+from vip_factors.cli.info_recording import motion_text
+from vip_factors.cli.settings_file import flattened, read_settings
+from vip_factors.configurations import configured
 from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 
 PLAIN_CAMERA = (
@@ -66,23 +69,19 @@ fisheye = false
 adjusted = false
 """
 
-Describe = Callable[[Motion], object]
-ReadSettings = Callable[[Path], object]
+
+def small_cases() -> list[Case]:
+    return [*_motions(), *_detections(), *_cameras(), *_bodies(), _settings()]
 
 
-def small_cases(describe: Describe, read_settings: ReadSettings, settings: str) -> list[Case]:
-    """Their cases; ``describe`` says what a motion holds, ``read_settings`` reads such as ``settings``, a TOML file."""
-    return [*_motions(describe), *_detections(), *_cameras(), *_bodies(), _settings(read_settings, settings)]
-
-
-def _motions(describe: Describe) -> list[Case]:
+def _motions() -> list[Case]:
     from vip_factors.io.export.amass import write_amass
     from vip_factors.io.export.bvh import write_bvh
     from vip_factors.io.export.settings import ExportSettings
     from vip_factors.io.motions.files import read_motion
 
     def read(folder: Path, name: str) -> None:
-        describe(read_motion(folder / name))
+        motion_text(read_motion(folder / name))
 
     motion = gestures(0.05)
     estimate = SceneEstimate("a", "IT", (Estimate("a", "IT", motion, {}),))
@@ -235,7 +234,20 @@ def _read_file(folder: Path, name: str, read: Callable[[Path], object]) -> None:
     read(folder / name)
 
 
-def _settings(read_settings: ReadSettings, text: str) -> Case:
-    files = {"settings.toml": text.encode()}
+def _settings() -> Case:
+    """All that are numbers."""
+
+    def read(folder: Path) -> None:
+        read_settings(folder / "settings.toml", Settings(), lambda name: configured(Settings(), name))
+
+    lines = [f"{name} = {value}" for name, value in flattened(Settings()).items() if _is_number(value)]
     command = "vip-factors smooth RECORDING.mcap --settings {}/settings.toml"
-    return Case("settings", files, lambda folder: read_settings(folder / "settings.toml"), command, seldom=4)
+    return Case("settings", {"settings.toml": "\n".join([*lines, ""]).encode()}, read, command, seldom=4)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

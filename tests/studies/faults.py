@@ -1,19 +1,22 @@
-"""What is done to a live stream, and when: the faults of the stream benchmark by name."""
+"""What is done to a live stream, and when: faults by name, those of clocks at moments that chance chooses."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from tests.studies.stream_clock_faults import clock_faults
-from tests.studies.stream_fault import Fault
 from vip_factors.errors import InputError
+from vip_factors.sensors.live import LiveSample
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.stream_faults import (
     FOREVER,
+    Chosen,
     OfSensors,
+    clock_drifting,
     clock_jumping,
+    clocks_leaping,
     delayed,
     everything,
     heading_reset,
@@ -22,7 +25,38 @@ from vip_factors.simulate.stream_faults import (
     of_video,
     repeated,
     turned_on_bone,
-)
+)  # fmt: skip
+
+Samples = Iterable[LiveSample]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault.
+
+    Attributes:
+        name: for people and for the command line.
+        begin: seconds from the start of the stream.
+        end: when it is over; infinite if what has changed stays so.
+        change: the stream with the fault.
+        overload_s: seconds that each update takes from begin to end; 0: the tracker keeps up.
+        restart: whether tracking is begun anew at ``end`` by a program that knows nothing of before.
+        jump: seconds that the clocks of all samples leap at ``begin``.
+    """
+
+    name: str
+    begin: float
+    end: float
+    change: Callable[[Samples], Iterator[LiveSample]]
+    overload_s: float = 0.0
+    restart: bool = False
+    jump: float = 0.0
+
+    @property
+    def lasts(self) -> bool:
+        """Whether it never ends."""
+        return not np.isfinite(self.end)
+
 
 # Sensors that slip, with their bones' long axes and an axis across, in the bone.
 LIMBS: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
@@ -37,11 +71,7 @@ OVERLOAD_S = 8.0  # with updates of three frames each, five seconds of samples p
 
 
 def faults_of(scene: Scene, begin: float, seed: int = 0) -> dict[str, Fault]:
-    """All faults of a scene's stream by name, each from ``begin`` (s) on.
-
-    Raises:
-        InputError: if the first wearer lacks one of the sensors that are to fail, or their truth is not known.
-    """
+    """All faults of a scene's stream by name, each from ``begin`` (s) on."""
     wearer = scene.wearers[0]
     missing = sorted({*DEAD, *LIMBS} - set(wearer.imus))
     if missing or wearer.truth is None or wearer.truth.calibration is None:
@@ -74,11 +104,7 @@ def faults_of(scene: Scene, begin: float, seed: int = 0) -> dict[str, Fault]:
 
 
 def chosen_faults(scene: Scene, begin: float, names: tuple[str, ...]) -> list[Fault]:
-    """Some faults by (parts of) their names; all if none is named.
-
-    Raises:
-        InputError: for a name that none has.
-    """
+    """Some faults by (parts of) their names; all if none is named."""
     faults = faults_of(scene, begin)
     for name in names:
         if not any(name in known for known in faults):
@@ -100,3 +126,38 @@ def _moved(wearer: Recording, sensor: str, begin: float) -> Iterator[Fault]:
         f"{sensor}'s heading set {HEADING_DEG:g}° anew", begin, FOREVER,
         partial(heading_reset, sensor=sensor, angle=np.deg2rad(HEADING_DEG), start=begin),
     )  # fmt: skip
+
+
+STEPS_S = (0.05, 1.0, 60.0, 3600.0)  # what NTP slews at most, a leap second, a forgotten minute, daylight saving
+DRIFTS = ((0.05, 5.0), (-0.05, 5.0))  # seconds, and in how long: a hundred times what NTP does, so that it shows
+WHOSE: tuple[tuple[str, Chosen], ...] = (
+    ("right_shank's clock", OfSensors(["right_shank"])),
+    ("the video's clock", of_video),
+    ("all clocks", everything),
+)
+AGAIN, AGAIN_S = 5, 2.4  # leaps of one stream, and seconds from one to the next at least
+
+
+def clock_faults(begin: float, seed: int = 0) -> Iterator[Fault]:
+    """Each from a moment within a second of ``begin`` (s) on; same seed, same moments."""
+    random = np.random.default_rng([seed, 5])
+    for whose, chosen in WHOSE:
+        of_all = chosen is everything
+        for step in (sign * size for size in STEPS_S for sign in (1, -1)):
+            at = begin + random.random()
+            yield Fault(
+                f"{whose} {abs(step):g} s {'ahead' if step > 0 else 'back'}", at, FOREVER,
+                partial(clock_jumping, chosen=chosen, jump=step, start=at), jump=step if of_all else 0.0,
+            )  # fmt: skip
+        for step, takes in DRIFTS:
+            at = begin + random.random()
+            name = f"{whose} slewed {abs(step):g} s {'ahead' if step > 0 else 'back'} in {takes:g} s"
+            change = partial(clock_drifting, chosen=chosen, drift=step, start=at, takes=takes)
+            yield Fault(name, at, at + takes, change, jump=step if of_all else 0.0)
+    leaps = []
+    for number in range(AGAIN):
+        _, chosen = WHOSE[number % 2]  # a stream whose every clock leaps begins anew each time
+        step = float(random.choice(STEPS_S[1:]) * random.choice((1, -1)))
+        leaps.append((begin + number * AGAIN_S + random.random(), chosen, step))
+    name = f"{AGAIN} leaps of a sensor's clock and the video's"
+    yield Fault(name, leaps[0][0], FOREVER, partial(clocks_leaping, leaps=leaps))

@@ -17,9 +17,9 @@ import numpy as np
 
 from tests.studies.fuzz.case import Case, files_below, installed
 from tests.studies.fuzz.containers import protobuf_of
+from tests.studies.train_prior import train_body_prior_from_folder
 from vip_factors import __version__
 from vip_factors.body.train_body_prior import DIMENSIONS
-from vip_factors.io.ansur import train_body_prior_from_folder
 
 PEOPLE = 230
 

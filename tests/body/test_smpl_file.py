@@ -6,7 +6,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from tests.studies.fuzz.limits import limited_memory
+from tests.studies.fuzz.outcome import limited_memory
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.smpl_file import skeleton_from_smpl, smpl_body
 from vip_factors.errors import FileFormatError, InputError

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from tests.studies.fuzz.limits import limited_memory, out_of_memory
+from tests.studies.fuzz.outcome import limited_memory, out_of_memory
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.motion import Motion
 from vip_factors.cli.settings_file import read_settings

@@ -64,11 +64,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def study_of(name: str) -> type[Study]:
-    """A study by its name.
-
-    Raises:
-        InputError: if there is none.
-    """
+    """A study by its name."""
     if name not in STUDIES:
         raise InputError(f"unknown study '{name}'; there are {', '.join(STUDIES)}")
     module, _, kind = STUDIES[name].partition(":")

@@ -65,11 +65,7 @@ class LabelledScene:
 
 
 def usable(clips: Iterable[Motion]) -> list[Motion]:
-    """Clips, slowed to 60 frames per second, that are long enough to be repeated.
-
-    Raises:
-        InputError: if none is.
-    """
+    """Clips, slowed to 60 frames per second, that are long enough to be repeated."""
     slowed = [clip.frames(slice(None, None, max(1, round(clip.rate / MOTION_HZ)))) for clip in clips]
     found = [clip for clip in slowed if len(clip) / clip.rate > SHORTEST_CLIP_S]
     if not found:
@@ -78,16 +74,7 @@ def usable(clips: Iterable[Motion]) -> list[Motion]:
 
 
 def make_scene(clips: Sequence[Motion], seed: int, making: SceneMaking | None = None) -> Scene:
-    """Two wearers and some bystanders who do what random clips show, at random places, filmed by a random camera.
-
-    Args:
-        clips: as :func:`usable` leaves them.
-        seed: of everything.
-        making: what the scenes are like.
-
-    Raises:
-        RecordingError: if the clips are full of faults.
-    """
+    """Two wearers and some bystanders who do what random clips show, at random places, filmed by a random camera."""
     making, random = making or SceneMaking(), np.random.default_rng([seed, 0xA550C])
     for draw in range(DRAWS):
         try:
@@ -105,11 +92,7 @@ def _draw_scene(clips: Sequence[Motion], seed: int, making: SceneMaking, random:
     moving[making.wearers :] = [_passing(motion, random) for motion in moving[making.wearers :]]
     motions = staged(moving, seed)
     performers = [
-        Performer(
-            f"person{number}",
-            motion,
-            preset("sip6", motion.skeleton) if number < making.wearers else None,
-        )
+        Performer(f"person{number}", motion, preset("sip6", motion.skeleton) if number < making.wearers else None)
         for number, motion in enumerate(motions)
     ]
     settings = SceneSettings.realistic(
@@ -121,11 +104,7 @@ def _draw_scene(clips: Sequence[Motion], seed: int, making: SceneMaking, random:
 
 
 def labelled(scene: Scene, seed: int, second_pass: bool, making: SceneMaking | None = None) -> LabelledScene:
-    """What the association would be given of a simulated scene: an inertial tracker's motions, or fused ones.
-
-    Raises:
-        InputError: for a scene without truth or camera.
-    """
+    """What the association would be given of a simulated scene: an inertial tracker's motions, or fused ones."""
     making, random = making or SceneMaking(), np.random.default_rng([seed, second_pass, 0x7AC])
     if scene.truth is None or scene.camera is None or any(one.truth is None for one in scene.wearers):
         raise InputError(f"scene '{scene.name}' lacks a camera or its truth: expected a simulated one")

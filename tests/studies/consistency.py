@@ -114,11 +114,7 @@ def _over_seeds(
 
 
 def gaussian_nees(scene: GaussianScene) -> dict[str, Array]:
-    """NEES over dimension of one scene, each of all headings, all mountings, the camera, all joints of a frame.
-
-    Raises:
-        SolveError: if the problem is not determined.
-    """
+    """NEES over dimension of one scene, each of all headings, all mountings, the camera, all joints of a frame."""
     objective = SceneObjective(scene.model)
     state, _ = levenberg_marquardt(objective, scene.truth, TO_THE_END)
     marginals = chain_marginals(objective.linearise(state))

@@ -20,12 +20,7 @@ LEFT_GROUND_S = 0.1  # before and after, for take-off and landing
 SMOOTH_S = 0.05  # of the correction: what is left are 1–2 cm, as of soles and carpets
 _ARMS, _THIGHS = ("left_upper_arm", "right_upper_arm"), ("left_thigh", "right_thigh")
 # By how many IMUs are left: those of the paper's section 4.4 that are not.
-REMOVED: dict[int, tuple[str, ...]] = {
-    13: (),
-    12: ("head",),
-    10: ("head", *_ARMS),
-    8: ("head", *_ARMS, *_THIGHS),
-}
+REMOVED: dict[int, tuple[str, ...]] = {13: (), 12: ("head",), 10: ("head", *_ARMS), 8: ("head", *_ARMS, *_THIGHS)}
 
 
 def grounded(motion: Motion) -> Motion:

@@ -59,11 +59,7 @@ def vicon_angles(folder: Path) -> GaitMotion:
 
 
 def optical_angles(path: Path) -> GaitMotion:
-    """Of ``optical_joint_centres.csv``: segments in OpenSim's axes and joint centres, by inverse kinematics of markers.
-
-    Raises:
-        FileFormatError: if a column is missing.
-    """
+    """Of ``optical_joint_centres.csv``: segments in OpenSim's axes and joint centres, by inverse kinematics."""
     table = np.genfromtxt(path, delimiter=",", names=True)
 
     def bone(segment: str) -> Array:
@@ -97,9 +93,6 @@ def opensim_angles(path: Path, begins: float = 0.0, joints: tuple[str, ...] = ("
     """Of a motion file of OpenSim, in degrees; a gait model of which knees bend by ``knee_angle_r``, ``_l``.
 
     ``begins`` is the second of the recording at which the file does.
-
-    Raises:
-        FileFormatError: if a column is missing, or the file has no header.
     """
     lines = path.read_text(encoding="utf-8").splitlines()
     try:

@@ -67,11 +67,7 @@ class MarkerBody:
 
 
 def read_marker_body(path: Path, begins: float = 0.0) -> MarkerBody:
-    """``optical.csv`` of geneva_gait; ``begins`` is the second of its clock at which the recording does.
-
-    Raises:
-        FileFormatError: if a column is missing.
-    """
+    """``optical.csv`` of geneva_gait; ``begins`` is the second of its clock at which the recording does."""
     table = np.genfromtxt(path, delimiter=",", names=True)
 
     def of(*names: str) -> Array:
@@ -99,11 +95,7 @@ def read_marker_body(path: Path, begins: float = 0.0) -> MarkerBody:
 
 
 def marker_columns(table: np.ndarray, names: list[str], path: Path) -> Array:
-    """Columns ``(T, n)`` of a table.
-
-    Raises:
-        FileFormatError: if one is missing.
-    """
+    """Columns ``(T, n)`` of a table."""
     known = table.dtype.names or ()
     if missing := [one for one in names if one not in known]:
         raise FileFormatError(f"{path}: no column '{missing[0]}'; expected a body as an optical system saw it")
@@ -111,11 +103,7 @@ def marker_columns(table: np.ndarray, names: list[str], path: Path) -> Array:
 
 
 def posed(body: MarkerBody, skeleton: Skeleton) -> tuple[Skeleton, BodyState]:
-    """All bones of a person, for a camera to look at; what no marker tells lies where the skeleton has it.
-
-    Returns:
-        The skeleton with heels and toes where this person's markers are, and the bones in ``T`` frames.
-    """
+    """All bones of a person, for a camera to look at; what no marker tells lies where the skeleton has it."""
     T, rest = len(body.time), skeleton.p_pelvis_joint
     R, p = np.tile(np.eye(3), (T, JOINT_COUNT, 1, 1)), np.zeros((T, JOINT_COUNT, 3))
     for name, axes in body.R_world_bone.items():
@@ -182,14 +170,7 @@ def _axes_facing(left: Array, forward: Array) -> Array:
 
 
 def filmed(recording: Recording, body: MarkerBody, camera: CameraName, seed: int) -> Scene:
-    """The recording as a scene with one camera, which films while markers were recorded.
-
-    Args:
-        recording: of the same person's sensors.
-        body: as optical markers show it, on the recording's clock; every so many-th of its frames is filmed.
-        camera: stands at an unknown place, or is held in somebody's hands and has a sensor of its own.
-        seed: of the camera's place and movement, and of the detector's errors.
-    """
+    """The recording as a scene with one camera, which films while markers were recorded."""
     settings = FILMING[camera]
     skeleton, state = posed(body, recording.subject.body())
     path = camera_motion(state.p_world_joint[None, :, 0], body.time, settings, np.random.default_rng([seed, 0xCA3E7A]))

@@ -41,14 +41,7 @@ class LagOfGtsam:
         frames: Mapping[int, int],
         shared: Sequence[int],
     ) -> gtsam.Values:
-        """Put in what is new; all variables of the lag then.
-
-        Args:
-            newest: number of the newest frame.
-            factors, values: that are new.
-            frames: of the new variables, by key.
-            shared: keys of what never leaves the lag.
-        """
+        """Put in what is new; all variables of the lag then."""
         times = {key: float(frame) for key, frame in frames.items()}
         times.update(dict.fromkeys(shared, float(newest)))
         self._smoother.update(factors, values, times)  # type: ignore[arg-type]  # its Mapping is invariant in its keys

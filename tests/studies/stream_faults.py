@@ -12,8 +12,14 @@ import numpy as np
 from tests.studies.faults import Fault, chosen_faults
 from tests.studies.scenes import HOLD_S, SETTLED_S, find_clips, posed_scene, straps_and_sensors
 from tests.studies.stream_ends import Killed, kill_while_writing
-from tests.studies.stream_error import ErrorOverTime, bad_seconds, error_over_time, seconds_until_good
-from tests.studies.stream_run import StreamRun, run_stream
+from tests.studies.stream_run import (
+    ErrorOverTime,
+    StreamRun,
+    bad_seconds,
+    error_over_time,
+    run_stream,
+    seconds_until_good,
+)
 from tests.studies.study import Study, Tell, cell, group, table
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError

@@ -136,18 +136,7 @@ def measure(
     samples: Iterable[LiveSample], setup: LiveSetup, settings: LiveSettings, tell: Callable[[float], None],
     real_time: bool = False,
 ) -> Latency:  # fmt: skip
-    """Push samples into a new tracker and look at the clocks.
-
-    Args:
-        samples: in the order of their times.
-        setup: of the stream.
-        settings: of the tracker.
-        tell: progress, with the stream's time.
-        real_time: wait for each sample's time; else all come as fast as they are taken.
-
-    Raises:
-        RecordingError: if there is no answer after the start.
-    """
+    """Push samples into a new tracker and look at the clocks."""
     tracker = FixedLagTracker(setup, settings)
     rows: list[tuple[float, float, float, float]] = []  # stream's time, wall, CPU, age; of each answer
     slowest: list[SlowUpdate] = []

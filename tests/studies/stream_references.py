@@ -73,11 +73,7 @@ class RecordedWindow:
 def run_references(
     samples: Iterable[LiveSample], setup: LiveSetup, settings: LiveSettings, updates: int, tell: Tell
 ) -> tuple[ReferenceTime, ...]:
-    """Time each smoother on ``updates`` frames after as many as the lag holds; ours is the first.
-
-    Raises:
-        RecordingError: if the stream is too short.
-    """
+    """Time each smoother on ``updates`` frames after as many as the lag holds; ours is the first."""
     lag = max(1, round(settings.lag_s * settings.frame_rate))
     settings = without_walk(settings)
     with ThreadpoolController().limit(limits=1, user_api="blas"):  # as the tracker does
@@ -120,11 +116,7 @@ def without_walk(settings: LiveSettings) -> LiveSettings:
 def recorded_window(
     samples: Iterable[LiveSample], setup: LiveSetup, settings: LiveSettings, count: int
 ) -> RecordedWindow:
-    """Run the tracker until ``count`` frames have left the lag without a new start, and keep these.
-
-    Raises:
-        RecordingError: if the stream ends before.
-    """
+    """Run the tracker until ``count`` frames have left the lag without a new start, and keep these."""
     tracker = FixedLagTracker(setup, settings)
     smoother: LagSmoother | None = None
     frames: list[LagFrame] = []

@@ -19,8 +19,8 @@ import numpy as np
 
 from tests.studies.long_stream import LEAST_SCENE_S, LongStream, LongStreamTrials, stream_scene
 from tests.studies.processes import ProcessTree, apart, process_tree
-from tests.studies.stream_error import error_over_time
 from tests.studies.stream_program import COMMAND, StreamProgram
+from tests.studies.stream_run import error_over_time
 from tests.studies.stream_whole import DROPPED
 from tests.studies.study import MB, NAN, Fixed, Study, Tell, bullets, table
 from vip_factors.errors import InputError

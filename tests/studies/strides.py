@@ -40,11 +40,7 @@ class StrideErrors:
 
 
 def read_strides(folder: Path) -> dict[str, Strides]:
-    """Of ``gaitmap_feet``, by side: when each foot rested, and where its heel's marker was then.
-
-    Raises:
-        FileFormatError: if a marker or a column is missing, or a row names no foot.
-    """
+    """Of ``gaitmap_feet``, by side: when each foot rested, and where its heel's marker was then."""
     events, markers = folder / "stride_events_sample.csv", folder / "mocap_sample.csv"
     with markers.open(encoding="utf-8") as file:
         names = [f"{one}_{axis}" for one, axis in zip(*(next(csv.reader(file)) for _ in range(2)), strict=True)]

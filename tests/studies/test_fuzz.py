@@ -9,7 +9,7 @@ import pytest
 
 from tests.studies.__main__ import main
 from tests.studies.fuzz.case import Case
-from tests.studies.fuzz.limits import Hang, limited_time
+from tests.studies.fuzz.outcome import Hang, limited_time
 from tests.studies.fuzz.run import Failure, FuzzResult, all_cases, chosen_cases, fuzzed, mutated, save_failure
 from vip_factors.errors import InputError
 

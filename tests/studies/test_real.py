@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from tests.studies.__main__ import main
-from tests.studies.leg_angles import (
-    GaitMotion,
-    angle_errors,
-    gait_of,
-    opensim_angles,
-    optical_angles,
-)
+from tests.studies.leg_angles import GaitMotion, angle_errors, gait_of, opensim_angles, optical_angles
 from tests.studies.real import Real, RealTrial
 from tests.studies.real_recordings import real_recordings
 from tests.studies.strides import StrideErrors

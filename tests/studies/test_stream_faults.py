@@ -9,9 +9,8 @@ from live_answers import answers, live_scene, truth_of
 
 from tests.studies.faults import chosen_faults
 from tests.studies.stream_ends import kill_while_writing
-from tests.studies.stream_error import ErrorOverTime, bad_seconds, error_over_time, seconds_until_good
 from tests.studies.stream_faults import Errors, FaultTrial, KilledTrial, StreamFaults
-from tests.studies.stream_run import run_stream
+from tests.studies.stream_run import ErrorOverTime, bad_seconds, error_over_time, run_stream, seconds_until_good
 from tests.studies.study import markdown
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import rotation_z

@@ -89,11 +89,7 @@ class TotalCapture(VipTables):
 
 
 def sequences(folder: Path) -> list[Capture]:
-    """All folders with one sequence each, at or below a folder.
-
-    Raises:
-        InputError: if there is none.
-    """
+    """All folders with one sequence each, at or below a folder."""
     if not folder.is_dir():
         raise InputError(f"{folder}: expected TotalCapture's folder")
     inside = [folder, *sorted(path for path in folder.rglob("*") if path.is_dir())]
@@ -217,9 +213,6 @@ def read_cameras(path: Path) -> list[tuple[CameraModel, CameraPath]]:
 
     ``ncam distortion_order``; per camera ``rmin rmax cmin cmax``, ``fx fy cx cy``, ``k1``, three rows of R, t, with
     ``X_cam = R X + t`` in metres and one radial term on normalised coordinates.
-
-    Raises:
-        FileFormatError: if the numbers are not as many as announced, or a matrix is no rotation.
     """
     try:
         numbers = np.array(path.read_text(encoding="ascii", errors="replace").split(), dtype=float)

@@ -84,15 +84,7 @@ def split_clips(files: Iterable[Path]) -> tuple[list[Path], list[Path]]:
 
 
 def trained(clips: Iterable[Motion], scenes: int, seed: int, making: SceneMaking, source: str) -> AssociationWeights:
-    """Weights learned from scenes made of clips, each for both passes.
-
-    Args:
-        clips: what people in the scenes do.
-        scenes: how many.
-        seed: of the first; the others follow.
-        making: what they are like.
-        source: of the clips, for the provenance.
-    """
+    """Weights learned from scenes made of clips, each for both passes."""
     sound = usable(clips)
     examples = []
     for number in range(seed, seed + scenes):
@@ -140,16 +132,7 @@ def precision_and_recall(
 def train_association(
     scenes: Iterable[LabelledScene], provenance: str, settings: AssociationSettings | None = None
 ) -> AssociationWeights:
-    """Fit all regressions.
-
-    Args:
-        scenes: of both passes, in any order.
-        provenance: one line: which scenes.
-        settings: gate, rivals and offsets are used.
-
-    Raises:
-        InputError: if scenes of one pass are missing, or show nothing wrong or nothing right.
-    """
+    """Fit all regressions."""
     settings = settings or AssociationSettings()
     prepared = [
         (scene, make_context(scene.detections, scene.model, scene.motions, scene.camera, scene.gravity_camera))

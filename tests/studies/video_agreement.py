@@ -45,9 +45,6 @@ def video_motion(path: Path, begins: float) -> GaitMotion:
     """Of VIDIMU's ``.csv``: joint centres that a network found in one camera's video, in the camera's axes.
 
     ``begins`` is the second of the recording at which both were started.
-
-    Raises:
-        FileFormatError: if a column is missing.
     """
     table = np.genfromtxt(path, delimiter=",", names=True, autostrip=True)
     centres = {

@@ -100,11 +100,7 @@ VARIANTS: dict[str, Variant] = {
 
 
 def chosen_variants(names: tuple[str, ...] = ()) -> tuple[Variant, ...]:
-    """Variants by name; all without one.
-
-    Raises:
-        InputError: for an unknown name.
-    """
+    """Variants by name; all without one."""
     unknown = [name for name in names if name not in VARIANTS]
     if unknown:
         raise InputError(f"unknown variant '{unknown[0]}': expected some of {', '.join(VARIANTS)}")
@@ -131,18 +127,7 @@ def settings_of(variant: Variant, settings: Settings) -> Settings:
 
 
 def told(scene: Scene, variant: Variant, settings: Settings, seed: int, found: Calibration | None = None) -> Scene:
-    """The scene as a variant gets it; what it may not know of the truth is for the evaluation to keep.
-
-    Args:
-        scene: as recorded, of one wearer, with truth.
-        variant: whose turn it is.
-        settings: of the estimator.
-        seed: of the distortion.
-        found: VIP's calibration of this scene, for variants that need it.
-
-    Raises:
-        InputError: if the scene has no truth, or VIP's calibration is missing.
-    """
+    """The scene as a variant gets it; what it may not know of the truth is for the evaluation to keep."""
     wearer = scene.wearers[0]
     if variant.six:
         wearer = _with_six(wearer)
@@ -160,11 +145,7 @@ def told(scene: Scene, variant: Variant, settings: Settings, seed: int, found: C
 
 
 def with_true_pixels(scene: Scene) -> Scene:
-    """The wearers' own detections alone, each keypoint where it really is, with confidence one.
-
-    Raises:
-        InputError: if the scene does not know where they are.
-    """
+    """The wearers' own detections alone, each keypoint where it really is, with confidence one."""
     camera, truth = scene.camera, scene.truth
     if camera is None or truth is None or truth.pixels is None:
         raise InputError(f"scene '{scene.name}' does not know its true keypoints: expected a simulated one")

@@ -77,11 +77,7 @@ class Vicon:
 
 
 def read_vicon(path: Path) -> Vicon:
-    """The comma-separated export: ``//`` comments, a header, then joint centres (``NAME_1…3``) and ``qNAME_1…4``.
-
-    Raises:
-        FileFormatError: if a column is missing.
-    """
+    """The comma-separated export: ``//`` comments, a header, then joint centres (``NAME_1…3``) and ``qNAME_1…4``."""
     with path.open(encoding="utf-8") as file:
         lines = [line for line in file if not line.startswith("//")]
     names, table = lines[0].strip().split(","), np.loadtxt(lines[1:], delimiter=",")

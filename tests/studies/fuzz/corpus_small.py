@@ -204,11 +204,7 @@ def _cameras() -> list[Case]:
 
 def _bodies() -> list[Case]:
     from vip_factors.io.body_file import BodyFile, read_body_file, write_body_file
-    from vip_factors.io.keypoint_offsets_file import (
-        KeypointOffsetsFile,
-        read_keypoint_offsets,
-        write_keypoint_offsets,
-    )
+    from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, read_keypoint_offsets, write_keypoint_offsets
 
     likely, lengths = likely_body(1.7), LengthPrior(LENGTHS, 1e-4 * np.eye(len(LENGTHS)))
     shape = (len(OFFSET_KEYPOINTS), 3)

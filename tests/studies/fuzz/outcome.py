@@ -1,21 +1,28 @@
-"""What came of reading one file: read, refused in a sentence, or neither; here, or in a process of its own."""
+"""What came of reading one file, within limits of time and memory: read, refused in a sentence, or neither.
+
+Here, or in a process of its own.
+"""
 
 import faulthandler
 import json
 import os
 import signal
+import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
+from types import FrameType
 
 import vip_factors
-from tests.studies.fuzz.limits import IDLE, SECONDS, Hang, limited_memory, limited_time, out_of_memory
 from vip_factors.errors import VipFactorsError
 
+SECONDS, MEMORY = 10.0, 2 * 2**30
+IDLE = 6  # times as long may pass while others have the processor
 PACKAGE = Path(vip_factors.__file__).parent
 REFUSALS = (VipFactorsError, OSError)
 POLL_S = 0.002
@@ -136,3 +143,68 @@ def _place_of_crash(trace: str) -> str:
         if rest and Path(path).is_relative_to(PACKAGE):
             return f"{Path(path).relative_to(PACKAGE)}:{rest.replace(' in ', ' ')}"
     return ""
+
+
+class Hang(BaseException):
+    """Something took longer than it may; no Exception, so that nobody catches it by accident."""
+
+
+@contextmanager
+def limited_memory(extra: int = MEMORY) -> Iterator[None]:
+    """Let the process have so many bytes more than it has: beyond them, allocation fails with a MemoryError.
+
+    Where the system knows no such limit, nothing is limited.
+    """
+    try:
+        import resource
+
+        with open("/proc/self/statm") as file:
+            now = int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    except (ImportError, OSError, ValueError):
+        yield
+        return
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    soft = now + extra if before[1] == resource.RLIM_INFINITY else min(now + extra, before[1])
+    resource.setrlimit(resource.RLIMIT_AS, (soft, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+@contextmanager
+def limited_time(seconds: float = SECONDS) -> Iterator[None]:
+    """Raise :class:`Hang` after so many seconds of computing, or :data:`IDLE` times as many of waiting.
+
+    In the main thread only, and only where the system has such alarms; a loop within a C library ends first. If that
+    does not end, the whole program does, and prints where it was; the damaged file is left in its temporary folder.
+    """
+    if not hasattr(signal, "setitimer"):
+        yield
+        return
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise Hang(f"took more than {seconds:g} s")
+
+    alarms = ((signal.SIGPROF, signal.ITIMER_PROF, seconds), (signal.SIGALRM, signal.ITIMER_REAL, IDLE * seconds))
+    before = [signal.signal(number, stop) for number, _, _ in alarms]
+    try:
+        for _, timer, after in alarms:
+            signal.setitimer(timer, after)
+        # What a command prints may be caught; where it was is for whoever started the program.
+        faulthandler.dump_traceback_later(2 * IDLE * seconds, exit=True, file=sys.__stderr__ or sys.stderr)
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+        for (number, timer, _), handler in zip(alarms, before, strict=True):
+            signal.setitimer(timer, 0.0)
+            signal.signal(number, handler)
+
+
+def out_of_memory(error: BaseException | None) -> bool:
+    """Whether an exception, or one that it was made of, is a lack of memory."""
+    while error is not None:
+        if isinstance(error, MemoryError):
+            return True
+        error = error.__cause__ or error.__context__
+    return False

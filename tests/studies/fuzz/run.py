@@ -144,11 +144,7 @@ def all_cases() -> list[Case]:
 
 
 def chosen_cases(cases: Sequence[Case], names: Sequence[str]) -> list[Case]:
-    """Those of the formats named; all if none is.
-
-    Raises:
-        InputError: for a name that no format has.
-    """
+    """Those of the formats named; all if none is."""
     known = [one.name for one in cases]
     for name in names:
         if name not in known:
@@ -160,16 +156,7 @@ def fuzzed(
     cases: Sequence[Case], mutations: int, seed: int = 0, first: int = 0, tell: Tell = no_news,
     result: FuzzResult | None = None,
 ) -> Iterator[Failure]:  # fmt: skip
-    """Damage the files of the cases, one after the other, and read them; yields each failure that is new.
-
-    Args:
-        cases: the formats.
-        mutations: how many.
-        seed: same seed and number, same mutation of a case.
-        first: number of the first mutation.
-        tell: gets progress.
-        result: gets the counts.
-    """
+    """Damage the files of the cases, one after the other, and read them; yields each failure that is new."""
     result = result or FuzzResult()
     with TemporaryDirectory(prefix="vip-factors-fuzz-") as name, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # thousands

@@ -6,8 +6,8 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from test_fixed_lag import FRAMES, LAG, SHARED, WIDTH, Z, frame_key, run, slices
 
-from tests.solve.test_fixed_lag import FRAMES, LAG, SHARED, WIDTH, Z, frame_key, run, slices
 from tests.studies.long_stream import LongStream, LongStreamTrials, stream_scene
 from tests.studies.reference_smoothers import Isam2Chain, LagOfGtsam, TimeOrderedIsam2
 from tests.studies.stream_references import RecordedWindow, feed, recorded_window, without_walk

@@ -9,13 +9,21 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.studies.leg_angles import GaitMotion, angle_errors, body_errors_mm, centres_error_mm, gait_of
+from tests.studies.gait import (
+    Agreement,
+    GaitMotion,
+    StrideErrors,
+    agreement,
+    angle_errors,
+    body_errors_mm,
+    centres_error_mm,
+    gait_of,
+    stride_errors,
+)
 from tests.studies.marker_body import SIDES, CameraName, filmed
 from tests.studies.real_recordings import RealRecording, real_recordings
 from tests.studies.recordings import RecordingTrial, recording_trials, recordings_table, smoothed_motion, streamed
-from tests.studies.strides import StrideErrors, stride_errors
 from tests.studies.study import Study, Tell, table
-from tests.studies.video_agreement import Agreement, agreement
 from tests.studies.walk import AngleError
 from vip_factors.body.motion import Motion
 from vip_factors.cli.options import Flag

@@ -5,10 +5,17 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from tests.studies.leg_angles import GaitMotion, marker_motion, opensim_angles, optical_angles, vicon_angles
+from tests.studies.gait import (
+    GaitMotion,
+    Strides,
+    marker_motion,
+    opensim_angles,
+    optical_angles,
+    read_strides,
+    vicon_angles,
+    video_motion,
+)
 from tests.studies.marker_body import MarkerBody, read_marker_body
-from tests.studies.strides import Strides, read_strides
-from tests.studies.video_agreement import video_motion
 from tests.studies.walk import SENSORS as WALK
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.held_pose import LEAD_S

@@ -19,9 +19,9 @@ import numpy as np
 
 from tests.studies.long_stream import LEAST_SCENE_S, LongStream, LongStreamTrials, stream_scene
 from tests.studies.processes import ProcessTree, apart, process_tree
+from tests.studies.stream_hour import DROPPED
 from tests.studies.stream_program import COMMAND, StreamProgram
 from tests.studies.stream_run import error_over_time
-from tests.studies.stream_whole import DROPPED
 from tests.studies.study import MB, NAN, Fixed, Study, Tell, bullets, table
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion

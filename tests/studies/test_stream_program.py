@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from live_answers import live_scene
 
-from tests.studies import stream_slow, stream_whole
+from tests.studies import stream_hour, stream_slow
 from tests.studies.long_stream import LongStreamTrials
 from tests.studies.processes import begun_by, is_running, process_tree
+from tests.studies.stream_hour import Watch, WholeEnd, whole_stream, whole_tables
 from tests.studies.stream_program import StreamProgram
 from tests.studies.stream_slow import Answers, SlowPart, SlowStream, StreamSlow
-from tests.studies.stream_whole import Watch, WholeEnd, whole_stream, whole_tables
 from tests.studies.study import markdown, no_news, run
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.io.mcap_scene_recording import write_scene
@@ -26,13 +26,13 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, ...]:
     """That runs the program; and a scene that need not be simulated."""
     scene = live_scene(2.0, 1)
     write_scene(scene, tmp_path / "known.mcap")
-    for module in (stream_whole, stream_slow):
+    for module in (stream_hour, stream_slow):
         monkeypatch.setattr(module, "apart", lambda work, trials: scene)
     return sys.executable, str(STUB), str(tmp_path / "known.mcap")
 
 
 def test_the_whole_program_over_a_second(command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stream_whole, "START_S", 0.0)
+    monkeypatch.setattr(stream_hour, "START_S", 0.0)
     trials = LongStreamTrials(1.2)
     *parts, end = rows = list(whole_stream(trials, 60.0, 0.6, no_news, command))
     assert (end.code, end.rerun) == (0, True)

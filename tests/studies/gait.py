@@ -1,5 +1,9 @@
-"""How legs and trunk moved as somebody else measured it, and how far ours is from it: angles, and joint centres."""
+"""How somebody moved as others measured it, and how far ours is from it: angles, joint centres, strides, a video.
 
+A video is no reference: what a monocular one takes for the depth of a wrist is off by decimetres.
+"""
+
+import csv
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,14 +25,20 @@ from vip_factors.evaluate.joint_angle import (
     knee_flexion_deg,
     knee_flexion_of,
     rmse,
+    rmse_without_offset,
 )
-from vip_factors.evaluate.joint_angle import rmse_without_offset as without_offset
 from vip_factors.geometry.alignment import align_rigid
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 
 OPENSIM_NAMES = {"knee": "knee_angle", "hip": "hip_flexion", "elbow": "elbow_flex"}
 JOINTS = ("hip", "knee", "ankle")
+SENSOR_HZ, MARKER_HZ = 204.8, 100.0  # of gaitmap's sample; both clocks begin together
+VIDEO_HZ = 30.0  # of VIDIMU's camera
+BENDS = {"knee": ("hip", "knee", "ankle"), "elbow": ("shoulder", "elbow", "wrist")}
+MOST_LAG_S, STEP_S = 1.5, 1 / 60  # both were started by hand within a second
+LEAST_BEND_DEG = 10.0  # standard deviation in the video: a joint that hardly moves tells of no lag
+LEAST_CORRELATION = 0.4  # the best of all lags of two unrelated motions is about 0.2
 
 
 @dataclass(frozen=True)
@@ -135,7 +145,7 @@ def angle_errors(found: GaitMotion, reference: GaitMotion) -> dict[str, AngleErr
     errors = {}
     for name, true in reference.flexion.items():
         ours = np.interp(reference.time[both], found.time, found.flexion[name])
-        errors[name] = AngleError(rmse(ours, true[both]), without_offset(ours, true[both]))
+        errors[name] = AngleError(rmse(ours, true[both]), rmse_without_offset(ours, true[both]))
     return errors
 
 
@@ -170,3 +180,142 @@ def _distances_mm(found: GaitMotion, reference: GaitMotion, names: tuple[str, ..
 
 def _shared(found: GaitMotion, reference: GaitMotion) -> np.ndarray:
     return (reference.time >= found.time[0]) & (reference.time <= found.time[-1])
+
+
+@dataclass(frozen=True)
+class Strides:
+    """``S`` strides of one foot, each from one moment of rest on the floor to the next.
+
+    Attributes:
+        start, end: ``(S,)`` seconds.
+        length: ``(S,)`` metres, along the floor.
+    """
+
+    start: Array
+    end: Array
+    length: Array
+
+
+@dataclass(frozen=True)
+class StrideErrors:
+    """Of all strides of both feet, metres: the true mean length, and mean and standard deviation of ours less it."""
+
+    count: int
+    length: float
+    error_mean: float
+    error_sd: float
+
+
+def read_strides(folder: Path) -> dict[str, Strides]:
+    """Of ``gaitmap_feet``, by side: when each foot rested, and where its heel's marker was then."""
+    events, markers = folder / "stride_events_sample.csv", folder / "mocap_sample.csv"
+    with markers.open(encoding="utf-8") as file:
+        names = [f"{one}_{axis}" for one, axis in zip(*(next(csv.reader(file)) for _ in range(2)), strict=True)]
+        table = np.genfromtxt(file, delimiter=",", names=names)
+    time = np.arange(len(table)) / MARKER_HZ
+    moments: dict[str, list[tuple[float, float]]] = {side: [] for side in SIDES}
+    with events.open(encoding="utf-8") as file:
+        for line, row in enumerate(csv.DictReader(file), start=2):
+            if row.get("foot") not in moments or not {"start", "end"} <= set(row):
+                raise FileFormatError(
+                    f"{events}, line {line}: expected a foot (left, right), start and end of a stride"
+                )
+            moments[row["foot"]].append((float(row["start"]) / SENSOR_HZ, float(row["end"]) / SENSOR_HZ))
+    found = {}
+    for side, rests in moments.items():
+        heel = marker_columns(table, [f"{side[0].upper()}_FCC_{axis}" for axis in "xyz"], markers) / 1000
+        start, end = np.array(rests).reshape(-1, 2).T
+        found[side] = Strides(start, end, _lengths(time, heel, start, end))
+    return found
+
+
+def stride_errors(motion: Motion, reference: dict[str, Strides]) -> StrideErrors:
+    """How far the ankles of a motion went, beside how far the heels did; strides that it does not last to are left out.
+
+    A foot that rests does not turn: any point of it goes as far as another.
+    """
+    true, off = list[float](), list[float]()
+    for side, strides in reference.items():
+        there = (strides.start >= motion.time[0]) & (strides.end <= motion.time[-1])
+        ankle = motion.state.p_world_joint[:, joint_index(f"{side}_ankle")]
+        own = _lengths(motion.time, ankle, strides.start[there], strides.end[there])
+        true += [*strides.length[there]]
+        off += [*(own - strides.length[there])]
+    return StrideErrors(len(off), float(np.mean(true)), float(np.mean(off)), float(np.std(off)))
+
+
+def _lengths(time: Array, p_world: Array, start: Array, end: Array) -> Array:
+    first, last = (np.stack([np.interp(at, time, axis) for axis in p_world[:, :2].T], axis=1) for at in (start, end))
+    return np.linalg.norm(last - first, axis=1)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Of one joint on both sides.
+
+    Attributes:
+        joint: ``knee`` or ``elbow``.
+        lag_s: to add to the video's times to get the sensors'; NaN if the joint hardly moves or both do not agree.
+        correlation: the highest of all lags, both sides together; their means removed.
+        degrees, without_offset: RMS difference at that lag, or none, mean of both sides; the same, its mean removed.
+        least, most: degrees, 1 % and 99 % of the bend by the sensors.
+    """
+
+    joint: str
+    lag_s: float
+    correlation: float
+    degrees: float
+    without_offset: float
+    least: float
+    most: float
+
+
+def video_motion(path: Path, begins: float) -> GaitMotion:
+    """Of VIDIMU's ``.csv``: joint centres that a network found in one camera's video, in the camera's axes.
+
+    ``begins`` is the second of the recording at which both were started.
+    """
+    table = np.genfromtxt(path, delimiter=",", names=True, autostrip=True)
+    centres = {
+        f"{side}_{name}": marker_columns(table, [f"{side}_{name}_{axis}" for axis in "xyz"], path) / 1000
+        for chain in BENDS.values()
+        for name in chain
+        for side in SIDES
+    }
+    time = begins + np.arange(len(table)) / VIDEO_HZ
+    flexion = {
+        f"{side}_{joint}": bend_deg(*(centres[f"{side}_{name}"] for name in chain))
+        for joint, chain in BENDS.items()
+        for side in SIDES
+    }
+    return GaitMotion(time, flexion, centres)
+
+
+def agreement(joint: str, sensors: GaitMotion, video: GaitMotion) -> Agreement:
+    """How far both agree about a joint, at the lag at which they do most."""
+    names = [f"{side}_{joint}" for side in SIDES]
+    own = np.stack([sensors.flexion[name] for name in names])
+    least, most = np.quantile(own, [0.01, 0.99])
+    moving = [name for name in names if np.std(video.flexion[name]) > LEAST_BEND_DEG]
+    lags = np.arange(-MOST_LAG_S, MOST_LAG_S + STEP_S / 2, STEP_S)
+    scores = [_correlation(moving, sensors, video, lag) for lag in lags] if moving else [np.nan]
+    best = int(np.argmax(scores))
+    lag = float(lags[best]) if scores[best] > LEAST_CORRELATION else np.nan
+    pairs = [_shifted(name, sensors, video, float(np.nan_to_num(lag))) for name in names]
+    return Agreement(
+        joint, lag, float(scores[best]), float(np.mean([rmse(ours, theirs) for ours, theirs in pairs])),
+        float(np.mean([rmse_without_offset(ours, theirs) for ours, theirs in pairs])), float(least), float(most),
+    )  # fmt: skip
+
+
+def _shifted(name: str, sensors: GaitMotion, video: GaitMotion, lag: float) -> tuple[Array, Array]:
+    """Both at the video's instants that the sensors have too."""
+    time = video.time + lag
+    both = (time >= sensors.time[0]) & (time <= sensors.time[-1])
+    return np.interp(time[both], sensors.time, sensors.flexion[name]), video.flexion[name][both]
+
+
+def _correlation(names: list[str], sensors: GaitMotion, video: GaitMotion, lag: float) -> float:
+    pairs = [_shifted(name, sensors, video, lag) for name in names]
+    ours, theirs = (np.concatenate([pair[k] - np.mean(pair[k]) for pair in pairs]) for k in range(2))
+    return float(ours @ theirs / max(np.linalg.norm(ours) * np.linalg.norm(theirs), 1e-9))

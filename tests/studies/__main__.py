@@ -46,21 +46,22 @@ def main(arguments: Sequence[str]) -> int:
         print(_help())
         return 0 if arguments else 2
     name, *words = arguments
-    found: list[Any] = []
+    found, code = list[Any](), 0
     try:
         study = parse(study_of(name), f"{PROGRAM} {name}", words)
         with progress_bar() as tell:
-            try:
-                run(study, tell, found)
-            except KeyboardInterrupt:
-                tell("interrupted", 1.0)
-        print(markdown(study, found), end="")
+            run(study, tell, found)
+    except KeyboardInterrupt:
+        print(f"{PROGRAM}: interrupted after {len(found)} rows", file=sys.stderr)
+        code = 130
     except (VipFactorsError, OSError) as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return 2
     except SystemExit as stop:  # how the parser of options ends, after help or a complaint
         return stop.code if isinstance(stop.code, int) else 2
-    return 0
+    if found:  # what there is of a study that was interrupted, too
+        print(markdown(study, found), end="")
+    return code
 
 
 def study_of(name: str) -> type[Study]:

@@ -35,6 +35,15 @@ class Counting(Study):
         yield columns(rows, {"number": lambda one: one.number, "share": lambda one: one.share})
 
 
+@dataclass(frozen=True, kw_only=True)
+class Interrupted(Counting):
+    """Stops after two rows."""
+
+    def rows(self, tell: object) -> Iterator[Count]:
+        yield from super().rows(tell)
+        raise KeyboardInterrupt
+
+
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_study_says_what_it_can_be_told(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([name, "--help"]) == 0
@@ -56,6 +65,17 @@ def test_rows_of_a_study_that_fails_are_in_its_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="exists"):
         run(Counting(json=file))
     assert len(run(Counting(until=1, json=file, overwrite=True))) == 1
+
+
+def test_a_study_that_is_interrupted_tells_what_it_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(STUDIES, "interrupted", "test_studies:Interrupted")
+    assert main(["interrupted", "--until", "2", "--json", str(tmp_path / "a.json")]) == 130
+    told = capsys.readouterr()
+    assert "| 1 | 0.2 |" in told.out
+    assert "interrupted after 2 rows" in told.err
+    assert len(json.loads((tmp_path / "a.json").read_text())["rows"]) == 2
 
 
 def test_tables_and_json_say_what_is_not_defined() -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.special import chdtri
 
 from tests.studies.gaussian_scene import GaussianScene, GaussianSettings, gaussian_scene
 from tests.studies.scenes import find_clips
@@ -12,8 +13,8 @@ from tests.studies.study import Fixed, Study, Tell, bullets, table
 from tests.studies.vip import Vip
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.held_out_clips import held_out_names
-from vip_factors.errors import SolveError
-from vip_factors.evaluate.consistency import SeedConsistency, nees, over_seeds
+from vip_factors.errors import InputError, SolveError
+from vip_factors.evaluate.consistency import nees
 from vip_factors.evaluate.scene import evaluate_scene
 from vip_factors.geometry.rotations import Array, log, transpose, wrap_angle
 from vip_factors.io.motions.files import read_motion
@@ -33,6 +34,27 @@ from vip_factors.stages.scene_decode import static_covariance
 TO_THE_END = SolveSettings(max_iterations=50, relative_decrease=1e-9)
 WHAT = {"headings": 1, "mountings": 3, "camera": 6, "joints": 3}  # dimension of one of each
 JOINTS_AT = 5  # frames of a run at which all joints together are judged
+
+
+@dataclass(frozen=True)
+class SeedConsistency:
+    """Mean NEES over dimension of independent runs, and the bounds in which 95 % of honest estimators lie.
+
+    Attributes:
+        nees: the mean.
+        low, high: of the mean, from the chi-square distribution.
+        runs: how many.
+    """
+
+    nees: float
+    low: float
+    high: float
+    runs: int
+
+    @property
+    def honest(self) -> bool:
+        """Whether the mean lies within its bounds."""
+        return self.low <= self.nees <= self.high
 
 
 @dataclass(frozen=True)
@@ -165,3 +187,26 @@ def realistic_nees(scene: Scene, settings: Settings) -> dict[str, Array]:
     if "nees_joints" in wearer.metrics:
         values["joints"] = wearer.metrics["nees_joints"].value
     return {what: np.array([value]) for what, value in values.items()}
+
+
+def nees_bounds(dimension: int, runs: int, level: float = 0.95) -> tuple[float, float]:
+    """Between which the mean over ``runs`` independent NEES (each over its ``dimension``) lies with this probability.
+
+    ``runs · dimension · mean`` is chi-square with ``runs · dimension`` degrees of freedom (Bar-Shalom 5.4.2).
+    """
+    if runs < 1 or dimension < 1:
+        raise InputError(f"NEES bounds of {runs} runs of dimension {dimension}: expected at least one of each")
+    freedom = runs * dimension
+    tail = (1 - level) / 2
+    return float(chdtri(freedom, 1 - tail) / freedom), float(chdtri(freedom, tail) / freedom)
+
+
+def over_seeds(values: Sequence[Array], dimension: int) -> SeedConsistency:
+    """Mean of the NEES of several runs, one array each.
+
+    Errors within a run hang together (frames follow each other, sensors share a camera), so a run counts once: the
+    bounds are those of as many samples as there are runs with a finite value.
+    """
+    means = [float(np.mean(one[np.isfinite(one)])) for one in map(np.asarray, values) if np.any(np.isfinite(one))]
+    low, high = nees_bounds(dimension, len(means))
+    return SeedConsistency(float(np.mean(means)), low, high, len(means))

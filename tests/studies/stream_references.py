@@ -4,30 +4,29 @@ The frames are those that the tracker smoothed: what its association chose, wher
 lag, which is where all of them start from.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter, process_time
-from typing import TYPE_CHECKING
 
+import gtsam
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from tests.studies.reference_smoothers import Isam2Chain, LagOfGtsam, TimeOrderedIsam2
 from tests.studies.study import Tell
 from vip_factors.errors import RecordingError
-from vip_factors.factor_graph.arrivals import arrivals
+from vip_factors.factor_graph.graph import factor_graph_of
 from vip_factors.factor_graph.keys import root_key
+from vip_factors.factor_graph.variables import values_of
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.problem import LagFrame, LagProblem
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.state import FrameState, stacked
 from vip_factors.live.tracker import FixedLagTracker
+from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.live import LiveSample, LiveSetup
-
-if TYPE_CHECKING:
-    from vip_factors.factor_graph.arrivals import Arrival
 
 NEVER_S = 1e9  # between steps of what frames share: GTSAM's smoothers hold it constant
 OURS = "ours"
@@ -157,7 +156,42 @@ def _window(
     return RecordedWindow(fresh, tuple(frames), tuple(states), shared)
 
 
-def feed(window: RecordedWindow, first: int) -> list["Arrival"]:
+@dataclass(frozen=True)
+class Arrival:
+    """What one update brings.
+
+    Attributes:
+        newest: number of the newest frame.
+        factors: that can exist now and could not before.
+        values: where their new variables start.
+        frames: numbers of the new variables' frames, by key.
+        shared: keys of what frames share.
+    """
+
+    newest: int
+    factors: gtsam.NonlinearFactorGraph
+    values: gtsam.Values
+    frames: dict[int, int]
+    shared: tuple[int, ...]
+
+
+def arrivals(problem: SceneProblem, state: SceneState, first: int) -> Iterator[Arrival]:
+    """A scene's GTSAM factors, each with the last of its frames: up to ``first`` at once, then frame by frame."""
+    whole, moving = factor_graph_of(problem, state), problem.camera.moving
+    of_frames = [one for one in whole.variables if one.is_of_a_frame or (one.is_of_the_camera_path and moving)]
+    static = [one for one in whole.variables if one not in set(of_frames)]
+    shared = tuple(one.key for one in static)
+    for begin, newest in [(0, first), *((t, t) for t in range(first + 1, problem.frames))]:
+        graph = gtsam.NonlinearFactorGraph()
+        for factor in whole.factors:
+            if begin <= factor.frames[-1] <= newest:
+                graph.push_back(factor.factor)
+        fresh = [one for one in of_frames if begin <= one.frame <= newest]
+        frames = {one.key: one.frame for one in fresh}
+        yield Arrival(newest, graph, values_of(state, [*fresh, *(static if begin == 0 else ())]), frames, shared)
+
+
+def feed(window: RecordedWindow, first: int) -> list[Arrival]:
     """The window's GTSAM factors, update by update."""
     problem = window.problem
     state = stacked(window.states, window.shared)

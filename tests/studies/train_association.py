@@ -1,5 +1,6 @@
 """The association's weights, learned from labelled scenes (thesis 4.4.1) and measured on others."""
 
+import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 import tyro
+from scipy.optimize import minimize
 
 from tests.studies.association_scenes import LabelledScene, SceneMaking, labelled, make_scene, usable
 from tests.studies.study import Tell
@@ -24,7 +26,7 @@ from vip_factors.associate.associate import (
 from vip_factors.associate.features import Context, inter_features, unary_features
 from vip_factors.associate.settings import AssociationSettings
 from vip_factors.associate.verdict import verdict_features
-from vip_factors.associate.weights import FEATURES, AssociationWeights, Logistic, fit_logistic, save_weights
+from vip_factors.associate.weights import FEATURES, AssociationWeights, Logistic
 from vip_factors.body.held_out_clips import DAMAGED_CLIPS, held_out_names
 from vip_factors.body.motion import Motion
 from vip_factors.cli.outputs import Output
@@ -34,6 +36,7 @@ from vip_factors.io.atomic import atomic_path, check_target
 from vip_factors.io.motions.files import motion_files, read_motion
 from vip_factors.ranges import NotNegativeInt
 
+RIDGE = 1e-3  # of the standardised weights: a feature that adds nothing stays near zero
 HELD_OUT_SEED = 1000  # added to the seed, for scenes to measure by
 
 
@@ -192,3 +195,37 @@ def _fit_evidence(parts: list[tuple[Array, np.ndarray]], width: int) -> Logistic
     fit = fit_logistic(np.concatenate([x for x, _ in parts]), right)
     # What two hypotheses say together comes on top of what each says alone: the evidence without the prior odds.
     return Logistic(fit.weights, fit.bias - float(np.log(right.sum() / (~right).sum())))
+
+
+def fit_logistic(features: Array, right: np.ndarray, weight: Array | None = None) -> Logistic:
+    """Logistic regression of labels ``(P,)`` on features ``(P, n)``, with a light ridge on standardised weights."""
+    if not (right.any() and (~right).any()):
+        raise InputError("training the association needs right and wrong hypotheses: give scenes with bystanders")
+    mean, scale = features.mean(axis=0), features.std(axis=0) + 1e-9
+    x = np.concatenate([(features - mean) / scale, np.ones((len(features), 1))], axis=1)
+    y, w = np.where(right, 1.0, -1.0), np.ones(len(right)) if weight is None else weight
+
+    def loss(theta: Array) -> tuple[float, Array]:
+        z = y * (x @ theta)
+        value = np.sum(w * np.logaddexp(0, -z)) / w.sum()
+        gradient = -(x * (w * y / (1 + np.exp(np.clip(z, -500, 500))))[:, None]).sum(axis=0) / w.sum()
+        ridge = np.append(RIDGE * theta[:-1], 0.0)
+        return float(value + 0.5 * theta @ ridge), gradient + ridge
+
+    theta = minimize(loss, np.zeros(x.shape[1]), jac=True, method="L-BFGS-B").x
+    return Logistic(theta[:-1] / scale, float(theta[-1] - np.sum(theta[:-1] * mean / scale)))
+
+
+def save_weights(weights: AssociationWeights, path: str | Path) -> None:
+    """Write weights as JSON, every one beside its feature's name."""
+    content = {
+        "provenance": weights.provenance,
+        **{
+            name: {
+                "bias": round(one.bias, 5),
+                "weights": dict(zip(FEATURES[name], (round(float(w), 5) for w in one.weights), strict=True)),
+            }
+            for name, one in weights.logistic.items()
+        },
+    }
+    Path(path).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

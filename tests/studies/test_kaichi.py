@@ -23,6 +23,8 @@ from vip_factors.simulate.stance import floor_height
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 SETTINGS = LiveSettings(frame_rate=30.0, coarse_factor=3, solve=SolveSettings(max_iterations=2))
+
+# A recording of a moment.
 QUICK = Kaichi(motions=Path(), clips=("07_01",), seconds=1.8, settings=SETTINGS)
 
 

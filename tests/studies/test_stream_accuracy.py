@@ -21,6 +21,8 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 SETTINGS = LiveSettings(frame_rate=30.0, coarse_factor=3, solve=SolveSettings(max_iterations=2))
+
+# A recording of a moment.
 QUICK = StreamAccuracy(
     motions=Path(), clips=("07_01",), seconds=1.8, lags=(0.25,), cameras=("fixed", "none"), begins=("t-pose",),
     settings=SETTINGS,

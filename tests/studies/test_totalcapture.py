@@ -16,7 +16,6 @@ from vip_factors.io.importers.totalcapture import SENSOR_SITES
 from vip_factors.io.importers.totalcapture_body import BONE_JOINTS
 from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Recording
-from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
@@ -25,9 +24,7 @@ from vip_factors.simulate.stance import with_initial_pose
 UP = rotation_x(-np.pi / 2)  # our z becomes their y
 R_CAMERA_VICON = np.diag([1.0, -1.0, -1.0])  # looks against their z, upright
 T_CAMERA = np.array([0.0, 1.0, 5.0])  # the wearer stands five metres before it, its eye one metre up
-QUICK = TotalCapture(
-    folder=Path(), seconds=0.0, variants=("IT", "VIP-2D"), frame_rate=30.0, iterations=3, base=Settings(coarse_factor=2)
-)
+QUICK = TotalCapture(folder=Path(), seconds=0.0, variants=("IT", "VIP-2D"), frame_rate=30.0, iterations=3)
 
 
 def camera_rows() -> str:

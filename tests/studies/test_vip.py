@@ -21,6 +21,8 @@ from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 SETTINGS = Settings(frame_rate=30.0, coarse_factor=3, solve=SolveSettings(max_iterations=2))
+
+# A recording of a moment.
 QUICK = Vip(motions=Path(), clips=("07_01",), seconds=1.6, frame_rate=30.0, iterations=2, base=SETTINGS)
 
 

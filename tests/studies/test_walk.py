@@ -21,6 +21,6 @@ def test_a_file_without_the_columns_is_named(tmp_path: Path) -> None:
 @pytest.mark.data
 @pytest.mark.slow
 def test_knees_are_nearer_to_vicon_than_mvn(data_folder: Path) -> None:
-    (result,) = run(Walk(folder=data_folder / "xsens_vicon_walk", settings=Settings(frame_rate=30.0, coarse_factor=2)))
+    (result,) = run(Walk(folder=data_folder / "xsens_vicon_walk", settings=Settings(frame_rate=30.0)))
     assert np.mean([e.rmse for e in result.ours.values()]) < np.mean([e.rmse for e in result.mvn.values()])
     assert np.mean(list(result.centres_mm.values())) < 25

@@ -20,8 +20,7 @@ ROWS = [
     {"stages", "configurations"},
     {"pipeline", "live", "report"},
     {"api"},
-    {"benchmark", "tune"},
-    {"fuzz"},
+    {"tune"},
     {"cli"},
     {"__main__"},
 ]

@@ -4,10 +4,12 @@ import re
 import shlex
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
+from tests.studies.__main__ import study_of
 from vip_factors.assembly.camera_terms import CAMERA_TERMS
 from vip_factors.assembly.view_terms import VIEW_TERMS
 from vip_factors.assembly.wearer_priors import PRIORS
@@ -75,6 +77,15 @@ def test_conversions_are_understood(page: Path) -> None:
     for words in bash_commands(page):
         options = parse(ConvertOptions, "vip-factors convert", words[2:])
         assert (options.out is None) == (options.template is not None)
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=[*NAMES, "CONTRIBUTING.md"])
+def test_studies_are_there_and_understood(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert "vip-factors benchmark" not in text
+    for words in map(str.split, re.findall(r"`python -m tests\.studies ([a-z][^`]*)`", text)):
+        known = {one.name.replace("_", "-") for one in fields(study_of(words[0]))}
+        assert {word.removeprefix("--") for word in words if word.startswith("--")} <= known, f"{page.name}: {words}"
 
 
 READ = {

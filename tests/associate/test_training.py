@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from association_samples import MODEL, scene
 
+from tests.studies.association_scenes import LabelledScene
+from tests.studies.train_association import save_weights, train_association
 from vip_factors.associate.associate import associate
 from vip_factors.associate.settings import AssociationSettings
-from vip_factors.associate.training import LabelledScene, train_association
-from vip_factors.associate.weights import save_weights
 from vip_factors.errors import InputError
 
 

@@ -4,7 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vip_factors.associate.weights import FEATURES, fit_logistic, load_weights, save_weights
+from tests.studies.train_association import fit_logistic, save_weights
+from vip_factors.associate.weights import FEATURES, load_weights
 from vip_factors.errors import FileFormatError, InputError
 
 

@@ -95,7 +95,7 @@ def test_a_written_prior_is_read_back(tmp_path: Path) -> None:
 def test_other_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "other.npz"
     np.savez(path, mean=np.zeros(3))
-    with pytest.raises(FileFormatError, match="train body"):
+    with pytest.raises(FileFormatError, match="not a prior over bodies"):
         load_body_prior(path)
     with pytest.raises(InputError, match="expected 22 variables"):
         BodyGaussian(np.zeros(3), np.eye(3))

@@ -6,10 +6,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from tests.studies.fuzz.outcome import limited_memory
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.smpl_file import skeleton_from_smpl, smpl_body
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.fuzz.limits import limited_memory
 
 JOINTS = skeleton_from_stature(1.7).p_pelvis_joint + np.array([0.0, -0.2, 0.03])
 # A body of very few vertices: one at each joint, then head, and heel and toes and fingertip of either side.

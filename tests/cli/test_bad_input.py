@@ -60,7 +60,6 @@ def test_simulate_and_convert_refuse_before_they_work(run, files, tmp_path: Path
     assert_one_sentence(run("simulate", tmp_path / "none.bvh", tmp_path / "a.mcap"), "none.bvh")
     assert_one_sentence(run("simulate", "gestures", tmp_path / "a.mcap", "--packet-loss", "1.5"), "--packet-loss")
     assert_one_sentence(run("convert", tmp_path / "none", tmp_path / "a.mcap"), "none")
-    assert_one_sentence(run("train", "prior", "--motions", tmp_path / "no", "--out", tmp_path / "p.npz"), "folder")
     assert list(tmp_path.iterdir()) == []
 
 

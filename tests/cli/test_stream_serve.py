@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from stub_tracker import scene_file
 
-from vip_factors.benchmark.process_memory import begun_by, is_running
+from tests.studies.processes import begun_by, is_running
 from vip_factors.io.live.send import write_messages
 from vip_factors.io.mcap_scene_recording import read_scene
 

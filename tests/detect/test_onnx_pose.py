@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.studies.fuzz.containers import fields_of, protobuf_of
+from tests.studies.fuzz.corpus_models import simcc_model
 from vip_factors.detect.onnx_pose import DEVIATION, MEAN, Box, OnnxPose, box_around, heat_peaks
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.fuzz.containers import fields_of, protobuf_of
-from vip_factors.fuzz.corpus_models import simcc_model
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")

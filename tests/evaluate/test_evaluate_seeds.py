@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from tests.studies.consistency import nees_bounds, over_seeds
 from vip_factors.errors import InputError
-from vip_factors.evaluate.consistency import nees, nees_bounds, over_seeds
+from vip_factors.evaluate.consistency import nees
 
 
 def test_bounds_hold_95_percent_of_honest_means() -> None:

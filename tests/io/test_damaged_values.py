@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from tests.studies.fuzz.outcome import limited_memory, out_of_memory
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.motion import Motion
 from vip_factors.cli.settings_file import read_settings
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.evaluate.frames import common_frames
-from vip_factors.fuzz.limits import limited_memory, out_of_memory
 from vip_factors.io.camera_file import read_camera_file
 from vip_factors.io.detections.found_people import load_json
 from vip_factors.io.importers import apdm, qmt_mat

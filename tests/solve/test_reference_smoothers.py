@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from test_fixed_lag import FRAMES, LAG, SHARED, WIDTH, Z, frame_key, run, slices
 
+from tests.studies.long_stream import LongStream, LongStreamTrials, stream_scene
+from tests.studies.reference_smoothers import Isam2Chain, LagOfGtsam, TimeOrderedIsam2
+from tests.studies.stream_references import RecordedWindow, feed, recorded_window, without_walk
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.benchmark.long_stream import LongStream, LongStreamTrials, stream_scene
-from vip_factors.benchmark.stream_references import RecordedWindow, feed, recorded_window, without_walk
 from vip_factors.factor_graph.keys import joint_key, root_key
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.live.settings import LiveSettings
@@ -18,7 +19,6 @@ from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.state import FrameState, stacked, without_frames
 from vip_factors.solve.fixed_lag import FixedLagChain
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
-from vip_factors.solve.reference_smoothers import Isam2Chain, LagOfGtsam, TimeOrderedIsam2
 
 Smoother = LagOfGtsam | TimeOrderedIsam2
 SMOOTHERS: dict[str, Callable[[], Smoother]] = {

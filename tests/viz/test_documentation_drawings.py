@@ -1,5 +1,6 @@
 """The drawings of the documentation show what the package takes for true."""
 
+import runpy
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -8,12 +9,11 @@ import numpy as np
 import pytest
 
 from vip_factors.sensors.placement import SITES, place, site_axes
-from vip_factors.viz.checkerboard import checkerboard
-from vip_factors.viz.documentation import DRAWINGS
 from vip_factors.viz.drawn_body import Eye, standing
 from vip_factors.viz.sites_picture import sites_picture
 
 DOCS = Path(__file__).parents[2] / "docs"
+DRAWINGS = runpy.run_path(str(DOCS / "draw.py"))["DRAWINGS"]
 
 
 def texts(svg: str) -> list[str]:
@@ -48,7 +48,7 @@ def test_the_wearers_left_is_on_the_right_of_a_front_view() -> None:
 
 def test_the_checkerboard_has_the_corners_that_its_caption_tells() -> None:
     image = np.full((210, 297), 255, np.uint8)
-    for one in ET.fromstring(checkerboard()).iter("{http://www.w3.org/2000/svg}rect"):
+    for one in ET.fromstring(DRAWINGS["checkerboard.svg"]()).iter("{http://www.w3.org/2000/svg}rect"):
         if one.get("fill") == "#000000":
             x, y, width, height = (float(one.get(key, "")) for key in ("x", "y", "width", "height"))
             assert width == height == 25
@@ -56,7 +56,7 @@ def test_the_checkerboard_has_the_corners_that_its_caption_tells() -> None:
     found, corners = cv2.findChessboardCorners(cv2.resize(image, None, fx=3, fy=3), (9, 6))
     assert found
     assert len(corners) == 54
-    assert any("--checkerboard 9x6 --square-m 0.025" in one for one in texts(checkerboard()))
+    assert any("--checkerboard 9x6 --square-m 0.025" in one for one in texts(DRAWINGS["checkerboard.svg"]()))
 
 
 @pytest.mark.parametrize("name", DRAWINGS)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 
 from vip_factors.associate.features import INTER, INTRA, INTRA_CAMERA, UNARY, UNARY_CAMERA
 from vip_factors.associate.verdict import VERDICT, VERDICT_CAMERA
@@ -27,7 +26,6 @@ FEATURES: dict[str, tuple[str, ...]] = {
     "intra_camera": INTRA_CAMERA,
     "verdict_camera": VERDICT_CAMERA,
 }
-RIDGE = 1e-3  # of the standardised weights: a feature that adds nothing stays near zero
 
 
 @dataclass(frozen=True)
@@ -59,42 +57,8 @@ class AssociationWeights:
             if name not in self.logistic or self.logistic[name].weights.shape != (len(features),):
                 raise InputError(
                     f"association weights: '{name}' needs {len(features)} weights; train them again with "
-                    "'vip-factors train association'"
+                    "'python -m tests.studies train-association' in a clone"
                 )
-
-
-def fit_logistic(features: Array, right: np.ndarray, weight: Array | None = None) -> Logistic:
-    """Logistic regression of labels ``(P,)`` on features ``(P, n)``, with a light ridge on standardised weights."""
-    if not (right.any() and (~right).any()):
-        raise InputError("training the association needs right and wrong hypotheses: give scenes with bystanders")
-    mean, scale = features.mean(axis=0), features.std(axis=0) + 1e-9
-    x = np.concatenate([(features - mean) / scale, np.ones((len(features), 1))], axis=1)
-    y, w = np.where(right, 1.0, -1.0), np.ones(len(right)) if weight is None else weight
-
-    def loss(theta: Array) -> tuple[float, Array]:
-        z = y * (x @ theta)
-        value = np.sum(w * np.logaddexp(0, -z)) / w.sum()
-        gradient = -(x * (w * y / (1 + np.exp(np.clip(z, -500, 500))))[:, None]).sum(axis=0) / w.sum()
-        ridge = np.append(RIDGE * theta[:-1], 0.0)
-        return float(value + 0.5 * theta @ ridge), gradient + ridge
-
-    theta = minimize(loss, np.zeros(x.shape[1]), jac=True, method="L-BFGS-B").x
-    return Logistic(theta[:-1] / scale, float(theta[-1] - np.sum(theta[:-1] * mean / scale)))
-
-
-def save_weights(weights: AssociationWeights, path: str | Path) -> None:
-    """Write weights as JSON, every one beside its feature's name."""
-    content = {
-        "provenance": weights.provenance,
-        **{
-            name: {
-                "bias": round(one.bias, 5),
-                "weights": dict(zip(FEATURES[name], (round(float(w), 5) for w in one.weights), strict=True)),
-            }
-            for name, one in weights.logistic.items()
-        },
-    }
-    Path(path).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 @cache
@@ -115,7 +79,7 @@ def load_weights(path: Path = SHIPPED_WEIGHTS) -> AssociationWeights:
         return AssociationWeights(logistic, str(content["provenance"]))
     except (OSError, KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise FileFormatError(
-            f"{path}: not association weights ({error}); expected JSON as 'vip-factors train association' writes it"
+            f"{path}: not association weights ({error}); expected JSON as the shipped file has it"
         ) from error
 
 

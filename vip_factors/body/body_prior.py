@@ -116,8 +116,8 @@ def _read(path: Path) -> BodyPrior:
     except (KeyError, TypeError, ValueError) as error:
         raise FileFormatError(
             f"{path}: not a prior over bodies ({error}); expected an npz with a mean ({SIZE},) and a covariance "
-            f"({SIZE}, {SIZE}) of {', '.join(GROUPS)}, the variables' names and provenance, as 'vip-factors train "
-            "body' writes it"
+            f"({SIZE}, {SIZE}) of {', '.join(GROUPS)}, the variables' names and provenance, as the "
+            "shipped file has them"
         ) from error
 
 

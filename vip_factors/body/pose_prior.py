@@ -85,7 +85,7 @@ def _read(path: Path) -> PosePrior:
     except (KeyError, TypeError, ValueError) as error:
         raise FileFormatError(
             f"{path}: not a pose prior ({error}); expected an npz with mean (69,), whitening (69, 69) and provenance, "
-            "as 'vip-factors train prior' writes it"
+            "as the shipped file has them"
         ) from error
 
 

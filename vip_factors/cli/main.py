@@ -28,9 +28,8 @@ COMMANDS = {
     "export": "write an estimate into files of other programs: the suffix tells the format",
     "report": "write an estimate as one page for people: findings, angles, the motion to turn around",
     "view": "look at recordings and estimates in Rerun",
-    "train": "learn the pose prior, or the weights of the association, from motions",
+    "train": "learn from recordings with truth where a detector puts its keypoints",
     "tune": "find weights of factors on recordings with truth, by Bayesian optimisation",
-    "benchmark": "measure accuracy, association, honesty, speed and memory",
 }
 
 

@@ -1,61 +1,85 @@
-"""``vip-factors train``: learn from motions what the package ships as small files."""
+"""``vip-factors train keypoints``: learn from recordings with a known motion where a detector puts its keypoints."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from vip_factors.body.train_prior_settings import PriorTraining
 from vip_factors.cli.options import Flag, parse
 from vip_factors.cli.outputs import Output
+
+if TYPE_CHECKING:
+    from vip_factors.geometry.rotations import Array
 
 
 @dataclass(frozen=True)
 class TrainOptions:
-    """Learn the pose prior, a Gaussian over joint rotations, from a folder of motions."""
+    """Learn how far from the joints a 2D pose detector puts hips, knees, shoulders …, from recordings with truth.
 
-    what: tyro.conf.Positional[Literal["prior", "body", "association", "keypoints"]]
-    """What to learn; for the others' options: train body --help, train association --help, train keypoints --help."""
-    motions: Path
-    """Folder of motion files, searched with all folders below it."""
-    out: Annotated[Path, Output(".npz")]
-    """File (.npz) to write."""
-    hold_out: tuple[str, ...] | None = None
-    """Names of files (without suffix) never to train on; those that the package evaluates on if absent."""
+    Each recording has a camera's 2D poses and the motion of an optical system that had no part in them (what was
+    triangulated from the same 2D poses teaches nothing). For every keypoint set in them the file gets the mean offsets
+    and how far people scatter about them; recordings of few people are believed little.
+
+    To use it: vip-factors smooth … --camera.keypoint-offset.learned FILE. The package ships none: no public recording
+    that we know of has both.
+    """
+
+    what: tyro.conf.Positional[Literal["keypoints"]]
+    """What to learn."""
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
+    """Recordings (.mcap) with cameras and truth; two of one person count as two people."""
+    out: Annotated[Path, Output(".toml")]
+    """File (.toml) to write."""
     overwrite: Flag = False
     """Replace the file if it exists."""
-    training: Annotated[PriorTraining, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=PriorTraining)
+    # As in OffsetTraining, which imports more than help needs.
+    prior_people: float = 4.0
+    """As so many people the usual sigmas count, when it is asked how far people scatter about a detector's habit."""
+    habit_share: float = 0.5
+    """Of the usual variance the habit's share, which all people have in common; the rest is from one to the next."""
+    least_sigma_m: float = 0.003
+    """Truths are no better: markers on the skin, joints by regression."""
 
 
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
-    if arguments and arguments[0] == "association":
-        from vip_factors.cli import train_association
-
-        return train_association.main(f"{prog}", arguments)
-    if arguments and arguments[0] == "body":
-        from vip_factors.cli import train_body
-
-        return train_body.main(prog, arguments)
-    if arguments and arguments[0] == "keypoints":
-        from vip_factors.cli import train_keypoints
-
-        return train_keypoints.main(prog, arguments)
     options = parse(TrainOptions, prog, arguments, none_is_a_value=True)
-    from vip_factors.body.pose_prior import save_pose_prior
-    from vip_factors.cli.terminal import waiting
+    from vip_factors.body.keypoint_offsets import KeypointOffsets, OffsetTraining, pooled_offsets
+    from vip_factors.cli.terminal import progress_bar
     from vip_factors.errors import InputError
-    from vip_factors.io.atomic import atomic_path, check_target
-    from vip_factors.io.motions.prior_training import train_prior_from_folder
+    from vip_factors.factors.keypoint_offset import KeypointOffsetSettings
+    from vip_factors.io.atomic import check_target
+    from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, write_keypoint_offsets
+    from vip_factors.io.mcap_scene_recording import read_scene
+    from vip_factors.settings import Settings
+    from vip_factors.stages.keypoint_offsets import offsets_in_recording
 
+    if not options.recordings:
+        raise InputError("no recording named: expected one or more (.mcap) with cameras and truth")
     check_target(options.out, options.overwrite)
-    if not options.motions.is_dir():
-        raise InputError(f"{options.motions}: expected a folder of motion files")
-    with waiting("reading motions"):
-        prior = train_prior_from_folder(options.motions, options.hold_out, options.training)
-    with atomic_path(options.out, options.overwrite) as partial:
-        save_pose_prior(prior, partial)
-    print(prior.provenance)
+    found: dict[str, list[KeypointOffsets]] = {}
+    with progress_bar() as tell:
+        for path in options.recordings:
+            for one in offsets_in_recording(read_scene(path), Settings(), partial(tell, path.name)):
+                found.setdefault(one.keypoints, []).append(one.offsets)
+    usual = KeypointOffsetSettings().sigmas
+    training = OffsetTraining(options.prior_people, options.habit_share, options.least_sigma_m)
+    sets = {name: pooled_offsets(those, usual, training) for name, those in found.items()}
+    names = " ".join(path.name for path in options.recordings)
+    content = KeypointOffsetsFile(sets, f"vip-factors train keypoints {names}")
+    write_keypoint_offsets(options.out, content, options.overwrite)
+    for name, pooled in sets.items():
+        print(f"{name}: {pooled.people} {'person' if pooled.people == 1 else 'people'}")
+        _tell(pooled.offsets.mean, pooled.offsets.sigma)
     print(options.out)
+
+
+def _tell(mean: "Array", sigma: "Array") -> None:
+    from vip_factors.body.keypoints import OFFSET_KEYPOINTS
+
+    print("  mm           left       up  forward")
+    for name, offset, spread in zip(OFFSET_KEYPOINTS, 1e3 * mean, 1e3 * sigma, strict=True):
+        print(f"  {name:9s}" + "".join(f"{o:4.0f} ± {s:2.0f}" for o, s in zip(offset, spread, strict=True)))

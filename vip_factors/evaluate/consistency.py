@@ -4,7 +4,6 @@
 "Estimation with Applications to Tracking and Navigation", section 5.4.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,53 +70,3 @@ def mounting_nees(error: CalibrationError, estimate: Calibration) -> Array:
 def camera_nees(tangent: Array, covariance: Array) -> Array:
     """NEES of camera poses ``(T,)``: right perturbations ``(T, 6)`` (rad, m) under ``(T, 6, 6)``."""
     return nees(tangent, covariance)
-
-
-@dataclass(frozen=True)
-class SeedConsistency:
-    """Mean NEES over dimension of independent runs, and the bounds in which 95 % of honest estimators lie.
-
-    Attributes:
-        nees: the mean.
-        low, high: of the mean, from the chi-square distribution.
-        runs: how many.
-    """
-
-    nees: float
-    low: float
-    high: float
-    runs: int
-
-    @property
-    def honest(self) -> bool:
-        """Whether the mean lies within its bounds."""
-        return self.low <= self.nees <= self.high
-
-
-def nees_bounds(dimension: int, runs: int, level: float = 0.95) -> tuple[float, float]:
-    """Between which the mean over ``runs`` independent NEES (each over its ``dimension``) lies with this probability.
-
-    ``runs · dimension · mean`` is chi-square with ``runs · dimension`` degrees of freedom (Bar-Shalom 5.4.2).
-
-    Raises:
-        InputError: for no run at all.
-    """
-    if runs < 1 or dimension < 1:
-        raise InputError(f"NEES bounds of {runs} runs of dimension {dimension}: expected at least one of each")
-    freedom = runs * dimension
-    tail = (1 - level) / 2
-    return float(chdtri(freedom, 1 - tail) / freedom), float(chdtri(freedom, tail) / freedom)
-
-
-def over_seeds(values: Sequence[Array], dimension: int) -> SeedConsistency:
-    """Mean of the NEES of several runs, one array each.
-
-    Errors within a run hang together (frames follow each other, sensors share a camera), so a run counts once: the
-    bounds are those of as many samples as there are runs with a finite value.
-
-    Raises:
-        InputError: if no run has a finite value.
-    """
-    means = [float(np.mean(one[np.isfinite(one)])) for one in map(np.asarray, values) if np.any(np.isfinite(one))]
-    low, high = nees_bounds(dimension, len(means))
-    return SeedConsistency(float(np.mean(means)), low, high, len(means))

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from turning_body import sample_scene
 
-from vip_factors.benchmark.leg_angles import opensim_angles
+from tests.studies.gait import opensim_angles
 from vip_factors.body.anatomical_frames import R_WORLD_ISB, segment_axes, segment_orientations
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.joint_angles import joint_angles

@@ -1,0 +1,1 @@
+"""The tests, and in ``studies/`` what measures accuracy, speed and memory."""

@@ -1,0 +1,1 @@
+"""What is measured for the documentation and for developers: ``python -m tests.studies NAME [options]``."""

@@ -1,0 +1,212 @@
+"""Is the reported covariance honest (NEES)? On noise as the factors assume it, and on realistic noise."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.special import chdtri
+
+from tests.studies.gaussian_scene import GaussianScene, GaussianSettings, gaussian_scene
+from tests.studies.scenes import find_clips
+from tests.studies.study import Fixed, Study, Tell, bullets, table
+from tests.studies.vip import Vip
+from vip_factors.assembly.objective import SceneObjective
+from vip_factors.body.held_out_clips import held_out_names
+from vip_factors.errors import InputError, SolveError
+from vip_factors.evaluate.consistency import nees
+from vip_factors.evaluate.scene import evaluate_scene
+from vip_factors.geometry.rotations import Array, log, transpose, wrap_angle
+from vip_factors.io.motions.files import read_motion
+from vip_factors.pipeline import smooth_scene
+from vip_factors.problem.blocks import CAMERA
+from vip_factors.problem.layout import ROOT, Owner, OwnerId
+from vip_factors.problem.state import CameraState
+from vip_factors.sensors.placement import PRESETS
+from vip_factors.sensors.scene import Scene
+from vip_factors.settings import Settings
+from vip_factors.simulate.scene_settings import CameraKind
+from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.solve.marginals import chain_marginals
+from vip_factors.stages.scene_decode import static_covariance
+
+# From the truth, to the last digit: what is asked is whether the covariance is right, not whether the start was good.
+TO_THE_END = SolveSettings(max_iterations=50, relative_decrease=1e-9)
+WHAT = {"headings": 1, "mountings": 3, "camera": 6, "joints": 3}  # dimension of one of each
+JOINTS_AT = 5  # frames of a run at which all joints together are judged
+
+
+@dataclass(frozen=True)
+class SeedConsistency:
+    """Mean NEES over dimension of independent runs, and the bounds in which 95 % of honest estimators lie.
+
+    Attributes:
+        nees: the mean.
+        low, high: of the mean, from the chi-square distribution.
+        runs: how many.
+    """
+
+    nees: float
+    low: float
+    high: float
+    runs: int
+
+    @property
+    def honest(self) -> bool:
+        """Whether the mean lies within its bounds."""
+        return self.low <= self.nees <= self.high
+
+
+@dataclass(frozen=True)
+class NeesRow:
+    """NEES over seeds, with one noise, of one thing that was estimated."""
+
+    noise: str
+    of: str
+    over_seeds: SeedConsistency
+    failures: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Consistency(Study):
+    """Is the reported covariance honest? NEES over seeds, on Gaussian and on realistic noise."""
+
+    motions: Path | None = None
+    """Folder of the CMU motions as BVH; without it only Gaussian noise is run."""
+    seeds: int = 20
+    """Scenes with each noise: at least as many as the bounds are to mean something."""
+    camera: CameraKind = "fixed"
+    """What films; with Gaussian noise hand-held and walking are one."""
+    seconds: float = 4.0
+    """Of each clip of the realistic scenes, from its middle."""
+    # At full size the problem bends within the errors, and a covariance of its linearisation is too small by that; at a
+    # quarter of it only mistakes are left to be seen.
+    sizes: tuple[float, ...] = (0.25, 1.0)
+    """Of the Gaussian noise, against what the factors suppose."""
+    gaussian: Fixed[GaussianSettings] = field(default_factory=GaussianSettings)
+
+    def rows(self, tell: Tell) -> Iterator[NeesRow]:
+        for size in self.sizes:
+            settings = replace(self.gaussian, moving=self.camera != "fixed", noise=size)
+            runs = []
+            for seed in range(self.seeds):
+                tell(f"Gaussian noise, size {size:g}", seed / self.seeds)
+                runs.append(gaussian_nees(gaussian_scene(settings, seed)))
+            yield from _over_seeds(f"Gaussian, {size:g} of what is assumed", runs, _whole_dimensions(settings))
+        if self.motions is not None:
+            runs, failures, vip = [], list[str](), Vip(motions=self.motions, seconds=self.seconds, camera=self.camera)
+            names = held_out_names()
+            files = find_clips(self.motions, names)
+            for seed in range(self.seeds):
+                tell("realistic noise", seed / self.seeds)
+                name = names[seed % len(names)]
+                try:
+                    runs.append(realistic_nees(vip.scene(read_motion(files[name]), name, seed), Settings()))
+                except SolveError as error:
+                    failures.append(f"{name}, seed {seed}: {error}")
+            yield from _over_seeds("realistic", runs, WHAT, tuple(failures))
+
+    def tables(self, rows: Sequence[NeesRow]) -> Iterator[str]:
+        yield (
+            f"NEES over dimension, {self.camera} camera: 1 is honest, above it the estimator is too sure of itself; "
+            "its square root is by how much errors exceed their standard deviations"
+        )
+        head = ["noise", "of", "seeds", "NEES", "95 % bounds", "within", "errors / sigmas"]
+        found = [(row, row.over_seeds) for row in rows]
+        yield table(head, [
+            [row.noise, row.of, one.runs, f"{one.nees:.2f}", f"{one.low:.2f} to {one.high:.2f}",
+             "yes" if one.honest else "no", f"{np.sqrt(one.nees):.2f}"] for row, one in found
+        ])  # fmt: skip
+        yield bullets("", dict.fromkeys(f"not solved: {one}" for row in rows for one in row.failures))
+
+
+def _whole_dimensions(settings: GaussianSettings) -> dict[str, int]:
+    """Dimension of each vector that is judged as a whole, so that its NEES is one chi-square sample."""
+    sensors = len(PRESETS[settings.placement])
+    return {"headings": sensors, "mountings": 3 * sensors, "camera": 6, "joints": ROOT, "root": 3}
+
+
+def _over_seeds(
+    noise: str, runs: Sequence[Mapping[str, Array]], dimensions: Mapping[str, int], failures: tuple[str, ...] = ()
+) -> Iterator[NeesRow]:
+    for name, dimension in dimensions.items():
+        values = [np.asarray(run[name]) for run in runs if name in run]
+        if any(np.any(np.isfinite(one)) for one in values):
+            yield NeesRow(noise, name, over_seeds(values, dimension), failures)
+
+
+def gaussian_nees(scene: GaussianScene) -> dict[str, Array]:
+    """NEES over dimension of one scene, each of all headings, all mountings, the camera, all joints of a frame."""
+    objective = SceneObjective(scene.model)
+    state, _ = levenberg_marquardt(objective, scene.truth, TO_THE_END)
+    marginals = chain_marginals(objective.linearise(state))
+    own, true, owner = state.wearers[0], scene.truth.wearers[0], OwnerId(Owner.WEARER)
+    headings = static_covariance(objective, owner, "headings", marginals)
+    mountings = static_covariance(objective, owner, "R_bone_sensor", marginals)
+    keys = objective.frame_keys(owner)
+    assert headings is not None
+    assert mountings is not None
+    assert keys is not None
+    heading = wrap_angle(true.headings - own.headings)
+    mounting = log(transpose(own.R_bone_sensor) @ true.R_bone_sensor).ravel()
+    frames = np.unique(np.linspace(0, len(own.p_world_pelvis) - 1, JOINTS_AT).astype(int))
+    of_frames = np.stack([marginals[keys[t]] for t in frames])
+    joints = log(transpose(own.R_parent_child[frames]) @ true.R_parent_child[frames]).reshape(len(frames), -1)
+    root = (true.p_world_pelvis - own.p_world_pelvis)[frames]
+    return {
+        "headings": nees(heading[None], headings[None]),
+        "mountings": nees(mounting[None], mountings[None]),
+        "camera": _camera_nees(objective, state.camera, scene.truth.camera, marginals, frames),
+        "joints": nees(joints, of_frames[:, :ROOT, :ROOT]),
+        "root": nees(root, of_frames[:, ROOT:, ROOT:]),
+    }
+
+
+def _camera_nees(
+    objective: SceneObjective, camera: CameraState, truth: CameraState, marginals: Mapping[int, Array],
+    frames: np.ndarray,
+) -> Array:  # fmt: skip
+    R = camera.poses.R_world_camera
+    turn = log(transpose(R) @ truth.poses.R_world_camera)
+    shift = np.einsum("tji,tj->ti", R, truth.poses.p_world_camera - camera.poses.p_world_camera)
+    tangent = np.concatenate([turn, shift], axis=1)
+    path = objective.frame_keys(CAMERA)
+    if path is None:
+        standing = static_covariance(objective, CAMERA, "poses", marginals)
+        assert standing is not None
+        return nees(tangent, standing[None])
+    return nees(tangent[frames], np.stack([marginals[path[t]] for t in frames]))
+
+
+def realistic_nees(scene: Scene, settings: Settings) -> dict[str, Array]:
+    """Mean NEES of one scene of the suite as the pipeline reports it."""
+    evaluation = evaluate_scene(smooth_scene(scene, replace(settings, covariance=True)), scene)
+    found = {"headings": "nees_heading", "mountings": "nees_mounting", "camera": "nees_camera"}
+    values = {what: evaluation.metrics[key].value for what, key in found.items() if key in evaluation.metrics}
+    wearer = evaluation.wearers[scene.wearers[0].subject.name]
+    if "nees_joints" in wearer.metrics:
+        values["joints"] = wearer.metrics["nees_joints"].value
+    return {what: np.array([value]) for what, value in values.items()}
+
+
+def nees_bounds(dimension: int, runs: int, level: float = 0.95) -> tuple[float, float]:
+    """Between which the mean over ``runs`` independent NEES (each over its ``dimension``) lies with this probability.
+
+    ``runs · dimension · mean`` is chi-square with ``runs · dimension`` degrees of freedom (Bar-Shalom 5.4.2).
+    """
+    if runs < 1 or dimension < 1:
+        raise InputError(f"NEES bounds of {runs} runs of dimension {dimension}: expected at least one of each")
+    freedom = runs * dimension
+    tail = (1 - level) / 2
+    return float(chdtri(freedom, 1 - tail) / freedom), float(chdtri(freedom, tail) / freedom)
+
+
+def over_seeds(values: Sequence[Array], dimension: int) -> SeedConsistency:
+    """Mean of the NEES of several runs, one array each.
+
+    Errors within a run hang together (frames follow each other, sensors share a camera), so a run counts once: the
+    bounds are those of as many samples as there are runs with a finite value.
+    """
+    means = [float(np.mean(one[np.isfinite(one)])) for one in map(np.asarray, values) if np.any(np.isfinite(one))]
+    low, high = nees_bounds(dimension, len(means))
+    return SeedConsistency(float(np.mean(means)), low, high, len(means))

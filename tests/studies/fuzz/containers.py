@@ -1,0 +1,292 @@
+"""Mutations inside of what is packed: Protobuf messages, the records of MCAP, JSON, archives of arrays.
+
+Bytes flipped in such files mostly break their checksums; what lies behind these is reached by packing anew.
+"""
+
+import json
+import struct
+from io import BytesIO
+from random import Random
+from typing import Any
+
+import numpy as np
+
+from tests.studies.fuzz.bytes_and_text import mutated_bytes, mutated_text
+from vip_factors.io.live.framing import delimited
+from vip_factors.io.mcap_contents import CHUNK, FOOTER, MAGIC, MESSAGE, RECORD_HEAD
+
+MESSAGE_HEAD = 22  # bytes of a message's record before its data
+INDEX = 0x07  # of a chunk's messages: nothing reads it
+LIMITS = (0.0, -1.0, 1.0, float("nan"), float("inf"), float("-inf"), 1e308, -1e308, 1e-310, 0.5, 1e9, 1e20)
+INTEGERS = (0, 1, 2, 127, 128, 2**31 - 1, 2**31, 2**32, 2**63 - 1, 2**63, 2**64 - 1, 10**6, 10**9)
+VALUES: tuple[Any, ...] = (
+    0, -1, 1, 0.5, float("nan"), float("inf"), 1e308, -1e308, 12345678901234567890, 10**400, "", "x", "1", None, True,
+    [], {}, [1], [[]], {"a": 1}, 10**9,
+)  # fmt: skip
+
+Field = tuple[int, int, Any]
+"""Number, wire type and content of a field."""
+
+
+def fields_of(data: bytes) -> list[Field] | None:
+    """The fields of a Protobuf message; None if the bytes are none."""
+    at, fields = 0, []
+    while at < len(data):
+        head, at = varint(data, at)
+        number, kind = head >> 3, head & 7
+        if not number:
+            return None
+        if kind == 0:
+            value: Any
+            value, at = varint(data, at)
+        elif kind in (1, 5):
+            size = 8 if kind == 1 else 4
+            value, at = data[at : at + size], at + size
+        elif kind == 2:
+            size, at = varint(data, at)
+            value, at = data[at : at + size], at + size
+        else:
+            return None
+        if at > len(data):
+            return None
+        fields.append((number, kind, value))
+    return fields
+
+
+def varint(data: bytes, at: int) -> tuple[int, int]:
+    """The number there, and where the next thing begins: beyond the end if it is cut."""
+    value = 0
+    for shift in range(10):
+        if at >= len(data):
+            return 0, at + 1
+        value |= (data[at] & 0x7F) << 7 * shift
+        at += 1
+        if data[at - 1] < 0x80:
+            return value, at
+    return 0, len(data) + 1
+
+
+def _packed_varint(value: int) -> bytes:
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    return bytes([*out, value])
+
+
+def protobuf_of(fields: list[Field]) -> bytes:
+    """The message of these fields."""
+    out = b""
+    for number, kind, value in fields:
+        out += _packed_varint(number << 3 | kind)
+        if kind == 0:
+            out += _packed_varint(value)
+        else:
+            out += delimited(value) if kind == 2 else value
+    return out
+
+
+def mutated_protobuf(data: bytes, random: Random) -> bytes:
+    """One field of the message, or of one in it, has another value, another number, is missing or stands twice."""
+    fields = fields_of(data)
+    if not fields:
+        return mutated_bytes(data, random)
+    row, what = random.randrange(len(fields)), random.randrange(12)
+    number, kind, value = fields[row]
+    if what == 0:
+        del fields[row]
+    elif what == 1:
+        fields[row:row] = [fields[row]] * random.choice((1, 2, 30))
+    elif what == 2:
+        fields[row] = (random.choice(fields)[0], kind, value)
+    else:
+        fields[row] = (number, kind, _mutated_value(kind, value, random))
+    return protobuf_of(fields)
+
+
+def _mutated_value(kind: int, value: Any, random: Random) -> Any:
+    if kind == 0:
+        return random.choice(INTEGERS)
+    if kind == 1:
+        return struct.pack("<d", random.choice(LIMITS))
+    if kind == 5:
+        return struct.pack("<I", random.choice(INTEGERS) % 2**32)
+    if len(value) % 8 == 0 and value and random.random() < 0.3:  # as packed numbers
+        doubles = list(struct.unpack(f"<{len(value) // 8}d", value))
+        if random.random() < 0.3:
+            del doubles[random.randrange(len(doubles)) :]
+        else:
+            doubles[random.randrange(len(doubles))] = random.choice(LIMITS)
+        return struct.pack(f"<{len(doubles)}d", *doubles)
+    return mutated_protobuf(value, random) if random.random() < 0.9 else mutated_text(value, random)
+
+
+def records_of(data: bytes) -> list[tuple[int, bytes]]:
+    """Opcode and content of all records of an MCAP file, those in its chunks too, up to its footer."""
+    from vip_factors.io.mcap_chunk import read_chunk
+
+    at, records = len(MAGIC), []
+    while at + RECORD_HEAD.size <= len(data):
+        opcode, size = RECORD_HEAD.unpack_from(data, at)
+        at += RECORD_HEAD.size + size
+        content = data[at - size : at]
+        if opcode == CHUNK:
+            records += records_of(MAGIC + read_chunk(content))
+        elif opcode != INDEX:
+            records.append((opcode, content))
+        if opcode == FOOTER:
+            break
+    return records
+
+
+def mcap_of(records: list[tuple[int, bytes]]) -> bytes:
+    """The file of these records, without chunks, and therefore without checksums."""
+    return MAGIC + b"".join(RECORD_HEAD.pack(opcode, len(content)) + content for opcode, content in records) + MAGIC
+
+
+def mutated_mcap(data: bytes, random: Random) -> bytes:
+    """One record has another content, is missing, stands twice or in another place."""
+    records = records_of(data)
+    row, what = random.randrange(len(records)), random.randrange(12)
+    seldom = [i for i, one in enumerate(records) if one[0] != MESSAGE or records[i - 1][0] != MESSAGE]
+    row = random.choice(seldom) if random.random() < 0.5 else row
+    opcode, content = records[row]
+    if what == 0:
+        del records[row]
+    elif what == 1:
+        records.insert(random.randrange(len(records)), records[row])
+    elif opcode != MESSAGE:
+        records[row] = (opcode, mutated_text(content, random))
+    elif what == 2:
+        records[row] = (opcode, mutated_bytes(content, random))
+    else:
+        records[row] = (opcode, content[:MESSAGE_HEAD] + mutated_protobuf(content[MESSAGE_HEAD:], random))
+    return mcap_of(records if random.random() < 0.5 else _in_a_chunk(records))
+
+
+def _in_a_chunk(records: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
+    """The same with all but the first and the last records in one chunk, without compression or checksum."""
+    inner = mcap_of(records[1:-2])[len(MAGIC) : -len(MAGIC)]
+    times = [struct.unpack_from("<Q", one, 6)[0] for code, one in records if code == MESSAGE and len(one) > 13] or [0]
+    head = struct.pack("<QQQIIQ", min(times), max(times), len(inner), 0, 0, len(inner))
+    return [*records[:1], (CHUNK, head + inner), *records[-2:]]
+
+
+def mutated_stream(data: bytes, random: Random) -> bytes:
+    """One message of a delimited stream is another, missing, twice, or elsewhere."""
+    at, messages = 0, []
+    while at < len(data):
+        size, at = varint(data, at)
+        messages.append(data[at : at + size])
+        at += size
+    row, what = random.randrange(len(messages) if random.random() < 0.5 else min(2, len(messages))), random.randrange(8)
+    if what == 0:
+        del messages[row]
+    elif what == 1:
+        messages.insert(random.randrange(len(messages)), messages[row])
+    else:
+        messages[row] = mutated_protobuf(messages[row], random)
+    return b"".join(map(delimited, messages))
+
+
+def mutated_json(data: bytes, random: Random) -> bytes:
+    """One value is another, missing, twice, or has another key."""
+    try:
+        tree = json.loads(data)
+    except ValueError:
+        return mutated_text(data, random)
+    places: list[tuple[Any, Any]] = []
+    _places(tree, places)
+    if not places or random.random() < 0.01:
+        return json.dumps(random.choice(VALUES)).encode()
+    inside, key = random.choice(places)
+    what = random.randrange(6)
+    if what == 0:
+        del inside[key]
+    elif what == 1 and isinstance(inside, list):
+        inside.insert(key, inside[key])
+    elif what == 1:
+        inside[random.choice(("", "x", "name", *inside))] = inside.pop(key)
+    else:
+        inside[key] = random.choice(VALUES)
+    return json.dumps(tree).encode()
+
+
+def _places(tree: Any, places: list[tuple[Any, Any]]) -> None:
+    items = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    for key, value in items:
+        places.append((tree, key))
+        _places(value, places)
+
+
+def mutated_arrays(content: dict[str, Any], random: Random) -> dict[str, Any]:
+    """One array has another shape, type or number in it, is missing or has another name."""
+    name, changed = random.choice(sorted(content)), dict(content)
+    value, what = np.asarray(content[name]), random.randrange(10)
+    if what == 0:
+        del changed[name]
+    elif what == 1:
+        changed[random.choice(sorted(content))] = changed.pop(name)
+    elif what == 2:
+        changed[name] = value[: random.randrange(3)] if value.ndim else np.array([])
+    elif what == 3:
+        changed[name] = value.reshape(-1) if value.ndim > 1 else value[None]
+    elif what == 4:
+        kinds = ("f4", "i8", "c16", "S8", "U4", "?")
+        with np.errstate(all="ignore"):
+            changed[name] = np.zeros(value.shape, random.choice(kinds))
+    elif what == 5:
+        changed[name] = random.choice((np.float64(random.choice(LIMITS)), np.array("x"), np.zeros((0, 3)), np.zeros(0)))
+    elif what == 6 and value.ndim:
+        changed[name] = np.swapaxes(value, 0, -1)
+    elif value.dtype.kind == "f" and value.size:
+        changed[name] = value.copy().reshape(-1)
+        changed[name][random.randrange(value.size)] = random.choice(LIMITS)
+        changed[name] = changed[name].reshape(value.shape)
+    else:
+        changed[name] = np.full(value.shape, random.choice(LIMITS))
+    return changed
+
+
+def mutated_npz(data: bytes, random: Random) -> bytes:
+    """An archive of arrays, one of which is another; or other bytes of one, with the checksum to them."""
+    import zipfile
+
+    if random.random() < 0.6:
+        with np.load(BytesIO(data), allow_pickle=False) as archive:
+            content = mutated_arrays(dict(archive), random)
+        out = BytesIO()
+        np.savez(out, **content)
+        return out.getvalue()
+    with zipfile.ZipFile(BytesIO(data)) as archive_file:
+        parts = {name: archive_file.read(name) for name in archive_file.namelist()}
+    name = random.choice(sorted(parts))
+    parts[name] = mutated_text(parts[name], random) if random.random() < 0.5 else mutated_bytes(parts[name], random)
+    out = BytesIO()
+    with zipfile.ZipFile(out, "w") as archive_file:
+        for one, content_bytes in parts.items():
+            archive_file.writestr(one, content_bytes)
+    return out.getvalue()
+
+
+def mutated_pickle(data: bytes, random: Random) -> bytes:
+    """A pickle of other arrays; read, as it is made here, by the reader that refuses anything but plain data."""
+    import pickle
+
+    from vip_factors.io.importers.numpy_pickle import PlainUnpickler
+
+    return pickle.dumps(mutated_arrays(PlainUnpickler(BytesIO(data), encoding="latin1").load(), random), protocol=2)
+
+
+def mutated_mat(data: bytes, random: Random) -> bytes:
+    """MATLAB's file of structs of arrays, one of which is another."""
+    from scipy.io import loadmat, savemat
+
+    file: Any = BytesIO(data)
+    content = {name: value for name, value in loadmat(file, simplify_cells=True).items() if name[0] != "_"}
+    name = random.choice(sorted(content))
+    inside = isinstance(content[name], dict) and random.random() < 0.9
+    changed = content | {name: mutated_arrays(content[name], random)} if inside else mutated_arrays(content, random)
+    out: Any = BytesIO()
+    savemat(out, {key: value for key, value in changed.items() if key and not isinstance(value, type(None))})
+    return bytes(out.getvalue())

@@ -1,0 +1,321 @@
+"""How somebody moved as others measured it, and how far ours is from it: angles, joint centres, strides, a video.
+
+A video is no reference: what a monocular one takes for the depth of a wrist is off by decimetres.
+"""
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from tests.studies.marker_body import ARMS, LEGS, SHOULDERS, SIDES, MarkerBody, marker_columns
+from tests.studies.walk import CENTRES, R_VICON_BONE, TRIAL, AngleError, read_vicon
+from vip_factors.body.anatomical_frames import R_BODY_ISB
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import joint_index
+from vip_factors.errors import FileFormatError
+from vip_factors.evaluate.joint_angle import (
+    bend_deg,
+    hip_flexion_deg,
+    hip_flexion_of,
+    inclination_deg,
+    knee_flexion_deg,
+    knee_flexion_of,
+    rmse,
+    rmse_without_offset,
+)
+from vip_factors.geometry.alignment import align_rigid
+from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
+from vip_factors.geometry.rotations import Array
+
+OPENSIM_NAMES = {"knee": "knee_angle", "hip": "hip_flexion", "elbow": "elbow_flex"}
+JOINTS = ("hip", "knee", "ankle")
+SENSOR_HZ, MARKER_HZ = 204.8, 100.0  # of gaitmap's sample; both clocks begin together
+VIDEO_HZ = 30.0  # of VIDIMU's camera
+BENDS = {"knee": ("hip", "knee", "ankle"), "elbow": ("shoulder", "elbow", "wrist")}
+MOST_LAG_S, STEP_S = 1.5, 1 / 60  # both were started by hand within a second
+LEAST_BEND_DEG = 10.0  # standard deviation in the video: a joint that hardly moves tells of no lag
+LEAST_CORRELATION = 0.4  # the best of all lags of two unrelated motions is about 0.2
+
+
+@dataclass(frozen=True)
+class GaitMotion:
+    """How somebody walks.
+
+    Attributes:
+        time: ``(T,)`` seconds.
+        flexion: degrees ``(T,)`` of joints by name (``left_knee``, …), and how far the ``trunk`` (from hips to
+            shoulders) and the ``thorax`` (its own axis) lean forward.
+        p_world_joint: ``(T, 3)`` metres of joint centres by name, where they are known.
+    """
+
+    time: Array
+    flexion: Mapping[str, Array]
+    p_world_joint: Mapping[str, Array] = field(default_factory=dict)
+
+
+def vicon_angles(folder: Path) -> GaitMotion:
+    """Of ``xsens_vicon_walk``: segments by optical markers."""
+    vicon = read_vicon(folder / "vicon" / f"{TRIAL}.csv")
+    pelvis = vicon.R_world_segment["RPV"] @ R_VICON_BONE
+    flexion: dict[str, Array] = {}
+    for side in SIDES:
+        thigh = vicon.R_world_segment[f"{side[0].upper()}TH"] @ R_VICON_BONE
+        flexion[f"{side}_knee"], flexion[f"{side}_hip"] = vicon.knee_flexion(side), hip_flexion_deg(pelvis, thigh)
+    return GaitMotion(vicon.time, flexion, {name: vicon.centres[own] for name, own in CENTRES.items()})
+
+
+def optical_angles(path: Path) -> GaitMotion:
+    """Of ``optical_joint_centres.csv``: segments in OpenSim's axes and joint centres, by inverse kinematics."""
+    table = np.genfromtxt(path, delimiter=",", names=True)
+
+    def bone(segment: str) -> Array:
+        quaternions = marker_columns(table, [f"{segment}_q{letter}" for letter in "wxyz"], path)
+        return matrix_from_quaternion(quaternions, Order.WXYZ) @ R_BODY_ISB.T  # OpenSim's segments have ISB's axes
+
+    flexion, centres = dict[str, Array](), dict[str, Array]()
+    for side in SIDES:
+        thigh, shank = bone(f"femur_{side[0]}"), bone(f"tibia_{side[0]}")
+        flexion[f"{side}_knee"] = knee_flexion_deg(thigh, shank)
+        flexion[f"{side}_hip"] = hip_flexion_deg(bone("pelvis"), thigh)
+        for joint in JOINTS:
+            centres[f"{side}_{joint}"] = marker_columns(table, [f"{joint}_{side[0]}_{axis}" for axis in "xyz"], path)
+    return GaitMotion(marker_columns(table, ["time_s"], path)[:, 0], flexion, centres)
+
+
+def marker_motion(body: MarkerBody) -> GaitMotion:
+    """Of a body from markers: angles between the lines that join its joint centres.
+
+    Hips are bent against the pelvis of the iliac spines, which whoever stands straight tilts forward by ten degrees.
+    """
+    flexion, bones = dict[str, Array](), body.R_world_bone
+    for side in SIDES:
+        flexion[f"{side}_knee"] = bend_deg(*(body.centres[f"{side}_{joint}"] for joint in JOINTS))
+        flexion[f"{side}_hip"] = hip_flexion_deg(bones["pelvis"], bones[f"{side}_hip"])
+    flexion |= _inclinations(body.centres, bones["spine3"])
+    return GaitMotion(body.time, flexion, body.centres)
+
+
+def opensim_angles(path: Path, begins: float = 0.0, joints: tuple[str, ...] = ("knee", "hip")) -> GaitMotion:
+    """Of a motion file of OpenSim, in degrees; a gait model of which knees bend by ``knee_angle_r``, ``_l``.
+
+    ``begins`` is the second of the recording at which the file does.
+    """
+    lines = path.read_text(encoding="utf-8").splitlines()
+    try:
+        header = lines.index("endheader")
+    except ValueError:
+        raise FileFormatError(f"{path}: no line 'endheader'; expected a motion file of OpenSim") from None
+    names, table = lines[header + 1].split(), np.loadtxt(lines[header + 2 :], ndmin=2)
+    flexion = {}
+    for side in SIDES:
+        for joint in joints:
+            name = f"{OPENSIM_NAMES[joint]}_{side[0]}"
+            if name not in names:
+                raise FileFormatError(f"{path}: no column '{name}'; expected joint angles of OpenSim's gait model")
+            flexion[f"{side}_{joint}"] = table[:, names.index(name)]
+    return GaitMotion(begins + table[:, names.index("time")], flexion)
+
+
+def gait_of(motion: Motion) -> GaitMotion:
+    """Of an estimate."""
+    flexion = {f"{side}_knee": knee_flexion_of(motion, side) for side in SIDES}
+    flexion |= {f"{side}_hip": hip_flexion_of(motion, side) for side in SIDES}
+    p = motion.state.p_world_joint
+    centres = {name: p[:, joint_index(name)] for name in (*LEGS, *SHOULDERS, *ARMS)}
+    flexion |= _inclinations(centres, motion.state.R_world_bone[:, joint_index("spine3")])
+    for side in SIDES:
+        chain = (f"{side}_{name}" for name in ("shoulder", "elbow", "wrist"))
+        flexion[f"{side}_elbow"] = bend_deg(*(p[:, joint_index(name)] for name in chain))
+    return GaitMotion(motion.time, flexion, centres)
+
+
+def _inclinations(centres: Mapping[str, Array], R_world_thorax: Array) -> dict[str, Array]:
+    left = centres["left_hip"] - centres["right_hip"]
+    hips, shoulders = (centres[f"left_{one}"] + centres[f"right_{one}"] for one in ("hip", "shoulder"))
+    return {"trunk": inclination_deg(shoulders - hips, left), "thorax": inclination_deg(R_world_thorax[..., 1], left)}
+
+
+def angle_errors(found: GaitMotion, reference: GaitMotion) -> dict[str, AngleError]:
+    """By joint name, over the reference's time that both have."""
+    both = _shared(found, reference)
+    errors = {}
+    for name, true in reference.flexion.items():
+        ours = np.interp(reference.time[both], found.time, found.flexion[name])
+        errors[name] = AngleError(rmse(ours, true[both]), rmse_without_offset(ours, true[both]))
+    return errors
+
+
+def centres_error_mm(found: GaitMotion, reference: GaitMotion) -> float:
+    """Mean distance of hips, knees and ankles after a rigid motion of every frame; NaN where none are known."""
+    return _distances_mm(found, reference, LEGS).get("legs", np.nan)
+
+
+def body_errors_mm(found: GaitMotion, reference: GaitMotion) -> dict[str, float]:
+    """Mean distances after a rigid motion of every frame: of the whole ``body``, its ``legs``, ``shoulders``, ``arms``.
+
+    Empty where not all of these joint centres are known.
+    """
+    return _distances_mm(found, reference, (*LEGS, *SHOULDERS, *ARMS))
+
+
+def _distances_mm(found: GaitMotion, reference: GaitMotion, names: tuple[str, ...]) -> dict[str, float]:
+    both = _shared(found, reference)
+    if not set(names) <= set(reference.p_world_joint) or not both.any():
+        return {}
+    time = reference.time[both]
+    true = np.stack([reference.p_world_joint[name][both] for name in names], axis=1)
+    ours = make_interp_spline(found.time, np.stack([found.p_world_joint[name] for name in names], axis=1), k=1)(time)
+    error = dict(zip(names, 1000 * np.linalg.norm(align_rigid(ours, true).apply(ours) - true, axis=-1).T, strict=True))
+    parts = {"body": names, "legs": LEGS, "shoulders": SHOULDERS, "arms": ARMS}
+    return {
+        part: float(np.mean([error[name] for name in members]))
+        for part, members in parts.items()
+        if set(members) <= set(names)
+    }
+
+
+def _shared(found: GaitMotion, reference: GaitMotion) -> np.ndarray:
+    return (reference.time >= found.time[0]) & (reference.time <= found.time[-1])
+
+
+@dataclass(frozen=True)
+class Strides:
+    """``S`` strides of one foot, each from one moment of rest on the floor to the next.
+
+    Attributes:
+        start, end: ``(S,)`` seconds.
+        length: ``(S,)`` metres, along the floor.
+    """
+
+    start: Array
+    end: Array
+    length: Array
+
+
+@dataclass(frozen=True)
+class StrideErrors:
+    """Of all strides of both feet, metres: the true mean length, and mean and standard deviation of ours less it."""
+
+    count: int
+    length: float
+    error_mean: float
+    error_sd: float
+
+
+def read_strides(folder: Path) -> dict[str, Strides]:
+    """Of ``gaitmap_feet``, by side: when each foot rested, and where its heel's marker was then."""
+    events, markers = folder / "stride_events_sample.csv", folder / "mocap_sample.csv"
+    with markers.open(encoding="utf-8") as file:
+        names = [f"{one}_{axis}" for one, axis in zip(*(next(csv.reader(file)) for _ in range(2)), strict=True)]
+        table = np.genfromtxt(file, delimiter=",", names=names)
+    time = np.arange(len(table)) / MARKER_HZ
+    moments: dict[str, list[tuple[float, float]]] = {side: [] for side in SIDES}
+    with events.open(encoding="utf-8") as file:
+        for line, row in enumerate(csv.DictReader(file), start=2):
+            if row.get("foot") not in moments or not {"start", "end"} <= set(row):
+                raise FileFormatError(
+                    f"{events}, line {line}: expected a foot (left, right), start and end of a stride"
+                )
+            moments[row["foot"]].append((float(row["start"]) / SENSOR_HZ, float(row["end"]) / SENSOR_HZ))
+    found = {}
+    for side, rests in moments.items():
+        heel = marker_columns(table, [f"{side[0].upper()}_FCC_{axis}" for axis in "xyz"], markers) / 1000
+        start, end = np.array(rests).reshape(-1, 2).T
+        found[side] = Strides(start, end, _lengths(time, heel, start, end))
+    return found
+
+
+def stride_errors(motion: Motion, reference: dict[str, Strides]) -> StrideErrors:
+    """How far the ankles of a motion went, beside how far the heels did; strides that it does not last to are left out.
+
+    A foot that rests does not turn: any point of it goes as far as another.
+    """
+    true, off = list[float](), list[float]()
+    for side, strides in reference.items():
+        there = (strides.start >= motion.time[0]) & (strides.end <= motion.time[-1])
+        ankle = motion.state.p_world_joint[:, joint_index(f"{side}_ankle")]
+        own = _lengths(motion.time, ankle, strides.start[there], strides.end[there])
+        true += [*strides.length[there]]
+        off += [*(own - strides.length[there])]
+    return StrideErrors(len(off), float(np.mean(true)), float(np.mean(off)), float(np.std(off)))
+
+
+def _lengths(time: Array, p_world: Array, start: Array, end: Array) -> Array:
+    first, last = (np.stack([np.interp(at, time, axis) for axis in p_world[:, :2].T], axis=1) for at in (start, end))
+    return np.linalg.norm(last - first, axis=1)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Of one joint on both sides.
+
+    Attributes:
+        joint: ``knee`` or ``elbow``.
+        lag_s: to add to the video's times to get the sensors'; NaN if the joint hardly moves or both do not agree.
+        correlation: the highest of all lags, both sides together; their means removed.
+        degrees, without_offset: RMS difference at that lag, or none, mean of both sides; the same, its mean removed.
+        least, most: degrees, 1 % and 99 % of the bend by the sensors.
+    """
+
+    joint: str
+    lag_s: float
+    correlation: float
+    degrees: float
+    without_offset: float
+    least: float
+    most: float
+
+
+def video_motion(path: Path, begins: float) -> GaitMotion:
+    """Of VIDIMU's ``.csv``: joint centres that a network found in one camera's video, in the camera's axes.
+
+    ``begins`` is the second of the recording at which both were started.
+    """
+    table = np.genfromtxt(path, delimiter=",", names=True, autostrip=True)
+    centres = {
+        f"{side}_{name}": marker_columns(table, [f"{side}_{name}_{axis}" for axis in "xyz"], path) / 1000
+        for chain in BENDS.values()
+        for name in chain
+        for side in SIDES
+    }
+    time = begins + np.arange(len(table)) / VIDEO_HZ
+    flexion = {
+        f"{side}_{joint}": bend_deg(*(centres[f"{side}_{name}"] for name in chain))
+        for joint, chain in BENDS.items()
+        for side in SIDES
+    }
+    return GaitMotion(time, flexion, centres)
+
+
+def agreement(joint: str, sensors: GaitMotion, video: GaitMotion) -> Agreement:
+    """How far both agree about a joint, at the lag at which they do most."""
+    names = [f"{side}_{joint}" for side in SIDES]
+    own = np.stack([sensors.flexion[name] for name in names])
+    least, most = np.quantile(own, [0.01, 0.99])
+    moving = [name for name in names if np.std(video.flexion[name]) > LEAST_BEND_DEG]
+    lags = np.arange(-MOST_LAG_S, MOST_LAG_S + STEP_S / 2, STEP_S)
+    scores = [_correlation(moving, sensors, video, lag) for lag in lags] if moving else [np.nan]
+    best = int(np.argmax(scores))
+    lag = float(lags[best]) if scores[best] > LEAST_CORRELATION else np.nan
+    pairs = [_shifted(name, sensors, video, float(np.nan_to_num(lag))) for name in names]
+    return Agreement(
+        joint, lag, float(scores[best]), float(np.mean([rmse(ours, theirs) for ours, theirs in pairs])),
+        float(np.mean([rmse_without_offset(ours, theirs) for ours, theirs in pairs])), float(least), float(most),
+    )  # fmt: skip
+
+
+def _shifted(name: str, sensors: GaitMotion, video: GaitMotion, lag: float) -> tuple[Array, Array]:
+    """Both at the video's instants that the sensors have too."""
+    time = video.time + lag
+    both = (time >= sensors.time[0]) & (time <= sensors.time[-1])
+    return np.interp(time[both], sensors.time, sensors.flexion[name]), video.flexion[name][both]
+
+
+def _correlation(names: list[str], sensors: GaitMotion, video: GaitMotion, lag: float) -> float:
+    pairs = [_shifted(name, sensors, video, lag) for name in names]
+    ours, theirs = (np.concatenate([pair[k] - np.mean(pair[k]) for pair in pairs]) for k in range(2))
+    return float(ours @ theirs / max(np.linalg.norm(ours) * np.linalg.norm(theirs), 1e-9))

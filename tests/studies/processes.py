@@ -1,0 +1,100 @@
+"""Processes: work in one of its own, memory of this one, and what others take where the system (Linux) shows them."""
+
+import os
+import resource
+import sys
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+PROC = Path("/proc")
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def apart(work: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
+    """What a function returns in a new process, which has a peak memory of its own and gives all of it back."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(work, *arguments, **named).result()
+
+
+def peak_memory() -> int:
+    """Peak resident memory of this process so far, bytes."""
+    status = PROC / "self" / "status"
+    if status.is_file():  # Linux: there ru_maxrss of a new process begins with its parent's
+        line = next((line for line in status.read_text().splitlines() if line.startswith("VmHWM:")), None)
+        if line is not None:
+            return 1024 * int(line.split()[1])
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak  # macOS counts in bytes, others in KiB
+
+
+def resident_memory() -> int:
+    """Bytes of this process that are in memory now; where the system does not say, the most there have been."""
+    return _resident(os.getpid()) or peak_memory()
+
+
+@dataclass(frozen=True)
+class ProcessTree:
+    """A program and the processes that it has begun, at one moment.
+
+    Attributes:
+        own: resident bytes of the program itself.
+        others: of the processes below it.
+        cpu_s: seconds of processor time of the program itself, since it began.
+    """
+
+    own: int
+    others: int
+    cpu_s: float
+
+
+def process_tree(pid: int) -> ProcessTree | None:
+    """What a program takes now; None if it is over, or the system does not say."""
+    fields = _stat(pid)
+    if fields is None:
+        return None
+    ticks = int(fields[11]) + int(fields[12])
+    return ProcessTree(_resident(pid), sum(map(_resident, begun_by(pid))), ticks / os.sysconf("SC_CLK_TCK"))
+
+
+def begun_by(pid: int) -> list[int]:
+    """Numbers of the processes below one; empty where the system does not say."""
+    parents = {}
+    for folder in PROC.glob("[0-9]*"):
+        fields = _stat(int(folder.name))
+        if fields is not None:
+            parents[int(folder.name)] = int(fields[1])
+    return [one for one in parents if _is_below(one, pid, parents)]
+
+
+def is_running(pid: int) -> bool:
+    """Whether there is such a process, and it has not ended."""
+    fields = _stat(pid)
+    return fields is not None and fields[0] != "Z"
+
+
+def _is_below(pid: int, root: int, parents: dict[int, int]) -> bool:
+    while pid in parents:
+        pid = parents[pid]
+        if pid == root:
+            return True
+    return False
+
+
+def _stat(pid: int) -> list[str] | None:
+    """Fields of ``/proc/PID/stat`` from the state on; the name before it may hold anything."""
+    try:
+        return (PROC / str(pid) / "stat").read_text(errors="replace").rpartition(")")[2].split()
+    except OSError:
+        return None
+
+
+def _resident(pid: int) -> int:
+    try:
+        return int((PROC / str(pid) / "statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, IndexError):  # it has ended since
+        return 0

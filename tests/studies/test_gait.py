@@ -1,0 +1,151 @@
+"""How somebody moved: angles by which a leg was bent, strides as long as feet went, what a video says of a joint."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.studies.gait import (
+    BENDS,
+    GaitMotion,
+    Strides,
+    agreement,
+    angle_errors,
+    gait_of,
+    opensim_angles,
+    optical_angles,
+    read_strides,
+    stride_errors,
+    video_motion,
+)
+from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.motion import Motion
+from vip_factors.body.skeleton import joint_index
+from vip_factors.errors import FileFormatError
+from vip_factors.geometry.rotations import rotation_x
+
+
+def test_a_bent_leg_has_the_angles_it_was_bent_by() -> None:
+    R = np.tile(np.eye(3), (2, 24, 1, 1))
+    R[1, joint_index("left_hip")] = rotation_x(np.deg2rad(-30.0))  # the thigh goes forward
+    R[1, joint_index("left_knee")] = rotation_x(np.deg2rad(50.0))  # the shank goes back
+    found = gait_of(Motion(skeleton_from_stature(1.75), R, np.zeros((2, 3)), 1.0))
+    assert found.flexion["left_hip"] == pytest.approx([0.0, 30.0])
+    assert found.flexion["left_knee"] == pytest.approx([0.0, 50.0])
+    assert found.flexion["right_knee"] == pytest.approx([0.0, 0.0])
+
+
+def test_errors_are_over_the_time_that_both_have() -> None:
+    ours = GaitMotion(np.arange(5.0), {"left_knee": np.array([0.0, 4.0, 8.0, 12.0, 16.0])})
+    theirs = GaitMotion(np.array([0.5, 1.5, 9.0]), {"left_knee": np.array([1.0, 3.0, 99.0])})
+    (error,) = angle_errors(ours, theirs).values()
+    assert error.rmse == pytest.approx(np.sqrt((1**2 + 3**2) / 2))
+    assert error.without_offset == pytest.approx(1.0)
+
+
+def test_a_motion_file_of_opensim_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mot"
+    path.write_text("endheader\ntime knee_angle_r knee_angle_l hip_flexion_r hip_flexion_l\n0 1 2 3 4\n0.5 5 6 7 8\n")
+    found = opensim_angles(path)
+    assert found.time.tolist() == [0.0, 0.5]
+    assert found.flexion["left_hip"].tolist() == [4.0, 8.0]
+    path.write_text("endheader\ntime knee_angle_r\n0 1\n")
+    with pytest.raises(FileFormatError, match="no column 'knee_angle_l'"):
+        opensim_angles(path)
+    path.write_text("time\n0\n")
+    with pytest.raises(FileFormatError, match="no line 'endheader'"):
+        opensim_angles(path)
+
+
+def test_optical_segments_without_a_quaternion_are_one_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "centres.csv"
+    path.write_text("time_s,pelvis_qw\n0,1\n1,1\n")
+    with pytest.raises(FileFormatError, match="no column 'femur_l_qw'"):
+        optical_angles(path)
+
+
+def test_optical_inverse_kinematics_and_its_joint_centres_agree(data_folder: Path) -> None:
+    folder = data_folder / "xsens_treadmill_optical"
+    angles = opensim_angles(folder / "IKoutput_20to65secs.mot")
+    errors = angle_errors(optical_angles(folder / "optical_joint_centres.csv"), angles)
+    assert max(error.rmse for error in errors.values()) < 0.5
+
+
+def test_a_slide_forward_is_as_long_as_it_is() -> None:
+    path = np.stack([np.linspace(0.0, 3.0, 31), np.zeros(31), np.full(31, 1.0)], axis=1)  # 1 m/s
+    motion = Motion(skeleton_from_stature(1.75), np.tile(np.eye(3), (31, 24, 1, 1)), path, 10.0)
+    left = Strides(np.array([0.0, 1.0]), np.array([1.0, 2.5]), np.array([1.1, 1.4]))
+    right = Strides(np.array([2.0]), np.array([9.0]), np.array([7.0]))  # ends after the motion
+    errors = stride_errors(motion, {"left": left, "right": right})
+    assert errors.count == 2
+    assert errors.length == pytest.approx(1.25)
+    assert errors.error_mean == pytest.approx(0.0)
+    assert errors.error_sd == pytest.approx(0.1)
+
+
+def test_strides_are_read_from_markers_and_events(tmp_path: Path) -> None:
+    names = [(f"{side}_FCC", axis) for side in "LR" for axis in "xyz"]
+    header = [",".join(["", *(one[k] for one in names)]) for k in (0, 1)]
+    rows = [f"{k},{10 * k},0,{k},{5 * k},0,0" for k in range(201)]  # heels at 1 and 0.5 m/s
+    (tmp_path / "mocap_sample.csv").write_text("\n".join([*header, *rows]) + "\n")
+    events = tmp_path / "stride_events_sample.csv"
+    events.write_text("s_id,foot,start,end\n0,left,0,204.8\n1,right,102.4,307.2\n")
+    found = read_strides(tmp_path)
+    assert found["left"].length == pytest.approx([1.0])
+    assert found["right"].start == pytest.approx([0.5])
+    assert found["right"].length == pytest.approx([0.5])
+    events.write_text("s_id,foot,start,end\n0,middle,0,204.8\n")
+    with pytest.raises(FileFormatError, match="line 2: expected a foot"):
+        read_strides(tmp_path)
+
+
+def _bending(time: np.ndarray, late: float, size: float = 40.0) -> GaitMotion:
+    swing = size * np.sin(2.1 * (time - late)) + 0.3 * size * np.sin(5.3 * (time - late))
+    return GaitMotion(time, {"left_elbow": 50 + swing, "right_elbow": 50 - swing})
+
+
+def test_the_lag_is_what_the_video_lacks() -> None:
+    sensors = _bending(np.arange(0.0, 12.0, 1 / 60), late=0.4)
+    found = agreement("elbow", sensors, _bending(np.arange(1.0, 10.0, 1 / 30), late=0.0))
+    assert found.lag_s == pytest.approx(0.4, abs=0.01)
+    assert found.correlation > 0.999
+    assert found.degrees < 1.0
+    assert (found.least, found.most) == pytest.approx((0.0, 100.0), abs=5.0)
+
+
+def test_joints_that_hardly_move_tell_of_no_lag() -> None:
+    time = np.arange(0.0, 6.0, 1 / 30)
+    found = agreement("elbow", _bending(time, 0.0), _bending(time, 0.0, size=5.0))
+    assert np.isnan(found.lag_s)
+    assert np.isnan(found.correlation)
+    assert np.isfinite(found.degrees)
+
+
+def test_motions_that_do_not_agree_tell_of_no_lag() -> None:
+    time, random = np.arange(0.0, 20.0, 1 / 30), np.random.default_rng(1)
+    noise = GaitMotion(
+        time, {f"{side}_elbow": 50 + 30 * random.standard_normal(len(time)) for side in ("left", "right")}
+    )
+    found = agreement("elbow", _bending(time, 0.0), noise)
+    assert np.isnan(found.lag_s)
+    assert found.correlation < 0.4
+
+
+def test_bends_are_read_from_the_videos_joints(tmp_path: Path) -> None:
+    names = [f"{side}_{name}" for chain in BENDS.values() for name in chain for side in ("left", "right")]
+    there = {
+        "hip": (0, 0),
+        "knee": (0, 400),
+        "ankle": (400, 400),
+        "shoulder": (0, 0),
+        "elbow": (0, 300),
+        "wrist": (0, 600),
+    }
+    header = ", ".join(f"{name}_{axis}" for name in names for axis in "xyz")
+    row = ",".join(f"{x},{y},2000" for x, y in (there[name.partition("_")[2]] for name in names))
+    path = tmp_path / "video.csv"
+    path.write_text("\r\n".join([header, row, row, ""]))
+    found = video_motion(path, begins=3.0)
+    assert found.time == pytest.approx([3.0, 3.0 + 1 / 30])
+    assert found.flexion["left_knee"] == pytest.approx([90.0, 90.0])
+    assert found.flexion["right_elbow"] == pytest.approx([0.0, 0.0])

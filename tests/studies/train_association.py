@@ -1,0 +1,231 @@
+"""The association's weights, learned from labelled scenes (thesis 4.4.1) and measured on others."""
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from scipy.optimize import minimize
+
+from tests.studies.association_scenes import LabelledScene, SceneMaking, labelled, make_scene, usable
+from tests.studies.study import Tell
+from tests.studies.train_prior import Trained, Training
+from vip_factors.associate.associate import (
+    Association,
+    associate,
+    build_programme,
+    choose,
+    gated,
+    inter_edges,
+    intra_edges,
+    make_context,
+)
+from vip_factors.associate.features import Context, inter_features, unary_features
+from vip_factors.associate.settings import AssociationSettings
+from vip_factors.associate.verdict import verdict_features
+from vip_factors.associate.weights import FEATURES, AssociationWeights, Logistic
+from vip_factors.body.held_out_clips import DAMAGED_CLIPS, held_out_names
+from vip_factors.body.motion import Motion
+from vip_factors.cli.outputs import Output
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.atomic import atomic_path, check_target
+from vip_factors.io.motions.files import motion_files, read_motion
+from vip_factors.ranges import NotNegativeInt
+
+RIDGE = 1e-3  # of the standardised weights: a feature that adds nothing stays near zero
+HELD_OUT_SEED = 1000  # added to the seed, for scenes to measure by
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainAssociation(Training):
+    """Learn the weights of the association from scenes simulated with a folder of motions."""
+
+    motions: Path
+    """Folder of motion files, searched with all folders below it; those that the package evaluates on are left out."""
+    out: Annotated[Path, Output(".json")]
+    """File (.json) to write; --overwrite replaces it."""
+    scenes: int = 40
+    """How many scenes to simulate; each trains both passes."""
+    measure: int = 0
+    """How many scenes to simulate of the motions left out, to measure precision and recall by."""
+    seed: NotNegativeInt = 0
+    """Of the scenes; those to measure by are other ones anyhow."""
+    making: Annotated[SceneMaking, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=SceneMaking)
+
+    def rows(self, tell: Tell) -> Iterator[Trained]:
+        check_target(self.out, self.overwrite)
+        if not self.motions.is_dir():
+            raise InputError(f"{self.motions}: expected a folder of motion files")
+        if self.scenes < 1 or self.measure < 0:
+            raise InputError(f"--scenes {self.scenes}, --measure {self.measure}: expected at least 1 and 0")
+        train_on, measure_on = split_clips(motion_files(self.motions))
+        if not train_on:
+            raise InputError(f"{self.motions}: no motion file to train on")
+        if self.measure and not measure_on:
+            raise InputError(f"{self.motions}: none of the motions that are left out of training")
+        tell("simulating and learning", 0.0)
+        clips, source = [read_motion(path) for path in train_on], f"clips in the folder '{self.motions.name}'"
+        weights = trained(clips, self.scenes, self.seed, self.making, source)
+        with atomic_path(self.out, self.overwrite) as partial:
+            save_weights(weights, partial)
+        lines: list[str] = []
+        if self.measure:
+            tell("measuring", 0.5)
+            held_out = [read_motion(path) for path in measure_on]
+            lines = measured(held_out, self.measure, self.seed, self.making, self.out)
+        yield Trained(self.out, weights.provenance, tuple(lines))
+
+
+def split_clips(files: Iterable[Path]) -> tuple[list[Path], list[Path]]:
+    """Files to train on, and those that the package evaluates on; damaged ones are in neither."""
+    sound, held_out = [path for path in files if path.stem not in DAMAGED_CLIPS], held_out_names()
+    return [path for path in sound if path.stem not in held_out], [path for path in sound if path.stem in held_out]
+
+
+def trained(clips: Iterable[Motion], scenes: int, seed: int, making: SceneMaking, source: str) -> AssociationWeights:
+    """Weights learned from scenes made of clips, each for both passes."""
+    sound = usable(clips)
+    examples = []
+    for number in range(seed, seed + scenes):
+        scene = make_scene(sound, number, making)
+        examples += [labelled(scene, number, second_pass, making) for second_pass in (False, True)]
+    provenance = (
+        f"logistic regressions on {scenes} simulated scenes of {making.seconds:g} s (seeds {seed} to "
+        f"{seed + scenes - 1}), {making.wearers} wearers and {making.bystanders[0]} to {making.bystanders[1]} "
+        f"bystanders each, from {len(sound)} {source} without those held out; by "
+        "'python -m tests.studies train-association'"
+    )
+    return train_association(examples, provenance)
+
+
+def measured(clips: Iterable[Motion], scenes: int, seed: int, making: SceneMaking, weights: Path) -> list[str]:
+    """Precision and recall on scenes made of other clips, a line for each pass."""
+    sound, settings = usable(clips), AssociationSettings(weights=weights)
+    made = [
+        (make_scene(sound, number, making), number)
+        for number in range(seed + HELD_OUT_SEED, seed + HELD_OUT_SEED + scenes)
+    ]
+    lines = []
+    for second_pass, name in ((False, "first pass"), (True, "second pass")):
+        examples = (labelled(scene, number, second_pass, making) for scene, number in made)
+        right, given, wanted = np.sum([counts[:3] for counts in precision_and_recall(examples, settings)], axis=0)
+        lines.append(f"{name}: precision {right / max(given, 1):.1%}, recall {right / max(wanted, 1):.1%}")
+    return lines
+
+
+def precision_and_recall(
+    scenes: Iterable[LabelledScene], settings: AssociationSettings | None = None
+) -> Iterator[tuple[int, int, int, Association]]:
+    """For each scene: detections given rightly, given at all, and to be given (thesis 4.4.3); and the association."""
+    for scene in scenes:
+        found = associate(scene.detections, scene.model, scene.motions, settings, scene.camera, scene.gravity_camera)
+        given = found.wearer >= 0
+        yield (
+            int(np.sum(given & (found.wearer == scene.wearer))),
+            int(given.sum()),
+            int(np.sum(scene.wearer >= 0)),
+            found,
+        )
+
+
+def train_association(
+    scenes: Iterable[LabelledScene], provenance: str, settings: AssociationSettings | None = None
+) -> AssociationWeights:
+    """Fit all regressions."""
+    settings = settings or AssociationSettings()
+    prepared = [
+        (scene, make_context(scene.detections, scene.model, scene.motions, scene.camera, scene.gravity_camera))
+        for scene in scenes
+    ]
+    for name, present in (("with", True), ("without", False)):
+        if not any((context.camera is not None) == present for _, context in prepared):
+            raise InputError(f"training the association: no scenes {name} a camera path; give some for each pass")
+    logistic: dict[str, Logistic] = {}
+    for suffix in ("", "_camera"):
+        here = [(scene, context) for scene, context in prepared if (context.camera is not None) == bool(suffix)]
+        logistic |= _train_pass(here, suffix, settings)
+    return AssociationWeights(logistic, provenance)
+
+
+def _train_pass(
+    prepared: list[tuple[LabelledScene, Context]], suffix: str, settings: AssociationSettings
+) -> dict[str, Logistic]:
+    features = [unary_features(context) for _, context in prepared]
+    right = [scene.wearer[context.hypotheses.detection] == context.hypotheses.wearer for scene, context in prepared]
+    unary = fit_logistic(np.concatenate(features), np.concatenate(right))
+    inter: list[tuple[Array, np.ndarray]] = []
+    intra: list[tuple[Array, np.ndarray]] = []
+    for (_, context), f, y in zip(prepared, features, right, strict=True):
+        odds = unary.log_odds(f)
+        rows = np.flatnonzero(gated(context, odds, settings))
+        a, b = inter_edges(context, rows, settings)
+        inter.append((inter_features(context, a, b), y[a] & y[b]))
+        intra += [(pair, y[a] & y[b]) for a, b, pair in intra_edges(context, rows, odds)]
+    found = {
+        "unary" + suffix: unary,
+        "inter" + suffix: _fit_evidence(inter, len(FEATURES["inter" + suffix])),
+        "intra" + suffix: _fit_evidence(intra, len(FEATURES["intra" + suffix])),
+    }
+    verdicts = []
+    for (_, context), f, y in zip(prepared, features, right, strict=True):
+        odds = unary.log_odds(f)
+        programme, rows = build_programme(context, odds, found, settings)
+        chosen = choose(context, programme, settings)
+        verdicts.append((verdict_features(context, f[rows], odds[rows], programme, chosen), y[rows][chosen]))
+    return {**found, "verdict" + suffix: _fit_verdict(verdicts, FEATURES["verdict" + suffix])}
+
+
+def _fit_verdict(parts: list[tuple[Array, np.ndarray]], names: tuple[str, ...]) -> Logistic:
+    """Log-odds of a choice; those of its hypothesis alone where no choice, or every one, is right."""
+    x, y = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if y.all() or not y.any():
+        return Logistic(np.array([float(name == "odds") for name in names]), 0.0)
+    return fit_logistic(x, y)
+
+
+def _fit_evidence(parts: list[tuple[Array, np.ndarray]], width: int) -> Logistic:
+    """Log-odds of pairs beyond what a pair has anyhow; nothing, where all pairs are right, or none is."""
+    right = np.concatenate([y for _, y in parts]) if parts else np.zeros(0, bool)
+    if right.all() or not right.any():
+        return Logistic(np.zeros(width), 0.0)
+    fit = fit_logistic(np.concatenate([x for x, _ in parts]), right)
+    # What two hypotheses say together comes on top of what each says alone: the evidence without the prior odds.
+    return Logistic(fit.weights, fit.bias - float(np.log(right.sum() / (~right).sum())))
+
+
+def fit_logistic(features: Array, right: np.ndarray, weight: Array | None = None) -> Logistic:
+    """Logistic regression of labels ``(P,)`` on features ``(P, n)``, with a light ridge on standardised weights."""
+    if not (right.any() and (~right).any()):
+        raise InputError("training the association needs right and wrong hypotheses: give scenes with bystanders")
+    mean, scale = features.mean(axis=0), features.std(axis=0) + 1e-9
+    x = np.concatenate([(features - mean) / scale, np.ones((len(features), 1))], axis=1)
+    y, w = np.where(right, 1.0, -1.0), np.ones(len(right)) if weight is None else weight
+
+    def loss(theta: Array) -> tuple[float, Array]:
+        z = y * (x @ theta)
+        value = np.sum(w * np.logaddexp(0, -z)) / w.sum()
+        gradient = -(x * (w * y / (1 + np.exp(np.clip(z, -500, 500))))[:, None]).sum(axis=0) / w.sum()
+        ridge = np.append(RIDGE * theta[:-1], 0.0)
+        return float(value + 0.5 * theta @ ridge), gradient + ridge
+
+    theta = minimize(loss, np.zeros(x.shape[1]), jac=True, method="L-BFGS-B").x
+    return Logistic(theta[:-1] / scale, float(theta[-1] - np.sum(theta[:-1] * mean / scale)))
+
+
+def save_weights(weights: AssociationWeights, path: str | Path) -> None:
+    """Write weights as JSON, every one beside its feature's name."""
+    content = {
+        "provenance": weights.provenance,
+        **{
+            name: {
+                "bias": round(one.bias, 5),
+                "weights": dict(zip(FEATURES[name], (round(float(w), 5) for w in one.weights), strict=True)),
+            }
+            for name, one in weights.logistic.items()
+        },
+    }
+    Path(path).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

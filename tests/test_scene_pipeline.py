@@ -15,6 +15,7 @@ from vip_factors.pipeline import smooth, smooth_scene
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, CameraMount, Scene
 from vip_factors.sensors.video_clock import VideoClock
+from vip_factors.settings import Settings
 from vip_factors.simulate.scene_settings import CameraKind
 
 TRACKER = replace(QUICK, acceleration=False)
@@ -235,3 +236,11 @@ def test_where_the_inertial_frames_point_does_not_matter() -> None:
     elsewhere = with_streams(scene(), {name: turned(stream, 2.0) for name, stream in wearer.imus.items()})
     estimate = smooth_scene(elsewhere, QUICK)
     assert mpjpe(estimate, scene()) == pytest.approx(mpjpe(solved(), scene()), abs=0.1)  # mm
+
+
+def test_the_frame_rate_is_nobodys_evidence() -> None:
+    errors = [
+        [evaluate_scene(smooth_scene(scene(), Settings(frame_rate=rate)), scene())[name] for name in ("mpjpe", "mpjae")]
+        for rate in (20.0, 30.0, 60.0)
+    ]
+    assert np.all(np.ptp(errors, axis=0) < (0.7, 0.4)), errors

@@ -116,8 +116,8 @@ class Settings:
 
     frame_rate: Rate = 60.0  # Hz of the estimated motion: brisk motion has its power below 10 Hz
     acceleration: bool = True  # off: the inertial tracker alone (IT; SOP with six sensors)
-    # Hz, about, at which the calibration is found first, on every n-th frame, however fast the frames are: what is found
-    # there is the same at any rate. At 5 Hz a band of accelerations is lost that tells mountings (26.0 → 31.4 mm).
+    # Hz, about, at which the calibration is found first, on every n-th frame: what is found is the same at any frame
+    # rate. At 5 Hz a band of accelerations is lost that tells mountings: 31.4 mm instead of 26.0.
     calibration_rate: Rate = 15.0
     covariance: bool = False  # marginal covariance of every joint and frame: costs about one more iteration a minute
     accelerometers: AccelerometerSettings = field(default_factory=AccelerometerSettings)

@@ -44,3 +44,20 @@ def test_a_keypoint_whose_twin_is_not_in_the_set_is_its_own() -> None:
     np.testing.assert_array_equal(
         KeypointSet("few", ("left_eye", "nose", "right_hip", "left_hip")).mirrored, [0, 1, 3, 2]
     )
+
+
+def test_families_of_detectors_have_their_own_definitions() -> None:
+    skeleton = skeleton_from_stature(1.75)
+
+    def place(name: str, keypoint: str) -> np.ndarray:
+        one = keypoint_set(name)
+        found = one.on_body(skeleton)[one.keypoints.index(keypoint)]
+        assert found is not None
+        return found.p_bone_point
+
+    shoulders = place("body25", "neck")
+    assert place("body25b", "neck")[1] - shoulders[1] == pytest.approx(0.065, abs=0.005)  # the upper neck
+    heel = place("body25", "left_heel") - skeleton.landmarks["left_heel"].p_bone_point
+    assert heel[1] > 0.02 and heel[2] > 0.02  # noqa: PT018
+    np.testing.assert_allclose(place("body25", "right_heel"), place("body25", "left_heel") * [-1, 1, 1], atol=1e-9)
+    assert place("openpose18", "left_hip")[2] > place("blazepose33", "left_hip")[2] > 0

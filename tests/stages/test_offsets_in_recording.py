@@ -96,4 +96,5 @@ def test_what_was_learnt_of_another_detector_is_not_used(tmp_path: Path) -> None
 
 def test_without_a_file_nothing_was_learnt() -> None:
     usual = prior_offsets(scene_sample(1.0).camera, KeypointOffsetSettings())
-    assert not np.any(usual.mean) and np.all(usual.sigma >= KeypointOffsetSettings().sigmas)
+    assert not np.any(usual.mean)
+    assert np.all(usual.sigma >= KeypointOffsetSettings().sigmas)

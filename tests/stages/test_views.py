@@ -7,14 +7,16 @@ import pytest
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.keypoints import keypoint_set
+from vip_factors.body.lengths import stature_of
 from vip_factors.factors.reprojection import ReprojectionSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.scene import KeypointView
 from vip_factors.sensors.detections import Detections
-from vip_factors.stages.views import keypoint_view, scatter
+from vip_factors.stages.views import AREA_OF_HEIGHT, keypoint_view, scatter
 
 COCO = keypoint_set("coco17")
-SETTINGS = ReprojectionSettings()
+SETTINGS, SKELETON = ReprojectionSettings(), skeleton_from_stature(1.75)
+METRE = 200 / (AREA_OF_HEIGHT * stature_of(SKELETON))  # in pixels
 
 
 def moving(video: Array, missing: tuple[int, ...] = ()) -> Detections:
@@ -25,11 +27,9 @@ def moving(video: Array, missing: tuple[int, ...] = ()) -> Detections:
     return Detections(COCO, video, frames, pixels, np.full((len(frames), 17), 0.64))
 
 
-def view(detections: Detections, time: Array) -> KeypointView:
+def view(detections: Detections, time: Array, settings: ReprojectionSettings = SETTINGS) -> KeypointView:
     chosen = np.ones(len(detections), bool)
-    return keypoint_view(
-        detections, chosen, skeleton_from_stature(1.75), time, np.full(len(time), 200.0), 0.5, SETTINGS
-    )
+    return keypoint_view(detections, chosen, SKELETON, time, np.full(len(time), 200.0), 0.5, settings)
 
 
 def test_frames_on_the_video_are_taken_as_they_are() -> None:
@@ -39,7 +39,9 @@ def test_frames_on_the_video_are_taken_as_they_are() -> None:
     np.testing.assert_allclose(seen.pixels[:, 3, 0], 500 + 100 * time)
     np.testing.assert_allclose(seen.pixels_per_second[1:-1, :, 0], 100)
     expected = SETTINGS.persistence * 0.5 * COCO.sigmas * 200 / 0.8
-    np.testing.assert_allclose(seen.sigma[0], np.maximum(expected, SETTINGS.least_px))
+    np.testing.assert_allclose(
+        seen.sigma[0], np.hypot(np.maximum(expected, SETTINGS.least_px), SETTINGS.point_sigma * METRE)
+    )
 
 
 def test_finer_frames_do_not_hear_one_video_frame_twice() -> None:
@@ -80,3 +82,10 @@ def test_speeds_are_known_however_the_detector_trembles() -> None:
     error = seen.pixels_per_second[seen.seen] - [100, 0]
     assert np.sqrt(np.mean(error**2)) < 30  # px/s; the differences of neighbours would be off by 106
     np.testing.assert_allclose(view(found, time).pixels_per_second[seen.seen], [[100, 0]] * seen.seen.sum(), atol=1e-6)
+
+
+def test_no_keypoint_is_nearer_its_point_than_bodies_are_known() -> None:
+    time = np.arange(30) / 30
+    sharp = replace(SETTINGS, persistence=0.0, least_px=0.0, point_sigma=0.02)
+    seen = view(moving(time), time, sharp)
+    np.testing.assert_allclose(seen.sigma[seen.seen], 0.02 * METRE)

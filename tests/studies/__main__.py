@@ -31,6 +31,7 @@ STUDIES = {
     "speed": "speed:Speed",
     "recordings": "recordings:Recordings",
     "starts": "recordings:Starts",
+    "population": "population:Population",
     "real": "real:Real",
     "walk": "walk:Walk",
     "fuzz": "fuzz.run:Fuzz",

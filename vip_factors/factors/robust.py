@@ -24,7 +24,7 @@ class RobustLoss:
     k: float = 1.345
 
     def tempered(self, share: Array | float) -> "RobustLoss":
-        """What becomes of the loss where the *squared* residual is scaled by ``share``: ``share`` times as much in all."""
+        """The loss of residuals that are scaled so that their squares are ``share`` as large: ``share`` times this one."""
         return replace(self, k=self.k * np.sqrt(share))
 
     def weight(self, norm: Array) -> Array:

@@ -53,9 +53,10 @@ class FactorSettings:
     floor_contact: FloorContactSettings = field(default_factory=FloorContactSettings)
     gauge_prior: GaugePriorSettings = field(default_factory=GaugePriorSettings)
     coasting: CoastingSettings = field(default_factory=CoastingSettings)
-    # s. Errors of tissue, joints and detectors last as long as postures do: frames nearer than this are one statement, and
-    # each of them counts as its share of it, so that the frame rate, which is nobody's evidence, changes no weight.
+    # s. Errors of tissue, joints and detectors last as long as postures do: frames nearer than this are one statement,
+    # and each of them counts as its share of it; so the frame rate, which is nobody's evidence, changes no weight.
     correlation_s: float = 1 / 15
+    # Of the prior over bodies, in sigmas: what a table calls a joint's centre is not quite what keypoints follow.
     length_scale: float = 1.0
 
 

@@ -38,7 +38,7 @@ def posture_findings(
 
 
 def turned_findings(who: str, recording: Recording, start: Array, calibration: Calibration) -> Iterator[str]:
-    """A sentence about sensors that the motion turns on their bones far from the mountings ``(S, 3, 3)`` of the start."""
+    """A sentence about sensors that the motion turns far from the mountings ``(S, 3, 3)`` of the start."""
     turned = angle_between(start, np.stack([one.R_bone_sensor for one in calibration.values()]))
     far = [f"{name} by {np.rad2deg(by):.0f}°" for name, by in zip(calibration, turned, strict=True) if by > TURNED]
     if far:

@@ -1,0 +1,48 @@
+"""Frames count by the time that they stand for: more of them say no more, and what is far off is forgiven as before."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from small_problems import small_scene
+
+from vip_factors.assembly.objective import SceneObjective
+from vip_factors.factors.robust import Loss, RobustLoss
+
+
+@given(loss=st.sampled_from(Loss), share=st.floats(1e-3, 1.0), norm=st.floats(0.0, 50.0))
+def test_a_tempered_loss_is_a_share_of_the_loss(loss: Loss, share: float, norm: float) -> None:
+    whole = RobustLoss(loss, 2.0)
+    part = whole.tempered(share)
+    assert part.cost(np.sqrt(share) * np.array(norm)) == pytest.approx(share * whole.cost(np.array(norm)), abs=1e-12)
+    assert part.weight(np.sqrt(share) * np.array(norm)) == pytest.approx(whole.weight(np.array(norm)), rel=1e-9)
+
+
+@pytest.mark.parametrize("rate", [20.0, 30.0, 60.0])
+def test_a_second_says_as_much_at_any_rate(rate: float) -> None:
+    problem = small_scene("moving")[0].wearers[0]
+    frames = replace(problem.frames, period=1 / rate)
+    settings = replace(problem.settings, correlation_s=0.4)
+    share = replace(problem, frames=frames, settings=settings).frame_share(slice(0, 3))
+    assert rate * share == pytest.approx(np.full((3, 1), 1 / 0.4))
+
+
+def test_longer_correlations_scale_what_frames_say_and_no_prior() -> None:
+    problem, state = small_scene("moving")
+    step = problem.step
+
+    def costs(correlation_s: float) -> dict[str, float]:
+        wearers = tuple(
+            replace(one, settings=replace(one.settings, correlation_s=correlation_s)) for one in problem.wearers
+        )
+        settings = replace(problem.camera.settings, correlation_s=correlation_s)
+        camera = replace(problem.camera, settings=settings)
+        return dict(SceneObjective(replace(problem, wearers=wearers, camera=camera)).cost(state))
+
+    once, shared = costs(step), costs(4 * step)
+    for kind, cost in shared.items():
+        every_frame = kind not in ("initial pose", "pose mean", "gauge prior", "agreeing headings", "heading walk")
+        every_frame &= not kind.endswith("prior") or kind == "pose prior"
+        assert cost == pytest.approx(once[kind] / (4 if every_frame else 1)), kind

@@ -23,7 +23,7 @@ from vip_factors.simulate.settings import SimulateSettings
 
 SECONDS, KNOT_S = 6.0, 3.0
 SETTINGS = Settings(
-    calibration=CalibrationSettings(estimate_mountings=False, acceleration_sigma=0.05, heading_knot_s=KNOT_S),
+    calibration=CalibrationSettings(estimate_mountings=False, heading_knot_s=KNOT_S),
     calibration_rate=30.0,
     factors=replace(EXACT, heading_walk=replace(EXACT.heading_walk, drift_deg=20.0, unknown_drift_deg=20.0)),
 )

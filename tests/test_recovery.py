@@ -48,7 +48,7 @@ def test_poses_and_headings_come_back(every_bone: Placement) -> None:
     sensors = SimulateSettings.noise_free(imu_rate=400.0, heading_offset_deg=15.0)
     recording = simulate_recording(motion, every_bone, sensors, seed=2)
     recording = replace(recording, subject=Subject(skeleton=motion.skeleton))
-    calibration = CalibrationSettings(estimate_mountings=False, acceleration_sigma=0.05)
+    calibration = CalibrationSettings(estimate_mountings=False)
     estimate = smooth(recording, Settings(calibration=calibration, calibration_rate=30.0, factors=EXACT))
     assert recording.truth is not None
     assert recording.truth.calibration is not None

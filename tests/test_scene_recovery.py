@@ -50,7 +50,7 @@ def filmed(camera: str, bones: tuple[str, ...], mounting_error_deg: float) -> Sc
 
 
 def solved(scene: Scene, free_mountings: bool) -> SceneEstimate:
-    calibration = CalibrationSettings(estimate_mountings=free_mountings, acceleration_sigma=0.05, loosening=1.0)
+    calibration = CalibrationSettings(estimate_mountings=free_mountings)
     settings = Settings(calibration_rate=30.0, calibration=calibration, factors=EXACT, camera=EXACT_CAMERA)
     return smooth_scene(scene, replace(settings, fusion=replace(settings.fusion, relative_decrease=1e-6)))
 

@@ -35,12 +35,9 @@ class CalibrationSettings:
     estimate_sole: bool = True
     # What the detector calls hip, shoulder, knee … as variables: 1–3 cm beside the joint, the same in every frame.
     estimate_keypoints: bool = True
-    # m/s², least sigma of acceleration while the calibration is free: bone lengths and strap positions are a few
-    # centimetres off in the same way in every frame, and mountings would bend to make up for it.
-    acceleration_sigma: float = 2.0
-    # How many times looser all that is assumed (contacts, prior, smoothness) is while the calibration is free: it is
-    # off in the same way in every frame too, and a mounting is there for the whole recording to lean on.
-    loosening: float = 3.0
+    # Sigmas of foot contacts are so many times as large while mountings are free: a shod foot's are off in the same way
+    # at every step, and mountings would bend to make up for it.
+    contact_loosening: float = 2.0
     # s between the knots of headings that drift (a random walk of factors.heading_walk, linear from knot to knot, which
     # leaves 0.4° per degree of drift between knots 60 s apart); none: constant, as in the papers. Shorter recordings
     # than half of it have constant headings.

@@ -32,6 +32,7 @@ STUDIES = {
     "recordings": "recordings:Recordings",
     "starts": "recordings:Starts",
     "population": "population:Population",
+    "weights": "weights:Weights",
     "real": "real:Real",
     "walk": "walk:Walk",
     "fuzz": "fuzz.run:Fuzz",

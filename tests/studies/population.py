@@ -183,8 +183,8 @@ def measured(name: str, scene: Scene, settings: Settings) -> PopulationRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Population(Study):
-    """People, clips, suits and cameras drawn by lot, of a simulator that shares nothing with the package."""
+class Simulated(Study):
+    """What studies of simulated people have in common."""
 
     simulator: Path
     """The program that makes scenes: SIMULATOR OUT MOTIONS SCENE SEED [clips=…] [sensors=…] [pose=…] [errors=…]."""
@@ -192,6 +192,37 @@ class Population(Study):
     """Folder of motion capture (BVH)."""
     folder: Path
     """Where scenes and rows are kept: what is there is not made again."""
+    frame_rate: float = 60.0
+    """Hz of the estimates."""
+    jobs: int = 2
+    """Processes."""
+
+    def solved(self, scenes: Sequence[PopulationScene], settings: Settings, tell: Tell) -> Iterator[PopulationRow]:
+        """A row for each scene, those that were kept first."""
+        effective = replace(settings, frame_rate=self.frame_rate)
+        kept = self.folder / f"rows_{zlib.crc32(repr(effective).encode()):08x}.jsonl"
+        known = {row["scene"]: row for row in map(json.loads, kept.read_text().splitlines())} if kept.exists() else {}
+        yield from (PopulationRow(**known[one.name]) for one in scenes if one.name in known)
+        left = [one for one in scenes if one.name not in known]
+        with ProcessPoolExecutor(self.jobs) as pool:
+            work = [pool.submit(_row, one, self.simulator, self.motions, self.folder, effective) for one in left]
+            for done, finished in enumerate(as_completed(work), start=len(scenes) - len(left)):
+                row = finished.result()
+                tell(row.scene, done / len(scenes))
+                with kept.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(asdict(row)) + "\n")
+                yield row
+
+
+def _row(scene: PopulationScene, simulator: Path, motions: Path, folder: Path, settings: Settings) -> PopulationRow:
+    with threadpool_limits(limits=1):
+        return measured(scene.name, read_scene(made(scene, simulator, motions, folder)), settings)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Population(Simulated):
+    """People, clips, suits and cameras drawn by lot, of a simulator that shares nothing with the package."""
+
     half: Literal["choosing", "judging", "both"] = "judging"
     """Scenes of the performers for choosing weights, or of the others."""
     standing: int = 0
@@ -199,26 +230,11 @@ class Population(Study):
     tripod, one clip each, drawn by lot."""
     settings: Path | None = None
     """TOML file; the package's own settings if absent."""
-    frame_rate: float = 60.0
-    """Hz of the estimates."""
-    jobs: int = 2
-    """Processes."""
 
     def rows(self, tell: Tell) -> Iterator[PopulationRow]:
-        effective = replace(self._settings(), frame_rate=self.frame_rate)
-        kept = self.folder / f"rows_{zlib.crc32(repr(effective).encode()):08x}.jsonl"
-        known = {row["scene"]: row for row in map(json.loads, kept.read_text().splitlines())} if kept.exists() else {}
-        scenes = self.scenes()
-        yield from (PopulationRow(**known[one.name]) for one in scenes if one.name in known)
-        left = [one for one in scenes if one.name not in known]
-        with ProcessPoolExecutor(self.jobs) as pool:
-            work = [pool.submit(_row, one, self.simulator, self.motions, self.folder, effective) for one in left]
-            for done, finished in enumerate(as_completed(work)):
-                row = finished.result()
-                tell(row.scene, (len(known) + done) / len(scenes))
-                with kept.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(asdict(row)) + "\n")
-                yield row
+        own = Settings()
+        own = own if self.settings is None else read_settings(self.settings, own, named_settings)
+        yield from self.solved(self.scenes(), own, tell)
 
     def scenes(self) -> tuple[PopulationScene, ...]:
         """All that are wanted."""
@@ -234,35 +250,16 @@ class Population(Study):
         return (*(one for one in drawn if one.is_for_choosing in halves), *more)
 
     def tables(self, rows: Sequence[PopulationRow]) -> Iterator[str]:
-        """Median, 90 % and worst of each metric, by what films and how errors behave; then the findings."""
+        """Median, 90 % and worst of each metric, by what films and how errors behave."""
+        groups = {("all",): list(rows), **group(rows, lambda row: tuple(row.scene.split("_")[-4:]))}
         lines = [
-            [
-                " ".join(key),
-                len(those),
-                *(_spread([one.metrics[name] for one in those]) for name in COLUMNS),
-                _told(those),
-            ]
-            for key, those in {
-                ("all",): list(rows),
-                **group(rows, lambda row: tuple(row.scene.split("_")[-4:])),
-            }.items()
-        ]
+            [" ".join(key), len(those), *(_spread([one.metrics[name] for one in those]) for name in COLUMNS),
+             f"{sum(bool(one.findings) for one in those)}, {sum(bool(one.failure) for one in those)}"]
+            for key, those in groups.items()
+        ]  # fmt: skip
         yield table(["scenes", "number", *COLUMNS.values(), "with findings, failed"], lines)
-
-    def _settings(self) -> Settings:
-        own = Settings()
-        return own if self.settings is None else read_settings(self.settings, own, named_settings)
-
-
-def _row(scene: PopulationScene, simulator: Path, motions: Path, folder: Path, settings: Settings) -> PopulationRow:
-    with threadpool_limits(limits=1):
-        return measured(scene.name, read_scene(made(scene, simulator, motions, folder)), settings)
 
 
 def _spread(values: Sequence[float]) -> str:
     known = [value for value in values if np.isfinite(value)]
     return " / ".join(f"{one:.1f}" for one in np.quantile(known, [0.5, 0.9, 1.0])) if known else "n/a"
-
-
-def _told(rows: Sequence[PopulationRow]) -> str:
-    return f"{sum(bool(one.findings) for one in rows)}, {sum(bool(one.failure) for one in rows)}"

@@ -75,6 +75,17 @@ class JointLimits:
         """How far joint vectors ``(..., 69)`` lie outside, in radians, signed; zero inside."""
         return np.minimum(x - self.lower, 0.0) + np.maximum(x - self.upper, 0.0)
 
+    def reaching(self, x: Array, beyond: float) -> "JointLimits":
+        """Limits that leave room for what most of the joint vectors ``(T, 69)`` do beyond these by more than so far.
+
+        Args:
+            x: radians.
+            beyond: radians, of the median.
+        """
+        outside = self.violation(x)
+        most = np.where(np.abs(np.median(outside, axis=0)) > beyond, 1.0, 0.0)
+        return JointLimits(self.lower + most * outside.min(axis=0), self.upper + most * outside.max(axis=0))
+
 
 def load_joint_limits() -> JointLimits:
     """The limits of an able adult, alike on both sides."""

@@ -64,9 +64,10 @@ _PLACES: dict[str, _Place] = {
     ),
 }
 
-# Where the detectors of a family put what has the same name, in the place of the table above; both sides alike. From the marker sets that Pose2Sim and OpenCap put onto OpenSim models for each keypoint set, and, of knee and
-# heel, from OpenPose beside markers on two walkers; no detector but OpenPose was ever published beside markers with
-# directions. Needham et al. 2021 (Scientific Reports 11: 20673) tell sizes: hips and knees 30–50 mm, ankles 1–15 mm.
+# Where the detectors of a family put what has the same name, in the place of the table above; both sides alike. From
+# the marker sets that Pose2Sim and OpenCap put onto OpenSim models for each keypoint set and, of knee and heel, from
+# OpenPose beside markers on two walkers; no other detector was ever published beside markers with directions. Needham
+# et al. 2021 (Scientific Reports 11: 20673) tell sizes: hips and knees 30–50 mm, ankles 1–15 mm.
 _FEET_PLACES = {
     "heel": _Place("left_ankle", (-0.003, 0.014, 0.018), landmark="left_heel"),  # on the shoe's side, not under it
     "big_toe": _Place("left_foot", (-0.003, 0.012, -0.012), landmark="left_toe_tip"),

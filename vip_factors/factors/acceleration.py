@@ -24,7 +24,7 @@ class AccelerationSettings:
 
     # m/s², each row: soft tissue wobbles by 1–3 at the limbs in brisk motion (1.3–2.5 below 8 Hz on a walk with optical
     # reference), less at rest.
-    sigma: float = 2.0
+    sigma: float = 1.5
     # With six sensors acceleration alone tells where thighs and upper arms are, and is worth its bias: as in the
     # thesis, whose weight of it is larger for SIP (3.4.1) than for VIP (4.4.1).
     sparse_sigma: float = 0.5

@@ -11,7 +11,7 @@ from vip_factors.geometry.rotations import Array, wrap_angle
 class HeadingPriorSettings:
     """How far the initial headings may be off."""
 
-    least_sigma_deg: float = 10.0  # of the initial headings, however sure they claim to be
+    least_sigma_deg: float = 12.0  # of the initial headings, however sure they claim to be
     gauge_sigma_deg: float = 0.1  # of the reference sensor, whose heading defines the world's
 
     @property

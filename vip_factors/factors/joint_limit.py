@@ -16,7 +16,7 @@ from vip_factors.geometry.rotations import Array
 class JointLimitSettings:
     """How hard the ends of the range are."""
 
-    sigma_deg: float = 5.0  # people differ by more than this in every published table of ranges
+    sigma_deg: float = 3.0  # people differ by more than this in every published table of ranges
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 3.0))  # Kaichi et al. 2020, eqs. 4–5
     # Whether the loss is of each axis by itself, as in their eq. 4; off: of a joint's three, whichever way axes are put
     per_axis: bool = False

@@ -18,7 +18,7 @@ from vip_factors.geometry.rotations import (
 class OrientationSettings:
     """How far a bone's orientation is from its sensor's."""
 
-    sigma_deg: float = 4.0  # soft tissue and filter errors: 2–7° against optical references on well mounted sensors
+    sigma_deg: float = 4.0  # soft tissue and filter errors: 2–8° against optical references on well mounted sensors
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # a knocked strap exceeds 8°
 
     @property

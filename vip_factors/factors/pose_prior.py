@@ -18,8 +18,8 @@ from vip_factors.geometry.rotations import Array
 class PosePriorSettings:
     """How much the learnt Gaussian is believed."""
 
-    scale: float = 0.15  # of the whitened residual: a pose lasts some 40 frames at 60 Hz, which are not 40 new poses
-    mean_scale: float = 0.3  # of the recording's mean: a recording of one activity is off by more than one pose is
+    scale: float = 0.4  # of the whitened residual, once in a correlation time: a pose lasts for some two seconds
+    mean_scale: float = 0.6  # of the recording's mean: a recording of one activity is off by more than one pose is
 
 
 def pose_prior_residual(x: Array, mean: Array, prior: PosePrior, settings: PosePriorSettings) -> Array:

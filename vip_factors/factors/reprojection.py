@@ -24,11 +24,13 @@ class ReprojectionSettings:
     # Standard deviation of a fully confident keypoint before anything is known of the detector, in OKS sigmas of that
     # keypoint times the square root of the person's area: OpenPose's scatter is 0.5.
     spread: float = 0.5
-    # Errors last for many frames, so that one frame says less than its scatter: sigma is so many times the scatter.
-    persistence: NotNegative = 5.0
+    # The part of a detector's errors that lasts for longer than a correlation time is so many times what changes.
+    persistence: NotNegative = 2.0
     adaptive: bool = True  # after a first fit the spread is that of the residuals: detectors differ
     least_px: NotNegative = 1.0  # detectors answer on a grid of a few pixels
-    point_sigma: NotNegative = 0.0
+    # m: joint centres, clothes and a detector's habits are no better known, however sharply it sees; without it perfect
+    # keypoints bend the body.
+    point_sigma: NotNegative = 0.015
     least_confidence: Share = 0.1  # below it detectors guess
     # px, standard deviation of every fully confident keypoint alike; none: by its OKS sigma and the person's size.
     fixed_px: float | None = None

@@ -24,7 +24,7 @@ class RobustLoss:
     k: float = 1.345
 
     def tempered(self, share: Array | float) -> "RobustLoss":
-        """The loss of residuals that are scaled so that their squares are ``share`` as large: ``share`` times this one."""
+        """``share`` times this loss, of residuals that are scaled by its root."""
         return replace(self, k=self.k * np.sqrt(share))
 
     def weight(self, norm: Array) -> Array:

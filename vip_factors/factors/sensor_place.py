@@ -12,6 +12,6 @@ class SensorPlaceSettings:
     """How well it is known where sensors sit; of the sensor's distance from the joint and beside it."""
 
     # Of the bone's length: a shank's sensor was found at half of it that was to sit at three tenths.
-    along: float = 0.15
-    across: float = 0.03  # m: limbs differ in thickness, thighs' sensors were 4–8 cm off in depth
-    elsewhere: float = 0.03  # m, on bones that are no limb: head, trunk, pelvis, feet, hands
+    along: float = 0.05
+    across: float = 0.023  # m: limbs differ in thickness, thighs' sensors were 4–8 cm off in depth
+    elsewhere: float = 0.023  # m, on bones that are no limb: head, trunk, pelvis, feet, hands

@@ -98,7 +98,7 @@ class CameraObserver:
         return changed
 
     def learn_spread(self, wearer: int, residual: Array, view: KeypointView, share: float) -> None:
-        """Learn how detections scatter from whitened residuals ``(T, K, 2)`` of smoothed frames, by a share in (0, 1]."""
+        """Learn how detections scatter from whitened residuals ``(T, K, 2)``; ``share`` in (0, 1] is how fast."""
         if not self._settings.adaptive:
             return
         measured = scatter(residual, view, self.spreads[wearer])

@@ -23,7 +23,7 @@ from vip_factors.stages.first_association import first_association
 from vip_factors.stages.fusion import Fused, at_full_rate
 from vip_factors.stages.fusion_rounds import fuse_in_rounds
 from vip_factors.stages.inertial import Tracked, at_frames, first_calibration, inertial_tracker
-from vip_factors.stages.inertial_model import kept, loosened, with_contacts
+from vip_factors.stages.inertial_model import kept, with_contacts
 from vip_factors.stages.solver import Solver
 
 UNKNOWN_HEADING = np.pi  # radians: of a sensor that comes late, before it has been seen to move
@@ -105,10 +105,7 @@ def solve_coarsely(stretch: MeasuredStretch, settings: LiveSettings, known: Know
         filmed = _filmed(scene, wearers, settings, solver)
         if filmed is not None:
             return filmed
-    models = [
-        with_contacts(replace(loosened(one.model, settings.calibration), free_pose_mean=False), one.state)
-        for one in wearers
-    ]
+    models = [with_contacts(replace(one.model, free_pose_mean=False), one.state) for one in wearers]
     states = [
         solver.solve_wearer(WearerObjective(model), one.state, "start")
         for model, one in zip(models, wearers, strict=True)

@@ -21,7 +21,6 @@ from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.solve.marginals import last_covariance
 from vip_factors.stages.fusion import Fused
-from vip_factors.stages.inertial_model import loosened
 
 NO_PRIOR = np.pi  # radians, of headings and mountings: what is known of them, the information says
 
@@ -73,7 +72,7 @@ def information_of(fused: Fused, layout: Layout, inflation: float) -> Array:
 def _freed(model: WearerProblem, state: WearerState, settings: LiveSettings) -> WearerProblem:
     """A wearer's problem with calibration free, about what was found and without any other prior."""
     S = len(model.sensors)
-    freed = replace(
+    return replace(
         model,
         free_headings=settings.calibration.estimate_headings,
         free_mountings=settings.calibration.estimate_mountings,
@@ -83,4 +82,3 @@ def _freed(model: WearerProblem, state: WearerState, settings: LiveSettings) -> 
         mounting_sigma=np.full(S, NO_PRIOR),
         p_world_start=state.p_world_pelvis[0],
     )
-    return loosened(freed, settings.calibration)

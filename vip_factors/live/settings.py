@@ -26,11 +26,9 @@ class RelinearisationSettings:
 class LiveSettings(Settings):
     """All settings of a live session."""
 
-    # Nothing is believed less while the calibration is free: it always is. Measured: 20.6 mm against 17.8. A body does
-    # not show within the second that tracking begins with.
+    # A body does not show within the second that tracking begins with.
     calibration: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(
-            loosening=1.0,
             estimate_body=False,
             estimate_hinges=False,
             estimate_places=False,

@@ -18,7 +18,6 @@ from vip_factors.problem.state import SceneState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.stages.associated_cameras import AssociatedCamera
 from vip_factors.stages.calibration_start import start_findings
-from vip_factors.stages.inertial_model import loosened
 
 
 @dataclass(frozen=True)
@@ -85,18 +84,17 @@ def unsettled(coarse: CoarseSolution) -> Iterator[str]:
 
 
 def _freed(model: WearerProblem, tracked: WearerProblem, settings: LiveSettings, p_start: Array) -> WearerProblem:
-    """A wearer's problem with calibration free and less believed that is wrong in every frame alike."""
+    """A wearer's problem with the calibration free."""
     pose = tracked.initial_pose
     if pose is not None:
         pose = replace(pose, frames=pose.frames * settings.coarse_factor)
-    freed = replace(
+    return replace(
         model,
         free_headings=tracked.free_headings,
         free_mountings=tracked.free_mountings,
         initial_pose=pose,
         p_world_start=p_start,
     )
-    return loosened(freed, settings.calibration)
 
 
 def _shifted(state: SceneState, shift: Array) -> SceneState:

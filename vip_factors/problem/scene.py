@@ -35,7 +35,7 @@ class CameraFactorSettings:
     ground_contact: GroundContactSettings = field(default_factory=GroundContactSettings)
     keypoint_offset: KeypointOffsetSettings = field(default_factory=KeypointOffsetSettings)
     clock: VideoClockSettings = field(default_factory=VideoClockSettings)
-    correlation_s: float = 1 / 15  # of what the camera's own sensor says, as factors.correlation_s
+    correlation_s: float = 0.35  # s, of what the camera's own sensor says, as factors.correlation_s
     heading_sigma_deg: float = 45.0  # of the camera IMU's heading, which nothing but the picture tells
 
 

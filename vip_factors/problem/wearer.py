@@ -55,9 +55,9 @@ class FactorSettings:
     coasting: CoastingSettings = field(default_factory=CoastingSettings)
     # s. Errors of tissue, joints and detectors last as long as postures do: frames nearer than this are one statement,
     # and each of them counts as its share of it; so the frame rate, which is nobody's evidence, changes no weight.
-    correlation_s: float = 1 / 15
+    correlation_s: float = 0.35
     # Of the prior over bodies, in sigmas: what a table calls a joint's centre is not quite what keypoints follow.
-    length_scale: float = 1.0
+    length_scale: float = 1.5
 
 
 @dataclass(frozen=True)

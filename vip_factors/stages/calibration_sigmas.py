@@ -21,7 +21,7 @@ def with_calibration_sigmas(
 ) -> Estimate:
     """The estimate with standard deviations of headings and mountings; with a finding, if they are not determined.
 
-    They are marginals at the solution that found them, on its coarse frames and with its loosened weights: at the full
+    They are marginals at the solution that found them, on its coarse frames: at the full
     rate headings and mountings are kept, as if they were known. That costs as much as one of its iterations.
 
     Args:

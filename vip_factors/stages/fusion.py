@@ -28,7 +28,7 @@ from vip_factors.stages.filming import Filmed, camera_problem
 from vip_factors.stages.ground import seen_standing
 from vip_factors.stages.heading_drift import with_found_drift
 from vip_factors.stages.inertial import at_frames
-from vip_factors.stages.inertial_model import kept, loosened, with_contacts
+from vip_factors.stages.inertial_model import kept, with_contacts
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.video_drift import found_clock
 from vip_factors.stages.views import image_scale, keypoint_view, predicted_pixels, scatter
@@ -137,7 +137,7 @@ def unfused(
     start = before.state if before else filmed.state
     usual = (settings.camera.reprojection.spread,) * len(start.wearers)
     spreads = before.measured_spreads() if before else (usual,) * len(associated)
-    problems = [_with_plain_prior(one.model, settings) for one in filmed.wearers]
+    problems = [_with_free_body(one.model, settings) for one in filmed.wearers]
     if before is not None:
         problems = [_with_body_of(one, other) for one, other in zip(problems, before.model.wearers, strict=True)]
         problems = [with_found_drift(one, state) for one, state in zip(problems, start.wearers, strict=True)]
@@ -151,12 +151,11 @@ def unfused(
     return Fused(model, start, spreads)
 
 
-def _with_plain_prior(model: WearerProblem, settings: Settings) -> WearerProblem:
-    """The loosened model with the prior's own mean: the camera shows how the wearer stands, a mean need not."""
+def _with_free_body(model: WearerProblem, settings: Settings) -> WearerProblem:
+    """The model with all free that only a camera shows."""
     calibration = settings.calibration
     return replace(
-        loosened(model, calibration),
-        free_pose_mean=False,
+        model,
         free_body=calibration.estimate_body,
         free_places=calibration.estimate_places,
         free_sole=calibration.estimate_sole,

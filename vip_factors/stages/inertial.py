@@ -7,6 +7,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from vip_factors.assembly.objective import WearerObjective
+from vip_factors.body.pose_prior import joint_vector
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
@@ -33,6 +34,10 @@ from vip_factors.stages.inertial_model import (
 )
 from vip_factors.stages.solver import Solver
 
+# Beyond its range in most frames: then limits and the declared pose contradict each other, and thousands of frames are
+# not to overrule what was declared.
+CONTRADICTION = np.deg2rad(60.0)
+
 
 @dataclass(frozen=True)
 class Tracked:
@@ -53,6 +58,8 @@ def inertial_tracker(
     calibration, starts = (known, None) if known else found_start(recording, frames, settings, solver.telling("start"))
     model = inertial_model(recording, frames, calibration, settings)
     state = solver.solve_wearer(WearerObjective(alone(model)), _start(model, calibration), "inertial tracker")
+    if model.initial_pose is not None:  # so far beyond its limits a joint says that its zero is elsewhere, once
+        model = replace(model, limits=model.limits.reaching(joint_vector(state.R_parent_child), CONTRADICTION))
     model = walking(model, settings.calibration)
     return Tracked(model, placed_on_floor(model, state).with_knots(len(model.heading_knots)), starts)
 

@@ -102,17 +102,10 @@ def walking(model: WearerProblem, calibration: CalibrationSettings) -> WearerPro
 
 
 def loosened(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:
-    """The model for finding headings and mountings: less is believed that is wrong in every frame alike."""
-    factors, k = model.settings, calibration.loosening
-    sigma = max(calibration.acceleration_sigma, factors.acceleration.sigma)
-    loose = replace(
-        factors,
-        acceleration=replace(factors.acceleration, sigma=sigma),
-        foot_contact=replace(factors.foot_contact, sigma=k * factors.foot_contact.sigma),
-        pose_prior=replace(factors.pose_prior, scale=factors.pose_prior.scale / k),
-        smoothness=replace(factors.smoothness, time=factors.smoothness.time / k),
-    )
-    return replace(model, settings=loose)
+    """The model for finding mountings: contacts are believed less."""
+    contact = model.settings.foot_contact
+    loose = replace(contact, sigma=calibration.contact_loosening * contact.sigma)
+    return replace(model, settings=replace(model.settings, foot_contact=loose))
 
 
 def kept(model: WearerProblem, frames: ImuFrames) -> WearerProblem:

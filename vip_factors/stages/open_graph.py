@@ -11,7 +11,7 @@ from vip_factors.stages.decode import motion_of
 from vip_factors.stages.filming import start_filming
 from vip_factors.stages.fusion import unfused
 from vip_factors.stages.inertial import inertial_trackers
-from vip_factors.stages.inertial_model import loosened, with_contacts
+from vip_factors.stages.inertial_model import with_contacts
 from vip_factors.stages.scene_frames import scene_frames
 from vip_factors.stages.solver import Progress, Solver
 
@@ -49,5 +49,5 @@ def factor_graph(
         if associated:
             start = unfused(start_filming(associated, wearers, settings), None, associated, settings)
             return factor_graph_of(start.model, start.state)
-    problems = [with_contacts(loosened(one.model, settings.calibration), one.state) for one in wearers]
+    problems = [with_contacts(one.model, one.state) for one in wearers]
     return factor_graph_of(SceneProblem.unfilmed(problems), SceneState.unfilmed([one.state for one in wearers]))

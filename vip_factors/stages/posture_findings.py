@@ -69,17 +69,16 @@ def crossed_findings(who: str, motion: Motion) -> Iterator[str]:
 
 
 def limit_findings(who: str, motion: Motion, bones: set[str]) -> Iterator[str]:
-    """Ankles that are bent as far as they go most of the time, under feet that wear sensors."""
+    """Ankles and elbows that are bent further than they go most of the time, under sensors of the limb below."""
     vectors = joint_vector(motion.R_parent_child).reshape(len(motion.R_parent_child), -1, 3)
     beyond = np.abs(load_joint_limits().violation(joint_vector(motion.R_parent_child))).reshape(vectors.shape)
-    for side in ("left", "right"):
-        if f"{side}_ankle" not in bones:
-            continue
-        share = float(np.mean(beyond[:, joint_index(f"{side}_ankle") - 1].max(axis=1) > AT_LIMIT))
-        if share > MUCH:
+    for joint in (f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "elbow")):
+        share = float(np.mean(beyond[:, joint_index(joint) - 1].max(axis=1) > AT_LIMIT))
+        if joint in bones and share > MUCH:
+            side, name = joint.split("_")
             yield (
-                f"{who}: the {side} ankle is bent further than ankles go in {100 * share:.0f} % of the frames: does "
-                f"the sensor of that foot sit as the placement has it?"
+                f"{who}: the {side} {name} is bent further than {name}s go in {100 * share:.0f} % of the frames: does "
+                "the sensor below it sit as the placement has it, and was the declared pose held, if there was one?"
             )
 
 

@@ -86,14 +86,9 @@ def what_told(names: Sequence[str], association: Association) -> tuple[str, ...]
 def full_rate_covariance(coarse: Fused, fine: Fused) -> SceneCovariance:
     """How sure the poses of the full rate are: as sure as those of the nearest coarse frame.
 
-    There headings and mountings are free: at the full rate they are kept, as if they were known. What is assumed of
-    poses counts as it does at the full rate, though.
+    There headings and mountings are free: at the full rate they are kept, as if they were known.
     """
-    believed = tuple(
-        replace(one, settings=other.settings)
-        for one, other in zip(coarse.model.wearers, fine.model.wearers, strict=True)
-    )
-    objective = SceneObjective(replace(coarse.model, wearers=believed))
+    objective = SceneObjective(coarse.model)
     covariance = scene_covariance(objective, chain_marginals(objective.linearise(coarse.state)))
     coarse_time, time = (fused.model.wearers[0].frames.time for fused in (coarse, fine))
     middles = (coarse_time[1:] + coarse_time[:-1]) / 2

@@ -26,7 +26,7 @@ from vip_factors.settings import Settings
 from vip_factors.solve.marginals import chain_marginals
 from vip_factors.stages.decode import pose_covariance, residuals
 from vip_factors.stages.inertial import Tracked, at_frames, calibrated, found_start, inertial_tracker
-from vip_factors.stages.inertial_model import alone, calibration_held, kept, loosened, placed_on_floor, with_contacts
+from vip_factors.stages.inertial_model import alone, calibration_held, kept, placed_on_floor, with_contacts
 from vip_factors.stages.sensor_checks import CorrectedSamples, sensor_corrections
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.windows import WindowPlan
@@ -166,13 +166,11 @@ def _at_full_rate(
     if not settings.acceleration:
         return alone(model), _where_it_was(state, before, span)
     roughly = replace(solver, settings=replace(solver.settings, relative_decrease=ROUGHLY))
-    loose, held = calibration_held(loosened(model, settings.calibration)), calibration_held(model)
+    held = calibration_held(model)
     for _ in range(settings.calibration.passes):
-        state = roughly.solve_wearer(WearerObjective(with_contacts(loose, state)), state, "calibrated")
+        state = roughly.solve_wearer(WearerObjective(with_contacts(held, state)), state, "calibrated")
     time = model.frames.time
     fine = with_contacts(kept(model, frames), _where_it_was(at_frames(state, time, frames.time), before, span))
-    if len(time) < len(frames):  # a coarse iteration on the same terms spares a fine one
-        state = roughly.solve_wearer(WearerObjective(with_contacts(held, state)), state, "coarse")
     state = _where_it_was(at_frames(state, time, frames.time), before, span)
     return fine, solver.solve_wearer(WearerObjective(fine), state, "sparse inertial poser")
 

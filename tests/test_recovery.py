@@ -27,6 +27,7 @@ from vip_factors.simulate.settings import SimulateSettings
 
 # Measurements believed, everything learnt or assumed all but switched off.
 EXACT = FactorSettings(
+    correlation_s=1e-3,  # every frame is exact by itself
     orientation=OrientationSettings(sigma_deg=0.1, loss=RobustLoss()),
     acceleration=AccelerationSettings(sigma=0.05, loss=RobustLoss()),
     pose_prior=PosePriorSettings(scale=1e-4, mean_scale=1e-4),

@@ -55,7 +55,8 @@ def assert_the_graph(problem: WearerProblem, state: WearerState) -> None:
 def test_frames_in_which_nothing_was_measured_are_determined(silent: Sequence[int]) -> None:
     problem, state = small_model(free=False, silent=silent)
     held = np.arange(T)[:, None] == 0  # at the start alone: nothing else says how fast the wearer moves
-    problem = replace(problem, contact_confidence=held.astype(float))
+    settings = replace(problem.settings, correlation_s=problem.frames.step)  # each contact is one
+    problem = replace(problem, contact_confidence=held.astype(float), settings=settings)
     covariance = chain_marginals(WearerObjective(problem).linearise(state))
     sigmas = np.sqrt([np.diag(block) for block in covariance.values()])
     assert sigmas[:, :3].max() < 1.0  # rad

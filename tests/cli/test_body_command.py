@@ -17,7 +17,7 @@ from vip_factors.io.mcap_scene_recording import read_scene, write_scene
 from vip_factors.sensors.recording import Subject
 
 Run = Callable[..., Any]
-QUICK = ["--frame-rate", "10", "--coarse-factor", "1", "--fusion.rounds", "1", "--fusion.refits", "0"]
+QUICK = ["--frame-rate", "10", "--fusion.rounds", "1", "--fusion.refits", "0"]
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,9 @@ def assert_one_sentence(told, *words: str) -> None:
 
 def test_sentences_name_options_and_no_functions(run, files, tmp_path: Path) -> None:
     assert_one_sentence(run("smooth", files.recording), "--overwrite")
-    assert_one_sentence(run("smooth", files.recording, "--overwrite", "--coarse-factor=-1"), "--coarse-factor is -1")
+    assert_one_sentence(
+        run("smooth", files.recording, "--overwrite", "--calibration-rate=-1"), "--calibration-rate is -1"
+    )
     assert_one_sentence(run("simulate", "gestures", tmp_path / "a.mcap", "--imu-rate", "inf"), "--imu-rate is inf")
     assert_one_sentence(run("evaluate", files.estimate), "--truth")
     assert_one_sentence(run("evaluate", files.recording), "holds no estimate")

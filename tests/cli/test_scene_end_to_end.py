@@ -14,7 +14,7 @@ from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.io.mcap_scene_recording import read_scene, write_scene
 from vip_factors.sensors.scene import Scene
 
-QUICK = ("--frame-rate", "15", "--coarse-factor", "1", "--fusion.rounds", "1", "--solve.max-iterations", "3")
+QUICK = ("--frame-rate", "15", "--fusion.rounds", "1", "--solve.max-iterations", "3")
 
 
 @pytest.fixture(scope="module")

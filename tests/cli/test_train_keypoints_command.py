@@ -11,7 +11,7 @@ from vip_factors.cli.main import main
 from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 
 Run = Callable[..., Any]
-QUICK = ["--frame-rate", "5", "--coarse-factor", "1", "--fusion.rounds", "1", "--fusion.refits", "0"]
+QUICK = ["--frame-rate", "5", "--fusion.rounds", "1", "--fusion.refits", "0"]
 LEARNED = "--camera.keypoint-offset.learned"
 
 

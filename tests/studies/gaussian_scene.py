@@ -77,6 +77,7 @@ def _factor_settings(settings: GaussianSettings) -> FactorSettings:
     factors = FactorSettings()
     return replace(
         factors,
+        correlation_s=settings.step,  # noise that is new in every frame
         orientation=replace(
             factors.orientation, loss=SQUARE, sigma_deg=settings.noise * settings.orientation_sigma_deg
         ),
@@ -153,6 +154,7 @@ def _camera(settings: GaussianSettings, random: np.random.Generator) -> tuple[Ca
     factors = CameraFactorSettings()
     factors = replace(
         factors,
+        correlation_s=settings.step,
         reprojection=replace(factors.reprojection, loss=SQUARE),
         orientation=replace(factors.orientation, loss=SQUARE, sigma_deg=settings.noise * factors.orientation.sigma_deg),
         acceleration=replace(factors.acceleration, loss=SQUARE, sigma=settings.noise * factors.acceleration.sigma),

@@ -109,10 +109,10 @@ def test_a_filmed_body_is_where_the_detector_found_it(monkeypatch: pytest.Monkey
         assert (camera.mount is not None) == camera.moving
         assert camera.detections.rate == pytest.approx(settings.video_rate, rel=0.25)
         assert np.all(truth.wearer == 0)
-        knee = camera.detections.keypoints.keypoints.index("left_knee")
+        ankle = camera.detections.keypoints.keypoints.index("left_ankle")
         frames = np.searchsorted(body.time, camera.detections.time[camera.detections.frame] - 1e-9)
         path = truth.camera.at(body.time[frames])
-        there = camera.model.project(path.to_camera(body.centres["left_knee"][frames][:, None]))[:, 0]
+        there = camera.model.project(path.to_camera(body.centres["left_ankle"][frames][:, None]))[:, 0]
         inside = camera.model.inside(there)
         assert inside.sum() > 10
-        assert camera.detections.pixels[inside, knee] == pytest.approx(there[inside], abs=1e-6)
+        assert camera.detections.pixels[inside, ankle] == pytest.approx(there[inside], abs=1e-6)

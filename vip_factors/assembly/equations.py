@@ -146,8 +146,8 @@ class KnotEquations(Residuals):
     root: Array
 
 
-def tempered(equations: "Equations", share: float) -> "Equations":
-    """The same factors with ``share`` times their cost: what is far off is forgiven as before."""
+def tempered(equations: "Equations", share: Array) -> "Equations":
+    """The same factors with ``share`` ``(t, 1)`` times their cost: what is far off is forgiven as before."""
     confidence, loss = equations.confidence * share, equations.loss.tempered(share)
     return replace(equations, confidence=confidence, loss=loss)
 

@@ -269,9 +269,9 @@ WEARER_TERMS: tuple[Term[WearerEvaluation], ...] = (
     Term("floor contact", 0, floor_contact),
     Term("initial pose", 0, initial_pose, every_frame=False),
     Term("smoothness", 1, smoothness),
-    Term("pelvis turn", 1, pelvis_turn),
+    Term("pelvis turn", 1, pelvis_turn, every_frame=False),
     Term("acceleration", 2, acceleration),
     Term("foot contact", 1, foot_contact),
-    Term("root coasting", 2, root_coasting),
+    Term("root coasting", 2, root_coasting, every_frame=False),
     *PRIORS,
 )

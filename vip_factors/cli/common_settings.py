@@ -44,7 +44,7 @@ class CommonOrientation:
 class CommonAcceleration:
     """Trust in the sensors' accelerations."""
 
-    sigma: float = 2.0
+    sigma: float = 1.5
     """Standard deviation in m/s²."""
 
 

@@ -47,7 +47,7 @@ class TuneOptions:
     settings: Path | None = None
     """TOML file with the settings to begin with."""
     frame_rate: MaybeRate = None
-    """Frames per second of the trials; fewer are quicker, and weights that depend on the rate will differ."""
+    """Frames per second of the trials; fewer are quicker, and weights count by time, not by the frame."""
     seed: NotNegativeInt = 0
     """Of the sampler."""
     overwrite: Flag = False

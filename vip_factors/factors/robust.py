@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import cast
 
 import numpy as np
 
@@ -25,7 +26,7 @@ class RobustLoss:
 
     def tempered(self, share: Array | float) -> "RobustLoss":
         """``share`` times this loss, of residuals that are scaled by its root."""
-        return replace(self, k=self.k * np.sqrt(share))
+        return replace(self, k=cast(float, self.k * np.sqrt(share)))  # of each frame, where shares are
 
     def weight(self, norm: Array) -> Array:
         """Factor on the squared residual in the normal equations (IRLS), for norms of any shape."""

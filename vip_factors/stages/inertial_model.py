@@ -15,7 +15,7 @@ from vip_factors.problem.points import BodyPoint
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import InitialPose, WearerProblem
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.settings import CalibrationSettings, Settings
 
 LEAST_KNOT = 1.0  # s: faster than that a heading does not drift, and the wearer moves
@@ -54,13 +54,17 @@ def inertial_model(
         free_hinges=settings.calibration.estimate_hinges,
         hinge_prior=recording.subject.hinge_prior(),
         use_acceleration=settings.acceleration,
-        variation=_widened(recording.subject.variation(), factors.length_scale),
+        variation=_variation(recording.subject, factors.length_scale),
         gauge_sensor=gauge_sensor([site.bone_index for site in sites]),
     )
 
 
-def _widened(variation: BodyVariation | None, scale: float) -> BodyVariation | None:
-    return None if variation is None else replace(variation, whitening=variation.whitening / scale)
+def _variation(subject: Subject, scale: float) -> BodyVariation | None:
+    """What is open about a body; a table's spread is widened, one that was found before is taken as it is."""
+    variation = subject.variation()
+    if variation is None or subject.length_prior is not None:
+        return variation
+    return replace(variation, whitening=variation.whitening / scale)
 
 
 def gauge_sensor(bones: list[int]) -> int:

@@ -40,9 +40,9 @@ class Parameter:
 # About half to two and a half times the package's own values: beyond, a factor is off or nothing else counts.
 DEFAULT_PARAMETERS = (
     Parameter("factors.orientation.sigma_deg", 2.0, 10.0),
-    Parameter("factors.acceleration.sigma", 0.8, 5.0),
-    Parameter("factors.pose_prior.scale", 0.05, 0.4),
-    Parameter("factors.joint_limit.sigma_deg", 2.0, 12.0),
+    Parameter("factors.acceleration.sigma", 0.6, 4.0),
+    Parameter("factors.pose_prior.scale", 0.15, 1.0),
+    Parameter("factors.joint_limit.sigma_deg", 1.2, 8.0),
     Parameter("factors.smoothness.time", 0.03, 0.18),
     Parameter("factors.foot_contact.sigma", 0.06, 0.4),
     Parameter("camera.reprojection.spread", 0.2, 1.2),

@@ -18,7 +18,7 @@ from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 
 # Keypoints of OpenPose's 18 that lie on joints of SMPL: elbows, wrists, knees, ankles.
-KEYPOINTS, JOINTS = [3, 6, 4, 7, 9, 12, 10, 13], [19, 18, 21, 20, 5, 4, 8, 7]
+KEYPOINTS, JOINTS = [3, 6, 4, 7, 10, 13], [19, 18, 21, 20, 8, 7]
 
 
 @pytest.fixture

@@ -140,7 +140,6 @@ class WearerProblem:
     hinge_prior: HingePrior = field(default_factory=HingePrior)
     free_places: bool = False
     free_sole: bool = False
-    posture_share: Array = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def sensor_points(self) -> BodyPoints:
@@ -167,9 +166,7 @@ class WearerProblem:
         return np.array(found).reshape(-1, 3, 3)
 
     def frame_share(self, first: slice) -> Array:
-        """What frames count ``(t, 1)``: their share of a correlation time, or of all that are held likewise."""
-        if len(self.posture_share):
-            return self.posture_share[first, None]
+        """What frames count ``(t, 1)``: their share of a correlation time."""
         return np.full((first.stop - first.start, 1), min(1.0, self.frames.step / self.settings.correlation_s))
 
     @property
@@ -205,7 +202,6 @@ class WearerProblem:
             frames=self.frames.window(frames),
             p_world_start=starts,
             contact_confidence=self.contact_confidence[frames],
-            posture_share=self.posture_share[frames],
             initial_pose=None if pose is None else replace(pose, passed=pose.passed + frames.start),
             is_beginning=self.is_beginning and frames.start == 0,
         )

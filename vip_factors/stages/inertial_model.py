@@ -114,7 +114,7 @@ def loosened(model: WearerProblem, calibration: CalibrationSettings) -> WearerPr
 
 def kept(model: WearerProblem, frames: ImuFrames) -> WearerProblem:
     """The model over other frames, with headings, mountings and mean pose kept as they are."""
-    return replace(calibration_held(model), frames=frames, initial_pose=None, posture_share=np.zeros(0))
+    return replace(calibration_held(model), frames=frames, initial_pose=None)
 
 
 def placed_on_floor(model: WearerProblem, state: WearerState) -> WearerState:

@@ -93,7 +93,7 @@ def _kaichi(own: Tree, weighted: bool = True, contact: bool = True, camera: bool
         sole=SoleSettings(thickness=0.0),  # the ankle's own height is all that the paper has
     )
     reprojection = ReprojectionSettings(
-        adaptive=False, least_px=0.0, least_confidence=0.0, fixed_px=pixel, loss=pixel_loss,
+        adaptive=False, least_px=0.0, point_sigma=0.0, least_confidence=0.0, fixed_px=pixel, loss=pixel_loss,
         biweight=AdaptiveBiweightSettings(weighted, reach=2.0, scale_px=140.0),
     )  # fmt: skip
     feet = GroundContactSettings(

@@ -13,7 +13,7 @@ from vip_factors.geometry.rotations import Array, log, transpose
 class InitialPoseSettings:
     """How well a declared T- or N-pose is held."""
 
-    scale: float = 0.6  # of the standard deviations measured on people, joint by joint and axis by axis: of two
+    scale: float = 0.6  # of the standard deviations measured on two people, joint by joint and axis by axis
     seconds: float = 1.0  # of holding still at the start; people do so for a breath at least
     # To the letter, as the papers and our simulator take poses; off: arms low, turned and bent, as people hold them.
     nominal: bool = False

@@ -53,8 +53,8 @@ def _reconsidered(
 ) -> Fused:
     """The better of a solution and, if something ended far from where it is likely, of one that began with that held.
 
-    Many frames of one posture may lead a mounting, an axis or a length from where a single statement had it into
-    another valley, from which no way leads back.
+    Many frames of one posture may lead a mounting or a hinge's axis from where a single statement had it into another
+    valley, from which no way leads back.
     """
     cautious = [_held(one, own) for one, own in zip(fused.model.wearers, fused.state.wearers, strict=True)]
     if all(one is own for one, own in zip(cautious, fused.model.wearers, strict=True)):

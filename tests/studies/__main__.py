@@ -31,6 +31,7 @@ STUDIES = {
     "speed": "speed:Speed",
     "recordings": "recordings:Recordings",
     "starts": "recordings:Starts",
+    "golden": "golden:Golden",
     "population": "population:Population",
     "weights": "weights:Weights",
     "real": "real:Real",

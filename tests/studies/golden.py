@@ -77,8 +77,9 @@ class Golden(Study):
             tell(Path(case).stem, number / len(cases))
             with tempfile.TemporaryDirectory() as folder, chdir(folder):
                 for name, found in _outcomes(case):
+                    if self.keep:
+                        kept[name] = found
                     yield _compared(name, kept.get(name, {}), found)
-                    kept[name] = found if self.keep else kept.get(name, {})
         if self.keep:
             self.figures.write_text(json.dumps(kept, indent=0) + "\n")
 
@@ -116,7 +117,7 @@ def _outcomes(case: str) -> Iterator[tuple[str, dict[str, list[float]]]]:
                 found[path.name] = _numbers(path.read_text(), sampled=True)
         if command == "smooth":
             _run("report", estimate, "--recording", recording, "--out", "page.html")
-            found["report"] = _numbers(" ".join(re.findall(r"<td[^>]*>([^<]*)", Path("page.html").read_text())))
+            found["report"] = _numbers(_tables(Path("page.html").read_text()))
         yield f"{stem} {command}", found
 
 
@@ -135,6 +136,12 @@ def _run(*words: str) -> str:
     if code:
         raise InputError(f"vip-factors {' '.join(words)}: exit code {code}")
     return out.getvalue()
+
+
+def _tables(page: str) -> str:
+    """What stands in the cells of a page's tables, but for that which tells how long the solves took."""
+    tables = [one for one in page.split("<table")[1:] if "Cost before" not in one]
+    return " ".join(cell for one in tables for cell in re.findall(r"<td[^>]*>([^<]*)", one.split("</table")[0]))
 
 
 def _numbers(text: str, sampled: bool = False) -> list[float]:

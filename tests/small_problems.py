@@ -14,8 +14,6 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.body.skeleton import joint_index
-from vip_factors.factors.camera_pose import CameraPoses
-from vip_factors.factors.ground_contact import Foot, pixel_rays
 from vip_factors.geometry.rotations import exp
 from vip_factors.problem.points import BodyPoint
 from vip_factors.problem.scene import CameraProblem, GroundView, KeypointView, SceneProblem, Viewpoint
@@ -27,6 +25,8 @@ from vip_factors.sensors.placement import preset
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.terms.ground_contact import Foot, pixel_rays
 
 T, S = 5, 6
 

@@ -12,7 +12,7 @@ ROWS = [
     {"body"},
     {"sensors"},
     {"estimate", "live_estimate"},
-    {"simulate", "associate", "initialise", "evaluate", "io", "viz", "factors"},
+    {"simulate", "associate", "initialise", "evaluate", "io", "viz", "terms"},
     {"problem", "solve", "detect"},
     {"assembly"},
     {"factor_graph"},

@@ -36,9 +36,9 @@ def test_every_factor_has_a_paragraph() -> None:
 
 
 def test_every_residual_is_in_the_reference() -> None:
-    files = {path.stem for path in (ROOT / "vip_factors" / "factors").glob("*.py")} - {"__init__"}
+    files = {path.stem for path in (ROOT / "vip_factors" / "terms").glob("*.py")} - {"__init__"}
     text = (DOCS / "reference" / "factors.md").read_text(encoding="utf-8")
-    assert files == set(re.findall(r"^::: vip_factors\.factors\.(\w+)$", text, flags=re.MULTILINE))
+    assert files == set(re.findall(r"^::: vip_factors\.terms\.(\w+)$", text, flags=re.MULTILINE))
 
 
 def anchors(page: Path) -> set[str]:

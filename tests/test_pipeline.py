@@ -8,7 +8,6 @@ import pytest
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.metrics import mpjpe
-from vip_factors.factors.rotation_prior import InitialPoseSettings
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.placement import Placement, preset
 from vip_factors.sensors.recording import Recording, Subject
@@ -17,6 +16,7 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.simulate.stance import with_initial_pose
+from vip_factors.terms.rotation_prior import InitialPoseSettings
 
 QUICK = Settings(frame_rate=15.0, calibration=CalibrationSettings(passes=1))
 

@@ -9,13 +9,6 @@ from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.evaluate.calibration import calibration_error
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.metrics import align_frames, mpjpe, orientation_error
-from vip_factors.factors.acceleration import AccelerationSettings
-from vip_factors.factors.foot_contact import FootContactSettings
-from vip_factors.factors.heading_prior import HeadingPriorSettings
-from vip_factors.factors.orientation import OrientationSettings
-from vip_factors.factors.pose_prior import PosePriorSettings
-from vip_factors.factors.robust import RobustLoss
-from vip_factors.factors.smoothness import SmoothnessSettings
 from vip_factors.pipeline import smooth
 from vip_factors.problem.wearer import FactorSettings
 from vip_factors.sensors.placement import Placement, SensorSite
@@ -24,6 +17,13 @@ from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.terms.acceleration import AccelerationSettings
+from vip_factors.terms.foot_contact import FootContactSettings
+from vip_factors.terms.heading_prior import HeadingPriorSettings
+from vip_factors.terms.orientation import OrientationSettings
+from vip_factors.terms.pose_prior import PosePriorSettings
+from vip_factors.terms.robust import RobustLoss
+from vip_factors.terms.smoothness import SmoothnessSettings
 
 # Measurements believed, everything learnt or assumed all but switched off.
 EXACT = FactorSettings(

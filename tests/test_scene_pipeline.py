@@ -9,7 +9,6 @@ from filmed_gestures import HASTY, QUICK, camera_of, filmed_gestures, with_detec
 
 from vip_factors.estimate import SceneEstimate
 from vip_factors.evaluate.scene import evaluate_scene
-from vip_factors.factors.video_clock import VideoClockSettings
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z
 from vip_factors.pipeline import smooth, smooth_scene
 from vip_factors.sensors.imu_stream import ImuStream
@@ -17,6 +16,7 @@ from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, CameraMount, Scene
 from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.settings import Settings
 from vip_factors.simulate.scene_settings import CameraKind
+from vip_factors.terms.video_clock import VideoClockSettings
 
 TRACKER = replace(QUICK, acceleration=False)
 WITH_COVARIANCE = replace(QUICK, covariance=True)

@@ -11,11 +11,6 @@ from vip_factors.estimate import SceneEstimate
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.metrics import mpjpe
 from vip_factors.evaluate.scene import evaluate_scene
-from vip_factors.factors.camera_acceleration import CameraAccelerationSettings
-from vip_factors.factors.camera_orientation import CameraOrientationSettings
-from vip_factors.factors.camera_velocity import CameraVelocitySettings
-from vip_factors.factors.reprojection import ReprojectionSettings
-from vip_factors.factors.robust import RobustLoss
 from vip_factors.geometry.rotations import Array, angle_between, transpose
 from vip_factors.pipeline import smooth_scene
 from vip_factors.problem.scene import CameraFactorSettings
@@ -26,6 +21,11 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings
 from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.terms.camera_acceleration import CameraAccelerationSettings
+from vip_factors.terms.camera_orientation import CameraOrientationSettings
+from vip_factors.terms.camera_velocity import CameraVelocitySettings
+from vip_factors.terms.reprojection import ReprojectionSettings
+from vip_factors.terms.robust import RobustLoss
 
 # The picture believed, what is assumed of cameras all but switched off.
 EXACT_CAMERA = CameraFactorSettings(

@@ -7,8 +7,8 @@ from math import sqrt
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from vip_factors.factors.robust import RobustLoss
     from vip_factors.settings import Settings
+    from vip_factors.terms.robust import RobustLoss
 
 Tree = TypeVar("Tree", bound="Settings")
 
@@ -64,21 +64,21 @@ def cauchy_of(weight: float, unit: float, orientation_sigma: float) -> "tuple[fl
     ``‖ΔR‖² ≈ 2 θ²`` and our ``θ² / 2 σ²`` differ by the factor ``1 / 4 σ²``, and ours is ``k²/2 log(1 + (e / k s)²)``:
     so ``k² = λ / 2 σ²`` and ``k s`` is the unit.
     """
-    from vip_factors.factors.robust import Loss, RobustLoss
+    from vip_factors.terms.robust import Loss, RobustLoss
 
     k = sqrt(weight / 2) / orientation_sigma
     return unit / k, RobustLoss(Loss.CAUCHY, k)
 
 
 def _kaichi(own: Tree, weighted: bool = True, contact: bool = True, camera: bool = True) -> Tree:
-    from vip_factors.factors.adaptive_biweight import AdaptiveBiweightSettings
-    from vip_factors.factors.ground_contact import ContactFrom, GroundContactSettings, Weighing
-    from vip_factors.factors.joint_limit import JointLimitSettings
-    from vip_factors.factors.orientation import OrientationSettings
-    from vip_factors.factors.pose_prior import PosePriorSettings
-    from vip_factors.factors.reprojection import ReprojectionSettings
-    from vip_factors.factors.robust import Loss, RobustLoss
-    from vip_factors.factors.sole import SoleSettings
+    from vip_factors.terms.adaptive_biweight import AdaptiveBiweightSettings
+    from vip_factors.terms.ground_contact import ContactFrom, GroundContactSettings, Weighing
+    from vip_factors.terms.joint_limit import JointLimitSettings
+    from vip_factors.terms.orientation import OrientationSettings
+    from vip_factors.terms.pose_prior import PosePriorSettings
+    from vip_factors.terms.reprojection import ReprojectionSettings
+    from vip_factors.terms.robust import Loss, RobustLoss
+    from vip_factors.terms.sole import SoleSettings
 
     orientation = OrientationSettings(SIGMA_DEG, RobustLoss(Loss.SQUARE))
     limit, limit_loss = cauchy_of(ROM_WEIGHT, ROM_UNIT_DEG, orientation.sigma)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from small_problems import small_scene
 
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.factors.robust import Loss, RobustLoss
+from vip_factors.terms.robust import Loss, RobustLoss
 
 
 @given(loss=st.sampled_from(Loss), share=st.floats(1e-3, 1.0), norm=st.floats(0.0, 50.0))

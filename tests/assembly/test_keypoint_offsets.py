@@ -10,11 +10,11 @@ from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.keypoint_offsets import KeypointOffsets
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, offset_of
 from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.factors.keypoint_offset import KeypointOffsetSettings
-from vip_factors.factors.robust import SQUARE
 from vip_factors.problem.scene import KeypointView, SceneProblem
 from vip_factors.problem.state import DetectorState, SceneState
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
+from vip_factors.terms.robust import SQUARE
 
 OFFSETS = 0.02 * np.random.default_rng(11).standard_normal((len(OFFSET_KEYPOINTS), 3))
 

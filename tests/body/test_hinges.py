@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from vip_factors.body.hinges import HINGE_VARIABLES, HINGES, TILTS
 from vip_factors.body.skeleton import JOINT_COUNT, joint_index
-from vip_factors.factors.hinge import hinge_residual
 from vip_factors.geometry.rotations import exp, rotation_x
+from vip_factors.terms.hinge import hinge_residual
 
 angles = st.floats(-1.5, 1.5)
 

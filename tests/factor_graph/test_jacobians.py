@@ -15,10 +15,10 @@ from vip_factors.assembly.view_terms import VIEW_TERMS
 from vip_factors.assembly.wearer_terms import WEARER_TERMS
 from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
 from vip_factors.factor_graph.term_factors import TermFactor
-from vip_factors.factors.robust import SQUARE, RobustLoss
 from vip_factors.geometry.rotations import exp
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
+from vip_factors.terms.robust import SQUARE, RobustLoss
 
 KINDS = [term.kind for term in (*WEARER_TERMS, *VIEW_TERMS, *CAMERA_TERMS)]
 SPREADS = [0.0, 1e-7, 1e-3, 0.5]

@@ -11,8 +11,6 @@ from tracked import RATE, SETTINGS, Tracked, filmed, placed_camera, track, track
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.configurations import configured
 from vip_factors.evaluate.frames import common_frames
-from vip_factors.factors.adaptive_biweight import AdaptiveBiweightSettings
-from vip_factors.factors.ground_contact import ContactFrom
 from vip_factors.live.association import OnlineAssociationSettings
 from vip_factors.live.camera_observer import CameraObserver, FrameBelief
 from vip_factors.live.settings import LiveSettings
@@ -26,6 +24,8 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings
 from vip_factors.simulate.staging import placed
+from vip_factors.terms.adaptive_biweight import AdaptiveBiweightSettings
+from vip_factors.terms.ground_contact import ContactFrom
 
 
 def with_ground(settings: LiveSettings, **changes: Any) -> LiveSettings:

@@ -6,9 +6,9 @@ import numpy as np
 from small_problems import S, T, small_model
 
 from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.factors.acceleration import GRAVITY
 from vip_factors.geometry.rotations import rotation_z, transpose
 from vip_factors.stages.decode import residuals
+from vip_factors.terms.acceleration import GRAVITY
 
 
 def test_accelerations_are_those_of_the_places_that_were_found() -> None:

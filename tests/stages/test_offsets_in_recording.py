@@ -10,13 +10,13 @@ from scene_sample import MODEL, scene_sample
 from vip_factors.body.keypoint_offsets import KeypointOffsets, PooledOffsets
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, keypoint_set, offset_of
 from vip_factors.errors import InputError
-from vip_factors.factors.keypoint_offset import KeypointOffsetSettings
 from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, write_keypoint_offsets
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.stages.keypoint_offsets import offsets_in_recording
 from vip_factors.stages.learned_offsets import prior_offsets
+from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 
 HABIT = 0.015 * np.random.default_rng(3).standard_normal((len(OFFSET_KEYPOINTS), 3))
 SETTINGS = replace(Settings(), frame_rate=15.0)

@@ -13,9 +13,6 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.pose_prior import POSE_SIZE, load_pose_prior
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton
-from vip_factors.factors.acceleration import GRAVITY
-from vip_factors.factors.camera_pose import CameraPoses
-from vip_factors.factors.robust import RobustLoss
 from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_z, transpose
 from vip_factors.problem.points import BodyPoint
 from vip_factors.problem.scene import CameraFactorSettings, CameraProblem, KeypointView, SceneProblem
@@ -24,6 +21,9 @@ from vip_factors.problem.wearer import FactorSettings, WearerProblem
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.placement import preset
+from vip_factors.terms.acceleration import GRAVITY
+from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.terms.robust import RobustLoss
 
 SQUARE = RobustLoss()
 LENS = CameraModel(1920, 1080, (1660.0, 1660.0), (960.0, 540.0))

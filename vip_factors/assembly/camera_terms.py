@@ -7,14 +7,14 @@ import numpy as np
 from vip_factors.assembly.equations import DenseEquations, Part
 from vip_factors.assembly.evaluation import CameraEvaluation
 from vip_factors.assembly.registry import Term
-from vip_factors.factors.acceleration import acceleration_by_heading, acceleration_residual
-from vip_factors.factors.camera_orientation import camera_orientation_jacobians, camera_orientation_residual
-from vip_factors.factors.camera_velocity import camera_velocity_jacobians, camera_velocity_residual
-from vip_factors.factors.heading_prior import heading_prior_residual
-from vip_factors.factors.robust import SQUARE
-from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import inverse_right_jacobian
 from vip_factors.problem.blocks import DETECTOR
+from vip_factors.terms.acceleration import acceleration_by_heading, acceleration_residual
+from vip_factors.terms.camera_orientation import camera_orientation_jacobians, camera_orientation_residual
+from vip_factors.terms.camera_velocity import camera_velocity_jacobians, camera_velocity_residual
+from vip_factors.terms.heading_prior import heading_prior_residual
+from vip_factors.terms.robust import SQUARE
+from vip_factors.terms.rotation_prior import rotation_prior_residual
 
 
 def camera_orientation(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:

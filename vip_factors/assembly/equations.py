@@ -10,9 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
-from vip_factors.factors.robust import RobustLoss
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import OwnerId
+from vip_factors.terms.robust import RobustLoss
 
 AT_THE_FIRST_KNOT = -1
 

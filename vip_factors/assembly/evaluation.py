@@ -8,9 +8,6 @@ import numpy as np
 from vip_factors.assembly.equations import Part
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.kinematics import BodyState, forward_kinematics
-from vip_factors.factors.camera_pose import CameraPoses
-from vip_factors.factors.sole import sole_shift
-from vip_factors.factors.video_clock import seconds_late
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log
 from vip_factors.problem.blocks import DETECTOR
 from vip_factors.problem.layout import Owner, OwnerId
@@ -18,6 +15,9 @@ from vip_factors.problem.points import BodyPoints
 from vip_factors.problem.scene import CameraProblem, KeypointView
 from vip_factors.problem.state import CameraState, WearerState
 from vip_factors.problem.wearer import WearerProblem
+from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.terms.sole import sole_shift
+from vip_factors.terms.video_clock import seconds_late
 
 
 @dataclass(frozen=True)

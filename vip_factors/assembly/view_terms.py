@@ -9,12 +9,12 @@ from vip_factors.assembly.equations import BoneEquations, Part
 from vip_factors.assembly.evaluation import ViewEvaluation
 from vip_factors.assembly.registry import Term
 from vip_factors.body.kinematics import BodyState
-from vip_factors.factors.camera_pose import CameraPoses
-from vip_factors.factors.ground_contact import Foot, ground_contact_jacobians, ground_contact_residual
-from vip_factors.factors.reprojection import reprojection_jacobians, reprojection_residual
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.points import BodyPoints
 from vip_factors.problem.scene import GroundView
+from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.terms.ground_contact import Foot, ground_contact_jacobians, ground_contact_residual
+from vip_factors.terms.reprojection import reprojection_jacobians, reprojection_residual
 
 
 def reprojection(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:

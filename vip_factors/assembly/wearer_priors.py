@@ -7,14 +7,14 @@ import numpy as np
 from vip_factors.assembly.equations import AT_THE_FIRST_KNOT, DenseEquations, KnotEquations, Part
 from vip_factors.assembly.evaluation import WearerEvaluation
 from vip_factors.assembly.registry import Term
-from vip_factors.factors.agreeing_headings import agreeing_headings_jacobian, agreeing_headings_residual
-from vip_factors.factors.gauge_prior import gauge_prior_residual
-from vip_factors.factors.heading_prior import heading_prior_residual
-from vip_factors.factors.heading_walk import heading_walk_residual
-from vip_factors.factors.pose_prior import pose_mean_residual
-from vip_factors.factors.robust import SQUARE
-from vip_factors.factors.rotation_prior import rotation_prior_residual
 from vip_factors.geometry.rotations import inverse_right_jacobian
+from vip_factors.terms.agreeing_headings import agreeing_headings_jacobian, agreeing_headings_residual
+from vip_factors.terms.gauge_prior import gauge_prior_residual
+from vip_factors.terms.heading_prior import heading_prior_residual
+from vip_factors.terms.heading_walk import heading_walk_residual
+from vip_factors.terms.pose_prior import pose_mean_residual
+from vip_factors.terms.robust import SQUARE
+from vip_factors.terms.rotation_prior import rotation_prior_residual
 
 
 def _begins(at: WearerEvaluation, first: slice) -> bool:

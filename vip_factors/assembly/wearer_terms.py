@@ -16,25 +16,25 @@ from vip_factors.assembly.registry import Term
 from vip_factors.assembly.wearer_priors import PRIORS
 from vip_factors.body.hinges import HINGES
 from vip_factors.body.kinematics import BodyState
-from vip_factors.factors.acceleration import acceleration_by_heading, acceleration_residual
-from vip_factors.factors.coasting import (
+from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
+from vip_factors.problem.points import BodyPoints
+from vip_factors.terms.acceleration import acceleration_by_heading, acceleration_residual
+from vip_factors.terms.coasting import (
     DIFFERENCE,
     pelvis_turn_jacobians,
     pelvis_turn_residual,
     root_coasting_residual,
 )
-from vip_factors.factors.floor_contact import floor_contact_residual
-from vip_factors.factors.foot_contact import foot_contact_residual
-from vip_factors.factors.hinge import hinge_jacobians, hinge_residual
-from vip_factors.factors.joint_limit import joint_limit_residual
-from vip_factors.factors.orientation import orientation_jacobians, orientation_residual
-from vip_factors.factors.pose_prior import pose_prior_residual
-from vip_factors.factors.robust import SQUARE
-from vip_factors.factors.rotation_prior import rotation_prior_residual
-from vip_factors.factors.smoothness import smoothness_residual, turn_jacobians
-from vip_factors.factors.sole import sole_shift
-from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
-from vip_factors.problem.points import BodyPoints
+from vip_factors.terms.floor_contact import floor_contact_residual
+from vip_factors.terms.foot_contact import foot_contact_residual
+from vip_factors.terms.hinge import hinge_jacobians, hinge_residual
+from vip_factors.terms.joint_limit import joint_limit_residual
+from vip_factors.terms.orientation import orientation_jacobians, orientation_residual
+from vip_factors.terms.pose_prior import pose_prior_residual
+from vip_factors.terms.robust import SQUARE
+from vip_factors.terms.rotation_prior import rotation_prior_residual
+from vip_factors.terms.smoothness import smoothness_residual, turn_jacobians
+from vip_factors.terms.sole import sole_shift
 
 
 def orientation(at: WearerEvaluation, first: slice) -> Iterator[BoneEquations]:

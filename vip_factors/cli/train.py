@@ -50,12 +50,12 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.body.keypoint_offsets import KeypointOffsets, OffsetTraining, pooled_offsets
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.errors import InputError
-    from vip_factors.factors.keypoint_offset import KeypointOffsetSettings
     from vip_factors.io.atomic import check_target
     from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, write_keypoint_offsets
     from vip_factors.io.mcap_scene_recording import read_scene
     from vip_factors.settings import Settings
     from vip_factors.stages.keypoint_offsets import offsets_in_recording
+    from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 
     if not options.recordings:
         raise InputError("no recording named: expected one or more (.mcap) with cameras and truth")

@@ -26,11 +26,11 @@ from vip_factors.body.kinematics import twists_at
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, ancestors, joint_index
 from vip_factors.factor_graph.adapter import custom_factor
 from vip_factors.factor_graph.variables import KINDS, Kind, Variable, frames_of, state_of
-from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
+from vip_factors.terms.robust import Loss, RobustLoss
 
 Evaluation = WearerEvaluation | ViewEvaluation | CameraEvaluation
 Blocks = list[tuple[Variable, Array]]

@@ -8,14 +8,14 @@ import numpy as np
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import Skeleton, joint_index
-from vip_factors.factors.adaptive_biweight import adaptive_biweight
-from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.association import NOBODY, CameraPose, OnlineAssociation, OnlineAssociationSettings
 from vip_factors.problem.scene import CameraFactorSettings, KeypointView
 from vip_factors.sensors.live import LiveCamera, VideoFrame
 from vip_factors.stages.ground import ground_view, seen_feet
 from vip_factors.stages.views import AREA_OF_HEIGHT, pixel_sigma, points_on_body, scatter
+from vip_factors.terms.adaptive_biweight import adaptive_biweight
+from vip_factors.terms.camera_pose import CameraPoses
 
 NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer
 

@@ -7,12 +7,12 @@ import numpy as np
 
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import PARENTS, Skeleton
-from vip_factors.factors.acceleration import GRAVITY
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose
 from vip_factors.initialise.root_path import contact_points
 from vip_factors.live.problem import LagFrame, LagProblem
 from vip_factors.live.state import FrameState
 from vip_factors.problem.state import SceneState
+from vip_factors.terms.acceleration import GRAVITY
 
 # Of the camera's velocity that is left one frame later, without an IMU on it: hands change their mind in 0.3 s.
 CAMERA_KEEPS = 0.95

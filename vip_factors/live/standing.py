@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState
-from vip_factors.factors.ground_contact import ContactFrom, Foot, GroundContactSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.problem import LagFrame
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.stages.ground import foot_acceleration_confidence, free_accelerations, joint_state_confidence
+from vip_factors.terms.ground_contact import ContactFrom, Foot, GroundContactSettings
 
 ACCELERATION_HOLDS = 3  # frames: that of the newest frame is measured by the next one, so the last known one counts
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.errors import RecordingError
-from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.buffered import MeasuredStretch
 from vip_factors.live.coarse import CoarseSolution, Known, solve_coarsely
@@ -18,6 +17,7 @@ from vip_factors.problem.state import SceneState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.stages.associated_cameras import AssociatedCamera
 from vip_factors.stages.calibration_start import start_findings
+from vip_factors.terms.camera_pose import CameraPoses
 
 
 @dataclass(frozen=True)

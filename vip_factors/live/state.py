@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.state import SceneState
+from vip_factors.terms.camera_pose import CameraPoses
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,6 @@ import numpy as np
 
 from vip_factors.body.keypoint_offsets import KeypointOffsets
 from vip_factors.body.keypoints import offset_of
-from vip_factors.factors.camera_acceleration import CameraAccelerationSettings
-from vip_factors.factors.camera_orientation import CameraOrientationSettings
-from vip_factors.factors.camera_velocity import CameraVelocitySettings
-from vip_factors.factors.ground_contact import Foot, GroundContactSettings
-from vip_factors.factors.keypoint_offset import KeypointOffsetSettings
-from vip_factors.factors.reprojection import ReprojectionSettings
-from vip_factors.factors.video_clock import VideoClockSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.extra import ExtraTerms
 from vip_factors.problem.points import BodyPoint, BodyPoints
@@ -22,6 +15,13 @@ from vip_factors.problem.state import CameraState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames
+from vip_factors.terms.camera_acceleration import CameraAccelerationSettings
+from vip_factors.terms.camera_orientation import CameraOrientationSettings
+from vip_factors.terms.camera_velocity import CameraVelocitySettings
+from vip_factors.terms.ground_contact import Foot, GroundContactSettings
+from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
+from vip_factors.terms.reprojection import ReprojectionSettings
+from vip_factors.terms.video_clock import VideoClockSettings
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from vip_factors.body.hinges import HINGE_VARIABLES
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.skeleton import JOINT_COUNT
-from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.rotations import Array, exp, rotation_z
 from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
+from vip_factors.terms.camera_pose import CameraPoses
 
 
 @dataclass(frozen=True)

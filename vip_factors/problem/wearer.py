@@ -11,26 +11,26 @@ from vip_factors.body.joint_limits import JointLimits
 from vip_factors.body.pose_prior import PosePrior
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.body.variation import BodyVariation
-from vip_factors.factors.acceleration import AccelerationSettings
-from vip_factors.factors.agreeing_headings import AgreeingHeadingsSettings
-from vip_factors.factors.coasting import CoastingSettings
-from vip_factors.factors.floor_contact import FloorContactSettings
-from vip_factors.factors.foot_contact import FootContactSettings
-from vip_factors.factors.gauge_prior import GaugePriorSettings
-from vip_factors.factors.heading_knots import knot_weights
-from vip_factors.factors.heading_prior import HeadingPriorSettings
-from vip_factors.factors.heading_walk import HeadingWalkSettings
-from vip_factors.factors.hinge import HingeSettings
-from vip_factors.factors.joint_limit import JointLimitSettings
-from vip_factors.factors.orientation import OrientationSettings
-from vip_factors.factors.pose_prior import PosePriorSettings
-from vip_factors.factors.rotation_prior import InitialPoseSettings
-from vip_factors.factors.sensor_place import SensorPlaceSettings
-from vip_factors.factors.smoothness import SmoothnessSettings
-from vip_factors.factors.sole import SoleSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.points import BodyPoint, BodyPoints
 from vip_factors.sensors.frames import ImuFrames
+from vip_factors.terms.acceleration import AccelerationSettings
+from vip_factors.terms.agreeing_headings import AgreeingHeadingsSettings
+from vip_factors.terms.coasting import CoastingSettings
+from vip_factors.terms.floor_contact import FloorContactSettings
+from vip_factors.terms.foot_contact import FootContactSettings
+from vip_factors.terms.gauge_prior import GaugePriorSettings
+from vip_factors.terms.heading_knots import knot_weights
+from vip_factors.terms.heading_prior import HeadingPriorSettings
+from vip_factors.terms.heading_walk import HeadingWalkSettings
+from vip_factors.terms.hinge import HingeSettings
+from vip_factors.terms.joint_limit import JointLimitSettings
+from vip_factors.terms.orientation import OrientationSettings
+from vip_factors.terms.pose_prior import PosePriorSettings
+from vip_factors.terms.rotation_prior import InitialPoseSettings
+from vip_factors.terms.sensor_place import SensorPlaceSettings
+from vip_factors.terms.smoothness import SmoothnessSettings
+from vip_factors.terms.sole import SoleSettings
 
 
 @dataclass(frozen=True)

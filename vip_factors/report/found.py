@@ -4,13 +4,13 @@ import numpy as np
 
 from vip_factors.body.mannequin import Side
 from vip_factors.estimate import CameraEstimate, StartChoice
-from vip_factors.factors.heading_prior import HeadingPriorSettings
 from vip_factors.geometry.rotations import angle_between, wrap_angle
 from vip_factors.report.blocks import Block, Charts, Heading, Paragraph, Section, Table
 from vip_factors.report.colours import SIDE_COLOURS
 from vip_factors.report.material import Material, Wearer
 from vip_factors.report.time_chart import Line, time_chart
 from vip_factors.report.words import UNKNOWN, bone_words, joint_words, number, plus_minus, with_unit
+from vip_factors.terms.heading_prior import HeadingPriorSettings
 
 KEPT = 0.8  # of the prior's sigma: what is no surer than this was hardly measured
 HELD = 1.5 * HeadingPriorSettings().gauge_sigma  # a heading as sure as this is the one that defines the world's

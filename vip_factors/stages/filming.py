@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.factors.camera_pose import CameraPoses
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, transpose, yaw_of
 from vip_factors.initialise.camera import (
@@ -29,6 +28,7 @@ from vip_factors.stages.associated_cameras import AssociatedCamera, path_at
 from vip_factors.stages.inertial import Tracked
 from vip_factors.stages.learned_offsets import prior_offsets
 from vip_factors.stages.video_drift import middle_of
+from vip_factors.terms.camera_pose import CameraPoses
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,6 @@ from vip_factors.assembly.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.assembly.view_terms import reprojection_residuals
 from vip_factors.body.motion import Motion
-from vip_factors.factors.camera_pose import CameraPoses
-from vip_factors.factors.video_clock import seconds_late
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.extra import ExtraTerms
@@ -32,6 +30,8 @@ from vip_factors.stages.inertial_model import kept, with_contacts
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.video_drift import found_clock
 from vip_factors.stages.views import image_scale, keypoint_view, predicted_pixels, scatter
+from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.terms.video_clock import seconds_late
 
 TIMED = 0.01  # s: so far keypoints move nearly straight; half a video frame
 SETTLED = 1.5  # a detector believed less than this much too rough costs less than another solve

@@ -7,9 +7,17 @@ import numpy as np
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.skeleton import Skeleton, joint_index
-from vip_factors.factors.acceleration import GRAVITY
-from vip_factors.factors.camera_pose import CameraPoses
-from vip_factors.factors.ground_contact import (
+from vip_factors.geometry.rotations import Array
+from vip_factors.initialise.root_path import contact_confidence, contact_points
+from vip_factors.problem.points import BodyPoint
+from vip_factors.problem.scene import GroundView, KeypointView
+from vip_factors.problem.state import SceneState, WearerState
+from vip_factors.problem.wearer import WearerProblem
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.stages.inertial_model import placed_on_floor
+from vip_factors.terms.acceleration import GRAVITY
+from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.terms.ground_contact import (
     ContactFrom,
     Foot,
     GroundContactSettings,
@@ -19,14 +27,6 @@ from vip_factors.factors.ground_contact import (
     pixel_rays,
     rays_meet_floor,
 )
-from vip_factors.geometry.rotations import Array
-from vip_factors.initialise.root_path import contact_confidence, contact_points
-from vip_factors.problem.points import BodyPoint
-from vip_factors.problem.scene import GroundView, KeypointView
-from vip_factors.problem.state import SceneState, WearerState
-from vip_factors.problem.wearer import WearerProblem
-from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.stages.inertial_model import placed_on_floor
 
 SIDES = ("left", "right")
 FLOOR_BAND = 0.15  # m over the floor: jumps and stairs are higher, a root path before its last solve is as wrong

@@ -8,7 +8,6 @@ import numpy as np
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.keypoint_offsets import SHAPE, KeypointOffsets
 from vip_factors.errors import InputError, SolveError
-from vip_factors.factors.keypoint_offset import KeypointOffsetSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.problem.blocks import DETECTOR
@@ -29,6 +28,7 @@ from vip_factors.stages.inertial_model import inertial_model
 from vip_factors.stages.scene_decode import static_covariance
 from vip_factors.stages.scene_frames import scene_frames
 from vip_factors.stages.solver import Solver
+from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 
 # m. Thrice the usual: of a camera whose place is not known it holds what all keypoints have in common.
 WIDE = KeypointOffsetSettings(sigma=0.03, elbow_wrist_sigma=0.03, hip_sigma=0.06)

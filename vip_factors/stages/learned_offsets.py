@@ -4,9 +4,9 @@ import numpy as np
 
 from vip_factors.body.keypoint_offsets import KeypointOffsets
 from vip_factors.errors import InputError
-from vip_factors.factors.keypoint_offset import KeypointOffsetSettings
 from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.sensors.scene import Camera
+from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 
 
 def prior_offsets(camera: Camera, settings: KeypointOffsetSettings) -> KeypointOffsets:

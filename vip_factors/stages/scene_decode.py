@@ -8,7 +8,6 @@ import numpy as np
 from vip_factors.assembly.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance
-from vip_factors.factors.reprojection import reprojection_residual
 from vip_factors.geometry.rotations import Array, wrap_angle
 from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.layout import Owner, OwnerId
@@ -18,6 +17,7 @@ from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.stages.decode import decode, pose_covariance
+from vip_factors.terms.reprojection import reprojection_residual
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.body.hinges import HINGES, ROWS, TILTS
-from vip_factors.factors.robust import SQUARE, RobustLoss
 from vip_factors.geometry.rotations import Array
+from vip_factors.terms.robust import SQUARE, RobustLoss
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ Linear in the two positions: derivatives ``−1/step`` and ``1/step``, each time
 
 from dataclasses import dataclass, field
 
-from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import Array
+from vip_factors.terms.robust import Loss, RobustLoss
 
 
 @dataclass(frozen=True)

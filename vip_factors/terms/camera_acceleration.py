@@ -1,14 +1,14 @@
 """Camera acceleration: the second difference of its IMU's position against what the accelerometer says.
 
 Three rows, m/s², world axes (thesis eqs. 4.27–4.29). Residual and derivative by the heading are those of
-:mod:`~vip_factors.factors.acceleration`, of the IMU's place ``q`` on the camera: ``p + R q``. By a step ``(ω, v)`` of
+:mod:`~vip_factors.terms.acceleration`, of the IMU's place ``q`` on the camera: ``p + R q``. By a step ``(ω, v)`` of
 a pose it moves by ``R (v − hat(q) ω)``, times the coefficient of that frame
-(:meth:`~vip_factors.factors.camera_pose.CameraPoses.point_jacobian`).
+(:meth:`~vip_factors.terms.camera_pose.CameraPoses.point_jacobian`).
 """
 
 from dataclasses import dataclass, field
 
-from vip_factors.factors.robust import Loss, RobustLoss
+from vip_factors.terms.robust import Loss, RobustLoss
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vip_factors.factors.adaptive_biweight import AdaptiveBiweightSettings
-from vip_factors.factors.camera_pose import CameraPoses
-from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import Array, hat, transpose
 from vip_factors.ranges import NotNegative, Share
 from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.terms.adaptive_biweight import AdaptiveBiweightSettings
+from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.terms.robust import Loss, RobustLoss
 
 
 @dataclass(frozen=True)

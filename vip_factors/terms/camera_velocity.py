@@ -4,8 +4,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vip_factors.factors.camera_pose import CameraPoses
-from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import (
     Array,
     hat,
@@ -13,6 +11,8 @@ from vip_factors.geometry.rotations import (
     log,
     transpose,
 )
+from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.terms.robust import Loss, RobustLoss
 
 
 @dataclass(frozen=True)

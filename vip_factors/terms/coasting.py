@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.factors.smoothness import turn_jacobians
 from vip_factors.geometry.rotations import Array, log, transpose
+from vip_factors.terms.smoothness import turn_jacobians
 
 DIFFERENCE = np.array([1.0, -2.0, 1.0])  # of positions before, now and after: their acceleration, times step²
 

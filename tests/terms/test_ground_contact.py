@@ -8,8 +8,10 @@ import pytest
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.skeleton import joint_index
-from vip_factors.factors.camera_pose import CameraPoses
-from vip_factors.factors.ground_contact import (
+from vip_factors.geometry.rotations import exp, rotation_z, transpose
+from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.terms.ground_contact import (
     Foot,
     GroundContactSettings,
     Weighing,
@@ -19,8 +21,6 @@ from vip_factors.factors.ground_contact import (
     pixel_rays,
     rays_meet_floor,
 )
-from vip_factors.geometry.rotations import exp, rotation_z, transpose
-from vip_factors.sensors.camera_model import CameraModel
 
 T = 6
 LENS = CameraModel(1920, 1080, (1400.0, 1390.0), (950.0, 550.0), (-0.1, 0.02, 0.001, -0.002))

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import Array
+from vip_factors.terms.robust import Loss, RobustLoss
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import Array, rotation_z
+from vip_factors.terms.robust import Loss, RobustLoss
 
 GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s², world
 _QUARTER = np.array(

@@ -11,12 +11,12 @@ from enum import StrEnum
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState
-from vip_factors.factors.camera_pose import CameraPoses
-from vip_factors.factors.robust import Loss, RobustLoss
-from vip_factors.factors.sole import sole_shift
 from vip_factors.geometry.rotations import Array, hat
 from vip_factors.ranges import NotNegative, Share
 from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.terms.robust import Loss, RobustLoss
+from vip_factors.terms.sole import sole_shift
 
 
 class ContactFrom(StrEnum):

@@ -5,8 +5,8 @@ Its derivative by the point is the row ``e_zᵀ``.
 
 from dataclasses import dataclass, field
 
-from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import Array
+from vip_factors.terms.robust import Loss, RobustLoss
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vip_factors.factors.camera_pose import CameraPoses
-from vip_factors.factors.robust import Loss, RobustLoss
 from vip_factors.geometry.rotations import (
     Array,
     inverse_right_jacobian,
@@ -18,6 +16,8 @@ from vip_factors.geometry.rotations import (
     rotation_z,
     transpose,
 )
+from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.terms.robust import Loss, RobustLoss
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import time
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.io.schemas.live_message_pb2 import LiveMessage
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.live import live_samples
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording

@@ -7,7 +7,7 @@ import numpy as np
 
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import rotation_z
-from vip_factors.sensors.placement import place
+from vip_factors.sensors.calibration import place
 from vip_factors.viz.drawn_body import Eye, draw_arrow, draw_axes, draw_body, standing
 from vip_factors.viz.new_file import new_file
 from vip_factors.viz.sites_picture import sites_picture

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.detections import Detections
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.settings import FusionSettings, Settings
 from vip_factors.simulate.gestures import gestures

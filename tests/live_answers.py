@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from scene_sample import scene_sample
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.live import LiveSetup

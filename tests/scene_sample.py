@@ -6,17 +6,15 @@ import numpy as np
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.keypoints import keypoint_set
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.estimate import CameraEstimate, Estimate, SceneEstimate
 from vip_factors.geometry.rotations import Array, exp, rotation_z, transpose
-from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.calibration import SensorCalibration, preset
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.detections import Detections, keypoints_in_image
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Recording, Subject, Truth
-from vip_factors.sensors.reprojection import keypoints_in_image
 from vip_factors.sensors.scene import Camera, CameraMount, Scene, SceneTruth
 from vip_factors.simulate.gestures import gestures
 

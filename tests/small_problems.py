@@ -19,9 +19,9 @@ from vip_factors.problem.points import BodyPoint
 from vip_factors.problem.scene import CameraProblem, GroundView, KeypointView, SceneProblem, Viewpoint
 from vip_factors.problem.state import CameraState, DetectorState, SceneState, WearerState
 from vip_factors.problem.wearer import InitialPose, WearerProblem
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames, resample
-from vip_factors.sensors.placement import preset
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings

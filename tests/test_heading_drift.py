@@ -13,8 +13,7 @@ from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.metrics import mpjpe
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.pipeline import smooth
-from vip_factors.sensors.calibration import Calibration
-from vip_factors.sensors.placement import Placement, SensorSite
+from vip_factors.sensors.calibration import Calibration, Placement, SensorSite
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.gestures import gestures

@@ -9,7 +9,7 @@ from vip_factors.errors import InputError, RecordingError
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.metrics import mpjpe
 from vip_factors.pipeline import smooth
-from vip_factors.sensors.placement import Placement, preset
+from vip_factors.sensors.calibration import Placement, preset
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.settings import CalibrationSettings, Settings, flatten
 from vip_factors.simulate.gestures import gestures

@@ -11,7 +11,7 @@ from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.metrics import align_frames, mpjpe, orientation_error
 from vip_factors.pipeline import smooth
 from vip_factors.problem.wearer import FactorSettings
-from vip_factors.sensors.placement import Placement, SensorSite
+from vip_factors.sensors.calibration import Placement, SensorSite
 from vip_factors.sensors.recording import Subject
 from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.gestures import gestures

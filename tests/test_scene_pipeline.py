@@ -11,9 +11,9 @@ from vip_factors.estimate import SceneEstimate
 from vip_factors.evaluate.scene import evaluate_scene
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z
 from vip_factors.pipeline import smooth, smooth_scene
+from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, CameraMount, Scene
-from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.settings import Settings
 from vip_factors.simulate.scene_settings import CameraKind
 from vip_factors.terms.video_clock import VideoClockSettings

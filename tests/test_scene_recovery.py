@@ -14,7 +14,7 @@ from vip_factors.evaluate.scene import evaluate_scene
 from vip_factors.geometry.rotations import Array, angle_between, transpose
 from vip_factors.pipeline import smooth_scene
 from vip_factors.problem.scene import CameraFactorSettings
-from vip_factors.sensors.placement import Placement, SensorSite
+from vip_factors.sensors.calibration import Placement, SensorSite
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.gestures import gestures

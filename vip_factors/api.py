@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.estimate import Estimate, SceneEstimate
 from vip_factors.evaluate.scene import SceneEvaluation
 from vip_factors.io.convert import ImportOptions
@@ -103,7 +103,7 @@ def simulate(
     Raises:
         InputError: for an unknown preset or camera, or a motion file that cannot be read.
     """
-    from vip_factors.sensors.placement import preset
+    from vip_factors.sensors.calibration import preset
     from vip_factors.simulate.gestures import gestures
     from vip_factors.simulate.recording import simulate_recording
     from vip_factors.simulate.scene import Performer, simulate_scene

@@ -6,13 +6,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vip_factors.body.hinge_estimate import HingeEstimate
-from vip_factors.body.motion import Motion
+from vip_factors.body.hinges import HingeEstimate
+from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera_model import CameraModel, VideoClock
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.video_clock import VideoClock
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ import pytest
 from small_problems import small_scene
 
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.body.keypoint_offsets import KeypointOffsets
-from vip_factors.body.keypoints import OFFSET_KEYPOINTS, offset_of
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, offset_of
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.problem.scene import KeypointView, SceneProblem
 from vip_factors.problem.state import DetectorState, SceneState

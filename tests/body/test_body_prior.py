@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.studies.body_prior_training import BodyTraining, centre_covariance
 from vip_factors.body.body_prior import (
     GROUPS,
     SIZE,
@@ -17,7 +18,6 @@ from vip_factors.body.body_prior import (
 )
 from vip_factors.body.lengths import BODY_LENGTHS, skeleton_of_lengths
 from vip_factors.body.skeleton import joint_index
-from vip_factors.body.train_body_prior import BodyTraining, centre_covariance
 from vip_factors.errors import FileFormatError, InputError
 
 # Fractions of stature between which published and measured people lie: de Leva 1996 (of women all but the thigh), Dumas

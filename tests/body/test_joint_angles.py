@@ -7,16 +7,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vip_factors.body.anatomical_frames import mirrored, segment_axes, segment_orientations
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.calibration_pose import calibration_pose
-from vip_factors.body.joint_angles import ANGLE_DEFINITIONS, joint_angle_sigmas, joint_angles
-from vip_factors.body.motion import Motion
+from vip_factors.body.joint_angles import (
+    ANGLE_DEFINITIONS,
+    joint_angle_sigmas,
+    joint_angles,
+    mirrored,
+    segment_axes,
+    segment_orientations,
+)
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.evaluate.joint_angle import hip_flexion_of, knee_flexion_of
-from vip_factors.geometry.axis_sequence import rotation_of_sequence
-from vip_factors.geometry.rotations import Array, exp, rotation_z
+from vip_factors.geometry.rotations import Array, exp, rotation_of_sequence, rotation_z
 from vip_factors.simulate.gestures import gestures
 
 FORWARD, LEFT, UP = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.studies.pose_prior_training import HELD_OUT_CLIPS, PriorTraining, held_out_names, train_pose_prior
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.held_out_clips import HELD_OUT_CLIPS, held_out_names
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.pose_prior import (
     POSE_SIZE,
     PosePrior,
@@ -17,8 +17,6 @@ from vip_factors.body.pose_prior import (
     save_pose_prior,
 )
 from vip_factors.body.skeleton import joint_index
-from vip_factors.body.train_prior import train_pose_prior
-from vip_factors.body.train_prior_settings import PriorTraining
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import exp
 

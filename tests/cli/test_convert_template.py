@@ -9,7 +9,7 @@ from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.io.mcap_recording import read_recording
-from vip_factors.sensors.placement import SITES
+from vip_factors.sensors.calibration import SITES
 
 SENSORS = ("LF", "RS", "TR")
 

@@ -15,7 +15,7 @@ from vip_factors.cli.main import main
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_messages import calibration_message, calibration_of
 from vip_factors.io.mcap_recording import read_recording, write_recording
-from vip_factors.sensors.placement import Placement
+from vip_factors.sensors.calibration import Placement
 
 
 def assert_one_sentence(told, *words: str) -> None:

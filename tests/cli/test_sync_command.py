@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vip_factors.io.mcap_scene_recording import read_scene, write_scene
-from vip_factors.sensors.placement import preset
+from vip_factors.sensors.calibration import preset
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings

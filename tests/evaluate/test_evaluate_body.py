@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from vip_factors.body.anthropometry import likely_body
-from vip_factors.body.hinge_estimate import HingePrior
-from vip_factors.body.hinges import HINGES
-from vip_factors.body.lengths import LENGTHS
-from vip_factors.body.motion import Motion
-from vip_factors.body.variation import lengths_of
+from vip_factors.body.hinges import HINGES, HingePrior
+from vip_factors.body.kinematics import Motion
+from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.estimate import BodyEstimate, Estimate
 from vip_factors.evaluate.body import true_axis
 from vip_factors.evaluate.evaluation import evaluate

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.evaluate import trajectory
 from vip_factors.geometry.rotations import rotation_z

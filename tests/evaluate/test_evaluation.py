@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance

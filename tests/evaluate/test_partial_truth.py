@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.estimate import Estimate

@@ -7,7 +7,7 @@ import pytest
 from vip_factors.estimate import Estimate, SceneEstimate
 from vip_factors.evaluate.evaluation import EvaluationWarning, evaluate
 from vip_factors.evaluate.same_recording import doubts
-from vip_factors.sensors.placement import preset
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures

@@ -9,10 +9,10 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.initialise.clock import ClockSettings, find_clock_offset
 from vip_factors.initialise.clock_tracks import simple_tracks
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.simulate.gestures import gestures

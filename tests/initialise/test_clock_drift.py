@@ -7,7 +7,7 @@ import pytest
 
 from vip_factors.initialise.clock import ClockOffset, ClockSettings, find_clock_offset
 from vip_factors.initialise.clock_drift import DriftSettings
-from vip_factors.sensors.placement import preset
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene

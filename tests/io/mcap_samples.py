@@ -3,12 +3,10 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.hinge_estimate import HingeEstimate
-from vip_factors.body.hinges import HINGE_OF
-from vip_factors.body.length_prior import LengthPrior
+from vip_factors.body.anthropometry import LengthPrior, skeleton_from_stature
+from vip_factors.body.hinges import HINGE_OF, HingeEstimate
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS
-from vip_factors.body.motion import Motion
 from vip_factors.estimate import (
     BodyEstimate,
     Estimate,
@@ -18,9 +16,8 @@ from vip_factors.estimate import (
     SolveReport,
 )
 from vip_factors.geometry.rotations import exp
-from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.calibration import Placement, SensorCalibration, SensorSite, preset
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import Placement, SensorSite, preset
 from vip_factors.sensors.recording import Recording, Subject, Truth
 
 names = st.text(min_size=1, max_size=12)

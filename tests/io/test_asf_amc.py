@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from vip_factors.body.pose_prior import joint_vector
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.geometry.alignment import align_rigid
+from vip_factors.geometry.poses import align_rigid
 from vip_factors.geometry.rotations import angle_between, exp, rotation_x, rotation_z
 from vip_factors.io.motions.asf import rotation_in_order
 from vip_factors.io.motions.asf_amc import read_amc

@@ -10,13 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap_samples import covariance, hinge_of, names, seeds, walk
 
-from vip_factors.body.anthropometry import likely_body, skeleton_from_stature
-from vip_factors.body.length_prior import LengthPrior
+from vip_factors.body.anthropometry import LengthPrior, likely_body, skeleton_from_stature
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.body_file import BodyFile, read_body_file, write_body_file
 from vip_factors.io.known_body import scene_with_body, with_body
-from vip_factors.sensors.placement import place
+from vip_factors.sensors.calibration import place
 from vip_factors.sensors.scene import Scene
 
 

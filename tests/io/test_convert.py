@@ -14,7 +14,7 @@ from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z
 from vip_factors.io import convert
 from vip_factors.io.convert import ImportOptions, detect_format, import_recording, placement_from_file
-from vip_factors.sensors.placement import CARELESS_MOUNTING_SIGMA, SITES, place
+from vip_factors.sensors.calibration import CARELESS_MOUNTING_SIGMA, SITES, place
 
 RATE = 100.0
 

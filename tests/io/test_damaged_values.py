@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 from tests.studies.fuzz.outcome import limited_memory, out_of_memory
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.cli.settings_file import read_settings
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.evaluate.frames import common_frames
@@ -27,7 +27,7 @@ from vip_factors.io.motions.amass import read_amass
 from vip_factors.io.motions.asf import read_asf
 from vip_factors.io.motions.bvh import read_bvh
 from vip_factors.io.placement_file import placement_from_file
-from vip_factors.sensors.video_clock import VideoClock
+from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 

@@ -16,7 +16,7 @@ from vip_factors.errors import FileFormatError, VipFactorsError
 from vip_factors.geometry.rotations import angle_between, exp, log, rotation_x, rotation_z
 from vip_factors.io.importers import dip_imu
 from vip_factors.io.importers.numpy_pickle import load_plain_pickle
-from vip_factors.sensors.placement import SITES
+from vip_factors.sensors.calibration import SITES
 
 T = 30
 BONES = [SITES[site].bone for site in dip_imu.SENSOR_SITES.values()]

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vip_factors.body.keypoint_offsets import SHAPE, KeypointOffsets, PooledOffsets
+from vip_factors.body.keypoints import SHAPE, KeypointOffsets, PooledOffsets
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, read_keypoint_offsets, write_keypoint_offsets
 

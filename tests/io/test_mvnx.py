@@ -14,7 +14,7 @@ from vip_factors.errors import FileFormatError, VipFactorsError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import angle_between, exp, rotation_x, rotation_z
 from vip_factors.io.importers import mvnx
-from vip_factors.sensors.placement import SITES
+from vip_factors.sensors.calibration import SITES
 
 # Segments with their parent and the origin in it, on a person in the T-pose: x forward, y left, z up.
 LEFT = {

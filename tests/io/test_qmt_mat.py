@@ -11,7 +11,7 @@ from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, angle_between, exp, log, mean_rotation, rotation_z, transpose
 from vip_factors.io.importers import qmt_mat
 from vip_factors.io.importers.mat_sizes import check_mat_sizes
-from vip_factors.sensors.attitude import with_orientation
+from vip_factors.sensors.imu_stream import with_orientation
 
 RATE = 100.0
 GRAVITY = np.array([0.0, 0.0, 9.81])

@@ -16,7 +16,7 @@ from vip_factors.geometry.rotations import rotation_z
 from vip_factors.io.mcap_contents import McapWarning
 from vip_factors.io.mcap_recording import read_recording
 from vip_factors.io.ros2 import read_ros2_imus, read_ros2_recording
-from vip_factors.sensors.placement import Placement
+from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.recording import Subject
 
 LINE = "=" * 80

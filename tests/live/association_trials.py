@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.kinematics import BodyState, forward_kinematics, local_rotations
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import BodyState, Motion, forward_kinematics, local_rotations
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.live.association import OnlineAssociation
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.live import VideoFrame
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.noise import smooth_process

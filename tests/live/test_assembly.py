@@ -10,10 +10,10 @@ from vip_factors.errors import InputError
 from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.assembly_settings import AssemblySettings
 from vip_factors.live.triangular import triangular_average_of_samples
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams, triangular_average
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.live import LiveSetup, live_samples
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene

@@ -17,8 +17,8 @@ from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.problem.scene import SceneProblem
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.live import LiveSample, LiveSetup, VideoFrame, live_samples
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene

@@ -9,9 +9,9 @@ from tracked import RATE, filmed, poses, track
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.metrics import mpjpe
 from vip_factors.pipeline import smooth
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.live import live_samples
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.gestures import gestures

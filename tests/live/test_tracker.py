@@ -20,7 +20,7 @@ from tracked import (
 )
 
 from vip_factors.evaluate.metrics import mpjpe
-from vip_factors.geometry.alignment import align_yaw
+from vip_factors.geometry.poses import align_yaw
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.pipeline import smooth_scene

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from filmed_gestures import filmed_gestures
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.metrics import mpjpe
 from vip_factors.live.recalibration_settings import RecalibrationSettings

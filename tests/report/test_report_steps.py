@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import rotation_x
@@ -14,7 +14,7 @@ from vip_factors.report.material import Wearer
 from vip_factors.report.measured import bones_with_sensors, is_measured
 from vip_factors.report.steps import walk_of
 from vip_factors.report.time_chart import Line, thinned, time_chart
-from vip_factors.sensors.placement import preset
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.recording import Recording, Subject
 
 RATE, STEP_S, STEP_LENGTH = 60.0, 0.6, 0.6

@@ -6,7 +6,7 @@ import pytest
 
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera_model import CameraModel, VideoClock
 
 DISTORTIONS = [
     (),
@@ -67,3 +67,13 @@ def test_implausible_intrinsics_are_refused(wrong: dict) -> None:
 
 def test_keypoints_not_found_stay_not_found() -> None:
     assert np.all(np.isnan(model(DISTORTIONS[1]).normalise(np.full((2, 2), np.nan))))
+
+
+def test_corrections_of_clocks_add_up() -> None:
+    video = np.array([0.0, 60.0, 300.0])
+    clock = VideoClock(2.0, 1e-3)
+    sensors = clock.at(video)
+    np.testing.assert_allclose(sensors, [2.0, 62.06, 302.3])
+    better = clock.corrected(0.02, -2e-4, middle=150.0)
+    np.testing.assert_allclose(better.at(video), sensors + 0.02 - 2e-4 * (sensors - 150.0), atol=1e-12)
+    assert VideoClock().late(5.0) == pytest.approx(0.0)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from vip_factors.errors import InputError, RecordingError
+from vip_factors.sensors.calibration import Placement, preset
 from vip_factors.sensors.parts import in_parts, joined_in_memory, scene_in_parts
-from vip_factors.sensors.placement import Placement, preset
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.sampled import RecordingInMemory
 from vip_factors.sensors.scene import Scene

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z

@@ -5,10 +5,10 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import angle_between, exp, log, rotation_z, transpose, wrap_angle, yaw_of
-from vip_factors.sensors.placement import Placement, place, preset
+from vip_factors.sensors.calibration import Placement, place, preset
 from vip_factors.sensors.recording import Recording
 from vip_factors.simulate.dense import dense_motion
 from vip_factors.simulate.gestures import gestures

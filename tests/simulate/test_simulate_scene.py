@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from vip_factors.body.keypoints import keypoint_set
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import angle_between, log, rotation_z, transpose
-from vip_factors.sensors.placement import preset
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.dense import dense_motion
 from vip_factors.simulate.detector_settings import DetectorSettings

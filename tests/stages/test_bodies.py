@@ -6,20 +6,17 @@ from functools import cache
 import numpy as np
 from filmed_gestures import QUICK
 
-from vip_factors.body.anthropometry import likely_body, skeleton_from_stature
-from vip_factors.body.hinge_estimate import HingeEstimate
-from vip_factors.body.hinges import HINGE_OF
+from vip_factors.body.anthropometry import LengthPrior, likely_body, skeleton_from_stature
+from vip_factors.body.hinges import HINGE_OF, HingeEstimate
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
-from vip_factors.body.length_prior import LengthPrior
-from vip_factors.body.lengths import LENGTHS
+from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.skeleton import Skeleton
-from vip_factors.body.variation import lengths_of
 from vip_factors.estimate import Estimate, SceneEstimate
 from vip_factors.evaluate.scene import evaluate_scene
 from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth_scene
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Subject
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures

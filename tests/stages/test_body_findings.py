@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from vip_factors.body.anthropometry import likely_body, skeleton_from_stature
-from vip_factors.body.lengths import LENGTHS
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
+from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.skeleton import JOINT_COUNT, joint_index
-from vip_factors.body.variation import lengths_of
 from vip_factors.estimate import BodyEstimate
 from vip_factors.geometry.rotations import rotation_x
 from vip_factors.stages.body_findings import body_findings, common_scale, knee_findings

@@ -7,7 +7,7 @@ import pytest
 
 from vip_factors.evaluate.evaluation import evaluate
 from vip_factors.pipeline import smooth
-from vip_factors.sensors.placement import preset
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.recording import Recording
 from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures

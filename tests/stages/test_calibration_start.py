@@ -8,8 +8,8 @@ import pytest
 
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z, wrap_angle
 from vip_factors.initialise.start_search import Starts
+from vip_factors.sensors.calibration import Placement, preset
 from vip_factors.sensors.frames import resample
-from vip_factors.sensors.placement import Placement, preset
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.gestures import gestures

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scene_sample import MODEL, scene_sample
 
-from vip_factors.body.keypoint_offsets import KeypointOffsets, PooledOffsets
-from vip_factors.body.keypoints import OFFSET_KEYPOINTS, keypoint_set, offset_of
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, PooledOffsets, keypoint_set, offset_of
 from vip_factors.errors import InputError
 from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, write_keypoint_offsets
 from vip_factors.sensors.detections import Detections

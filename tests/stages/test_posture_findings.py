@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import Array, exp, rotation_x
-from vip_factors.sensors.calibration import Calibration, SensorCalibration
-from vip_factors.sensors.placement import preset
+from vip_factors.sensors.calibration import Calibration, SensorCalibration, preset
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.simulate.gestures import gestures
 from vip_factors.stages.posture_findings import posture_findings

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vip_factors.errors import RecordingError
-from vip_factors.sensors.placement import preset
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures

@@ -8,9 +8,9 @@ import pytest
 
 from vip_factors.errors import RecordingError
 from vip_factors.initialise.sensor_delays import SensorClockSettings, fewest_delays
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.sampled import RecordingInMemory
 from vip_factors.settings import Settings, WindowSettings

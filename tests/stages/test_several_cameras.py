@@ -10,7 +10,7 @@ from filmed_gestures import QUICK, camera_of
 from vip_factors.estimate import SceneEstimate
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.pipeline import smooth_scene
-from vip_factors.sensors.placement import preset
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene

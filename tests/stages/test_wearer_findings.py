@@ -8,7 +8,7 @@ import pytest
 from filmed_gestures import HASTY, QUICK, filmed_gestures, with_detections
 
 from vip_factors.pipeline import smooth_scene
-from vip_factors.sensors.placement import preset
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene

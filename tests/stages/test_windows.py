@@ -9,16 +9,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.estimate import Estimate, LongEstimate, PoseCovariance
 from vip_factors.geometry.rotations import angle_between, exp
 from vip_factors.initialise.sensor_delays import SensorClockSettings
 from vip_factors.initialise.suppositions import StartSettings
 from vip_factors.problem.state import WearerState
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import in_stretches, resample, resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.sampled import RecordingInMemory, closed_up, frames_of
 from vip_factors.settings import CalibrationSettings, Settings, WindowSettings

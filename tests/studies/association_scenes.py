@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.associate.hypothesis import wearer_points
-from vip_factors.body.kinematics import forward_kinematics, local_rotations
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion, forward_kinematics, local_rotations
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.geometry.rotations import Array, exp, rotation_z
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.noise import smooth_process
 from vip_factors.simulate.scene import Performer, simulate_scene

@@ -8,11 +8,11 @@ import numpy as np
 from scipy.special import chdtri
 
 from tests.studies.gaussian_scene import GaussianScene, GaussianSettings, gaussian_scene
+from tests.studies.pose_prior_training import held_out_names
 from tests.studies.scenes import find_clips
 from tests.studies.study import Fixed, Study, Tell, bullets, table
 from tests.studies.vip import Vip
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.body.held_out_clips import held_out_names
 from vip_factors.errors import InputError, SolveError
 from vip_factors.evaluate.consistency import nees
 from vip_factors.evaluate.scene import evaluate_scene
@@ -22,7 +22,7 @@ from vip_factors.pipeline import smooth_scene
 from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.layout import ROOT, Owner, OwnerId
 from vip_factors.problem.state import CameraState
-from vip_factors.sensors.placement import PRESETS
+from vip_factors.sensors.calibration import PRESETS
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.simulate.scene_settings import CameraKind

@@ -10,20 +10,20 @@ from time import perf_counter
 
 import numpy as np
 
+from tests.studies.pose_prior_training import held_out_names
 from tests.studies.scenes import BLEND_S, HOLD_S, PLACEMENT, POSE, find_clips, straps_and_sensors
 from tests.studies.study import NAN, Fixed, Study, Tell, bullets, group, mean, table
 from tests.studies.thesis import ASSOCIATION_3DPW
 from vip_factors.associate.associate import associate
-from vip_factors.body.held_out_clips import held_out_names
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError, RecordingError, SolveError
 from vip_factors.evaluate.association import AssociationScore, association_score
 from vip_factors.evaluate.scene import evaluate_scene
 from vip_factors.io.motions.files import read_motion
 from vip_factors.pipeline import smooth_scene
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.simulate.scene import Performer, simulate_scene

@@ -13,8 +13,8 @@ from scipy.interpolate import make_interp_spline
 
 from tests.studies.marker_body import ARMS, LEGS, SHOULDERS, SIDES, MarkerBody, marker_columns
 from tests.studies.walk import CENTRES, R_VICON_BONE, TRIAL, AngleError, read_vicon
-from vip_factors.body.anatomical_frames import R_BODY_ISB
-from vip_factors.body.motion import Motion
+from vip_factors.body.joint_angles import R_BODY_ISB
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
 from vip_factors.evaluate.joint_angle import (
@@ -27,7 +27,7 @@ from vip_factors.evaluate.joint_angle import (
     rmse,
     rmse_without_offset,
 )
-from vip_factors.geometry.alignment import align_rigid
+from vip_factors.geometry.poses import align_rigid
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 

@@ -18,9 +18,9 @@ from vip_factors.problem.points import BodyPoint
 from vip_factors.problem.scene import CameraFactorSettings, CameraProblem, KeypointView, SceneProblem
 from vip_factors.problem.state import CameraState, SceneState, WearerState
 from vip_factors.problem.wearer import FactorSettings, WearerProblem
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.sensors.placement import preset
 from vip_factors.terms.acceleration import GRAVITY
 from vip_factors.terms.camera_pose import CameraPoses
 from vip_factors.terms.robust import RobustLoss

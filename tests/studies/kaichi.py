@@ -21,17 +21,17 @@ from tests.studies.scenes import (
     without_camera,
 )
 from tests.studies.study import NAN, Fixed, Tell, bullets, mean, table
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.configurations import Configuration, named_settings
 from vip_factors.errors import InputError, RecordingError, SolveError
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.joints import GLOBAL_JOINTS, indices
 from vip_factors.evaluate.metrics import CM, global_position_error, mpjpe, orientation_error, position_error
-from vip_factors.geometry.alignment import Alignment
+from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array, rotation_z, transpose, yaw_of
 from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth_scene
-from vip_factors.sensors.gauge import move_motion
+from vip_factors.sensors.camera_path import move_motion
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.scene_settings import SceneSettings
 from vip_factors.simulate.settings import SimulateSettings

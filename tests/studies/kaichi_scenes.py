@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter1d
 
 from tests.studies.scenes import as_calibration, mean_angle, nominal_start, true_calibration, true_motion, turned
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import transpose, wrap_angle, yaw_of
 from vip_factors.sensors.recording import Truth

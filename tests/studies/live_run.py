@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from tests.studies.scenes import with_nominal_pose
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.evaluate.frames import common_frames
@@ -19,7 +19,7 @@ from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose
 from vip_factors.sensors.calibration import Calibration
-from vip_factors.sensors.gauge import move_motion, scene_gauge
+from vip_factors.sensors.camera_path import move_motion, scene_gauge
 from vip_factors.sensors.live import LiveSetup, live_samples
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings

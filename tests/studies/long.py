@@ -22,8 +22,8 @@ from vip_factors.io.mcap_recording import IMU, recording_messages
 from vip_factors.io.mcap_sampled import open_sampled
 from vip_factors.io.mcap_writer import MessageWriter
 from vip_factors.pipeline import smooth_long
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import preset
 from vip_factors.simulate.recording import simulate_recording
 
 CHUNK_BYTES = 1 << 20

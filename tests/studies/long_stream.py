@@ -12,11 +12,11 @@ import numpy as np
 
 from tests.studies.scenes import HOLD_S, PLACEMENT, POSE, straps_and_sensors
 from tests.studies.study import Study
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import exp
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.live import ImuSample, LiveSample, LiveSetup, live_samples
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene

@@ -25,7 +25,7 @@ from tests.studies.real_recordings import RealRecording, real_recordings
 from tests.studies.recordings import RecordingTrial, recording_trials, recordings_table, smoothed_motion, streamed
 from tests.studies.study import Study, Tell, table
 from tests.studies.walk import AngleError
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import wrap_angle

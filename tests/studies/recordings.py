@@ -10,7 +10,7 @@ import tyro
 
 from tests.studies.live_run import filled_motion
 from tests.studies.study import Study, Tell, columns, table
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.evaluate.evaluation import evaluate_motion

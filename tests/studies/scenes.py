@@ -7,19 +7,18 @@ from typing import TypeVar
 
 import numpy as np
 
+from tests.studies.pose_prior_training import HELD_OUT_CLIPS, held_out_names
 from tests.studies.study import Study
 from vip_factors.body.calibration_pose import nominal_pose
-from vip_factors.body.held_out_clips import HELD_OUT_CLIPS, held_out_names
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.evaluate.calibration_metrics import ENDS
 from vip_factors.evaluate.frames import resample as resample_motion
 from vip_factors.geometry.rotations import Array, angle_between, rotation_z, transpose, wrap_angle
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration
 from vip_factors.io.motions.files import motion_files, read_motion
-from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.calibration import SensorCalibration, preset
 from vip_factors.sensors.frames import resample
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Recording, Truth
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings

@@ -12,8 +12,8 @@ from tests.studies.thesis import SECONDS_1000_FRAMES_20_ITERATIONS
 from vip_factors.assembly.objective import WearerObjective
 from vip_factors.cli.options import Flag
 from vip_factors.pipeline import smooth, smooth_scene
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Recording
 from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.gestures import gestures

@@ -23,15 +23,14 @@ from tests.studies.scenes import (
     without_camera,
 )
 from tests.studies.study import NAN, Fixed, Tell, bullets, group, mean, table
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, RecordingError, SolveError
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth_scene
-from vip_factors.sensors.calibration import Calibration
-from vip_factors.sensors.placement import preset
+from vip_factors.sensors.calibration import Calibration, preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings

@@ -17,12 +17,12 @@ from tests.studies.marker_body import (
     posed,
     read_marker_body,
 )
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
 from vip_factors.evaluate.joint_angle import inclination_deg
 from vip_factors.geometry.rotations import rotation_z
-from vip_factors.sensors.placement import preset
+from vip_factors.sensors.calibration import preset
 from vip_factors.simulate.detector_settings import DetectorSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording

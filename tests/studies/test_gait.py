@@ -19,7 +19,7 @@ from tests.studies.gait import (
     video_motion,
 )
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import rotation_x

@@ -11,7 +11,7 @@ from tests.studies.kaichi import PUBLISHED_CM, Form, Kaichi, KaichiTrial, Way, m
 from tests.studies.kaichi_scenes import grounded, share_off_ground, told_headings, told_straps, with_sensors
 from tests.studies.scenes import mean_angle, nominal_start, true_calibration, true_motion
 from tests.studies.study import markdown, run
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import angle_between, wrap_angle
 from vip_factors.live.settings import LiveSettings

@@ -14,8 +14,8 @@ from vip_factors.geometry.rotations import exp
 from vip_factors.initialise.calibration import known_calibration
 from vip_factors.io.mcap_recording import write_recording
 from vip_factors.io.mcap_scene_recording import write_scene
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures

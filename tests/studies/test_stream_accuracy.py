@@ -11,7 +11,7 @@ from tests.studies.live_run import filled_motion, pose_errors, since_start
 from tests.studies.scenes import true_motion
 from tests.studies.stream_accuracy import StreamAccuracy
 from tests.studies.study import markdown, run
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.geometry.rotations import exp, rotation_z
 from vip_factors.live.settings import LiveSettings

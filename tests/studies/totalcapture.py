@@ -23,12 +23,11 @@ from vip_factors.io.imported import ImportedLog
 from vip_factors.io.importers import totalcapture
 from vip_factors.io.importers.totalcapture_body import R_WORLD_VICON
 from vip_factors.io.importers.totalcapture_files import sensors_file
-from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.calibration import CARELESS_MOUNTING_SIGMA, SensorCalibration
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.frames import resample_streams
-from vip_factors.sensors.placement import CARELESS_MOUNTING_SIGMA
 from vip_factors.sensors.recording import Recording, Subject, Truth
 from vip_factors.sensors.scene import Camera, Scene, SceneTruth
 from vip_factors.simulate.dense import dense_motion

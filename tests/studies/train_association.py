@@ -11,6 +11,7 @@ import tyro
 from scipy.optimize import minimize
 
 from tests.studies.association_scenes import LabelledScene, SceneMaking, labelled, make_scene, usable
+from tests.studies.pose_prior_training import DAMAGED_CLIPS, held_out_names
 from tests.studies.study import Tell
 from tests.studies.train_prior import Trained, Training
 from vip_factors.associate.associate import (
@@ -27,8 +28,7 @@ from vip_factors.associate.features import Context, inter_features, unary_featur
 from vip_factors.associate.settings import AssociationSettings
 from vip_factors.associate.verdict import verdict_features
 from vip_factors.associate.weights import FEATURES, AssociationWeights, Logistic
-from vip_factors.body.held_out_clips import DAMAGED_CLIPS, held_out_names
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.cli.outputs import Output
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array

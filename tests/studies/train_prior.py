@@ -13,13 +13,11 @@ from typing import Annotated
 import numpy as np
 import tyro
 
+from tests.studies.body_prior_training import DIMENSIONS, BodyTraining, train_body_prior
+from tests.studies.pose_prior_training import DAMAGED_CLIPS, PriorTraining, held_out_names, train_pose_prior
 from tests.studies.study import Study, Tell
 from vip_factors.body.body_prior import BodyPrior, save_body_prior
-from vip_factors.body.held_out_clips import DAMAGED_CLIPS, held_out_names
 from vip_factors.body.pose_prior import PosePrior, save_pose_prior
-from vip_factors.body.train_body_prior import DIMENSIONS, BodyTraining, train_body_prior
-from vip_factors.body.train_prior import train_pose_prior
-from vip_factors.body.train_prior_settings import PriorTraining
 from vip_factors.cli.outputs import Output
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array

@@ -25,7 +25,7 @@ from tests.studies.scenes import (
 from tests.studies.sip import errors_by_kind
 from tests.studies.study import NAN, Fixed, Study, Tell, bullets, group, mean, table
 from tests.studies.vip_variants import VARIANTS, Variant, chosen_variants, settings_of, told
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import RecordingError, SolveError
 from vip_factors.estimate import Estimate, SceneEstimate
 from vip_factors.evaluate.frames import common_frames

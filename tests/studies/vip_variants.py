@@ -17,8 +17,7 @@ from tests.studies.scenes import (
 )
 from vip_factors.errors import InputError
 from vip_factors.initialise.calibration import InitialCalibration
-from vip_factors.sensors.calibration import Calibration
-from vip_factors.sensors.placement import PRESETS, SITES
+from vip_factors.sensors.calibration import PRESETS, SITES, Calibration
 from vip_factors.sensors.recording import Recording, Truth
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings

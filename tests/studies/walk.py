@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from tests.studies.study import Fixed, Study, Tell, table
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
 from vip_factors.evaluate.joint_angle import knee_flexion_deg, knee_flexion_of, rmse, rmse_without_offset
-from vip_factors.geometry.alignment import align_rigid
+from vip_factors.geometry.poses import align_rigid
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.convert import ImportOptions, import_recording

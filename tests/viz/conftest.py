@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.estimate import Estimate, Iteration, SolveReport
 from vip_factors.geometry.rotations import exp, rotation_x, rotation_y, rotation_z, transpose
-from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.calibration import SensorCalibration, preset
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import preset
 from vip_factors.sensors.recording import Recording, Subject, Truth
 
 R_WORLD_STANDING = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # body y up, z along the world's x

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from vip_factors.body.anthropometry import likely_body, skeleton_from_stature
-from vip_factors.body.hinge_estimate import HingePrior
-from vip_factors.body.lengths import LENGTHS
-from vip_factors.body.variation import lengths_of
+from vip_factors.body.hinges import HingePrior
+from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.estimate import BodyEstimate
 from vip_factors.viz.body_chart import AXIS, body_picture
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from vip_factors.sensors.placement import SITES, place, site_axes
+from vip_factors.sensors.calibration import SITES, place, site_axes
 from vip_factors.viz.drawn_body import Eye, standing
 from vip_factors.viz.sites_picture import sites_picture
 

@@ -7,7 +7,7 @@ import pytest
 from live_answers import live_scene, setup_of
 from scene_sample import estimate_of, scene_sample
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.simulate.gestures import gestures
 from vip_factors.viz.layout import span_axis

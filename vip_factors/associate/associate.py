@@ -25,7 +25,7 @@ from vip_factors.associate.settings import AssociationSettings
 from vip_factors.associate.tracklets import tracklets
 from vip_factors.associate.verdict import verdict_features
 from vip_factors.associate.weights import Logistic, load_weights
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.sensors.camera_model import CameraModel

@@ -9,7 +9,7 @@ from vip_factors.associate.features import Context
 from vip_factors.associate.hypothesis import keypoint_sigma, wearer_points
 from vip_factors.associate.major_joints import given_keypoints
 from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array, rotation_z, yaw_of
 from vip_factors.sensors.detections import Detections
 

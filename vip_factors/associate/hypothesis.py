@@ -7,8 +7,7 @@ import numpy as np
 
 from vip_factors.associate.camera_fit import CameraFit, fit_cameras
 from vip_factors.body.keypoints import KeypointSet
-from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.sensors.detections import Detections

@@ -1,7 +1,8 @@
 """The body of a person of whom stature, sex, mass or some lengths are known: the likeliest, and how others differ.
 
 What is known enters as observations of the prior over bodies (:mod:`~vip_factors.body.body_prior`) and moves all that
-it does not name: long legs that were measured shorten the trunk, since the stature is what it is.
+it does not name: long legs that were measured shorten the trunk, since the stature is what it is. Of a body estimated
+from an earlier recording, :class:`LengthPrior` says how far each length may still be off.
 """
 
 from collections.abc import Mapping
@@ -10,11 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.body.body_prior import STATURE_ROW, VARIABLES, BodyGaussian, Observation, load_body_prior
-from vip_factors.body.lengths import LENGTHS, skeleton_of_lengths
-from vip_factors.body.measured import apply_sides, measured_lengths
-from vip_factors.body.skeleton import Skeleton
-from vip_factors.body.variation import BodyVariation
+from vip_factors.body.lengths import BODY_LENGTHS, LENGTHS, BodyVariation, skeleton_of_lengths
+from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array
 
 STATURE_RANGE_M = (0.8, 2.6)  # from a small child to the tallest adults measured
 MASS_RANGE_KG = (8.0, 400.0)
@@ -138,3 +138,101 @@ def _note(stature_m: float | None, beyond: float, mean: float, sigma: float) -> 
             f"adults whose proportions are known, {mean:.2f} m: these are scaled, and held for less certain{children}"
         )
     return ""
+
+
+# By what people call a segment: the joint at its far end.
+SEGMENT_ENDS = {
+    "thigh": "knee", "shank": "ankle", "upper_arm": "elbow", "forearm": "wrist", "foot": "foot", "hand": "hand",
+}  # fmt: skip
+# What is measured without sides, as a sum of the body's lengths.
+WHOLE = {
+    "hip_width": {"hip width": 1.0},
+    "shoulder_width": {"shoulder width": 1.0},
+    "trunk": {"trunk": 1.0, "hip height": -1.0},
+}
+LENGTH_RANGE_M = (0.02, 1.2)
+
+
+def measured_lengths(measured: Mapping[str, float]) -> tuple[list[tuple[Array, float]], dict[str, float]]:
+    """What measured lengths tell of a body whose sides are alike, and how the sides differ from it.
+
+    Returns:
+        Rows ``(17,)`` of the body's lengths with the metres they amount to; and by the joint at a limb's end the metres
+        that it is longer than the mean of both sides.
+
+    Raises:
+        InputError: for an implausible length or an unknown segment.
+    """
+    sides: dict[str, dict[str, float]] = {}
+    rows = []
+    low, high = LENGTH_RANGE_M
+    for name, metres in sorted(measured.items(), key=lambda one: one[0].startswith(("left_", "right_"))):
+        if not low <= metres <= high:
+            raise InputError(f"segment length {name} = {metres:g} m: expected metres, between {low:g} and {high:g}")
+        if name in WHOLE:
+            rows.append((_row(WHOLE[name]), metres))
+            continue
+        side, _, limb = name.partition("_") if name.startswith(("left_", "right_")) else ("", "", name)
+        if limb not in SEGMENT_ENDS:
+            known = ", ".join([*SEGMENT_ENDS, *WHOLE])
+            raise InputError(f"unknown segment '{name}': expected one of {known}, with left_ or right_ before a limb's")
+        # A side's own length comes after both sides', and wins.
+        sides.setdefault(limb, {}).update({one: metres for one in ([side] if side else ["left", "right"])})
+    halves: dict[str, float] = {}
+    for limb, lengths in sides.items():
+        mean = float(np.mean(list(lengths.values())))
+        rows.append((_row({limb.replace("_", " "): 1.0}), mean))
+        halves |= {f"{side}_{SEGMENT_ENDS[limb]}": metres - mean for side, metres in lengths.items()}
+    return rows, halves
+
+
+def apply_sides(skeleton: Skeleton, halves: Mapping[str, float]) -> Skeleton:
+    """The skeleton with limbs longer than both sides' mean by metres, by the joint at their end."""
+    offsets = skeleton.p_parent_joint.copy()
+    for joint, metres in halves.items():
+        along = offsets[joint_index(joint)]
+        offsets[joint_index(joint)] = along * (1 + metres / np.linalg.norm(along))
+    return Skeleton(offsets, skeleton.landmarks, skeleton.source)
+
+
+def _row(lengths: Mapping[str, float]) -> Array:
+    return np.array([lengths.get(name, 0.0) for name in BODY_LENGTHS])
+
+
+# m: no combination of lengths is taken to be known better. Soft tissue and a detector's habits err alike in every
+# frame, and what was found counts each of them as news.
+LEAST_SIGMA = 0.003
+
+
+@dataclass(frozen=True)
+class LengthPrior:
+    """A Gaussian about the lengths of a skeleton.
+
+    Attributes:
+        names: ``B`` of :data:`~vip_factors.body.lengths.LENGTHS`, or of another version's.
+        covariance: ``(B, B)`` m², of changes of the skeleton.
+    """
+
+    names: tuple[str, ...]
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        covariance, count = np.asarray(self.covariance, dtype=float), len(self.names)
+        if covariance.shape != (count, count) or len(set(self.names)) != count:
+            raise InputError(f"covariance of {count} lengths has shape {covariance.shape}: expected ({count}, {count})")
+        symmetric = np.all(np.isfinite(covariance)) and np.allclose(covariance, covariance.T, atol=1e-9)
+        if not symmetric or np.any(np.diag(covariance) < 0):
+            raise InputError("covariance of lengths: expected finite numbers, symmetric, with variances of 0 or more")
+        object.__setattr__(self, "covariance", covariance)
+
+    def variation(self, skeleton: Skeleton) -> BodyVariation:
+        """How ``skeleton`` may change, and how likely: lengths without a name here as those of anybody else."""
+        whole = likely_body(skeleton.stature).variation.covariance
+        known = [(LENGTHS.index(name), place) for place, name in enumerate(self.names) if name in LENGTHS]
+        if known:
+            at, given = (np.array(column) for column in zip(*known, strict=True))
+            whole[at, :] = whole[:, at] = 0.0
+            whole[np.ix_(at, at)] = self.covariance[np.ix_(given, given)]
+        values, vectors = np.linalg.eigh(whole)
+        covariance = (vectors * np.maximum(values, LEAST_SIGMA**2)) @ vectors.T
+        return BodyVariation.about_mean(skeleton, covariance)

@@ -1,12 +1,18 @@
-"""Joint angles in the terms of the International Society of Biomechanics (ISB), in degrees.
+"""Anatomical frames of the segments, and joint angles in the terms of the International Society of Biomechanics (ISB).
 
-Hips, knees, ankles: Grood & Suntay (1983), J. Biomech. Eng. 105, and Wu et al. (2002), J. Biomech. 35: flexion about
-the upper segment's mediolateral axis, rotation about the lower one's long axis, adduction about the floating axis
+Frames: x forward, y up, z to the right in the anatomical posture that ISB counts joint angles from (Wu et al. 2002,
+J. Biomech. 35; 2005, 38) and in which OpenSim's models stand: upright, feet level and pointing forward, arms hanging,
+palms forward. Ours at rest is the T-pose; from there the arms go down by 90° about the forward axis, by which the palms
+face the thighs, and the forearms turn outward (supinate) by 90°. Where ISB finds axes by palpated landmarks, these are
+the bone's own, parallel in that posture; but as there, the long axis of thigh, shank, upper arm and forearm goes
+through the centres of the joints at both ends, wherever a body has them.
+
+Angles, in degrees. Hips, knees, ankles: Grood & Suntay (1983), J. Biomech. Eng. 105, and Wu et al. (2002): flexion
+about the upper segment's mediolateral axis, rotation about the lower one's long axis, adduction about the floating axis
 between. Trunk, neck, elbows and wrists likewise, and shoulders, the upper arm against the thorax, by plane of
-elevation, elevation and axial rotation (Wu et al. 2005, J. Biomech. 38). Pelvis: rotation, obliquity, tilt in that
-order (Baker 2001, J. Biomech. 34), so that tilt means the same whichever way somebody walks. Both sides have the same
-signs. All angles are zero in the anatomical posture of :mod:`~vip_factors.body.anatomical_frames`, of a body whose
-limbs are straight in it.
+elevation, elevation and axial rotation (Wu et al. 2005). Pelvis: rotation, obliquity, tilt in that order (Baker 2001,
+J. Biomech. 34), so that tilt means the same whichever way somebody walks. Both sides have the same signs. All angles
+are zero in the anatomical posture, of a body whose limbs are straight in it.
 """
 
 from collections.abc import Iterator
@@ -14,12 +20,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.body.anatomical_frames import mirrored, segment_axes, segment_orientations
-from vip_factors.body.motion import Motion
-from vip_factors.body.skeleton import PARENTS, joint_index
+from vip_factors.body.calibration_pose import calibration_pose
+from vip_factors.body.kinematics import Motion
+from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Skeleton, joint_index
 from vip_factors.errors import InputError
-from vip_factors.geometry.axis_sequence import sequence_of_rotation
-from vip_factors.geometry.rotations import Array, exp, transpose, wrap_angle
+from vip_factors.geometry.rotations import (
+    Array,
+    exp,
+    rotation_between,
+    rotation_y,
+    sequence_of_rotation,
+    transpose,
+    wrap_angle,
+)
 
 
 @dataclass(frozen=True)
@@ -225,3 +238,45 @@ def _angles(joint: _Joint, R_above_below: Array) -> Array:
     if joint.axes == "yxy":  # seen from behind, where x and z point the other way, elevation is a positive turn
         return sequence_of_rotation(_HALF_TURN_ABOUT_Y @ R @ _HALF_TURN_ABOUT_Y, joint.axes) * abs(signs)
     return sequence_of_rotation(R, joint.axes) * signs
+
+
+# x forward, y up, z right, as columns in the body's axes: x left, y up, z forward.
+R_BODY_ISB = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+# The same of the room, which has z up: x of the world, up, and what is to the right of who looks along x. OpenSim's
+# ground is like this.
+R_WORLD_ISB = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+
+# Turns a left segment's rotation into that of a right one, seen in a mirror: z points the other way.
+_MIRROR = np.diag([1.0, 1.0, -1.0])
+
+
+def segment_axes(skeleton: Skeleton) -> Array:
+    """Each segment's anatomical axes, as columns in its bone's: ``(24, 3, 3)``."""
+    R_bone_segment = _of_straight_limbs()
+    for bone in range(JOINT_COUNT):
+        limb = skeleton.limb(bone)
+        if limb is not None:
+            R_bone_segment[bone] = rotation_between(R_bone_segment[bone][:, 1], -limb) @ R_bone_segment[bone]
+    return R_bone_segment
+
+
+def _of_straight_limbs() -> Array:
+    hanging, found = calibration_pose("n-pose"), np.empty((JOINT_COUNT, 3, 3))
+    for bone, name in enumerate(JOINT_NAMES):
+        side, _, joint = name.partition("_")
+        found[bone] = R_BODY_ISB
+        if joint in ("shoulder", "elbow", "wrist", "hand"):
+            found[bone] = hanging[joint_index(f"{side}_shoulder")].T @ R_BODY_ISB
+        if joint in ("elbow", "wrist", "hand"):  # with the palm at the thigh the forearm is pronated by 90°
+            found[bone] = found[bone] @ rotation_y(-np.pi / 2 if side == "left" else np.pi / 2)
+    return found
+
+
+def segment_orientations(motion: Motion) -> Array:
+    """Orientations ``(T, 24, 3, 3)`` of the segments' anatomical axes in the room's (y up, :data:`R_WORLD_ISB`)."""
+    return R_WORLD_ISB.T @ motion.state.R_world_bone @ segment_axes(motion.skeleton)
+
+
+def mirrored(R: Array) -> Array:
+    """Rotations ``(..., 3, 3)`` of the other side's segments, in the same axes."""
+    return _MIRROR @ R @ _MIRROR

@@ -13,7 +13,7 @@ from vip_factors.cli.outputs import Output
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
-    from vip_factors.body.motion import Motion
+    from vip_factors.body.kinematics import Motion
     from vip_factors.estimate import SceneEstimate
     from vip_factors.evaluate.evaluation import Evaluation
     from vip_factors.evaluate.scene import SceneEvaluation

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from vip_factors.errors import FileFormatError, InputError
 
 if TYPE_CHECKING:
-    from vip_factors.body.motion import Motion
+    from vip_factors.body.kinematics import Motion
     from vip_factors.estimate import Estimate, SceneEstimate
     from vip_factors.sensors.recording import Recording
     from vip_factors.sensors.scene import Scene

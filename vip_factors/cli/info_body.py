@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vip_factors.body.hinge_estimate import HingeEstimate
+from vip_factors.body.hinges import HingeEstimate
 from vip_factors.cli.text_table import aligned, with_sigma
 from vip_factors.estimate import BodyEstimate
 

@@ -7,7 +7,7 @@ import numpy as np
 from vip_factors.cli.text_table import aligned, with_sigma
 from vip_factors.estimate import DetectorEstimate, SensorPlaceEstimate
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.placement import SITES, site_axes
+from vip_factors.sensors.calibration import SITES, site_axes
 
 MM = 1e3
 FORWARD, UP, LEFT = 2, 1, 0  # bone axes

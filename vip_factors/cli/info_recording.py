@@ -4,16 +4,15 @@ import math
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.cli.info_body import body_lines
 from vip_factors.cli.info_places import sensor_place_lines
 from vip_factors.cli.text_table import aligned
 from vip_factors.estimate import Estimate, SolveReport, StartChoice
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.calibration import SensorCalibration, site_name
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import site_name
 from vip_factors.sensors.recording import Recording
 
 MANY = 7.0  # nats: a thousand times

@@ -15,10 +15,9 @@ from vip_factors.cli.info_recording import (
 )
 from vip_factors.estimate import CameraEstimate, SceneEstimate
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera_model import CameraModel, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene, SceneTruth, Video
-from vip_factors.sensors.video_clock import VideoClock
 
 CAMERA_AXES = "in the camera's axes (x right, y down, z forward)"
 STANDS_M = 0.1  # what stays as near to one place was no walk: its poses tremble, and their steps add up to metres

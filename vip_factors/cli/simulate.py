@@ -15,7 +15,7 @@ from vip_factors.simulate.detector_settings import DetectorSettings
 from vip_factors.simulate.settings import SimulateSettings
 
 if TYPE_CHECKING:
-    from vip_factors.body.motion import Motion
+    from vip_factors.body.kinematics import Motion
     from vip_factors.sensors.recording import Recording
     from vip_factors.sensors.scene import Scene
     from vip_factors.simulate.scene_settings import SceneSettings
@@ -145,7 +145,7 @@ def _write_scene(options: SimulateOptions) -> str:
 
 def simulated(options: SimulateOptions) -> "Recording":
     """The recording that the options ask for."""
-    from vip_factors.sensors.placement import preset
+    from vip_factors.sensors.calibration import preset
     from vip_factors.simulate.recording import simulate_recording
 
     motion = _posed(_motion(options.motion, options, 0), options, 0)
@@ -156,7 +156,7 @@ def simulated(options: SimulateOptions) -> "Recording":
 
 def simulated_scene(options: SimulateOptions) -> "Scene":
     """The scene that the options ask for."""
-    from vip_factors.sensors.placement import preset
+    from vip_factors.sensors.calibration import preset
     from vip_factors.simulate.scene import Performer, simulate_scene
     from vip_factors.simulate.staging import from_time, lasting, staged
 

@@ -51,7 +51,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.errors import InputError
     from vip_factors.io.atomic import check_target
     from vip_factors.io.mcap_scene_recording import read_scene, write_scene
-    from vip_factors.sensors.video_clock import VideoClock
+    from vip_factors.sensors.camera_model import VideoClock
 
     out = options.out or beside(options.scene, ".synced.mcap")
     if not options.dry_run:

@@ -47,7 +47,7 @@ class TrainOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(TrainOptions, prog, arguments, none_is_a_value=True)
-    from vip_factors.body.keypoint_offsets import KeypointOffsets, OffsetTraining, pooled_offsets
+    from vip_factors.body.keypoints import KeypointOffsets, OffsetTraining, pooled_offsets
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.errors import InputError
     from vip_factors.io.atomic import check_target

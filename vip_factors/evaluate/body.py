@@ -5,10 +5,9 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from vip_factors.body.hinges import HINGES, Hinge
-from vip_factors.body.lengths import LENGTHS
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
+from vip_factors.body.lengths import LENGTHS, lengths_of, width
 from vip_factors.body.skeleton import Skeleton, joint_index
-from vip_factors.body.variation import lengths_of, width
 from vip_factors.estimate import BodyEstimate
 from vip_factors.evaluate import consistency
 from vip_factors.evaluate.calibration_metrics import consistency_metrics

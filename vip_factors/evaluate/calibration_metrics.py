@@ -12,8 +12,7 @@ from vip_factors.evaluate import consistency
 from vip_factors.evaluate.calibration import CalibrationError, mean_and_95th
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.rotations import Array, wrap_angle
-from vip_factors.sensors.calibration import Calibration
-from vip_factors.sensors.placement import Placement
+from vip_factors.sensors.calibration import Calibration, Placement
 
 ENDS = frozenset(f"{side}_{bone}" for side in ("left", "right") for bone in ("ankle", "foot", "wrist", "hand"))
 

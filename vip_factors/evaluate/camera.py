@@ -7,10 +7,9 @@ import numpy as np
 from vip_factors.errors import InputError
 from vip_factors.evaluate.frames import TIME_TOLERANCE
 from vip_factors.evaluate.table import Metric
-from vip_factors.geometry.alignment import Alignment
+from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array, log, transpose
-from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.gauge import PathPair, move_path
+from vip_factors.sensors.camera_path import CameraPath, PathPair, move_path
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.estimate import Estimate, PoseCovariance
 from vip_factors.evaluate import consistency, joint_angle, metrics, trajectory
@@ -17,8 +17,7 @@ from vip_factors.evaluate.frames import common_frames
 from vip_factors.evaluate.joints import Compared
 from vip_factors.evaluate.summary import summary_lines
 from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines
-from vip_factors.sensors.calibration import Calibration
-from vip_factors.sensors.placement import Placement
+from vip_factors.sensors.calibration import Calibration, Placement
 from vip_factors.sensors.recording import Truth
 
 SHOWN = 3  # names of sensors in a sentence

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_rotations
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.evaluate.joints import EVERYTHING, GLOBAL_JOINTS, ORIENTATION_JOINTS, POSITION_JOINTS, Compared
-from vip_factors.geometry.alignment import Alignment, align_rigid, align_similarity
+from vip_factors.geometry.poses import Alignment, align_rigid, align_similarity
 from vip_factors.geometry.rotations import Array, angle_between
 
 MM, CM = 1e3, 1e2

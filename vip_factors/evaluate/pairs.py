@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.evaluate.metrics import MM
-from vip_factors.geometry.alignment import Alignment
+from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.gauge import MotionPair
+from vip_factors.sensors.camera_path import MotionPair
 
 
 def relative_position_error(one: MotionPair, other: MotionPair, gauge: Alignment) -> dict[str, float]:

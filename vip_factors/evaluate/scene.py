@@ -17,8 +17,8 @@ from vip_factors.evaluate.pairs import relative_position_error
 from vip_factors.evaluate.scene_metrics import association, camera_imu, honesty, reprojection, sensors
 from vip_factors.evaluate.summary import summary_lines
 from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines
-from vip_factors.geometry.alignment import Alignment
-from vip_factors.sensors.gauge import MotionPair, PathPair, move_motion, scene_gauge, yaw
+from vip_factors.geometry.poses import Alignment
+from vip_factors.sensors.camera_path import MotionPair, PathPair, move_motion, scene_gauge, yaw
 from vip_factors.sensors.scene import Scene, SceneTruth
 
 

@@ -12,10 +12,10 @@ from vip_factors.evaluate.calibration import CalibrationError, calibration_error
 from vip_factors.evaluate.calibration_metrics import ENDS, consistency_metrics, error_metrics
 from vip_factors.evaluate.camera import camera_error
 from vip_factors.evaluate.table import Metric
-from vip_factors.geometry.alignment import Alignment
+from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.gauge import MotionPair, PathPair, anchored_gauge
-from vip_factors.sensors.reprojection import keypoints_in_image, reprojection_error
+from vip_factors.sensors.camera_path import MotionPair, PathPair, anchored_gauge
+from vip_factors.sensors.detections import keypoints_in_image, reprojection_error
 from vip_factors.sensors.scene import Scene
 
 CAMERA = "camera"  # stands for the IMU on the camera where calibrations go by sensor name

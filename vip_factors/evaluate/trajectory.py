@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.evaluate.joints import EVERYTHING, FEET, Compared
 from vip_factors.evaluate.metrics import CM, MM
-from vip_factors.geometry.alignment import align_rigid, align_similarity, align_yaw
+from vip_factors.geometry.poses import align_rigid, align_similarity, align_yaw
 from vip_factors.geometry.rotations import Array
 
 CHUNK = 100  # frames, as WHAM and its successors take

@@ -10,9 +10,8 @@ from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array, mean_rotation, rotation_z, transpose, yaw_of
 from vip_factors.initialise.headings import HeadingEvidence, headings_from_acceleration
-from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.calibration import Placement, SensorCalibration
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.sensors.placement import Placement
 
 
 @dataclass(frozen=True)

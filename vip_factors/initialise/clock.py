@@ -22,11 +22,10 @@ from vip_factors.initialise.clock_events import (
 )
 from vip_factors.initialise.clock_signals import Smoothing
 from vip_factors.initialise.clock_tracks import ImageTrack, TrackSettings, simple_tracks
-from vip_factors.sensors.attitude import with_orientation
-from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.camera_model import VideoClock
+from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
-from vip_factors.sensors.video_clock import VideoClock
 
 UNDETERMINED = "undetermined"
 Method = Literal["auto", "motion", "clap", "stamp"]

@@ -19,8 +19,7 @@ from vip_factors.errors import RecordingError
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.clock_tracks import ImageTrack
-from vip_factors.sensors.attitude import with_orientation
-from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import CameraMount
 

@@ -31,11 +31,10 @@ from typing import Any
 
 import numpy as np
 
-from vip_factors.body.hinge_estimate import HingeEstimate
-from vip_factors.body.length_prior import LengthPrior
-from vip_factors.body.lengths import LENGTHS
+from vip_factors.body.anthropometry import LengthPrior
+from vip_factors.body.hinges import HingeEstimate
+from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.skeleton import JOINT_NAMES, Landmark, Skeleton, joint_index
-from vip_factors.body.variation import lengths_of
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array

@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from vip_factors.body.hinge_estimate import HingeEstimate
-from vip_factors.body.hinges import HINGE_OF
+from vip_factors.body.hinges import HINGE_OF, HingeEstimate
 from vip_factors.errors import InputError
 from vip_factors.io.toml_values import correlation_matrix, known_keys, nearest, numbers_at, table_at, toml_text
 

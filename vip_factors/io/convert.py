@@ -21,8 +21,7 @@ from vip_factors.io.log_parts import log_in_parts
 from vip_factors.io.mcap_contents import MAGIC
 from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, placement_from_file
 from vip_factors.io.toml_values import nearest
-from vip_factors.sensors.attitude import with_orientation
-from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.parts import joined_in_memory
 from vip_factors.sensors.recording import Recording, Subject, Truth
 
@@ -165,7 +164,7 @@ def read_log(path: str | Path, format_name: str | None = None, columns: str | Pa
     if format_name == "ros2":
         from vip_factors.io.importers.site_names import default_sites
         from vip_factors.io.ros2 import read_ros2_recording
-        from vip_factors.sensors.placement import Placement
+        from vip_factors.sensors.calibration import Placement
 
         found = read_ros2_recording(path, Subject(), Placement())
         return ImportedLog("ros2", found.imus, default_sites(list(found.imus)), start_ns=found.start_ns)

@@ -15,7 +15,7 @@ from vip_factors.io.importers.sensor_files import candidates
 from vip_factors.io.importers.site_names import likely_sites
 from vip_factors.io.importers.text_table import SUFFIXES, TextTable, number, read_text_table, split
 from vip_factors.io.toml_values import toml_text
-from vip_factors.sensors.placement import SITES, site_axes
+from vip_factors.sensors.calibration import SITES, site_axes
 
 MOST_SENSORS = 64  # of different words in a column that is to name sensors
 

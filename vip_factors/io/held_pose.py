@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, mean_rotation
 from vip_factors.io.importers.inertial_frame import GRAVITY, UP

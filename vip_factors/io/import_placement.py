@@ -9,7 +9,7 @@ from vip_factors.errors import InputError
 from vip_factors.io.imported import ImportedLog
 from vip_factors.io.placement_file import SensorEntry
 from vip_factors.io.toml_values import nearest
-from vip_factors.sensors.placement import PRESETS, SITES, Placement, SensorSite, place
+from vip_factors.sensors.calibration import PRESETS, SITES, Placement, SensorSite, place
 from vip_factors.sensors.recording import DEFAULT_STATURE_M
 
 # A preset's name, or site → sensor name, or sensor name → entry of a placement file; None leaves it to the log.

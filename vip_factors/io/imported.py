@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
+from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import Placement
 
 
 @dataclass(frozen=True)
@@ -15,7 +15,7 @@ class ImportedLog:
     Attributes:
         format: name of the format, the reader's ``FORMAT``.
         imus: one stream per sensor, by sensor name; one time base, seconds from the log's start.
-        default_sites: sensor name → one of :data:`~vip_factors.sensors.placement.SITES`, where the log itself tells.
+        default_sites: sensor name → one of :data:`~vip_factors.sensors.calibration.SITES`, where the log itself tells.
         placement: sites that only positions and mountings can say; it wins over ``default_sites``.
         truth_motion: the wearer's motion as the log's own system estimated or measured it.
         truth_bones: names of the bones of which that motion knows anything; None: all.

@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.body.lengths import stature_of
+from vip_factors.body.lengths import STRETCHED, stature_of
 from vip_factors.body.skeleton import PARENTS, Skeleton
-from vip_factors.body.variation import STRETCHED
 from vip_factors.errors import InputError
 from vip_factors.io.body_file import BodyFile
 from vip_factors.io.placement_file import PlacementFile
-from vip_factors.sensors.placement import Placement, SensorSite
+from vip_factors.sensors.calibration import Placement, SensorSite
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.sensors.scene import Scene
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton
 from vip_factors.estimate import PoseCovariance
 from vip_factors.geometry.rotations import Array

@@ -13,7 +13,7 @@ from types import TracebackType
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, naming_file
 from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
 from vip_factors.io.atomic import check_target

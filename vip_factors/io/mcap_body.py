@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from vip_factors.body.hinge_estimate import HingeEstimate
+from vip_factors.body.hinges import HingeEstimate
 from vip_factors.errors import FileFormatError
 from vip_factors.estimate import BodyEstimate
 from vip_factors.geometry.rotations import Array

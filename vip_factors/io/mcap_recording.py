@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.body.length_prior import LengthPrior
+from vip_factors.body.anthropometry import LengthPrior
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import FileFormatError
 from vip_factors.io.atomic import atomic_open
@@ -44,7 +44,7 @@ from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
 from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
 from vip_factors.io.schemas.subject_pb2 import LengthPrior as LengthPriorMessage
 from vip_factors.io.schemas.subject_pb2 import Subject as SubjectMessage
-from vip_factors.sensors.placement import Placement, SensorSite
+from vip_factors.sensors.calibration import Placement, SensorSite
 from vip_factors.sensors.recording import Recording, Subject, Truth
 
 INFO, SUBJECT, PLACEMENT, IMU = "/recording/info", "/subject", "/placement", "/imu/"

@@ -30,7 +30,7 @@ from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.sensor_mappings import sites_of_mappings
 from vip_factors.io.toml_values import known_keys, nearest, number_at, numbers_at, table_at, text_at
-from vip_factors.sensors.placement import CARELESS_MOUNTING_SIGMA, SITES, STRAPPED_MOUNTING_SIGMA, SensorSite, place
+from vip_factors.sensors.calibration import CARELESS_MOUNTING_SIGMA, SITES, STRAPPED_MOUNTING_SIGMA, SensorSite, place
 
 INITIAL_POSES = ("t-pose", "n-pose", "none")
 
@@ -40,7 +40,7 @@ class SensorEntry:
     """Where one sensor sits: at a named site, or anywhere on a bone.
 
     Attributes:
-        site: one of :data:`~vip_factors.sensors.placement.SITES`, or None if a bone is given.
+        site: one of :data:`~vip_factors.sensors.calibration.SITES`, or None if a bone is given.
         bone: SMPL joint name or alias, or None if a site is given.
         position_m: ``(3,)`` in the bone's frame; from the site, or the bone's joint, if None.
         R_bone_sensor: ``(3, 3)`` mounting; from the site if None.

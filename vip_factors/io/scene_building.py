@@ -18,11 +18,10 @@ from vip_factors.io.mcap_scene_recording import read_scene
 from vip_factors.io.toml_values import nearest
 from vip_factors.io.torso_colour import with_torso_colours
 from vip_factors.io.video import check_video, embed_video, video_facts
-from vip_factors.sensors.attitude import with_orientation
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
-from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.parts import scene_in_parts
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, UNKNOWN_MOUNTING_SIGMA, Camera, CameraMount, Scene, Video

@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.imu_stream import FORCE_LIMIT, ROTATION_TOLERANCE
+from vip_factors.sensors.imu_stream import FORCE_LIMIT, LATEST_S, ROTATION_TOLERANCE
 from vip_factors.sensors.live import ImuSample, LiveCamera, VideoFrame
-from vip_factors.sensors.times import LATEST_S
 
 MOST_PEOPLE = 1000  # in one video frame: no detector tells more apart
 PIXEL_LIMIT = 1e5  # no image is as wide, nor is a keypoint marked so far outside of one

@@ -6,8 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vip_factors.body.keypoint_offsets import KeypointOffsets
-from vip_factors.body.keypoints import offset_of
+from vip_factors.body.keypoints import KeypointOffsets, offset_of
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.extra import ExtraTerms
 from vip_factors.problem.points import BodyPoint, BodyPoints

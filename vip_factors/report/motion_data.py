@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import mannequin
-from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import PARENTS
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import Array
 

@@ -8,9 +8,9 @@ import numpy as np
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.placement import Placement
 from vip_factors.sensors.recording import Subject, nothing_placed
 from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Scene
 

@@ -6,11 +6,11 @@ from typing import Protocol
 
 import numpy as np
 
+from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.sampled import LEAST_SAMPLES, MARGIN_S, RecordingInMemory, SampledRecording
 from vip_factors.sensors.scene import Camera, CameraMount, Scene
-from vip_factors.sensors.video_clock import VideoClock
 
 
 class LongScene(Protocol):

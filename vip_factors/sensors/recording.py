@@ -3,16 +3,14 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from vip_factors.body.anthropometry import LikelyBody, likely_body
-from vip_factors.body.hinge_estimate import HingeEstimate, HingePrior
-from vip_factors.body.length_prior import LengthPrior
-from vip_factors.body.motion import Motion
+from vip_factors.body.anthropometry import LengthPrior, LikelyBody, likely_body
+from vip_factors.body.hinges import HingeEstimate, HingePrior
+from vip_factors.body.kinematics import Motion
+from vip_factors.body.lengths import BodyVariation
 from vip_factors.body.skeleton import JOINT_NAMES, Skeleton
-from vip_factors.body.variation import BodyVariation
 from vip_factors.errors import RecordingError
-from vip_factors.sensors.calibration import Calibration
+from vip_factors.sensors.calibration import Calibration, Placement
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import Placement
 
 DEFAULT_STATURE_M = 1.72  # of logs whose wearers nobody measured, for their sensors' places
 

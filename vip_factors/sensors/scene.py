@@ -6,16 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.body.keypoint_offsets import KeypointOffsets
+from vip_factors.body.keypoints import KeypointOffsets
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import SensorCalibration
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera_model import CameraModel, VideoClock
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.video_clock import VideoClock
 
 CAMERA_MOUNTING_SIGMA = np.deg2rad(10.0)  # an IMU taped to a phone along its edges
 UNKNOWN_MOUNTING_SIGMA = np.pi  # nobody said how it sits: the data have to tell

@@ -12,8 +12,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from vip_factors.body.kinematics import BodyState, forward_kinematics
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import BodyState, Motion, forward_kinematics
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, ancestors
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix

@@ -9,8 +9,7 @@ import numpy as np
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.calibration_pose import R_WORLD_FACING_X
-from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z
 from vip_factors.simulate.stance import path_of_standing_feet

@@ -4,12 +4,11 @@ import zlib
 
 import numpy as np
 
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import stature_of
-from vip_factors.body.motion import Motion
 from vip_factors.geometry.rotations import Array, exp, right_jacobian, rotation_z, transpose
-from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.calibration import Placement, SensorCalibration, SensorSite
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import Placement, SensorSite
 from vip_factors.sensors.recording import Recording, Subject, Truth
 from vip_factors.simulate.dense import BoneKinematics, DenseMotion, dense_motion
 from vip_factors.simulate.noise import gauss_markov, random_walk, received

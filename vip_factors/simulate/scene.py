@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.body.keypoints import keypoint_set
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp
-from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.calibration import Placement, SensorCalibration, SensorSite
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.placement import Placement, SensorSite
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, CameraMount, Scene, SceneTruth
 from vip_factors.simulate.camera_motion import camera_motion

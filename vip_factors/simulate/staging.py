@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, wrap_angle, yaw_of
 from vip_factors.simulate.stance import floor_height

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.associate.associate import Association, add_left_over, associate
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.camera import Sightings
+from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene
-from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.settings import Settings
 from vip_factors.stages.inertial import Tracked
 

@@ -5,9 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.body.hinge_estimate import HingeEstimate, hinge_estimates
-from vip_factors.body.lengths import LENGTHS
-from vip_factors.body.variation import lengths_of
+from vip_factors.body.hinges import HingeEstimate, hinge_estimates
+from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.estimate import BodyEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Owner, OwnerId

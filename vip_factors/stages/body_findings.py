@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.pose_prior import joint_vector
 from vip_factors.body.skeleton import joint_index
 from vip_factors.estimate import BodyEstimate

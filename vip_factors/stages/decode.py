@@ -6,7 +6,7 @@ import numpy as np
 
 from vip_factors.assembly.evaluation import WearerEvaluation
 from vip_factors.assembly.wearer_terms import acceleration, orientation
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import Estimate, PoseCovariance, SolveReport
 from vip_factors.geometry.rotations import Array, wrap_angle

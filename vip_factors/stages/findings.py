@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.estimate import Estimate
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene

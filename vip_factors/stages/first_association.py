@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vip_factors.associate.hypothesis import Hypotheses, hypotheses, wearer_points
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.initialise.camera import Sightings
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings

@@ -8,17 +8,17 @@ import numpy as np
 from vip_factors.assembly.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.assembly.view_terms import reprojection_residuals
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.extra import ExtraTerms
 from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem, Viewpoint
 from vip_factors.problem.state import CameraState, DetectorState, SceneState
 from vip_factors.problem.wearer import WearerProblem
+from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.sampled import frames_of
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, Scene
-from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.settings import Settings
 from vip_factors.stages.associated_cameras import AssociatedCamera
 from vip_factors.stages.decode import motion_of

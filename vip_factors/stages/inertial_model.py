@@ -6,8 +6,8 @@ import numpy as np
 
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.lengths import BodyVariation
 from vip_factors.body.pose_prior import load_pose_prior
-from vip_factors.body.variation import BodyVariation
 from vip_factors.errors import InputError
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.root_path import contact_confidence, contact_points, standing_path

@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.body.keypoint_offsets import SHAPE, KeypointOffsets
+from vip_factors.body.keypoints import SHAPE, KeypointOffsets
 from vip_factors.errors import InputError, SolveError
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.problem.blocks import DETECTOR
 from vip_factors.problem.scene import KeypointView
 from vip_factors.problem.state import WearerState
+from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
-from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.settings import Settings
 from vip_factors.solve.marginals import last_marginals
 from vip_factors.stages.associated_cameras import of_use, watch, watch_again

@@ -3,7 +3,7 @@
 import numpy as np
 
 from vip_factors.associate.hypothesis import hypotheses, wearer_points
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.camera import LEAP_WINDOW, Sightings, leaps
 from vip_factors.stages.associated_cameras import AssociatedCamera

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vip_factors.body.keypoint_offsets import KeypointOffsets
+from vip_factors.body.keypoints import KeypointOffsets
 from vip_factors.errors import InputError
 from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.sensors.scene import Camera

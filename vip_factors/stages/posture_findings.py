@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from vip_factors.body.joint_limits import load_joint_limits
-from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.pose_prior import joint_vector
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import Array, angle_between

@@ -9,16 +9,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.body.hinge_estimate import hinge_estimates
-from vip_factors.body.keypoint_offsets import KeypointOffsets
+from vip_factors.body.hinges import hinge_estimates
+from vip_factors.body.keypoints import KeypointOffsets
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
+from vip_factors.sensors.calibration import Placement
+from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.placement import Placement
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.sensors.scene import Camera, Scene
-from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.settings import Settings
 from vip_factors.stages.fusion import Fused
 from vip_factors.stages.sensor_corrections import SensorCorrections

@@ -14,8 +14,8 @@ from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.stages.decode import decode, pose_covariance
 from vip_factors.terms.reprojection import reprojection_residual
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from vip_factors.estimate import CameraEstimate
 from vip_factors.problem.state import CameraState
+from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.scene import Camera
-from vip_factors.sensors.video_clock import VideoClock
 
 TOLD_S = 0.010  # over a recording: hands that swing at 2 m/s are 2 cm elsewhere
 OFF_S = 0.030  # a video frame at 30 Hz

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.estimate import EstimatePart, PoseCovariance
 from vip_factors.geometry.rotations import Array, exp, log, transpose
 from vip_factors.problem.state import WearerState

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.estimate import Estimate, EstimatePart, LongEstimate, PoseCovariance
 from vip_factors.sensors.sampled import SampledRecording

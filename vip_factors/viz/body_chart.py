@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.body.hinge_estimate import HingeEstimate
+from vip_factors.body.hinges import HingeEstimate
 from vip_factors.estimate import BodyEstimate
 from vip_factors.viz.chart import tick_step
 from vip_factors.viz.svg import FAINT, INK, MUTED, RULE, Point, Svg, text_width, tinted

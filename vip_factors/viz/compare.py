@@ -6,10 +6,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, joint_index, joints_placed_by
 from vip_factors.errors import InputError
-from vip_factors.geometry.alignment import align_rigid, align_yaw
+from vip_factors.geometry.poses import align_rigid, align_yaw
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.recording import Recording

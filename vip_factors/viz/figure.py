@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from vip_factors.body.body_mesh import BodyMesh, body_mesh
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import Colour, Side, side_of
-from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.viz.eye import Eye
 from vip_factors.viz.scene_world import DrawnWearer

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import rerun as rr
 import rerun.blueprint as rrb
 
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import Colour
-from vip_factors.body.motion import Motion
 from vip_factors.viz.rerun_eye import eye, forward_of
 from vip_factors.viz.sensor_legend import legend_view
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import Colour, Side
-from vip_factors.body.motion import Motion
 from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LivePose, LiveWearerEstimate
 from vip_factors.sensors.live import LiveWearer

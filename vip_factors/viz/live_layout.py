@@ -3,7 +3,7 @@
 import numpy as np
 import rerun.blueprint as rrb
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.sensors.live import LiveSetup
 from vip_factors.viz.layout import LEGEND_SHARE, LEVEL, UPRIGHT, world_view
 from vip_factors.viz.live_series import HEADING_SIGMAS, HEADINGS, POSE_SIGMAS, UPDATE_MS

@@ -10,12 +10,12 @@ import numpy as np
 import rerun as rr
 
 from vip_factors.body.keypoints import KeypointSet
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.detections import keypoints_in_image
 from vip_factors.sensors.live import LiveCamera, LiveSetup, VideoFrame
-from vip_factors.sensors.reprojection import keypoints_in_image
 from vip_factors.viz.compare import floor_height
 from vip_factors.viz.live_body import LiveBody
 from vip_factors.viz.live_layout import live_blueprint

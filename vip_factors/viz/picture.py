@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.body.body_mesh import body_mesh
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
-from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_z, yaw_of

@@ -5,13 +5,12 @@ from collections.abc import Mapping
 import numpy as np
 import rerun as rr
 
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import SENSOR_COLOUR, Colour, Side
-from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.calibration import Calibration
-from vip_factors.sensors.placement import Placement
+from vip_factors.sensors.calibration import Calibration, Placement
 from vip_factors.viz.rerun_skin import log_shape
 
 TIMELINE = "time"

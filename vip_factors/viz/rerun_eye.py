@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun.blueprint as rrb
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array, rotation_z
 
 # Rerun's viewer shows as many metres of height as its eye is away, nearly.

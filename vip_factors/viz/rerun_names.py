@@ -9,8 +9,8 @@ import numpy as np
 import rerun as rr
 
 from vip_factors.body.keypoints import KeypointSet
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import Colour
-from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS
 from vip_factors.viz.image_limbs import limb_pairs
 from vip_factors.viz.rerun_body import time_column

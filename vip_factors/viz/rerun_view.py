@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 import rerun as rr
 
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Colour, Side
-from vip_factors.body.motion import Motion
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.sensors.recording import Recording

@@ -5,20 +5,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, SceneEstimate
-from vip_factors.geometry.alignment import Alignment
+from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array, yaw_of
 from vip_factors.sensors.calibration import SensorCalibration
-from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.detections import Detections
-from vip_factors.sensors.gauge import move_motion, move_path, scene_gauge
+from vip_factors.sensors.camera_model import CameraModel, VideoClock
+from vip_factors.sensors.camera_path import CameraPath, move_motion, move_path, scene_gauge
+from vip_factors.sensors.detections import Detections, keypoints_in_image, reprojection_error
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.reprojection import keypoints_in_image, reprojection_error
 from vip_factors.sensors.scene import Scene, Video
-from vip_factors.sensors.video_clock import VideoClock
 from vip_factors.viz.compare import check_frames, common_frames, known_truth, position_error_mm
 from vip_factors.viz.set_apart import moved, set_apart
 

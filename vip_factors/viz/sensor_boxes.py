@@ -8,8 +8,7 @@ import numpy as np
 from vip_factors.body.body_mesh import BodyMesh
 from vip_factors.body.mannequin import Colour
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.calibration import Calibration
-from vip_factors.sensors.placement import Placement
+from vip_factors.sensors.calibration import Calibration, Placement
 
 HALF_SIZE_M = np.array([0.026, 0.019, 0.009])  # of a usual one with its holder
 BOX_COLOUR: Colour = (44, 48, 56)  # dark: seen on every wearer's skin

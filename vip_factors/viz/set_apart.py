@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array
 from vip_factors.viz.compare import floor_height
 

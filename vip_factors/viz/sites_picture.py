@@ -4,7 +4,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Skeleton
-from vip_factors.sensors.placement import place, site_axes
+from vip_factors.sensors.calibration import place, site_axes
 from vip_factors.viz.drawn_body import Eye, draw_axes, draw_body, standing
 from vip_factors.viz.svg import INK, MUTED, RULE, Svg
 

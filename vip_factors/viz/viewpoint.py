@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.viz.eye import Eye, looking_at

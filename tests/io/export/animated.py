@@ -7,7 +7,7 @@ from scene_sample import estimate_of, scene_sample
 from scipy.spatial.transform import Rotation
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.estimate import Estimate, SceneEstimate
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.sensors.scene import Scene

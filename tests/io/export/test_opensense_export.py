@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from turning_body import sample_scene
 
-from vip_factors.body.anatomical_frames import segment_orientations
+from vip_factors.body.joint_angles import segment_orientations
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.io.export.files import export

@@ -11,11 +11,9 @@ from scipy.spatial.transform import Rotation
 from turning_body import sample_scene
 
 from tests.studies.gait import opensim_angles
-from vip_factors.body.anatomical_frames import R_WORLD_ISB, segment_axes, segment_orientations
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.joint_angles import joint_angles
-from vip_factors.body.kinematics import local_rotations
-from vip_factors.body.motion import Motion
+from vip_factors.body.joint_angles import R_WORLD_ISB, joint_angles, segment_axes, segment_orientations
+from vip_factors.body.kinematics import Motion, local_rotations
 from vip_factors.body.skeleton import JOINT_COUNT, joint_index
 from vip_factors.estimate import Estimate, SceneEstimate
 from vip_factors.geometry.rotations import Array

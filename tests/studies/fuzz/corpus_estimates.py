@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 
 from tests.studies.fuzz.case import Case, Files, command_case, files_below, installed
 from tests.studies.fuzz.corpus_scenes import scene_files, small_scene
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 
 NEEDS = {"glb": "pygltflib", "c3d": "ezc3d"}
 SUFFIXES = ("bvh", "glb", "npz", "csv", "trc", "mot", "sto", "c3d", "pkl")

@@ -242,7 +242,7 @@ def _mat() -> bytes:
 
 def _dip() -> bytes:
     from vip_factors.io.importers.dip_imu import SENSOR_SITES
-    from vip_factors.sensors.placement import SITES
+    from vip_factors.sensors.calibration import SITES
 
     R = exp(0.3 * np.random.default_rng(0).normal(size=(ROWS, 24, 3)))
     R[:, 0] = rotation_x(np.pi / 2)

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from tests.studies.body_prior_training import DIMENSIONS
 from tests.studies.fuzz.case import Case, files_below, installed
 from tests.studies.fuzz.containers import protobuf_of
 from tests.studies.train_prior import train_body_prior_from_folder
 from vip_factors import __version__
-from vip_factors.body.train_body_prior import DIMENSIONS
 
 PEOPLE = 230
 

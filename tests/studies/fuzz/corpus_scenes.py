@@ -10,8 +10,7 @@ import numpy as np
 
 from tests.studies.fuzz.case import Case, Files, command_case, files_below
 from tests.studies.fuzz.containers import varint
-from vip_factors.body.hinge_estimate import HingeEstimate
-from vip_factors.body.hinges import HINGE_OF
+from vip_factors.body.hinges import HINGE_OF, HingeEstimate
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.cli.info import file_text
 from vip_factors.estimate import (
@@ -26,7 +25,7 @@ from vip_factors.estimate import (
     SolveReport,
     StartChoice,
 )
-from vip_factors.sensors.placement import preset
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene

@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 
 from tests.studies.fuzz.case import Case, files_below
-from vip_factors.body.anthropometry import likely_body
-from vip_factors.body.keypoint_offsets import KeypointOffsets, PooledOffsets
-from vip_factors.body.keypoints import OFFSET_KEYPOINTS, keypoint_set
-from vip_factors.body.length_prior import LengthPrior
+from vip_factors.body.anthropometry import LengthPrior, likely_body
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, PooledOffsets, keypoint_set
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.cli.info_recording import motion_text
 from vip_factors.cli.settings_file import flattened, read_settings

@@ -9,8 +9,7 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Skeleton
 from vip_factors.estimate import SceneEstimate
-from vip_factors.geometry.axis_sequence import continuous, sequence_of_rotation
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, continuous, sequence_of_rotation
 from vip_factors.io.export.axes import R_YUP_WORLD
 from vip_factors.io.export.bone_names import bone_names
 from vip_factors.io.export.settings import ExportSettings, UpAxis

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from vip_factors.body.keypoints import KeypointSet
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.geometry.rotations import Array
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.body.anatomical_frames import segment_orientations
+from vip_factors.body.joint_angles import segment_orientations
 from vip_factors.body.skeleton import joint_index
 from vip_factors.estimate import SceneEstimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix

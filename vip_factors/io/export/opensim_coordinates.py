@@ -2,7 +2,7 @@
 
 Rajagopal, Dembia, DeMers, Delp, Hicks, Delp (2016), "Full-body musculoskeletal model for muscle-driven simulation of
 human gait", IEEE Trans. Biomed. Eng. 63. Its bodies have x forward, y up, z to the right, and stand, with all
-coordinates zero, in the posture of :mod:`~vip_factors.body.anatomical_frames`.
+coordinates zero, in the posture of :mod:`~vip_factors.body.joint_angles`.
 
 Pelvis, hips, lumbar joint and shoulders turn about three axes and hold what the estimate has. The other joints have
 fewer axes: ankle with subtalar, toes, and elbow with forearm get the coordinates whose rotation is nearest, knees their
@@ -13,11 +13,19 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vip_factors.body.anatomical_frames import R_WORLD_ISB, mirrored, segment_orientations
-from vip_factors.body.motion import Motion
+from vip_factors.body.joint_angles import R_WORLD_ISB, mirrored, segment_orientations
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
-from vip_factors.geometry.axis_sequence import continuous, sequence_of_rotation
-from vip_factors.geometry.rotations import Array, exp, inverse_right_jacobian, log, rotation_between, transpose
+from vip_factors.geometry.rotations import (
+    Array,
+    continuous,
+    exp,
+    inverse_right_jacobian,
+    log,
+    rotation_between,
+    sequence_of_rotation,
+    transpose,
+)
 
 # Axes of the right side's joints in the model's bodies, all parallel where the coordinates are zero.
 ANKLE_AXIS = np.array([-0.10501355, -0.17402245, 0.97912632])

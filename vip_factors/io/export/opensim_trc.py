@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.body.anatomical_frames import R_WORLD_ISB
+from vip_factors.body.joint_angles import R_WORLD_ISB
 from vip_factors.estimate import SceneEstimate
 from vip_factors.io.export.markers import markers
 from vip_factors.io.export.settings import ExportSettings

@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, angle_between, exp, nearest_rotation, rotation_x
 from vip_factors.io.imported import ImportedLog
 from vip_factors.io.importers.numpy_pickle import load_plain_pickle
+from vip_factors.sensors.calibration import CARELESS_MOUNTING_SIGMA, Placement, SensorSite, place
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import CARELESS_MOUNTING_SIGMA, Placement, SensorSite, place
 from vip_factors.sensors.recording import DEFAULT_STATURE_M
 
 FORMAT = "dip-imu"

@@ -15,8 +15,8 @@ from vip_factors.geometry.rotations import Array, mean_rotation, transpose
 from vip_factors.io.imported import ImportedLog
 from vip_factors.io.importers.mvnx_body import SANE_CLOSURE_M, MvnBody, body_of
 from vip_factors.io.importers.mvnx_document import MvnxDocument, read_document
+from vip_factors.sensors.calibration import Placement, SensorSite, place
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import Placement, SensorSite, place
 
 FORMAT = "mvnx"
 FULL_BODY = "FullBody"  # MVN's configuration in which every limb carries a sensor

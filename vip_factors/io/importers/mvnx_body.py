@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.body.anthropometry import STATURE_RANGE_M, skeleton_from_stature
-from vip_factors.body.kinematics import local_rotations
+from vip_factors.body.kinematics import Motion, local_rotations
 from vip_factors.body.lengths import HAND_KNUCKLES, LEGS
-from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, Landmark, Skeleton, joint_index
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion

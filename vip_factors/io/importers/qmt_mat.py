@@ -20,8 +20,14 @@ from vip_factors.io.importers.mat_sizes import check_mat_sizes
 from vip_factors.io.importers.sensor_files import merge_notes
 from vip_factors.io.importers.site_names import default_sites
 from vip_factors.io.importers.xsens_channels import rotations_or_nan
+from vip_factors.sensors.calibration import (
+    CARELESS_MOUNTING_SIGMA,
+    STRAPPED_MOUNTING_SIGMA,
+    Placement,
+    SensorSite,
+    place,
+)
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import CARELESS_MOUNTING_SIGMA, STRAPPED_MOUNTING_SIGMA, Placement, SensorSite, place
 from vip_factors.sensors.recording import DEFAULT_STATURE_M
 
 FORMAT = "qmt_mat"

@@ -23,7 +23,7 @@ _LIMBS = {
 
 
 def site_of_name(name: str) -> str | None:
-    """The site of :data:`~vip_factors.sensors.placement.SITES` that a sensor's name tells, or None."""
+    """The site of :data:`~vip_factors.sensors.calibration.SITES` that a sensor's name tells, or None."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[LR])(?=[A-Z][a-z])", " ", name)
     words = [word for word in re.split(r"[^a-z]+", spaced.lower()) if word not in _IGNORED]
     sides = {_SIDES[word] for word in words if word in _SIDES}

@@ -28,8 +28,7 @@ from vip_factors.io.importers.site_names import default_sites
 from vip_factors.io.importers.text_table import SUFFIXES, TextTable, read_text_table
 from vip_factors.io.importers.xsens_channels import rotations_or_nan
 from vip_factors.io.toml_values import nearest
-from vip_factors.sensors.attitude import RATE_LIMIT
-from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.imu_stream import RATE_LIMIT, ImuStream
 
 FORMAT = "table"
 # A worn sensor's specific force is 9.8 m/s² on the median, within the worst scale errors seen (22 %) and brisk motion.

@@ -11,8 +11,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import stature_of
-from vip_factors.body.motion import Motion
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array, angle_between, transpose
@@ -28,8 +28,8 @@ from vip_factors.io.importers.totalcapture_files import (
     read_truth,
     sensors_file,
 )
+from vip_factors.sensors.calibration import SITES, Placement, SensorSite, place
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.placement import SITES, Placement, SensorSite, place
 
 FORMAT = "totalcapture"
 

@@ -6,9 +6,8 @@ from itertools import pairwise
 import numpy as np
 
 from vip_factors.body.anthropometry import STATURE_RANGE_M, skeleton_from_stature
-from vip_factors.body.kinematics import local_rotations
+from vip_factors.body.kinematics import Motion, local_rotations
 from vip_factors.body.lengths import LEGS
-from vip_factors.body.motion import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order, matrix_from_quaternion

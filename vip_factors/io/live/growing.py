@@ -15,8 +15,8 @@ from vip_factors.io.live.source import LiveSource
 from vip_factors.io.live.throttle import Throttle
 from vip_factors.io.mcap_messages import naming
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
+from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.live import LiveFinding, LiveSample, LiveSetup
-from vip_factors.sensors.video_clock import VideoClock
 
 
 class GrowingFileSource(LiveSource):

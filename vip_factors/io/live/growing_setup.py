@@ -14,9 +14,9 @@ from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
+from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.live import LiveCamera, LiveSetup
-from vip_factors.sensors.video_clock import VideoClock
 
 SAMPLES = (ImuSample, Detections2D)
 # What comes once, by the names of the messages.

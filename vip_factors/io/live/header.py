@@ -17,9 +17,9 @@ from vip_factors.io.schemas.live_message_pb2 import LiveCamera as CameraMessage
 from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
 from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
 from vip_factors.io.schemas.subject_pb2 import Subject as SubjectMessage
+from vip_factors.sensors.calibration import PRESETS, preset
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.live import LiveCamera, LiveMount, LiveSetup, LiveWearer
-from vip_factors.sensors.placement import PRESETS, preset
 from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample as ImuMessage
 from vip_factors.io.schemas.live_message_pb2 import LiveMessage
+from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
-from vip_factors.sensors.video_clock import VideoClock
 
 
 def sample_message(sample: LiveSample, start_ns: int = 0, frame: int = 0) -> LiveMessage:

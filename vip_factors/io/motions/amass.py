@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import stature_of
-from vip_factors.body.motion import Motion
 from vip_factors.body.npz_file import read_npz
 from vip_factors.body.skeleton import JOINT_COUNT, LONGEST_BONE_M, Skeleton
 from vip_factors.body.smpl_file import smpl_body

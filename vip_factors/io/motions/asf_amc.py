@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.motions.asf import AsfBone, AsfSkeleton, read_asf, rotation_in_order

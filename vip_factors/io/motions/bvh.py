@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z
 from vip_factors.io.motions.retarget import retarget, without_rest_frames

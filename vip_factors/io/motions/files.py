@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.io.motions.amass import read_amass
 from vip_factors.io.motions.asf_amc import read_amc

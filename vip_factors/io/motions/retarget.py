@@ -11,8 +11,7 @@ figure's. Where a direction leaves open how a bone is turned about itself, its h
 import numpy as np
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.kinematics import local_rotations
-from vip_factors.body.motion import Motion
+from vip_factors.body.kinematics import Motion, local_rotations
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, angle_between, exp, rotation_x, transpose

@@ -7,7 +7,7 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.errors import InputError
-from vip_factors.sensors.placement import SITES, Placement, SensorSite, place, preset, site_axes
+from vip_factors.sensors.calibration import SITES, Placement, SensorSite, place, preset, site_axes
 
 BODY = skeleton_from_stature(1.75)
 MIRROR = np.diag([-1.0, 1.0, 1.0])

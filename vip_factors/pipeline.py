@@ -22,26 +22,30 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.solve.marginals import chain_marginals
-from vip_factors.stages.associated_cameras import of_use
-from vip_factors.stages.calibration_sigmas import with_calibration_sigmas
+from vip_factors.stages.association import first_association, of_use
 from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.decode import decode, pose_covariance
+from vip_factors.stages.drift import drift_findings
 from vip_factors.stages.filming import start_filming
-from vip_factors.stages.first_association import first_association
-from vip_factors.stages.fusion import fuse_finely
-from vip_factors.stages.fusion_rounds import fuse_in_rounds
-from vip_factors.stages.heading_drift import drift_findings
-from vip_factors.stages.inertial import Tracked, at_frames, calibrated, inertial_tracker, inertial_trackers
+from vip_factors.stages.fusion import fuse_finely, fuse_in_rounds
+from vip_factors.stages.inertial import (
+    Tracked,
+    at_frames,
+    calibrated,
+    inertial_tracker,
+    inertial_trackers,
+    with_calibration_sigmas,
+)
 from vip_factors.stages.inertial_model import alone, kept, method_of, with_contacts
 from vip_factors.stages.open_graph import factor_graph
-from vip_factors.stages.posture_findings import posture_findings
 from vip_factors.stages.reporting import scene_estimate, who_is_who
-from vip_factors.stages.scene_frames import scene_frames
-from vip_factors.stages.scene_stretch import stiff
+from vip_factors.stages.scene_calibration import stiff
 from vip_factors.stages.scene_windowed import covered, smooth_scene_windows
 from vip_factors.stages.sensor_checks import checked, checked_scene
 from vip_factors.stages.solver import Progress, Solver
+from vip_factors.stages.wearer_findings import posture_findings
 from vip_factors.stages.windowed import is_long, smooth_windows
+from vip_factors.stages.windows import scene_frames
 
 __all__ = ["covered", "factor_graph", "is_long", "smooth", "smooth_long", "smooth_long_scene", "smooth_scene"]
 

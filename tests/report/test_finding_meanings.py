@@ -12,9 +12,8 @@ from vip_factors.report.finding_meanings import MEANINGS, UNKNOWN, meaning_of
 PACKAGE = Path(vip_factors.__file__).parent
 SHORTEST = 40  # characters: what is shorter in these modules is part of a sentence
 MODULES = (
-    "associate/findings.py", "pipeline.py", "stages/body_findings.py", "stages/calibration_start.py",
-    "stages/findings.py", "stages/heading_drift.py", "stages/posture_findings.py", "stages/reporting.py",
-    "stages/sensor_checks.py", "stages/video_drift.py",
+    "associate/findings.py", "pipeline.py", "stages/calibration_start.py", "stages/drift.py", "stages/findings.py",
+    "stages/reporting.py", "stages/sensor_checks.py", "stages/wearer_findings.py",
 )  # fmt: skip
 # How others begin: an error, what told who is who, and parts of sentences.
 NOT_FINDINGS = (

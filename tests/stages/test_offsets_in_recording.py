@@ -13,8 +13,8 @@ from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, write_keyp
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
+from vip_factors.stages.filming import prior_offsets
 from vip_factors.stages.keypoint_offsets import offsets_in_recording
-from vip_factors.stages.learned_offsets import prior_offsets
 from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 
 HABIT = 0.015 * np.random.default_rng(3).standard_normal((len(OFFSET_KEYPOINTS), 3))

@@ -13,8 +13,7 @@ from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings
-from vip_factors.stages.scene_frames import scene_frames
-from vip_factors.stages.windows import WindowPlan
+from vip_factors.stages.windows import WindowPlan, scene_frames
 
 
 @pytest.fixture(scope="module")

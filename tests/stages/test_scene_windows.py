@@ -26,10 +26,9 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CalibrationSettings, FusionSettings, Settings, WindowSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.scene_calibration import Headings
-from vip_factors.stages.scene_window_findings import GatheredFindings
 from vip_factors.stages.scene_window_join import moved, parts_of
 from vip_factors.stages.scene_window_solve import SceneWindow
-from vip_factors.stages.scene_windowed import smooth_scene_windows
+from vip_factors.stages.scene_windowed import GatheredFindings, smooth_scene_windows
 from vip_factors.stages.solver import Progress
 
 HASTY = replace(

@@ -28,7 +28,7 @@ from vip_factors.settings import Settings
 from vip_factors.simulate.scene_settings import CameraKind
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 from vip_factors.solve.marginals import chain_marginals
-from vip_factors.stages.scene_decode import static_covariance
+from vip_factors.stages.decode import static_covariance
 
 # From the truth, to the last digit: what is asked is whether the covariance is right, not whether the start was good.
 TO_THE_END = SolveSettings(max_iterations=50, relative_decrease=1e-9)

@@ -30,11 +30,11 @@ from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
 from vip_factors.simulate.staging import from_time, lasting, staged
 from vip_factors.simulate.stance import with_initial_pose
-from vip_factors.stages.associated_cameras import gravity_in_camera
+from vip_factors.stages.association import gravity_in_camera
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.inertial import inertial_tracker
-from vip_factors.stages.scene_frames import scene_frames
 from vip_factors.stages.solver import Solver
+from vip_factors.stages.windows import scene_frames
 
 DRAWS = 10  # of people: clips have single faults that no sensor could measure
 MOTION_HZ = 60.0

@@ -17,11 +17,9 @@ from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.frames import coarser
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.stages.associated_cameras import AssociatedCamera, of_use
+from vip_factors.stages.association import AssociatedCamera, first_association, of_use
 from vip_factors.stages.filming import Filmed, start_filming
-from vip_factors.stages.first_association import first_association
-from vip_factors.stages.fusion import Fused, at_full_rate
-from vip_factors.stages.fusion_rounds import fuse_in_rounds
+from vip_factors.stages.fusion import Fused, at_full_rate, fuse_in_rounds
 from vip_factors.stages.inertial import Tracked, at_frames, first_calibration, inertial_tracker
 from vip_factors.stages.inertial_model import kept, with_contacts
 from vip_factors.stages.solver import Solver

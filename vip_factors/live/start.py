@@ -15,7 +15,7 @@ from vip_factors.live.state import FrameState, without_frames
 from vip_factors.problem.scene import KeypointView, SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.stages.associated_cameras import AssociatedCamera
+from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.calibration_start import start_findings
 from vip_factors.terms.camera_pose import CameraPoses
 

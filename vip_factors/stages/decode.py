@@ -1,19 +1,26 @@
 """From the solved state to an estimate."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.assembly.evaluation import WearerEvaluation
+from vip_factors.assembly.evaluation import ViewEvaluation, WearerEvaluation
+from vip_factors.assembly.objective import SceneObjective
 from vip_factors.assembly.wearer_terms import acceleration, orientation
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.estimate import Estimate, PoseCovariance, SolveReport
+from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, SolveReport
 from vip_factors.geometry.rotations import Array, wrap_angle
-from vip_factors.problem.layout import FRAME, ROOT
-from vip_factors.problem.state import WearerState
+from vip_factors.problem.blocks import CAMERA
+from vip_factors.problem.layout import FRAME, ROOT, Owner, OwnerId
+from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.camera_model import VideoClock
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.terms.reprojection import reprojection_residual
 
 
 def decode(
@@ -77,3 +84,132 @@ def pose_covariance(keys: Sequence[int], marginals: Mapping[int, Array]) -> Pose
     covariance = np.stack([marginals[key] for key in keys])
     joints = np.stack([covariance[:, c : c + 3, c : c + 3] for c in range(0, ROOT, 3)], axis=1)
     return PoseCovariance(joints, covariance[:, ROOT:FRAME, ROOT:FRAME])
+
+
+@dataclass(frozen=True)
+class SceneCovariance:
+    """How sure poses are: of each wearer, and ``(T, 6, 6)`` of the camera's pose (None if that is kept)."""
+
+    wearers: tuple[PoseCovariance, ...]
+    camera: Array | None
+
+    def at(self, frames: np.ndarray) -> "SceneCovariance":
+        """The covariance at some frames, by index ``(n,)``; a camera that stands still has one for all."""
+        wearers = tuple(PoseCovariance(one.joints[frames], one.root[frames]) for one in self.wearers)
+        moving = self.camera is not None and len(self.camera) > 1
+        return SceneCovariance(wearers, self.camera[frames] if self.camera is not None and moving else self.camera)
+
+
+def scene_covariance(objective: SceneObjective, marginals: Mapping[int, Array]) -> SceneCovariance:
+    """The covariance of all poses, out of the marginals of all variables."""
+    wearers = []
+    for number in range(len(objective.problem.wearers)):
+        keys = objective.frame_keys(OwnerId(Owner.WEARER, number))
+        assert keys is not None
+        wearers.append(pose_covariance(keys, marginals))
+    if not objective.problem.camera.free_pose:
+        return SceneCovariance(tuple(wearers), None)
+    path = objective.frame_keys(CAMERA)
+    if path is not None:
+        return SceneCovariance(tuple(wearers), np.stack([marginals[key] for key in path]))
+    covariance = static_covariance(objective, CAMERA, "poses", marginals)
+    return SceneCovariance(tuple(wearers), None if covariance is None else covariance[None])
+
+
+def static_covariance(
+    objective: SceneObjective, owner: OwnerId, block: str, marginals: Mapping[int, Array]
+) -> Array | None:
+    """The covariance of a static block ``(c, c)``; None where it is no variable."""
+    own, columns = objective.static_columns(owner), objective.layout.columns(owner, block)
+    if own is None or not len(columns) or own[0] not in marginals:
+        return None
+    place = columns - own[1].start
+    return marginals[own[0]][np.ix_(place, place)]
+
+
+def decode_wearers(
+    names: Sequence[str], method: str, model: SceneProblem, state: SceneState, covariance: SceneCovariance | None
+) -> list[Estimate]:
+    """Each wearer's estimate."""
+    estimates = []
+    for number, name in enumerate(names):
+        wearer, own = model.wearers[number], state.wearers[number]
+        poses = covariance.wearers[number] if covariance is not None else None
+        estimates.append(decode(name, method, wearer, own, poses, ()))
+    return estimates
+
+
+def decode_camera(
+    name: str, model: SceneProblem, state: SceneState, covariance: SceneCovariance | None, clock: VideoClock
+) -> CameraEstimate:
+    """The camera's estimate; ``clock`` is what the video's was said to be."""
+    poses, time = state.camera.poses, model.wearers[0].frames.time
+    found = clock.corrected(state.camera.clock, state.camera.clock_drift, model.camera.clock_middle)
+    calibration = None
+    if model.camera.imu is not None:
+        calibration = SensorCalibration(float(wrap_angle(state.camera.heading)), state.camera.R_camera_imu)
+    return CameraEstimate(
+        name,
+        model.camera.model,
+        CameraPath(time[: len(poses)], poses.R_world_camera, poses.p_world_camera),
+        calibration,
+        covariance.camera if covariance is not None else None,
+        reprojection_rms(model, state),
+        found.offset,
+        found.drift,
+    )
+
+
+def reprojection_rms(model: SceneProblem, state: SceneState) -> Array:
+    """Root mean square reprojection error in pixels, ``(T, wearers)``; NaN where a wearer was not seen."""
+    poses, columns = state.camera.at_frames(slice(0, model.frames)), []
+    offsets = state.detector.keypoint_offsets
+    for number, (wearer, own, view) in enumerate(zip(model.wearers, state.wearers, model.views, strict=True)):
+        at = ViewEvaluation(WearerEvaluation(number, wearer, own), CAMERA, model.camera, state.camera, view, offsets)
+        points = at.points_on(view.body_points).on(at.wearer.body)
+        residual, _ = reprojection_residual(points, poses, model.camera.model, view.pixels)
+        squares = np.where(view.seen, np.sum(residual**2, axis=2), 0.0)
+        count = view.seen.sum(axis=1)
+        columns.append(np.where(count > 0, np.sqrt(squares.sum(axis=1) / np.maximum(count, 1)), np.nan))
+    return np.stack(columns, axis=1)
+
+
+def with_sigmas(
+    estimate: Estimate, model: SceneProblem, number: int, marginals: Mapping[int, Array] | None
+) -> Estimate:
+    """The estimate with standard deviations of its calibration, where those are variables of ``model``."""
+    objective, owner = SceneObjective(model), OwnerId(Owner.WEARER, number)
+    headings = _sigmas(objective, owner, "headings", marginals)
+    mountings = _sigmas(objective, owner, "R_bone_sensor", marginals)
+    calibration: dict[str, SensorCalibration] = {}
+    for s, sensor in enumerate(model.wearers[number].frames.sensors):
+        one = estimate.calibration[sensor]
+        calibration[sensor] = replace(
+            one,
+            heading_sigma=one.heading_sigma if headings is None else float(headings[s]),
+            mounting_sigma=one.mounting_sigma if mountings is None else mountings[3 * s : 3 * s + 3],
+        )
+    return replace(estimate, calibration=calibration)
+
+
+def _sigmas(
+    objective: SceneObjective, owner: OwnerId, block: str, marginals: Mapping[int, Array] | None
+) -> Array | None:
+    covariance = None if marginals is None else static_covariance(objective, owner, block, marginals)
+    return None if covariance is None else np.sqrt(np.diag(covariance))
+
+
+def camera_with_sigmas(
+    estimate: CameraEstimate, model: SceneProblem, marginals: Mapping[int, Array] | None
+) -> CameraEstimate:
+    """The camera's estimate with standard deviations of its clock and its IMU's calibration."""
+    objective = SceneObjective(model)
+    clock = [_sigmas(objective, CAMERA, block, marginals) for block in ("clock", "clock_drift")]
+    if clock[0] is not None and clock[1] is not None:
+        estimate = replace(estimate, clock_sigma=(float(clock[0][0]), float(clock[1][0])))
+    heading = _sigmas(objective, CAMERA, "heading", marginals)
+    mounting = _sigmas(objective, CAMERA, "R_camera_imu", marginals)
+    if heading is None or mounting is None or estimate.calibration is None:
+        return estimate
+    calibration = replace(estimate.calibration, heading_sigma=float(heading[0]), mounting_sigma=mounting)
+    return replace(estimate, calibration=calibration)

@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vip_factors.body.keypoints import KeypointOffsets
+from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, transpose, yaw_of
 from vip_factors.initialise.camera import (
@@ -18,17 +20,18 @@ from vip_factors.initialise.camera import (
     world_turn,
 )
 from vip_factors.initialise.camera_mounting import camera_mounting
+from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.problem.scene import CameraProblem, Viewpoint
 from vip_factors.problem.state import CameraState, DetectorState, SceneState
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Camera
 from vip_factors.settings import Settings
-from vip_factors.stages.associated_cameras import AssociatedCamera, path_at
+from vip_factors.stages.association import AssociatedCamera, path_at
+from vip_factors.stages.drift import middle_of
 from vip_factors.stages.inertial import Tracked
-from vip_factors.stages.learned_offsets import prior_offsets
-from vip_factors.stages.video_drift import middle_of
 from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ def start_filming(associated: Sequence[AssociatedCamera], wearers: Sequence[Trac
     Cameras of known pose place the wearers whom they saw before that: their world is the scene's.
 
     Args:
-        associated: that are of use (:func:`~vip_factors.stages.associated_cameras.of_use`).
+        associated: that are of use (:func:`~vip_factors.stages.association.of_use`).
         wearers: each in a world of their own.
         settings: of all rooms.
     """
@@ -197,3 +200,23 @@ def _placed(tracked: Tracked, look: tuple[CameraPath, Sightings], time: Array, i
         p_world_start=state.p_world_pelvis[0],
     )
     return Tracked(model, state)
+
+
+def prior_offsets(camera: Camera, settings: KeypointOffsetSettings) -> KeypointOffsets:
+    """What was found of a camera's detector before, or learnt of others where a file is named; else its family's.
+
+    Raises:
+        FileFormatError, InputError: for a file that is none, or knows nothing of the camera's keypoints.
+    """
+    if camera.keypoint_offsets is not None:
+        return camera.keypoint_offsets
+    if settings.learned is None:
+        sigmas = settings.sigmas * camera.detections.keypoints.offset_spread
+        return KeypointOffsets(np.zeros_like(sigmas), sigmas)
+    known, name = read_keypoint_offsets(settings.learned).sets, camera.detections.keypoints.name
+    if name not in known:
+        raise InputError(
+            f"{settings.learned}: has no offsets of '{name}', the keypoints of camera '{camera.name}': it has "
+            f"{', '.join(known) or 'none'}; vip-factors train keypoints learns them"
+        )
+    return known[name].offsets

@@ -4,16 +4,17 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from vip_factors.associate.hypothesis import hypotheses, wearer_points
 from vip_factors.body.kinematics import Motion
 from vip_factors.estimate import Estimate
+from vip_factors.geometry.rotations import Array
+from vip_factors.initialise.camera import LEAP_WINDOW, Sightings, leaps
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
-from vip_factors.stages.associated_cameras import AssociatedCamera
-from vip_factors.stages.body_findings import body_findings
+from vip_factors.stages.association import AssociatedCamera
+from vip_factors.stages.drift import drift_findings
 from vip_factors.stages.fusion import Fused
-from vip_factors.stages.heading_drift import drift_findings
-from vip_factors.stages.leap_findings import confirmed_leaps
-from vip_factors.stages.posture_findings import posture_findings
+from vip_factors.stages.wearer_findings import body_findings, posture_findings
 
 UNSURE_HEADING = np.deg2rad(15.0)  # a heading no better known than this came from the straps
 # Scatter of the detections about the skeleton in OKS sigmas: 0.3–0.45 with everything right, OpenPose's own is 0.5; 0.7
@@ -112,3 +113,31 @@ def _image_findings(camera: Camera) -> Iterator[str]:
             f"image that is calibrated as {model.width} by {model.height} pixels: if they were found at another "
             "resolution than the calibration's, give a camera file of theirs"
         )
+
+
+def confirmed_leaps(each: AssociatedCamera, number: int, solved: Motion) -> Array:
+    """Instants ``(n,)`` at which a wearer leaps in a camera's picture, by the solution as by the first association.
+
+    The first association's hypothesis cameras are of a skeleton whose mountings nobody knew yet. A pelvis that is
+    tilted on its wearer by 15 degrees turns the world by 30 as the wearer turns about, in any half second. What is left
+    of a leap when the solved skeleton takes its place is the picture's: mountings are the same before and after. Nor
+    does the first association always take the right person, and the last one makes up for it: only whom the estimate
+    was made from may leap.
+
+    Args:
+        each: the camera.
+        number: of the wearer.
+        solved: the wearer's motion.
+    """
+    times = leaps(each.seen[number])
+    if not len(times):
+        return times
+    again = leaps(_sightings(each, number, solved))
+    return np.array([one for one in times if np.any(np.abs(again - one) <= LEAP_WINDOW)])
+
+
+def _sightings(each: AssociatedCamera, number: int, solved: Motion) -> Sightings:
+    """The hypothesis cameras of the detections that the estimate was made from, of the solved skeleton."""
+    own = each.detections.select(each.association.wearer == number)
+    found = hypotheses(own, each.camera.model.normalise(own.pixels), [wearer_points(solved, own.keypoints, own.time)])
+    return Sightings(own.time[found.frame], found.R_camera_world, found.p_camera_pelvis)

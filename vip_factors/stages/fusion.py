@@ -9,32 +9,34 @@ from vip_factors.assembly.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.assembly.view_terms import reprojection_residuals
 from vip_factors.body.kinematics import Motion
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.extra import ExtraTerms
 from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem, Viewpoint
-from vip_factors.problem.state import CameraState, DetectorState, SceneState
+from vip_factors.problem.state import CameraState, DetectorState, SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.sampled import frames_of
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, Scene
 from vip_factors.settings import Settings
-from vip_factors.stages.associated_cameras import AssociatedCamera
+from vip_factors.stages.association import AssociatedCamera, look_again, watch_again
 from vip_factors.stages.decode import motion_of
+from vip_factors.stages.drift import found_clock, with_found_drift
 from vip_factors.stages.filming import Filmed, camera_problem
 from vip_factors.stages.ground import seen_standing
-from vip_factors.stages.heading_drift import with_found_drift
 from vip_factors.stages.inertial import at_frames
 from vip_factors.stages.inertial_model import kept, with_contacts
 from vip_factors.stages.solver import Solver
-from vip_factors.stages.video_drift import found_clock
 from vip_factors.stages.views import image_scale, keypoint_view, predicted_pixels, scatter
+from vip_factors.stages.wearer_findings import TURNED
 from vip_factors.terms.camera_pose import CameraPoses
 from vip_factors.terms.video_clock import seconds_late
 
 TIMED = 0.01  # s: so far keypoints move nearly straight; half a video frame
 SETTLED = 1.5  # a detector believed less than this much too rough costs less than another solve
+UNLIKELY = 4.0  # sigmas of its prior: what ends there is a hypothesis
+HELD = np.deg2rad(1.0)  # of a mounting that is kept where the start had it
 
 
 @dataclass(frozen=True)
@@ -271,3 +273,69 @@ def _views(
             view = replace(view, ground=ground)
         views.append(replace(view, clock=clock))
     return tuple(views)
+
+
+def fuse_in_rounds(
+    filmed: Filmed, associated: Sequence[AssociatedCamera], names: Sequence[str], settings: Settings, solver: Solver
+) -> tuple[Fused, tuple[AssociatedCamera, ...]]:
+    """The coarse solution, and the association that it was made from.
+
+    Args:
+        filmed: where to start.
+        associated: by the first association, of the cameras that are of use.
+        names: of the wearers.
+        settings: of all rooms.
+        solver: of the scene.
+
+    Raises:
+        SolveError: if the problem is not determined.
+    """
+    tell = solver.telling("association")
+    fused = fuse(filmed, None, associated, settings, solver)
+    for _ in range(settings.fusion.rounds - 1):
+        associated = watch_again(associated, fused.camera_path, fused.clock, fused.motions(names), settings, tell)
+        fused = fuse(filmed, fused, associated, settings, solver)
+    for _ in range(settings.fusion.refits):
+        if not fused.is_settled():
+            fused = fuse(filmed, fused, associated, settings, solver)
+    fused = _reconsidered(filmed, fused, associated, settings, solver)
+    associated = look_again(associated, fused.camera_path, fused.clock, fused.motions(names), settings)
+    return fused, associated
+
+
+def _reconsidered(
+    filmed: Filmed, fused: Fused, associated: Sequence[AssociatedCamera], settings: Settings, solver: Solver
+) -> Fused:
+    """The better of a solution and, if something ended far from where it is likely, of one that began with that held.
+
+    Many frames of one posture may lead a mounting or a hinge's axis from where a single statement had it into another
+    valley, from which no way leads back.
+    """
+    cautious = [
+        _with_unlikely_fixed(one, own) for one, own in zip(fused.model.wearers, fused.state.wearers, strict=True)
+    ]
+    if all(one is own for one, own in zip(cautious, fused.model.wearers, strict=True)):
+        return fused
+    likely = [
+        replace(one, model=replace(one.model, mounting_sigma=held.mounting_sigma, free_hinges=held.free_hinges))
+        for one, held in zip(filmed.wearers, cautious, strict=True)
+    ]
+    other = fuse(replace(filmed, wearers=tuple(likely)), None, associated, settings, solver)
+    other = fuse(filmed, other, associated, settings, solver)
+    return min(fused, other, key=lambda one: _cost(one, fused))
+
+
+def _with_unlikely_fixed(model: WearerProblem, state: WearerState) -> WearerProblem:
+    """The problem with what is far from likely kept where it began; the same one if nothing is."""
+    turned = angle_between(model.prior_R_bone_sensor, state.R_bone_sensor) > TURNED
+    axes = np.abs(model.hinge_prior.whitening @ (state.hinges - model.hinge_prior.mean)) > UNLIKELY
+    if not (model.free_mountings and turned.any()) and not (model.free_hinges and axes.any()):
+        return model
+    return replace(model, mounting_sigma=np.where(turned, HELD, model.mounting_sigma), free_hinges=not axes.any())
+
+
+def _cost(one: Fused, other: Fused) -> float:
+    """Of a solution, with its detections believed as much as in another."""
+    views = zip(one.model.views, other.model.views, strict=True)
+    believed = tuple(replace(view, sigma=theirs.sigma) for view, theirs in views)
+    return sum(SceneObjective(replace(one.model, views=believed)).cost(one.state).values())

@@ -1,4 +1,4 @@
-"""The stages that need nothing but IMUs: the start of headings and mountings, the inertial tracker."""
+"""The stages that need nothing but IMUs: the first headings and mountings, the inertial tracker, the calibration."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -8,21 +8,25 @@ from scipy.interpolate import make_interp_spline
 
 from vip_factors.assembly.objective import WearerObjective
 from vip_factors.body.pose_prior import joint_vector
-from vip_factors.errors import InputError
+from vip_factors.errors import InputError, SolveError
+from vip_factors.estimate import Estimate
 from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, known_calibration
 from vip_factors.initialise.pose import first_poses
 from vip_factors.initialise.start_search import Starts
 from vip_factors.problem.extra import ExtraTerms
+from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.recording import Recording, nothing_placed
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import Settings
+from vip_factors.settings import CalibrationSettings, Settings
+from vip_factors.solve.marginals import last_marginals
 from vip_factors.stages.calibration_start import search_start
-from vip_factors.stages.heading_drift import with_found_drift
+from vip_factors.stages.decode import with_sigmas
+from vip_factors.stages.drift import with_found_drift
 from vip_factors.stages.inertial_model import (
     alone,
     gauge_sensor,
@@ -37,6 +41,7 @@ from vip_factors.stages.solver import Solver
 # Beyond its range in most frames: then limits and the declared pose contradict each other, and thousands of frames are
 # not to overrule what was declared.
 CONTRADICTION = np.deg2rad(60.0)
+UNDETERMINED = "the data do not determine all headings and mountings: in part they are guesses"
 
 
 @dataclass(frozen=True)
@@ -127,3 +132,27 @@ def at_frames(state: WearerState, time: Array, wanted: Array) -> WearerState:
     R = interpolate_smoothly(time, state.R_parent_child, wanted)  # a kink would be an acceleration
     path = make_interp_spline(time, state.p_world_pelvis, k=min(3, len(time) - 1))
     return replace(state, R_parent_child=R, p_world_pelvis=path(np.clip(wanted, time[0], time[-1])))
+
+
+def with_calibration_sigmas(
+    estimate: Estimate, found: Tracked, settings: CalibrationSettings, extra: ExtraTerms | None = None
+) -> Estimate:
+    """The estimate with standard deviations of headings and mountings; with a finding, if they are not determined.
+
+    They are marginals at the solution that found them, on its coarse frames: at the full
+    rate headings and mountings are kept, as if they were known. That costs as much as one of its iterations.
+
+    Args:
+        estimate: whose calibration is that of ``found``.
+        found: as :func:`~vip_factors.stages.inertial.calibrated` returns it.
+        settings, extra: with which it was found.
+    """
+    objective = WearerObjective(with_contacts(loosened(found.model, settings), found.state), extra)
+    keys = objective.scene.static_keys
+    if not keys:
+        return estimate
+    try:
+        marginals = last_marginals(objective.linearise(found.state), keys)
+    except SolveError:
+        return replace(estimate, findings=(*estimate.findings, UNDETERMINED))
+    return with_sigmas(estimate, SceneProblem.unfilmed([objective.problem]), 0, marginals)

@@ -19,15 +19,14 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.settings import Settings
 from vip_factors.solve.marginals import last_marginals
-from vip_factors.stages.associated_cameras import of_use, watch, watch_again
-from vip_factors.stages.decode import motion_of
+from vip_factors.stages.association import of_use, watch, watch_again
+from vip_factors.stages.decode import motion_of, static_covariance
 from vip_factors.stages.filming import start_filming
 from vip_factors.stages.fusion import Fused, unfused
 from vip_factors.stages.inertial import Tracked, at_frames
 from vip_factors.stages.inertial_model import inertial_model
-from vip_factors.stages.scene_decode import static_covariance
-from vip_factors.stages.scene_frames import scene_frames
 from vip_factors.stages.solver import Solver
+from vip_factors.stages.windows import scene_frames
 from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 
 # m. Thrice the usual: of a camera whose place is not known it holds what all keypoints have in common.

@@ -6,14 +6,14 @@ from vip_factors.problem.state import SceneState
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
-from vip_factors.stages.associated_cameras import of_use, watch
+from vip_factors.stages.association import of_use, watch
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.filming import start_filming
 from vip_factors.stages.fusion import unfused
 from vip_factors.stages.inertial import inertial_trackers
 from vip_factors.stages.inertial_model import with_contacts
-from vip_factors.stages.scene_frames import scene_frames
 from vip_factors.stages.solver import Progress, Solver
+from vip_factors.stages.windows import scene_frames
 
 
 def factor_graph(

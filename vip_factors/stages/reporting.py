@@ -7,26 +7,31 @@ import numpy as np
 
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.associate.associate import Association
+from vip_factors.body.hinges import HingeEstimate, hinge_estimates
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS
+from vip_factors.body.lengths import LENGTHS, lengths_of
+from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import SolveError
-from vip_factors.estimate import SceneEstimate, SolveReport
+from vip_factors.estimate import BodyEstimate, DetectorEstimate, SceneEstimate, SensorPlaceEstimate, SolveReport
 from vip_factors.geometry.rotations import Array
+from vip_factors.problem.blocks import DETECTOR
+from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 from vip_factors.solve.marginals import chain_marginals, last_marginals
-from vip_factors.stages.associated_cameras import AssociatedCamera
-from vip_factors.stages.body_decode import body_estimate
-from vip_factors.stages.findings import find_oddities, of_camera
-from vip_factors.stages.fusion import Fused
-from vip_factors.stages.place_decode import detector_estimate, sensor_places
-from vip_factors.stages.scene_decode import (
+from vip_factors.stages.association import AssociatedCamera
+from vip_factors.stages.decode import (
     SceneCovariance,
     camera_with_sigmas,
     decode_camera,
     decode_wearers,
     scene_covariance,
+    static_covariance,
     with_sigmas,
 )
-from vip_factors.stages.video_drift import clock_findings
+from vip_factors.stages.drift import clock_findings
+from vip_factors.stages.findings import find_oddities, of_camera
+from vip_factors.stages.fusion import Fused
 
 
 def scene_estimate(
@@ -104,3 +109,78 @@ def marginals_of_shared(fused: Fused) -> Mapping[int, Array] | None:
         return last_marginals(objective.linearise(fused.state), objective.static_keys)
     except SolveError:
         return None
+
+
+def body_estimate(fused: Fused, number: int, marginals: Mapping[int, Array] | None) -> BodyEstimate | None:
+    """One wearer's body; None if nothing of it was a variable.
+
+    Args:
+        fused: whose bodies were found and are the problem's.
+        number: of the wearer.
+        marginals: of what all frames share, by key; None if the data do not determine it.
+    """
+    model, hinges = fused.model.wearers[number], fused.state.wearers[number].hinges
+    objective, owner = SceneObjective(fused.model), OwnerId(Owner.WEARER, number)
+
+    def covariance(block: str, size: int) -> Array:
+        known = None if marginals is None else static_covariance(objective, owner, block, marginals)
+        return np.full((size, size), np.nan) if known is None else known
+
+    found, before = tuple[HingeEstimate, ...](), tuple[HingeEstimate, ...]()
+    if model.free_hinges:
+        found, before = hinge_estimates(hinges, covariance("hinges", len(hinges))), model.hinge_prior.hinges()
+    if not model.body_moves or model.variation is None:
+        nothing, square = np.zeros(0), np.zeros((0, 0))
+        return BodyEstimate((), nothing, nothing, square, square, found, before) if found else None
+    lengths, whitening = lengths_of(model.skeleton), model.variation.whitening
+    prior = np.array(np.linalg.inv(whitening.T @ whitening), dtype=float)
+    return BodyEstimate(
+        LENGTHS,
+        lengths + model.variation.mean,  # of what is left to change
+        lengths,
+        prior,
+        covariance("body", len(LENGTHS)),
+        found,
+        before,
+    )
+
+
+def sensor_places(fused: Fused, number: int, marginals: Mapping[int, Array] | None) -> tuple[SensorPlaceEstimate, ...]:
+    """Of one wearer's sensors; none if they were no variables.
+
+    Args:
+        fused: whose bodies were found and are the problem's.
+        number: of the wearer.
+        marginals: of what all frames share, by key; None if the data do not determine it.
+    """
+    model = fused.model.wearers[number]
+    if not model.free_places:
+        return ()
+    points, found = model.sensor_points, fused.state.wearers[number].sensor_places
+    sigmas = _sigmas(fused, OwnerId(Owner.WEARER, number), "sensor_places", found.shape, marginals)
+    whitening = np.linalg.inv(model.place_whitening)
+    prior_sigmas = np.sqrt(np.einsum("sij,sij->si", whitening, whitening))
+    return tuple(
+        SensorPlaceEstimate(sensor, JOINT_NAMES[bone], prior, prior + change, prior_sigma, sigma)
+        for sensor, bone, prior, change, prior_sigma, sigma in zip(
+            model.frames.sensors, points.bones, points.p_bone_point, found, prior_sigmas, sigmas, strict=True
+        )
+    )
+
+
+def detector_estimate(fused: Fused, marginals: Mapping[int, Array] | None) -> DetectorEstimate | None:
+    """The detector's keypoint offsets; None if they were no variables. ``marginals`` as in :func:`sensor_places`."""
+    if not fused.model.free_keypoints:
+        return None
+    found = fused.state.detector.keypoint_offsets
+    prior = fused.model.camera.prior_offsets
+    sigma = _sigmas(fused, DETECTOR, "keypoint_offsets", found.shape, marginals)
+    return DetectorEstimate(OFFSET_KEYPOINTS, prior.mean, found, prior.sigma, sigma)
+
+
+def _sigmas(
+    fused: Fused, owner: OwnerId, block: str, shape: tuple[int, ...], marginals: Mapping[int, Array] | None
+) -> Array:
+    """Standard deviations of a static block in its shape; NaN if not known."""
+    known = None if marginals is None else static_covariance(SceneObjective(fused.model), owner, block, marginals)
+    return np.full(shape, np.nan) if known is None else np.sqrt(np.diag(known)).reshape(shape)

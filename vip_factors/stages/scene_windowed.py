@@ -1,6 +1,7 @@
 """The estimate of a filmed scene that is solved window by window: calibrated from a stretch, then from end to end."""
 
 import itertools
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -14,17 +15,48 @@ from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.long_scene import LongScene
 from vip_factors.settings import Settings
-from vip_factors.stages.heading_drift import drift_findings
-from vip_factors.stages.scene_calibration import Headings, SceneCalibration
-from vip_factors.stages.scene_frames import in_step
-from vip_factors.stages.scene_stretch import calibrate_scene, stiff
-from vip_factors.stages.scene_window_findings import GatheredFindings
+from vip_factors.stages.drift import CLOCK, clock_findings, drift_findings
+from vip_factors.stages.scene_calibration import Headings, SceneCalibration, calibrate_scene, stiff
 from vip_factors.stages.scene_window_join import moved, parts_of
 from vip_factors.stages.scene_window_solve import SceneWindow, solve_scene_window
 from vip_factors.stages.solver import Progress, Solver
-from vip_factors.stages.video_drift import CLOCK, clock_findings
 from vip_factors.stages.windowed import WINDOWS
-from vip_factors.stages.windows import WindowPlan
+from vip_factors.stages.windows import WindowPlan, in_step
+
+# A name in quotes, or a number that stands by itself: digits of names without quotes touch other characters.
+_NAME_OR_NUMBER = re.compile(r"(?P<name>(?<!\w)'.*?'(?!\w))|(?<![^\s(])[+-]?\d+(?:\.\d+)?(?:, \d+(?:\.\d+)?)*(?![\w-])")
+
+
+class GatheredFindings:
+    """Sentences are the same if they differ by numbers alone, none of which is in a name.
+
+    Args:
+        known: what is told of the whole already: windows need not say it again.
+    """
+
+    def __init__(self, known: Sequence[str] = ()) -> None:
+        self._known = list(known)
+        self._kinds = {_kind(sentence) for sentence in known}
+        self._found: dict[str, tuple[str, float, float]] = {}
+        self._again: dict[str, int] = {}
+
+    def add(self, sentences: Sequence[str], start: float, end: float) -> None:
+        """Those on a window from one instant to another, seconds."""
+        for kind, sentence in {_kind(one): one for one in reversed(sentences)}.items():
+            if kind in self._found:
+                self._again[kind] += 1
+            elif kind not in self._kinds:
+                self._found[kind], self._again[kind] = (sentence, start, end), 0
+
+    def sentences(self) -> tuple[str, ...]:
+        """All of them."""
+        return (*self._known, *(self._told(kind) for kind in self._found))
+
+    def _told(self, kind: str) -> str:
+        (sentence, start, end), again = self._found[kind], self._again[kind]
+        more = f", and in {again} more windows" if again else ""
+        return f"{sentence} (from {start:.0f} to {end:.0f} s{more})"
+
 
 LOOK_S = 10.0  # s of video that tell its rate
 LEAST_CLOCKS = 2  # windows through whose clocks there is a line
@@ -207,3 +239,7 @@ def _calibration(one: Estimate, headings: Sequence[Headings]) -> dict[str, Senso
         moves = {"heading_time": time, "heading_path": heading + path - path[0]} if len(time) > 1 else {}
         found[sensor] = replace(one.calibration[sensor], heading=heading, **moves)
     return found
+
+
+def _kind(sentence: str) -> str:
+    return _NAME_OR_NUMBER.sub(lambda found: found["name"] or "#", sentence)

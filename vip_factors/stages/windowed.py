@@ -11,14 +11,13 @@ from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.estimate import Estimate, EstimatePart, LongEstimate, PoseCovariance
 from vip_factors.sensors.sampled import SampledRecording
 from vip_factors.settings import Settings, flatten
-from vip_factors.stages.calibration_sigmas import with_calibration_sigmas
 from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.decode import calibration_of, motion_of
-from vip_factors.stages.heading_drift import drift_findings
-from vip_factors.stages.inertial import Tracked
+from vip_factors.stages.drift import drift_findings
+from vip_factors.stages.inertial import Tracked, with_calibration_sigmas
 from vip_factors.stages.inertial_model import method_of
-from vip_factors.stages.posture_findings import posture_findings
 from vip_factors.stages.solver import Progress, Solver
+from vip_factors.stages.wearer_findings import posture_findings
 from vip_factors.stages.window_join import joined
 from vip_factors.stages.window_solve import SolvedWindow, calibrate, solve_windows, with_sensors_checked
 from vip_factors.stages.windows import WindowPlan

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from filmed_gestures import QUICK, filmed_gestures, without_detections
 
+from vip_factors.associate.associate import Association
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import exp
 from vip_factors.sensors.scene import Scene
-from vip_factors.stages import first_association as stage
+from vip_factors.stages import association as stage
 from vip_factors.stages.inertial import Tracked, inertial_trackers
-from vip_factors.stages.scene_frames import scene_frames
+from vip_factors.stages.reporting import what_told
 from vip_factors.stages.solver import Solver
+from vip_factors.stages.windows import scene_frames
 
 SOLVER = Solver(QUICK.solve, lambda stage, fraction: None)
 
@@ -81,3 +83,21 @@ def test_a_calibration_that_looks_less_alike_is_not_begun_with(monkeypatch: pyte
     assert wearers[0] is anna
     (look,) = [stage._look(each, 0, anna, "anna") for each in associated]
     np.testing.assert_array_equal(associated[0].seen[0].R_camera_world, look.R_camera_world)
+
+
+def association(wearer: list[int], by_place: list[bool], by_clothes: bool) -> Association:
+    N = len(wearer)
+    R, p = np.tile(np.eye(3), (N, 1, 1)), np.zeros((N, 3))
+    return Association(np.array(wearer), np.ones(N), R, p, np.zeros(N), (), np.array(by_place, bool), by_clothes)
+
+
+def test_motion_place_and_clothes_are_told_apart() -> None:
+    told = what_told(["anna", "ben"], association([0, 0, 0, 1, -1], [False, True, True, False, False], True))
+    assert told[0] == "anna was told by motion in 1 detections and by place in 2; clothes had a say"
+    assert "ben was told by motion in 1 detections and by place in 0" in told[1]
+
+
+def test_without_a_known_camera_motion_alone_tells() -> None:
+    assert what_told(["anna"], association([0, 0], [], False)) == (
+        "anna was told by motion in 2 detections and by place in 0; clothes had none",
+    )

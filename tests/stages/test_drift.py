@@ -11,7 +11,7 @@ from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera
-from vip_factors.stages.video_drift import clock_findings, middle_of
+from vip_factors.stages.drift import clock_findings, middle_of
 
 LENS = CameraModel(640, 480, (500.0, 500.0), (320.0, 240.0))
 

@@ -91,7 +91,7 @@ def test_studies_are_there_and_understood(page: Path) -> None:
 READ = {
     "xsens_txt": "Xsens MTw / MT Manager", "xsens_dot": "Xsens (Movella) DOT", "mvnx": "Xsens MVN", "apdm": "APDM Opal",
     "opensense_sto": "OpenSense, OpenSim", "opensim_export": "OpenSense, OpenSim", "table": "tables of any make",
-    "ros2": "ROS 2", "qmt_mat": "qmt", "totalcapture": "TotalCapture, DIP-IMU", "dip_imu": "TotalCapture, DIP-IMU",
+    "ros2": "ROS 2", "totalcapture": "TotalCapture",
 }  # fmt: skip
 
 

@@ -1,26 +1,23 @@
 """Numbers that no file should hold are told in a sentence, wherever they stand."""
 
 import math
-import pickle
-from contextlib import suppress
 from pathlib import Path
 from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from tests.studies.fuzz.outcome import limited_memory, out_of_memory
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion
+from vip_factors.body.smpl_pickle import read_smpl_pickle
 from vip_factors.cli.settings_file import read_settings
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.evaluate.frames import common_frames
 from vip_factors.io.camera_file import read_camera_file
 from vip_factors.io.detections.found_people import load_json
-from vip_factors.io.importers import apdm, qmt_mat
+from vip_factors.io.importers import apdm
 from vip_factors.io.importers.mvnx_document import read_document
-from vip_factors.io.importers.numpy_pickle import load_plain_pickle
 from vip_factors.io.mcap_contents import CHANNEL, RECORD_HEAD, McapWarning, read_contents
 from vip_factors.io.mcap_messages import set_timestamp
 from vip_factors.io.motions.amass import read_amass
@@ -141,28 +138,6 @@ def test_a_skeleton_whose_bone_points_nowhere(tmp_path: Path) -> None:
             read_asf(path)
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        {"t": "x", "pelvis": {"acc": np.zeros((3, 3))}},
-        {"t": np.arange(3.0), "pelvis": {"acc": "x"}},
-    ],
-)
-def test_matlab_structs_of_words(tmp_path: Path, content: dict) -> None:
-    savemat(tmp_path / "a.mat", content)
-    with pytest.raises(FileFormatError, match="expected numbers"):
-        qmt_mat.read(tmp_path / "a.mat")
-
-
-def test_a_gyroscope_beyond_all_numbers(tmp_path: Path) -> None:
-    quaternion = np.tile([1.0, 0, 0, 0], (20, 1))
-    quaternion[::2, 1] = 0.1
-    rate = np.full((20, 3), 1e308)
-    struct = {"acc": np.tile([0, 0, 9.81], (20, 1)), "gyr": rate, "quat": quaternion}
-    savemat(tmp_path / "a.mat", {"t": np.arange(20) / 100, "pelvis": struct})
-    assert any("no gyroscope" in note for note in qmt_mat.read(tmp_path / "a.mat").notes)
-
-
 def test_an_encoding_that_is_none(tmp_path: Path) -> None:
     path = tmp_path / "a.mvnx"
     path.write_text('<?xml version="1.0" encoding="none"?><mvnx/>')
@@ -225,15 +200,6 @@ def test_a_count_beyond_all_numbers(tmp_path: Path) -> None:
         read_settings(path, Settings())
 
 
-def test_a_pickle_whose_type_has_no_state(tmp_path: Path) -> None:
-    whole = pickle.dumps({"imu_acc": np.zeros(3)}, protocol=0)
-    path = tmp_path / "a.pkl"
-    for at in range(0, len(whole), 3):
-        path.write_bytes(whole[:at] + b"N" + whole[at + 1 :])
-        with suppress(FileFormatError):
-            load_plain_pickle(path)
-
-
 def test_a_placement_that_is_a_list(tmp_path: Path) -> None:
     path = tmp_path / "p.json"
     path.write_text("[]")
@@ -258,7 +224,7 @@ def test_a_pickle_that_claims_to_be_huge(tmp_path: Path, content: bytes) -> None
     path.write_bytes(b"\x80\x02" + content)
     with limited_memory(2**28):
         try:
-            refused = load_plain_pickle(path)
+            refused = read_smpl_pickle(path)
         except FileFormatError as error:
             refused = error
     assert not out_of_memory(refused)

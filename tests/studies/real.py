@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.studies import qmt_mat
 from tests.studies.gait import (
     Agreement,
     GaitMotion,
@@ -29,7 +30,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import wrap_angle
-from vip_factors.io.convert import import_recording
+from vip_factors.io.convert import import_recording, recording_of_log
 from vip_factors.io.mcap_scene_recording import read_scene
 from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth_scene
@@ -194,7 +195,12 @@ def _converted(one: RealRecording, folder: Path) -> Recording:
             options = replace(options, columns=columns)
         if one.sites:
             options = replace(options, placement=sites)
-        return import_recording(folder / one.log, options)
+        path = folder / one.log
+        return (
+            recording_of_log(qmt_mat.read(path), path, options)
+            if path.suffix == ".mat"
+            else import_recording(path, options)
+        )
 
 
 def _errors(

@@ -87,10 +87,14 @@ def _new_object(cls: type, *_: Any) -> Any:
     return cls()
 
 
-class _RestrictedUnpickler(pickle._Unpickler):
-    """The one in Python: that in C makes room for as many objects as a damaged file announces."""
+class RestrictedUnpickler(pickle._Unpickler):
+    """Makes plain data and stand-ins only.
+
+    The one in Python: that in C makes room for as many objects as a damaged file announces.
+    """
 
     def find_class(self, module: str, name: str) -> Any:
+        """What a pickle asks for, if SMPL files need it; UnpicklingError otherwise."""
         known = _numpy_allowed() | {
             ("_codecs", "encode"): _latin1,
             ("copy_reg", "_reconstructor"): _new_object,
@@ -115,7 +119,7 @@ def read_smpl_pickle(path: Path) -> dict[str, Any]:
         FileFormatError: for anything that is not a dictionary of arrays, or holds a class it should not.
     """
     try:
-        content = _RestrictedUnpickler(BytesIO(path.read_bytes()), encoding="latin1").load()
+        content = RestrictedUnpickler(BytesIO(path.read_bytes()), encoding="latin1").load()
     except Exception as error:  # of damaged pickles, pickle and NumPy raise a dozen kinds
         reason = error or "it breaks off"
         raise FileFormatError(f"{path}: not a SMPL model pickle ({reason}); expected a model's .pkl or .npz") from error

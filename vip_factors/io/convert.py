@@ -32,10 +32,8 @@ FORMATS: dict[str, str] = {
     "recording": "vip_factors.io.mcap_recording",
     "ros2": "vip_factors.io.ros2",
     "mvnx": "vip_factors.io.importers.mvnx",
-    "qmt_mat": "vip_factors.io.importers.qmt_mat",
     "opensim_export": "vip_factors.io.importers.opensim_export",
     "opensense_sto": "vip_factors.io.importers.opensense_sto",
-    "dip_imu": "vip_factors.io.importers.dip_imu",
     "totalcapture": "vip_factors.io.importers.totalcapture",
     "apdm": "vip_factors.io.importers.apdm",
     "xsens_dot": "vip_factors.io.importers.xsens_dot",
@@ -208,9 +206,18 @@ def import_recording(path: str | Path, options: ImportOptions | None = None) -> 
     if options.then:
         logs = [log, *(read_log(one, options.format, options.columns) for one in options.then)]
         log = log_in_parts(logs, [str(one) for one in (path, *options.then)])
+    return recording_of_log(log, path, options)
+
+
+def recording_of_log(log: ImportedLog, path: Path, options: ImportOptions) -> Recording:
+    """The recording that a log becomes with what the user knows; ``path`` names it.
+
+    Raises:
+        InputError, FileFormatError, RecordingError: as :func:`import_recording`.
+    """
     given, body = _given(options), read_body_file(options.body) if options.body is not None else None
     notes = [f"imported from {path.name} ({log.format})", *log.notes]
-    held, imus = _held(path, format_name, log, options, given.initial_pose)
+    held, imus = _held(path, log, options, given.initial_pose)
     log = replace(log, imus=_cut(imus, options, notes))
     check_leaps(log.imus)
     notes += coverage_notes(log.imus)
@@ -239,7 +246,7 @@ def import_recording(path: str | Path, options: ImportOptions | None = None) -> 
 
 
 def _held(
-    path: Path, format_name: str, log: ImportedLog, options: ImportOptions, pose: str | None
+    path: Path, log: ImportedLog, options: ImportOptions, pose: str | None
 ) -> tuple[dict[str, Array], Mapping[str, ImuStream]]:
     """Orientations in a pose that was held elsewhere, by sensor, and the log's streams without it."""
     if options.pose_from is None:
@@ -250,7 +257,7 @@ def _held(
     if not source.path.exists():
         raise InputError(f"pose from {options.pose_from}: there is no file or folder {source.path}")
     same = path.exists() and source.path.samefile(path)
-    where = log if same else read_log(source.path, format_name, options.columns)
+    where = log if same else read_log(source.path, log.format, options.columns)
     held = held_orientations(where.imus, source)
     return held, without_sample(log.imus, source.sample) if same and source.sample else log.imus
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from tests.studies.fuzz.bytes_and_text import Mutation, mutated_bytes, mutated_text
 from tests.studies.fuzz.containers import (
     mutated_json,
-    mutated_mat,
     mutated_mcap,
     mutated_npz,
     mutated_pickle,
@@ -25,7 +24,6 @@ MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     ".json": (mutated_json, mutated_json, mutated_text),
     ".npz": (mutated_npz, mutated_npz, mutated_npz, mutated_bytes),
     ".pkl": (mutated_pickle, mutated_pickle, mutated_bytes),
-    ".mat": (mutated_mat, mutated_mat, mutated_bytes),
     ".onnx": (mutated_protobuf, mutated_protobuf, mutated_bytes),
     **dict.fromkeys((".mp4", ".png", ".jpg", ".tflite", ".whl", ".db"), (mutated_bytes,)),
 }

@@ -273,20 +273,8 @@ def mutated_pickle(data: bytes, random: Random) -> bytes:
     """A pickle of other arrays; read, as it is made here, by the reader that refuses anything but plain data."""
     import pickle
 
-    from vip_factors.io.importers.numpy_pickle import PlainUnpickler
+    from vip_factors.body.smpl_pickle import RestrictedUnpickler
 
-    return pickle.dumps(mutated_arrays(PlainUnpickler(BytesIO(data), encoding="latin1").load(), random), protocol=2)
-
-
-def mutated_mat(data: bytes, random: Random) -> bytes:
-    """MATLAB's file of structs of arrays, one of which is another."""
-    from scipy.io import loadmat, savemat
-
-    file: Any = BytesIO(data)
-    content = {name: value for name, value in loadmat(file, simplify_cells=True).items() if name[0] != "_"}
-    name = random.choice(sorted(content))
-    inside = isinstance(content[name], dict) and random.random() < 0.9
-    changed = content | {name: mutated_arrays(content[name], random)} if inside else mutated_arrays(content, random)
-    out: Any = BytesIO()
-    savemat(out, {key: value for key, value in changed.items() if key and not isinstance(value, type(None))})
-    return bytes(out.getvalue())
+    content = RestrictedUnpickler(BytesIO(data), encoding="latin1").load()
+    arrays = {name: np.asarray(one) if hasattr(one, "__array__") else one for name, one in content.items()}
+    return pickle.dumps(mutated_arrays(arrays, random), protocol=2)

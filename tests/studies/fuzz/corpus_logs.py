@@ -1,10 +1,7 @@
 """Sensor logs of all formats, a few samples each, written here in the form that their makers give them."""
 
-import pickle
 from functools import partial
-from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,14 +11,14 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import joint_index
 from vip_factors.cli.info_recording import recording_text
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.geometry.rotations import Array, exp, log, rotation_x
+from vip_factors.geometry.rotations import Array, exp, rotation_x
 from vip_factors.io.convert import ImportOptions, import_recording
 from vip_factors.io.convert_template import write_templates
 
 ROWS = 8
 NAMES = ("Pelvis", "LeftShank", "RightForeArm")
 GRAVITY = np.array([0.0, 0.0, 9.81])
-SELDOM = {"mvnx": 8, "totalcapture": 12, "dip-imu": 12, "qmt-mat": 6, "apdm-7": 3}
+SELDOM = {"mvnx": 8, "totalcapture": 12, "apdm-7": 3}
 
 
 def log_cases() -> list[Case]:
@@ -80,9 +77,7 @@ def _logs() -> list[tuple[str, str, Files, dict[str, str]]]:
         ("opensim-export", "log", _below("log", _opensim_export()), {}),
         ("table", "log.csv", _table(), {"columns": "map.toml"}),
         ("ros2", "a.mcap", {"a.mcap": _ros2()}, {}),
-        ("qmt-mat", "a.mat", {"a.mat": _mat()}, {}),
         ("totalcapture", "s1", _below("s1", _totalcapture()), {}),
-        ("dip-imu", "a.pkl", {"a.pkl": _dip()}, {}),
     ]
 
 
@@ -226,34 +221,6 @@ def _ros2() -> bytes:
             content = struct.pack("<HIQQ", number, i, time_ns, time_ns) + head + struct.pack("<37d", *numbers)
             records.append((0x05, content))
     return mcap_of([*records, (0x0F, b"\0" * 4), (0x02, b"\0" * 20)])
-
-
-def _mat() -> bytes:
-    from scipy.io import savemat
-
-    out: Any = BytesIO()
-    content = {}
-    for seed, name in enumerate(("pelvis", "shank_left")):
-        R, force, rate = _sample(seed, 60)
-        content[name] = {"acc": force, "gyr": rate, "quat": _quaternions(R)}
-    savemat(out, {"t": 40 + np.arange(60) / 100, **content})
-    return bytes(out.getvalue())
-
-
-def _dip() -> bytes:
-    from vip_factors.io.importers.dip_imu import SENSOR_SITES
-    from vip_factors.sensors.calibration import SITES
-
-    R = exp(0.3 * np.random.default_rng(0).normal(size=(ROWS, 24, 3)))
-    R[:, 0] = rotation_x(np.pi / 2)
-    state = forward_kinematics(skeleton_from_stature(1.7), R, np.zeros((ROWS, 3)))
-    bones = [joint_index(SITES[site].bone) for site in SENSOR_SITES.values()]
-    content = {
-        "imu_ori": state.R_world_bone[:, bones],
-        "imu_acc": np.zeros((ROWS, 17, 3)),
-        "gt": log(R).reshape(ROWS, 72),
-    }
-    return pickle.dumps(content, protocol=2)
 
 
 _JOINTS = {

@@ -1,4 +1,4 @@
-"""MATLAB files as the qmt toolbox writes them: one struct per sensor with acc, gyr, quat, and a shared time t.
+"""The MATLAB file of ``full_body_16imu``, as the qmt toolbox writes it: a struct a sensor, and a shared time t.
 
 What ``quat`` means is not said in the file, so the gyroscope decides: either it turns as the sensor does, or it is the
 orientation of the body segment, and then the constant rotation between the two is the sensor's mounting.
@@ -16,7 +16,6 @@ from vip_factors.geometry.quaternions import Order
 from vip_factors.geometry.rotations import Array, angle_between, log, nearest_rotation, transpose
 from vip_factors.io.imported import ImportedLog
 from vip_factors.io.importers.inertial_frame import GRAVITY, tilt_of_up, z_up
-from vip_factors.io.importers.mat_sizes import check_mat_sizes
 from vip_factors.io.importers.sensor_files import merge_notes
 from vip_factors.io.importers.site_names import default_sites
 from vip_factors.io.importers.xsens_channels import rotations_or_nan
@@ -51,22 +50,6 @@ class _Sensor:
     R_segment_sensor: Array | None  # where quat turned out to be the segment's
 
 
-def matches(path: Path) -> bool:
-    """Whether the file is a MATLAB 5 file with t and structs that hold acc."""
-    if not path.is_file() or path.suffix.lower() != ".mat":
-        return False
-    with path.open("rb") as file:
-        if file.read(6) != b"MATLAB":
-            return False
-    from scipy.io import whosmat
-
-    try:
-        content = {name: kind for name, _, kind in whosmat(path)}
-    except Exception:  # of damaged files SciPy raises whatever its parsing comes upon
-        return False
-    return "t" in content and "struct" in content.values()
-
-
 def read(path: Path) -> ImportedLog:
     """Read a file. Sensors whose ``quat`` is not their own orientation come back without one, but with a mounting.
 
@@ -98,13 +81,10 @@ def read(path: Path) -> ImportedLog:
 def _load(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
 
-    check_mat_sizes(path)
     try:
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
-    except NotImplementedError as error:
-        raise FileFormatError(f"{path}: a MATLAB 7.3 (HDF5) file; save it with '-v7'") from error
     except Exception as error:  # whatever its parsing comes upon
-        raise FileFormatError(f"{path}: not a readable MATLAB file ({error})") from error
+        raise FileFormatError(f"{path}: not a MATLAB file saved with '-v7' ({error})") from error
     return {name: value for name, value in content.items() if not name.startswith("__")}
 
 

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from tests.studies import qmt_mat
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, angle_between, exp, log, mean_rotation, rotation_z, transpose
-from vip_factors.io.importers import qmt_mat
-from vip_factors.io.importers.mat_sizes import check_mat_sizes
 from vip_factors.sensors.imu_stream import with_orientation
 
 RATE = 100.0
@@ -41,7 +40,6 @@ def write(path: Path, **sensors: dict[str, Array]) -> Path:
 def test_orientation_of_the_sensor_is_kept(tmp_path: Path) -> None:
     R = turning()
     path = write(tmp_path / "a.mat", foot_left=struct_of(R))
-    assert qmt_mat.matches(path)
     imported = qmt_mat.read(path)
     np.testing.assert_allclose(imported.imus["foot_left"].R_inertial_sensor, R, atol=1e-9)
     assert imported.imus["foot_left"].time[0] == 0
@@ -88,7 +86,6 @@ def test_acceleration_in_g(tmp_path: Path) -> None:
 def test_broken_files(tmp_path: Path) -> None:
     path = tmp_path / "a.mat"
     savemat(path, {"x": np.eye(3)})
-    assert not qmt_mat.matches(path)
     with pytest.raises(FileFormatError, match="no variable 't'"):
         qmt_mat.read(path)
     savemat(path, {"t": np.arange(4.0)})
@@ -98,29 +95,7 @@ def test_broken_files(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match=r"hip\.acc has shape \(3, 3\)"):
         qmt_mat.read(path)
     path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(FileFormatError, match=r"byte 128 tells of 80 bytes and 64 are there"):
-        qmt_mat.read(path)
-
-
-@pytest.mark.parametrize("compressed", [False, True])
-def test_sizes_that_a_damaged_file_declares_are_not_made_room_for(tmp_path: Path, compressed: bool) -> None:
-    path = tmp_path / "a.mat"
-    savemat(path, {"t": np.arange(4.0), "hip": {"acc": np.full((4, 3), 9.81)}}, do_compression=compressed)
-    check_mat_sizes(path)
-    if compressed:
-        whole = path.read_bytes()
-        path.write_bytes(whole[:200] + b"\0\0\0\0" + whole[204:])
-        with pytest.raises(FileFormatError, match=r"a\.mat: byte \d+: cannot be unpacked .* copy it again"):
-            qmt_mat.read(path)
-        return
-    whole, numbers = path.read_bytes(), np.arange(4.0).tobytes()
-    at = whole.index(numbers) - 4
-    path.write_bytes(whole[:at] + (2**31 - 1).to_bytes(4, "little") + whole[at + 4 :])
-    with pytest.raises(FileFormatError, match=r"a\.mat: byte \d+ tells of 2,147,483,647 bytes .* copy it again"):
-        qmt_mat.read(path)
-    at = whole.index((4).to_bytes(4, "little") + (3).to_bytes(4, "little"))
-    path.write_bytes(whole[:at] + (10**9).to_bytes(4, "little") + whole[at + 4 :])
-    with pytest.raises(FileFormatError, match=r"a\.mat: byte \d+: an array of 1000000000 x 3 in .* copy it again"):
+    with pytest.raises(FileFormatError, match="not a MATLAB file"):
         qmt_mat.read(path)
 
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from vip_factors.atomic import atomic_path
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.sensors.calibration import place
 from vip_factors.viz.drawn_body import Eye, draw_arrow, draw_axes, draw_body, standing
-from vip_factors.viz.new_file import new_file
 from vip_factors.viz.sites_picture import sites_picture
 from vip_factors.viz.svg import FAINT, INK, MUTED, RULE, Point, Svg
 
@@ -138,5 +138,5 @@ DRAWINGS = {
 
 if __name__ == "__main__":
     for name, draw in DRAWINGS.items():
-        with new_file(Path(__file__).parent / name, overwrite=True) as partial:
+        with atomic_path(Path(__file__).parent / name, overwrite=True) as partial:
             partial.write_text(draw(), encoding="utf-8")

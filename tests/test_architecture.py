@@ -8,7 +8,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "vip_factors"
 
 ROWS = [
-    {"errors", "ranges", "geometry"},
+    {"errors", "ranges", "geometry", "atomic"},
     {"body"},
     {"sensors"},
     {"estimate", "live_estimate"},
@@ -26,7 +26,7 @@ ROWS = [
 ]
 ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}
 # Within row 0, all may raise the package's errors.
-NEIGHBOURS = {("geometry", "errors"), ("ranges", "errors")}
+NEIGHBOURS = {("geometry", "errors"), ("ranges", "errors"), ("atomic", "errors")}
 # Third parties that only some rooms may see.
 FENCED = {
     "gtsam": {"solve", "factor_graph"},

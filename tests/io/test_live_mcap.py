@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from live_answers import LAG, answer, answers, live_scene, setup_of, truth_of
 
+from vip_factors.atomic import partial_path
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.live_mcap import LIVE_CAMERA, LIVE_UPDATE, LiveMcapSink, partial_path
+from vip_factors.io.live_mcap import LIVE_CAMERA, LIVE_UPDATE, LiveMcapSink
 from vip_factors.io.mcap_contents import McapWarning, read_contents
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_messages import of_topic

@@ -13,9 +13,9 @@ from tests.studies.long_stream import IMU_RATE, LEAST_SCENE_S, LEAST_STEP, resti
 from tests.studies.processes import apart, peak_memory
 from tests.studies.scenes import POSE, straps_and_sensors
 from tests.studies.study import MB, Study, Tell, table
+from vip_factors.atomic import atomic_open
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import exp
-from vip_factors.io.atomic import atomic_open
 from vip_factors.io.mcap_imu import sample_messages
 from vip_factors.io.mcap_long_estimate import write_long_estimate
 from vip_factors.io.mcap_recording import IMU, recording_messages

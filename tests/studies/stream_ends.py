@@ -17,8 +17,9 @@ import numpy as np
 from tests.studies.processes import begun_by, is_running
 from tests.studies.stream_program import COMMAND
 from tests.studies.study import Fixed, Study, Tell, bullets
+from vip_factors.atomic import partial_path
 from vip_factors.body.kinematics import Motion
-from vip_factors.io.live_mcap import FLUSH_S, LiveMcapSink, partial_path
+from vip_factors.io.live_mcap import FLUSH_S, LiveMcapSink
 from vip_factors.io.mcap_contents import McapWarning
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.io.mcap_scene_recording import write_scene

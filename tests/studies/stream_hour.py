@@ -19,9 +19,9 @@ from tests.studies.long_stream import LongStream, LongStreamStudy, LongStreamTri
 from tests.studies.processes import ProcessTree, apart, process_tree, resident_memory
 from tests.studies.stream_program import COMMAND, StreamProgram
 from tests.studies.study import MB, NAN, Tell, bullets, table
+from vip_factors.atomic import partial_path
 from vip_factors.cli.options import Flag
 from vip_factors.errors import RecordingError
-from vip_factors.io.live_mcap import partial_path
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker

@@ -10,9 +10,9 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 import tyro
 
+from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import Flag
 from vip_factors.cli.outputs import Output
-from vip_factors.io.atomic import atomic_open, check_target
 
 NUMBER = re.compile(r"[-+*\d]|n/a|$")
 NAN = float("nan")

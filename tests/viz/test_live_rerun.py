@@ -123,7 +123,9 @@ def test_a_file_that_exists_is_kept(tmp_path: Path, name: str) -> None:
 
 
 def test_a_viewer_that_cannot_draw_says_why(tmp_path: Path) -> None:
-    sink = LiveRerunSink(setup_of(live_scene(0.1)), LiveTarget(save=tmp_path / "none" / "a.rrd"))
+    (tmp_path / "gone").mkdir()
+    sink = LiveRerunSink(setup_of(live_scene(0.1)), LiveTarget(save=tmp_path / "gone" / "a.rrd"))
+    (tmp_path / "gone").rmdir()
     sink._process.join(30)
     assert any("the viewer stopped" in one for one in sink.findings())
     sink.close()

@@ -40,8 +40,8 @@ class BodyOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(BodyOptions, prog, arguments)
+    from vip_factors.atomic import atomic_open, check_target
     from vip_factors.cli.info_body import body_lines
-    from vip_factors.io.atomic import atomic_open, check_target
     from vip_factors.io.body_file import body_of_estimate, write_body_file
     from vip_factors.viz.body_chart import body_picture
 

@@ -59,9 +59,9 @@ class CalibrateCameraOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(CalibrateCameraOptions, prog, arguments)
+    from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import note
     from vip_factors.errors import InputError
-    from vip_factors.io.atomic import check_target
     from vip_factors.io.camera_file import read_camera_file, write_camera_file
 
     check_target(options.out, options.overwrite)

@@ -121,11 +121,11 @@ class ConvertOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(ConvertOptions, prog, arguments)
+    from vip_factors.atomic import check_target
     from vip_factors.cli.info_recording import recording_text
     from vip_factors.cli.info_scene import scene_text
     from vip_factors.cli.terminal import waiting
     from vip_factors.errors import InputError
-    from vip_factors.io.atomic import check_target
     from vip_factors.io.convert import ImportOptions
     from vip_factors.io.mcap_recording import write_recording
     from vip_factors.io.mcap_scene_recording import write_scene

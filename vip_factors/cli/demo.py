@@ -35,10 +35,10 @@ MOUNTING_ERROR_DEG = 10.0  # straps put on by eye
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(DemoOptions, prog, arguments)
+    from vip_factors.atomic import atomic_open, check_target
     from vip_factors.cli.simulate import GESTURES, SimulateOptions, simulated
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.evaluate.evaluation import evaluate
-    from vip_factors.io.atomic import atomic_open, check_target
     from vip_factors.io.mcap_estimate import write_estimate
     from vip_factors.io.mcap_recording import write_recording
     from vip_factors.pipeline import smooth

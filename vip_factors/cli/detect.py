@@ -58,9 +58,9 @@ class DetectOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(DetectOptions, prog, arguments)
+    from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.errors import InputError
-    from vip_factors.io.atomic import check_target
     from vip_factors.io.detections.mmpose_write import write_mmpose
 
     if options.keypoints is not None and options.model is None:

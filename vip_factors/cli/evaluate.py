@@ -41,7 +41,7 @@ class EvaluateOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(EvaluateOptions, prog, arguments)
-    from vip_factors.io.atomic import atomic_open, check_target
+    from vip_factors.atomic import atomic_open, check_target
 
     if options.json is not None:
         check_target(options.json, options.overwrite)

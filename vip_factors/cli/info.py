@@ -71,7 +71,7 @@ def _tell_sites(options: InfoOptions) -> None:
     from vip_factors.cli.info_places import sites_text
 
     if options.picture is not None:
-        from vip_factors.io.atomic import atomic_open
+        from vip_factors.atomic import atomic_open
         from vip_factors.viz.sites_picture import sites_picture
 
         with atomic_open(options.picture, overwrite=options.overwrite) as file:

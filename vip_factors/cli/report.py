@@ -41,8 +41,8 @@ class ReportOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(ReportOptions, prog, arguments)
+    from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import progress_bar
-    from vip_factors.io.atomic import check_target
 
     out = options.out or beside(options.estimate, ".html")
     if out.suffix.lower() not in (".html", ".htm"):

@@ -106,7 +106,7 @@ def check(options: RunOptions) -> None:
         raise InputError(f"--out {options.out} is a file: expected a folder for all files")
     for text in (options.detect_options, options.convert_options, options.smooth_options):
         _words(text)
-    from vip_factors.io.atomic import check_target
+    from vip_factors.atomic import check_target
     from vip_factors.io.export.files import FORMATS
 
     for target in options.export:

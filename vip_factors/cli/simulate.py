@@ -108,7 +108,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     video = options.video
     if video.camera == "none" and (video.also or video.bystanders or video.cameras > 1 or video.known_camera_pose):
         raise InputError("--also, --bystanders and --cameras make a scene: expected a --camera as well")
-    from vip_factors.io.atomic import check_target
+    from vip_factors.atomic import check_target
 
     check_target(options.out, options.overwrite)
     told = _write_recording(options) if options.video.camera == "none" else _write_scene(options)

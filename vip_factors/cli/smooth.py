@@ -53,9 +53,9 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     options, settings = parse_with_settings(
         SmoothOptions, prog, arguments, CommonSettings, lambda: _defaults(arguments)
     )
+    from vip_factors.atomic import check_target
     from vip_factors.cli.settings_file import flattened
     from vip_factors.cli.terminal import progress_bar
-    from vip_factors.io.atomic import check_target
     from vip_factors.io.scene_building import read_scenes
 
     if not options.recording:

@@ -114,7 +114,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 
 
 def _check(options: StreamOptions) -> None:
-    from vip_factors.io.atomic import check_target
+    from vip_factors.atomic import check_partial, check_target
 
     check_rerun_file("--rerun-save", options.rerun_save)
     if options.rerun:
@@ -123,8 +123,6 @@ def _check(options: StreamOptions) -> None:
         if wanted is not None:
             check_target(wanted, options.overwrite)
     if options.rerun_save is not None:
-        from vip_factors.viz.partial_file import check_partial
-
         check_partial(options.rerun_save, options.overwrite)
     if options.vmc is not None:
         from vip_factors.io.live_vmc import check_vmc
@@ -257,7 +255,7 @@ def _conclude(
 
 def _tell_partial(*wanted: Path | None) -> None:
     """Where there is something left of files that could not be completed."""
-    from vip_factors.io.live_mcap import partial_path
+    from vip_factors.atomic import partial_path
 
     for path in wanted:
         if path is not None and (partial := partial_path(path)).exists():

@@ -47,9 +47,9 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     )
     from math import isfinite
 
+    from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import waiting
     from vip_factors.errors import InputError
-    from vip_factors.io.atomic import check_target
     from vip_factors.io.mcap_scene_recording import read_scene, write_scene
     from vip_factors.sensors.camera_model import VideoClock
 

@@ -47,10 +47,10 @@ class TrainOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(TrainOptions, prog, arguments, none_is_a_value=True)
+    from vip_factors.atomic import check_target
     from vip_factors.body.keypoints import KeypointOffsets, OffsetTraining, pooled_offsets
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.errors import InputError
-    from vip_factors.io.atomic import check_target
     from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, write_keypoint_offsets
     from vip_factors.io.mcap_scene_recording import read_scene
     from vip_factors.settings import Settings

@@ -57,8 +57,8 @@ class TuneOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(TuneOptions, prog, arguments)
+    from vip_factors.atomic import atomic_open, check_target
     from vip_factors.cli.terminal import note, progress_bar
-    from vip_factors.io.atomic import atomic_open, check_target
     from vip_factors.tune.leave_one_out import best
     from vip_factors.tune.measure import UNITS, Measure, measured
     from vip_factors.tune.parameters import changed, value_of

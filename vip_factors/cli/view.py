@@ -56,7 +56,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     options = parse(ViewOptions, prog, arguments)
     if not options.files:
         raise InputError("no file given: expected a recording, an estimate or a motion")
-    from vip_factors.io.atomic import check_target
+    from vip_factors.atomic import check_target
 
     targets = (options.save, options.screenshot, options.picture, options.chart, options.video)
     check_rerun_file("--save", options.save)

@@ -14,8 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from vip_factors.atomic import atomic_path
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.atomic import atomic_path
 
 MEDIAPIPE = "mediapipe==0.10.21"
 # Any of its wheels has the same models; this one is named so that every Python on every system may fetch it.

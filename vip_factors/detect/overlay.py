@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from vip_factors.atomic import atomic_path
 from vip_factors.detect.video import VideoPoses
 from vip_factors.errors import InputError
-from vip_factors.io.atomic import atomic_path
 from vip_factors.io.video import iterate_frames
 from vip_factors.viz.pose_overlay import draw_pose
 

@@ -31,6 +31,7 @@ from typing import Any
 
 import numpy as np
 
+from vip_factors.atomic import atomic_open
 from vip_factors.body.anthropometry import LengthPrior
 from vip_factors.body.hinges import HingeEstimate
 from vip_factors.body.lengths import LENGTHS, lengths_of
@@ -38,7 +39,6 @@ from vip_factors.body.skeleton import JOINT_NAMES, Landmark, Skeleton, joint_ind
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.atomic import atomic_open
 from vip_factors.io.body_file_hinges import hinge_at, hinge_lines
 from vip_factors.io.toml_values import (
     correlation_matrix,

@@ -28,9 +28,9 @@ from typing import Any
 
 import numpy as np
 
+from vip_factors.atomic import atomic_open
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, nearest_rotation
-from vip_factors.io.atomic import atomic_open
 from vip_factors.io.opencv_camera_file import OPENCV_SUFFIXES, read_opencv_camera
 from vip_factors.io.pose2sim_camera import cameras_in, read_pose2sim_camera
 from vip_factors.io.toml_values import known_keys, number_at, read_toml, toml_text

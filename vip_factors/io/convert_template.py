@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
+from vip_factors.atomic import atomic_open, check_target
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.atomic import atomic_open, check_target
 from vip_factors.io.convert import detect_format, read_log
 from vip_factors.io.importers.column_guess import GuessedTable, guess_columns
 from vip_factors.io.importers.column_map import QUANTITIES, ColumnMap, Columns, SensorColumns

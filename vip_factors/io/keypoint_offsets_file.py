@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from vip_factors.atomic import atomic_open
 from vip_factors.body.keypoints import KEYPOINT_SETS, OFFSET_KEYPOINTS, KeypointOffsets, PooledOffsets
 from vip_factors.errors import InputError
-from vip_factors.io.atomic import atomic_open
 from vip_factors.io.toml_values import known_keys, number_at, numbers_at, read_toml, table_at, text_at, toml_text
 
 FARTHEST, WIDEST = 0.15, 0.2  # m: beyond which it is no keypoint of that joint

@@ -8,15 +8,14 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import chain
-from pathlib import Path
 from types import TracebackType
 
 import numpy as np
 
+from vip_factors.atomic import check_partial, check_target
 from vip_factors.body.kinematics import Motion
-from vip_factors.errors import InputError, naming_file
+from vip_factors.errors import naming_file
 from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
-from vip_factors.io.atomic import check_target
 from vip_factors.io.live_frames import GaplessPoses, motion_of_poses, path_of_poses
 from vip_factors.io.mcap_camera import intrinsics_message, path_messages
 from vip_factors.io.mcap_estimate import (
@@ -83,7 +82,7 @@ class LiveMcapSink:
         overwrite: bool = False,
     ) -> None:
         self.path = check_target(path, overwrite)
-        self.partial = partial_path(self.path)
+        self.partial = check_partial(self.path, overwrite)
         self._setup, self._settings, self._overwrite = setup, dict(settings or {}), overwrite
         prefixes = wearer_topics([one.name for one in setup.wearers], SINGLE, WEARER)
         live = wearer_topics([one.name for one in setup.wearers], LIVE, LIVE_WEARER)
@@ -99,13 +98,7 @@ class LiveMcapSink:
         self._unflushed = 0  # frames since the last flush
         self._findings: dict[str, None] = {}  # ordered, each once
         self._told: tuple[int, int] = (0, 0)  # wearers and findings in the last SceneEstimateInfo
-        try:
-            self._file = open(self.partial, "wb" if overwrite else "xb")  # noqa: SIM115 — open as long as the stream
-        except FileExistsError as error:
-            raise InputError(
-                f"{self.partial} exists already, left by a stream that was killed or still runs: look at it and rename "
-                "it, or allow to replace it (--overwrite; overwrite=True in Python)"
-            ) from error
+        self._file = open(self.partial, "wb")  # noqa: SIM115 — open as long as the stream
         self._good_bytes = 0  # up to the end of the last whole chunk
         self._writer = MessageWriter(self._file, CHUNK_BYTES)
         with self._or_cut():
@@ -353,11 +346,6 @@ class _Camera:
     def _new(self, poses: list[LiveCameraPose | None]) -> list[LiveCameraPose]:
         found = [one for one in poses if one is not None]
         return found[: 1 - self.smoothed] if self._known else found
-
-
-def partial_path(path: Path) -> Path:
-    """Where a file is written until it is complete: ``walk.mcap`` → ``walk.partial.mcap``."""
-    return path.with_name(f"{path.stem}.partial{path.suffix}")
 
 
 def nanoseconds_of(seconds: float, start_ns: int) -> int:

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from vip_factors.atomic import atomic_open, check_target
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import Estimate, Iteration, SolveReport, StartChoice
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.atomic import atomic_open, check_target
 from vip_factors.io.mcap_body import body_message, body_of
 from vip_factors.io.mcap_contents import McapContents, McapMessages, read_contents
 from vip_factors.io.mcap_messages import (

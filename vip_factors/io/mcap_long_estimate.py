@@ -5,8 +5,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 
+from vip_factors.atomic import atomic_open
 from vip_factors.estimate import EstimatePart, LongEstimate, SceneEstimate
-from vip_factors.io.atomic import atomic_open
 from vip_factors.io.mcap_body import body_message
 from vip_factors.io.mcap_estimate import (
     BODY,

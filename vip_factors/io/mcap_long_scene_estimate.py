@@ -7,8 +7,8 @@ topics that had it at the beginning: a reader takes the last of each.
 import os
 from collections.abc import Iterable
 
+from vip_factors.atomic import atomic_open
 from vip_factors.estimate import LongEstimate, LongSceneEstimate, ScenePart
-from vip_factors.io.atomic import atomic_open
 from vip_factors.io.mcap_estimate import CALIBRATION, report_message
 from vip_factors.io.mcap_long_estimate import CHUNK_BYTES, WearerWriter
 from vip_factors.io.mcap_messages import calibration_message

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from vip_factors.atomic import atomic_open
 from vip_factors.body.anthropometry import LengthPrior
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import FileFormatError
-from vip_factors.io.atomic import atomic_open
 from vip_factors.io.mcap_body import hinge_messages, hinges_of
 from vip_factors.io.mcap_contents import McapChannel, McapContents, McapMessages, read_contents
 from vip_factors.io.mcap_imu import read_streams, sample_messages

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from vip_factors.atomic import atomic_open
 from vip_factors.errors import FileFormatError
-from vip_factors.io.atomic import atomic_open
 from vip_factors.io.mcap_contents import McapChannel, McapContents, McapMessages, read_contents
 from vip_factors.io.mcap_messages import is_ours, naming, of_topic, warn
 from vip_factors.io.mcap_recording import BEYOND, ESTIMATE, WEARER, recording_messages, recording_of

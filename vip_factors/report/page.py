@@ -11,8 +11,8 @@ import jinja2
 from markupsafe import Markup
 
 from vip_factors import __version__
+from vip_factors.atomic import atomic_open
 from vip_factors.estimate import SceneEstimate
-from vip_factors.io.atomic import atomic_open
 from vip_factors.report.angles import angles_section
 from vip_factors.report.blocks import Section
 from vip_factors.report.fit import fit_section

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vip_factors.atomic import atomic_path
 from vip_factors.body.mannequin import Colour
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.viz.new_file import new_file
 
 OVERSAMPLING = 3  # on top of OpenCV's own smoothing: thin curves stay even
 FRACTION_BITS = 4  # OpenCV takes coordinates in sixteenths of a pixel
@@ -120,7 +120,7 @@ class Canvas:
         done, encoded = cv2.imencode(".png", self.pixels(), [cv2.IMWRITE_PNG_COMPRESSION, 6])
         if not done:
             raise InputError(f"{path}: the picture could not be encoded")
-        with new_file(Path(path), overwrite) as partial:
+        with atomic_path(Path(path), overwrite) as partial:
             partial.write_bytes(encoded.tobytes())
 
     def _fixed(self, points: ArrayLike) -> np.ndarray:

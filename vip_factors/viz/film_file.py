@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vip_factors.atomic import atomic_path
 from vip_factors.errors import InputError
-from vip_factors.viz.new_file import new_file
 
 SUFFIXES = (".mp4", ".webp", ".gif")
 H264 = {"crf": "20", "preset": "veryfast"}  # no loss to be seen on a screen; drawing takes longer than this
@@ -56,7 +56,7 @@ def film_file(path: Path, rate: float, overwrite: bool) -> Iterator[FilmFile]:
         InputError: as :func:`check_film`, or if the file may not be written.
     """
     check_film(path)
-    with new_file(path, overwrite) as partial:
+    with atomic_path(path, overwrite) as partial:
         film: _Mp4 | _Animation = _Mp4(partial, rate) if path.suffix.lower() == ".mp4" else _Animation(partial, rate)
         try:
             yield film

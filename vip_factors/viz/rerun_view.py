@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 import rerun as rr
 
+from vip_factors.atomic import atomic_path
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Colour, Side
 from vip_factors.errors import InputError
@@ -23,7 +24,6 @@ from vip_factors.viz.compare import (
     position_error_mm,
 )
 from vip_factors.viz.layout import GHOST_COLOUR, blueprint
-from vip_factors.viz.new_file import new_file
 from vip_factors.viz.rerun_body import log_body, log_rest_body, log_sensors, log_trail
 from vip_factors.viz.rerun_file import complete
 from vip_factors.viz.rerun_names import log_joint_names, log_joints, log_joints_style
@@ -98,7 +98,7 @@ def send(view: View, sink: Sink) -> None:
         OSError: if the file cannot be written.
     """
     if isinstance(sink, SaveTo):
-        with new_file(sink.path, sink.overwrite) as partial:
+        with atomic_path(sink.path, sink.overwrite) as partial:
             stream = rr.RecordingStream(APPLICATION)
             stream.save(partial)
             view.log(stream)

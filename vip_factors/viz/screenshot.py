@@ -4,8 +4,8 @@ import shutil
 import subprocess
 from pathlib import Path
 
+from vip_factors.atomic import atomic_path
 from vip_factors.errors import InputError, VipFactorsError
-from vip_factors.viz.new_file import new_file
 from vip_factors.viz.viewer import has_display, quiet_environment, rerun_command
 
 TIMEOUT_S = 180.0  # a software renderer on a slow machine needs some tens of seconds
@@ -27,7 +27,7 @@ def screenshot(rrd: Path, png: Path, *, size: tuple[int, int] = (1600, 900), ove
     if not rrd.is_file():
         raise InputError(f"{rrd}: there is no such file")
     try:
-        with new_file(png, overwrite) as partial:
+        with atomic_path(png, overwrite) as partial:
             command = [*_viewer(), str(rrd), "--screenshot-to", str(partial), "--window-size", f"{size[0]}x{size[1]}"]
             done = subprocess.run(
                 command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False, env=quiet_environment()

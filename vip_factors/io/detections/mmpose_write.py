@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from vip_factors.atomic import atomic_open
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.atomic import atomic_open
 
 PIXEL_DIGITS, SCORE_DIGITS, TIME_DIGITS = 2, 4, 6
 

@@ -10,9 +10,9 @@ from typing import cast
 
 import numpy as np
 
+from vip_factors.atomic import atomic_path, check_target
 from vip_factors.errors import InputError
 from vip_factors.estimate import SceneEstimate
-from vip_factors.io.atomic import atomic_path, check_target
 from vip_factors.io.export.resample import resampled
 from vip_factors.io.export.settings import ExportSettings
 

@@ -1,6 +1,7 @@
 """A file appears whole or not at all: written under a temporary name beside its target, then renamed.
 
-Whatever goes wrong in between, an interrupt from the keyboard included, leaves neither a half file nor a trace.
+Whatever goes wrong in between, an interrupt from the keyboard included, leaves neither a half file nor a trace. The
+file of a stream, which grows for long, is called NAME.partial.SUFFIX until it is complete, and is kept in any case.
 """
 
 import os
@@ -77,6 +78,39 @@ def check_target(path: str | os.PathLike[str], overwrite: bool = False) -> Path:
             f"{path} exists already: choose another, or allow to replace it (--overwrite; overwrite=True in Python)"
         )
     return target
+
+
+def partial_path(path: Path) -> Path:
+    """Where a stream's file is written until it is complete: ``walk.rrd`` → ``walk.partial.rrd``."""
+    return path.with_name(f"{path.stem}.partial{path.suffix}")
+
+
+def check_partial(path: Path, overwrite: bool) -> Path:
+    """The partial file's path, if both it and the complete file may be written: to fail before the work.
+
+    Raises:
+        InputError: as :func:`check_target`, and if a partial file exists and may not be overwritten.
+    """
+    check_target(path, overwrite)
+    partial = partial_path(path)
+    if partial.exists() and not overwrite:
+        raise InputError(
+            f"{partial} exists already, left by a stream that was killed or still runs: look at it and rename it, or "
+            "allow to replace it (--overwrite; overwrite=True in Python)"
+        )
+    return partial
+
+
+@contextmanager
+def partial_file(path: Path, overwrite: bool) -> Iterator[Path]:
+    """The path to write to; it becomes ``path`` when the block ends, and stays what it is after an exception.
+
+    Raises:
+        InputError: as :func:`check_partial`.
+    """
+    partial = check_partial(path, overwrite)
+    yield partial
+    os.replace(partial, path)
 
 
 def _flush_to_disk(path: Path) -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from vip_factors.atomic import atomic_open, atomic_path
 from vip_factors.errors import InputError
-from vip_factors.io.atomic import atomic_open, atomic_path
 
 
 def test_the_file_appears_only_at_the_end_and_alone(tmp_path: Path) -> None:

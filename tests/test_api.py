@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vip_factors as vip
-from vip_factors.evaluate.scene import SceneEvaluation
+from vip_factors.evaluate.evaluation import SceneEvaluation
 from vip_factors.settings import SolverName
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
@@ -50,11 +50,11 @@ def test_every_name_is_there() -> None:
         vip.solve_it  # type: ignore[attr-defined]  # noqa: B018
 
 
-@pytest.mark.parametrize("first", ["import vip_factors.evaluate.joints", "import vip_factors.simulate.noise"])
+@pytest.mark.parametrize("first", ["import vip_factors.evaluate.metrics", "import vip_factors.simulate.noise"])
 def test_rooms_and_functions_of_the_same_name_are_both_there(first: str) -> None:
     """Python puts a room into the package when anybody imports it; what is called stays callable."""
     done = python(
-        f"{first}\nimport vip_factors as vip, vip_factors.evaluate.joints as joints\n"
+        f"{first}\nimport vip_factors as vip, vip_factors.evaluate.metrics as joints\n"
         "assert joints.FEET and vip.evaluate.joints is joints\n"
         "for room in (vip.evaluate, vip.simulate):\n"
         "    try: room(1, 2, 3, 4, 5, 6)\n"

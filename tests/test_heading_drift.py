@@ -9,8 +9,7 @@ from test_recovery import EXACT
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import InputError
 from vip_factors.evaluate.calibration import heading_error_over_time
-from vip_factors.evaluate.frames import common_frames
-from vip_factors.evaluate.metrics import mpjpe
+from vip_factors.evaluate.metrics import common_frames, mpjpe
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Calibration, Placement, SensorSite

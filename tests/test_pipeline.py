@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from vip_factors.errors import InputError, RecordingError
-from vip_factors.evaluate.frames import common_frames
-from vip_factors.evaluate.metrics import mpjpe
+from vip_factors.evaluate.metrics import common_frames, mpjpe
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Placement, preset
 from vip_factors.sensors.recording import Recording, Subject

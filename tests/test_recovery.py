@@ -7,8 +7,7 @@ import pytest
 
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.evaluate.calibration import calibration_error
-from vip_factors.evaluate.frames import common_frames
-from vip_factors.evaluate.metrics import align_frames, mpjpe, orientation_error
+from vip_factors.evaluate.metrics import align_frames, common_frames, mpjpe, orientation_error
 from vip_factors.pipeline import smooth
 from vip_factors.problem.wearer import FactorSettings
 from vip_factors.sensors.calibration import Placement, SensorSite

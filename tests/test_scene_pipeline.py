@@ -8,7 +8,7 @@ import pytest
 from filmed_gestures import HASTY, QUICK, camera_of, filmed_gestures, with_detections, without_detections
 
 from vip_factors.estimate import SceneEstimate
-from vip_factors.evaluate.scene import evaluate_scene
+from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z
 from vip_factors.pipeline import smooth, smooth_scene
 from vip_factors.sensors.camera_model import VideoClock

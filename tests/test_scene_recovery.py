@@ -8,9 +8,8 @@ from test_recovery import EXACT
 
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import SceneEstimate
-from vip_factors.evaluate.frames import common_frames
-from vip_factors.evaluate.metrics import mpjpe
-from vip_factors.evaluate.scene import evaluate_scene
+from vip_factors.evaluate.evaluation import evaluate_scene
+from vip_factors.evaluate.metrics import common_frames, mpjpe
 from vip_factors.geometry.rotations import Array, angle_between, transpose
 from vip_factors.pipeline import smooth_scene
 from vip_factors.problem.scene import CameraFactorSettings

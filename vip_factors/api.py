@@ -10,7 +10,7 @@ from typing import Literal
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.estimate import Estimate, SceneEstimate
-from vip_factors.evaluate.scene import SceneEvaluation
+from vip_factors.evaluate.evaluation import SceneEvaluation
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.export.settings import ExportSettings
 from vip_factors.sensors.recording import Recording
@@ -153,7 +153,7 @@ def evaluate(estimate: Estimate | SceneEstimate, truth: Recording | Scene) -> Sc
     Raises:
         InputError: if the recording holds no truth, or the two are not of the same wearers and times.
     """
-    from vip_factors.evaluate.scene import evaluate_scene
+    from vip_factors.evaluate.evaluation import evaluate_scene
 
     return evaluate_scene(_scene_estimate(estimate), _scene(truth))
 

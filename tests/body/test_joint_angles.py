@@ -20,7 +20,7 @@ from vip_factors.body.joint_angles import (
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
 from vip_factors.errors import InputError
-from vip_factors.evaluate.joint_angle import hip_flexion_of, knee_flexion_of
+from vip_factors.evaluate.body import hip_flexion_of, knee_flexion_of
 from vip_factors.geometry.rotations import Array, exp, rotation_of_sequence, rotation_z
 from vip_factors.simulate.gestures import gestures
 

@@ -4,15 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from vip_factors.body.anthropometry import likely_body
 from vip_factors.body.hinges import HINGES, HingePrior
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS, lengths_of
+from vip_factors.body.skeleton import joint_index
 from vip_factors.estimate import BodyEstimate, Estimate
-from vip_factors.evaluate.body import true_axis
+from vip_factors.evaluate.body import knee_flexion_deg, knee_flexion_of, rmse, rmse_without_offset, true_axis
 from vip_factors.evaluate.evaluation import evaluate
-from vip_factors.geometry.rotations import exp
+from vip_factors.geometry.rotations import exp, rotation_x, rotation_y, rotation_z
 from vip_factors.sensors.recording import Truth
 from vip_factors.simulate.gestures import gestures
 
@@ -74,3 +77,30 @@ def test_without_a_body_that_was_found_there_is_no_honesty(truth: Motion) -> Non
     found = evaluate(replace(with_body(truth, {}), body=None), Truth(truth))
     assert not {"nees_lengths", "hinge_axis_error"} & found.metrics.keys()
     assert found["length_error"] == pytest.approx(0.0, abs=1e-9)
+
+
+angles = st.floats(-0.5, 0.5)
+
+
+@given(st.floats(-20, 140), angles, angles, angles)
+def test_flexion_is_found_whatever_the_other_angles_are(
+    flexion: float, adduction: float, turn: float, tilt: float
+) -> None:
+    R_world_thigh = exp([tilt, 1.0, -tilt])
+    R_world_shank = R_world_thigh @ rotation_x(np.deg2rad(flexion)) @ rotation_z(adduction) @ rotation_y(turn)
+    assert knee_flexion_deg(R_world_thigh, R_world_shank) == pytest.approx(flexion, abs=1e-9)
+
+
+def test_flexion_of_a_motion_whose_knees_are_hinges() -> None:
+    walk = gestures(3.0, rate=60.0)
+    for side in ("left", "right"):
+        R = walk.R_parent_child[:, joint_index(f"{side}_knee")]
+        assert knee_flexion_of(walk, side) == pytest.approx(np.rad2deg(np.arctan2(R[:, 2, 1], R[:, 1, 1])))
+        assert knee_flexion_of(walk, side).max() > 40  # positive: the shank goes back
+
+
+def test_rmse_with_and_without_offset() -> None:
+    truth = np.array([0.0, 10.0, 20.0, np.nan])
+    assert rmse(truth + 3.0, truth) == pytest.approx(3.0)
+    assert rmse_without_offset(truth + 3.0, truth) == pytest.approx(0.0)
+    assert rmse_without_offset(truth + np.array([2.0, 4.0, 3.0, 0.0]), truth) == pytest.approx(np.sqrt(2 / 3))

@@ -13,7 +13,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.smpl_pickle import read_smpl_pickle
 from vip_factors.cli.settings_file import read_settings
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.evaluate.frames import common_frames
+from vip_factors.evaluate.metrics import common_frames
 from vip_factors.io.camera_file import read_camera_file
 from vip_factors.io.detections.found_people import load_json
 from vip_factors.io.importers import apdm

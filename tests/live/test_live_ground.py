@@ -10,7 +10,7 @@ from tracked import RATE, SETTINGS, Tracked, filmed, placed_camera, track, track
 
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.configurations import configured
-from vip_factors.evaluate.frames import common_frames
+from vip_factors.evaluate.metrics import common_frames
 from vip_factors.live.association import OnlineAssociationSettings
 from vip_factors.live.camera_observer import CameraObserver, FrameBelief
 from vip_factors.live.settings import LiveSettings

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from tracked import RATE, filmed, poses, track
 
-from vip_factors.evaluate.frames import common_frames
-from vip_factors.evaluate.metrics import mpjpe
+from vip_factors.evaluate.metrics import common_frames, mpjpe
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.imu_stream import ImuStream

@@ -8,8 +8,7 @@ import numpy as np
 from filmed_gestures import filmed_gestures
 
 from vip_factors.body.kinematics import Motion
-from vip_factors.evaluate.frames import common_frames
-from vip_factors.evaluate.metrics import mpjpe
+from vip_factors.evaluate.metrics import common_frames, mpjpe
 from vip_factors.live.recalibration_settings import RecalibrationSettings
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker

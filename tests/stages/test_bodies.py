@@ -12,7 +12,7 @@ from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.estimate import Estimate, SceneEstimate
-from vip_factors.evaluate.scene import evaluate_scene
+from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.calibration import preset

@@ -14,8 +14,8 @@ from tests.studies.study import Fixed, Study, Tell, bullets, table
 from tests.studies.vip import Vip
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.errors import InputError, SolveError
-from vip_factors.evaluate.consistency import nees
-from vip_factors.evaluate.scene import evaluate_scene
+from vip_factors.evaluate.calibration import nees
+from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.geometry.rotations import Array, log, transpose, wrap_angle
 from vip_factors.io.motions.files import read_motion
 from vip_factors.pipeline import smooth_scene

@@ -17,7 +17,7 @@ from vip_factors.body.joint_angles import R_BODY_ISB
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
-from vip_factors.evaluate.joint_angle import (
+from vip_factors.evaluate.body import (
     bend_deg,
     hip_flexion_deg,
     hip_flexion_of,

@@ -24,9 +24,16 @@ from tests.studies.study import NAN, Fixed, Tell, bullets, mean, table
 from vip_factors.body.kinematics import Motion
 from vip_factors.configurations import Configuration, named_settings
 from vip_factors.errors import InputError, RecordingError, SolveError
-from vip_factors.evaluate.frames import common_frames
-from vip_factors.evaluate.joints import GLOBAL_JOINTS, indices
-from vip_factors.evaluate.metrics import CM, global_position_error, mpjpe, orientation_error, position_error
+from vip_factors.evaluate.metrics import (
+    CM,
+    GLOBAL_JOINTS,
+    common_frames,
+    global_position_error,
+    indices,
+    mpjpe,
+    orientation_error,
+    position_error,
+)
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array, rotation_z, transpose, yaw_of
 from vip_factors.live.settings import LiveSettings

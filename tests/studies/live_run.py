@@ -11,10 +11,16 @@ from tests.studies.scenes import with_nominal_pose
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import InputError, RecordingError
-from vip_factors.evaluate.frames import common_frames
-from vip_factors.evaluate.joints import ORIENTATION_JOINTS, indices
-from vip_factors.evaluate.metrics import CM, local_orientation_error, mpjae, mpjpe
-from vip_factors.evaluate.trajectory import jitter
+from vip_factors.evaluate.metrics import (
+    CM,
+    ORIENTATION_JOINTS,
+    common_frames,
+    indices,
+    jitter,
+    local_orientation_error,
+    mpjae,
+    mpjpe,
+)
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose

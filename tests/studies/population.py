@@ -24,7 +24,7 @@ from tests.studies.study import Study, Tell, group, table
 from vip_factors.cli.settings_file import read_settings
 from vip_factors.configurations import named_settings
 from vip_factors.errors import VipFactorsError
-from vip_factors.evaluate.scene import evaluate_scene
+from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.geometry.rotations import mean_rotation, rotation_z, transpose
 from vip_factors.io.convert import ImportOptions, import_recording
 from vip_factors.io.mcap_scene_recording import read_scene, write_scene

@@ -14,7 +14,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.evaluate.evaluation import evaluate_motion
-from vip_factors.evaluate.frames import common_frames
+from vip_factors.evaluate.metrics import common_frames
 from vip_factors.geometry.rotations import Array, angle_between, rotation_z, transpose, wrap_angle, yaw_of
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.io.mcap_scene_recording import read_scene

@@ -12,8 +12,8 @@ from tests.studies.study import Study
 from vip_factors.body.calibration_pose import nominal_pose
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
-from vip_factors.evaluate.calibration_metrics import ENDS
-from vip_factors.evaluate.frames import resample as resample_motion
+from vip_factors.evaluate.calibration import ENDS
+from vip_factors.evaluate.metrics import resample as resample_motion
 from vip_factors.geometry.rotations import Array, angle_between, rotation_z, transpose, wrap_angle
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration
 from vip_factors.io.motions.files import motion_files, read_motion

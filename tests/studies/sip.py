@@ -19,8 +19,7 @@ from tests.studies.scenes import (
 from tests.studies.study import Fixed, Tell, group, mean, table
 from tests.studies.thesis import TRUE_POSE, ZERO_POSE
 from vip_factors.body.kinematics import Motion
-from vip_factors.evaluate.frames import common_frames
-from vip_factors.evaluate.metrics import mpjae, mpjpe
+from vip_factors.evaluate.metrics import common_frames, mpjae, mpjpe
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.recording import Recording

@@ -27,7 +27,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, RecordingError, SolveError
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate
-from vip_factors.evaluate.frames import common_frames
+from vip_factors.evaluate.metrics import common_frames
 from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.calibration import Calibration, preset

@@ -9,8 +9,7 @@ from tests.studies.faults import Fault
 from tests.studies.study import mean
 from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.skeleton import Skeleton
-from vip_factors.evaluate.frames import resample
-from vip_factors.evaluate.joints import POSITION_JOINTS, indices
+from vip_factors.evaluate.metrics import POSITION_JOINTS, indices, resample
 from vip_factors.geometry.poses import align_rigid, align_yaw
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.live.queue import LiveQueue

@@ -17,7 +17,7 @@ from tests.studies.crowd import (
 )
 from tests.studies.study import markdown
 from vip_factors.errors import InputError
-from vip_factors.evaluate.association import association_score
+from vip_factors.evaluate.scene_metrics import association_score
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import FusionSettings, Settings
 from vip_factors.simulate.gestures import gestures

@@ -20,7 +20,7 @@ from tests.studies.marker_body import (
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
-from vip_factors.evaluate.joint_angle import inclination_deg
+from vip_factors.evaluate.body import inclination_deg
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.sensors.calibration import preset
 from vip_factors.simulate.detector_settings import DetectorSettings

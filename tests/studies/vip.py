@@ -28,9 +28,8 @@ from tests.studies.vip_variants import VARIANTS, Variant, chosen_variants, setti
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import RecordingError, SolveError
 from vip_factors.estimate import Estimate, SceneEstimate
-from vip_factors.evaluate.frames import common_frames
-from vip_factors.evaluate.metrics import mpjae, mpjpe
-from vip_factors.evaluate.scene import SceneEvaluation, evaluate_scene
+from vip_factors.evaluate.evaluation import SceneEvaluation, evaluate_scene
+from vip_factors.evaluate.metrics import common_frames, mpjae, mpjpe
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.scene import Scene

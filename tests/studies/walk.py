@@ -14,7 +14,7 @@ from tests.studies.study import Fixed, Study, Tell, table
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
-from vip_factors.evaluate.joint_angle import knee_flexion_deg, knee_flexion_of, rmse, rmse_without_offset
+from vip_factors.evaluate.body import knee_flexion_deg, knee_flexion_of, rmse, rmse_without_offset
 from vip_factors.geometry.poses import align_rigid
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array

@@ -15,8 +15,7 @@ from vip_factors.errors import InputError
 if TYPE_CHECKING:
     from vip_factors.body.kinematics import Motion
     from vip_factors.estimate import SceneEstimate
-    from vip_factors.evaluate.evaluation import Evaluation
-    from vip_factors.evaluate.scene import SceneEvaluation
+    from vip_factors.evaluate.evaluation import Evaluation, SceneEvaluation
 
 
 @dataclass(frozen=True)
@@ -54,9 +53,8 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 
 def _evaluation(options: EvaluateOptions) -> "Evaluation | SceneEvaluation":
     from vip_factors.cli.files import open_one
-    from vip_factors.evaluate.evaluation import evaluate
-    from vip_factors.evaluate.same_recording import doubts
-    from vip_factors.evaluate.scene import evaluate_scene
+    from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
+    from vip_factors.evaluate.scene_metrics import doubts
     from vip_factors.io.mcap_estimate import read_start
 
     scene, estimate = open_one(options.estimate).as_scene()

@@ -1,13 +1,25 @@
-"""Errors of headings and mountings. Nobody publishes these; the definitions are ours."""
+"""Errors of headings and mountings, and whether reported covariances are honest.
+
+Nobody publishes errors of headings and mountings: the definitions are ours. Those of feet and hands stand apart from
+the rest: few keypoint sets have a point beyond ankle and wrist, so the camera says little about the headings there.
+
+Honesty is the normalised estimation error squared (NEES), over its dimension: 1 is honest, below it the estimator is
+too modest, above it too sure of itself. Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and
+Navigation", section 5.4.
+"""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
+from vip_factors.estimate import PoseCovariance
+from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.rotations import Array, log, transpose, wrap_angle
-from vip_factors.sensors.calibration import Calibration
+from vip_factors.sensors.calibration import Calibration, Placement
 
 
 @dataclass(frozen=True)
@@ -84,3 +96,130 @@ def mean_and_95th(errors_rad: Array) -> tuple[float, float]:
     """Mean and 95th percentile in degrees of errors in radians."""
     degrees = np.rad2deg(errors_rad)
     return float(degrees.mean()), float(np.quantile(degrees, 0.95))
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """NEES over dimension: its mean, and the share of errors inside their own 95 % ellipsoid (0.95 is honest)."""
+
+    nees: float
+    coverage_95: float
+
+
+def nees(error: Array, covariance: Array) -> Array:
+    """``eᵀ P⁻¹ e / d`` of errors ``(..., d)`` under ``(..., d, d)``; NaN where the covariance is not positive."""
+    shape, d = error.shape[:-1], error.shape[-1]
+    e, P = error.reshape(-1, d), covariance.reshape(-1, d, d)
+    result = np.full(len(e), np.nan)
+    usable = np.all(np.isfinite(P), axis=(1, 2)) & np.all(np.isfinite(e), axis=1)
+    usable[usable] = np.linalg.eigvalsh(P[usable])[:, 0] > 0
+    solved = np.linalg.solve(P[usable], e[usable][..., None])[..., 0]
+    result[usable] = np.sum(e[usable] * solved, axis=-1) / d
+    return result.reshape(shape)
+
+
+def joint_nees(estimate: Motion, truth: Motion, covariance: PoseCovariance) -> Array:
+    """NEES of every joint rotation, ``(T, 24)``: ``R_true = R_estimated Exp(e)``, ``e ~ N(0, P)``."""
+    if len(covariance.joints) != len(estimate):
+        raise InputError(
+            f"covariance of {len(covariance.joints)} frames for a motion of {len(estimate)}: expected one each"
+        )
+    return nees(log(transpose(estimate.R_parent_child) @ truth.R_parent_child), covariance.joints)
+
+
+def summarise(values: Array, dimension: int) -> Consistency:
+    """Mean and 95 % coverage of NEES values, those that are NaN left out."""
+    finite = values[np.isfinite(values)]
+    if len(finite) == 0:
+        return Consistency(float("nan"), float("nan"))
+    inside = finite * dimension <= chdtri(dimension, 0.05)
+    return Consistency(float(finite.mean()), float(inside.mean()))
+
+
+def heading_nees(error: CalibrationError, estimate: Calibration) -> Array:
+    """NEES of every sensor's heading, after the gauge."""
+    sigma = np.array([estimate[name].heading_sigma for name in error.heading])
+    return nees(np.array(list(error.heading.values()))[:, None], (sigma**2)[:, None, None])
+
+
+def mounting_nees(error: CalibrationError, estimate: Calibration) -> Array:
+    """NEES of every sensor's mounting, its three axes taken as independent."""
+    sigma = np.stack([np.broadcast_to(estimate[name].mounting_sigma, 3) for name in error.mounting])
+    return nees(np.stack(list(error.mounting.values())), (sigma**2)[..., None] * np.eye(3))
+
+
+def camera_nees(tangent: Array, covariance: Array) -> Array:
+    """NEES of camera poses ``(T,)``: right perturbations ``(T, 6)`` (rad, m) under ``(T, 6, 6)``."""
+    return nees(tangent, covariance)
+
+
+ENDS = frozenset(f"{side}_{bone}" for side in ("left", "right") for bone in ("ankle", "foot", "wrist", "hand"))
+
+
+def calibration_metrics(
+    error: CalibrationError, estimate: Calibration, placement: Placement | None = None, mean_gauge: bool = False
+) -> dict[str, Metric]:
+    """Mean and 95th percentile of heading and mounting errors, and whether their sigmas are honest.
+
+    Args:
+        error: of the sensors that are compared.
+        estimate: with the sigmas.
+        placement: to tell the sensors of feet and hands from the rest.
+        mean_gauge: whether the mean of the heading errors was removed. The sigmas are meant otherwise: one heading
+            defines the world's, and those of the others are against it.
+    """
+    table = error_metrics([error])
+    if placement is not None:
+        ends = {site.sensor for site in placement.sites if site.bone in ENDS}
+        rest = {site.sensor for site in placement.sites} - ends
+        table |= error_metrics([error.of(ends)], "_feet_hands") | error_metrics([error.of(rest)], "_rest")
+    table["yaw_gauge"] = Metric(float(np.rad2deg(error.gauge)), "deg")
+    against = _against_the_surest(error, estimate) if mean_gauge else error
+    if against.heading:
+        table |= consistency_metrics("heading", heading_nees(against, estimate), 1)
+    return table | consistency_metrics("mounting", mounting_nees(error, estimate), 3)
+
+
+def _against_the_surest(error: CalibrationError, estimate: Calibration) -> CalibrationError:
+    """Heading errors against that of the sensor that is surest of its own, which defines the world's; without it."""
+    sigmas = {name: estimate[name].heading_sigma for name in error.heading}
+    known = {name: sigma for name, sigma in sigmas.items() if np.isfinite(sigma)}
+    if not known:
+        return error
+    surest = min(known, key=lambda name: known[name])
+    heading = {name: float(wrap_angle(value - error.heading[surest])) for name, value in error.heading.items()}
+    return replace(error, heading=heading).of([name for name in heading if name != surest])
+
+
+def error_metrics(errors: list[CalibrationError], which: str = "") -> dict[str, Metric]:
+    """Headings and mountings of all sensors in several calibrations together; empty if there is none."""
+    errors = [error for error in errors if error.heading]
+    if not errors:
+        return {}
+    table: dict[str, Metric] = {}
+    for name, values in (
+        ("heading_error", np.concatenate([error.heading_magnitude for error in errors])),
+        ("mounting_error", np.concatenate([error.mounting_magnitude for error in errors])),
+    ):
+        mean, high = mean_and_95th(values)
+        table |= {f"{name}{which}": Metric(mean, "deg"), f"{name}{which}_95th": Metric(high, "deg")}
+    return table
+
+
+def sensor_table(error: CalibrationError) -> dict[str, Mapping[str, float]]:
+    """Per sensor: the signed heading error and the mounting error, in degrees."""
+    return {
+        name: {
+            "heading_deg": float(np.rad2deg(error.heading[name])),
+            "mounting_deg": float(np.rad2deg(np.linalg.norm(error.mounting[name]))),
+        }
+        for name in error.heading
+    }
+
+
+def consistency_metrics(what: str, values: Array, dimension: int) -> dict[str, Metric]:
+    """NEES and coverage of values that are already over their dimension; empty if none is defined."""
+    if not np.any(np.isfinite(values)):
+        return {}
+    result = summarise(values, dimension)
+    return {f"nees_{what}": Metric(result.nees, ""), f"coverage_95_{what}": Metric(result.coverage_95, "")}

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.errors import InputError
-from vip_factors.evaluate.frames import TIME_TOLERANCE
+from vip_factors.evaluate.metrics import TIME_TOLERANCE
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array, log, transpose

@@ -1,24 +1,52 @@
-"""All metrics of one estimate against the truth, as one table."""
+"""All metrics of an estimate against the truth: of one wearer, and of a scene with its camera and several wearers."""
 
 import warnings
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
-from vip_factors.estimate import Estimate, PoseCovariance
-from vip_factors.evaluate import consistency, joint_angle, metrics, trajectory
-from vip_factors.evaluate.body import body_metrics, joint_centre_error, length_table
-from vip_factors.evaluate.calibration import calibration_error, heading_error_over_time, mean_and_95th, share_sensors
-from vip_factors.evaluate.calibration_metrics import calibration_metrics, consistency_metrics, sensor_table
-from vip_factors.evaluate.frames import common_frames
-from vip_factors.evaluate.joints import Compared
-from vip_factors.evaluate.summary import summary_lines
-from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines
+from vip_factors.errors import InputError
+from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, SceneEstimate
+from vip_factors.evaluate import metrics
+from vip_factors.evaluate.body import (
+    body_metrics,
+    joint_centre_error,
+    knee_flexion_of,
+    length_table,
+    rmse,
+    rmse_without_offset,
+)
+from vip_factors.evaluate.calibration import (
+    calibration_error,
+    calibration_metrics,
+    consistency_metrics,
+    heading_error_over_time,
+    joint_nees,
+    mean_and_95th,
+    sensor_table,
+    share_sensors,
+    summarise,
+)
+from vip_factors.evaluate.camera import camera_error, camera_metrics, common_instants, seen_instants
+from vip_factors.evaluate.metrics import CM, POSITION_JOINTS, Compared, common_frames, position_error
+from vip_factors.evaluate.scene_metrics import (
+    association,
+    camera_imu,
+    honesty,
+    relative_position_error,
+    reprojection,
+    sensors,
+)
+from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines, summary_lines
+from vip_factors.geometry.poses import Alignment
 from vip_factors.sensors.calibration import Calibration, Placement
+from vip_factors.sensors.camera_path import MotionPair, PathPair, move_motion, scene_gauge, yaw
 from vip_factors.sensors.recording import Truth
+from vip_factors.sensors.scene import Scene, SceneTruth
 
 SHOWN = 3  # names of sensors in a sentence
 
@@ -89,19 +117,19 @@ def evaluate(
     motion, reference, chosen = common_frames(estimate.motion, truth.motion)
     compared = Compared.of(truth.known_bones)
     table = _motion_metrics(motion, reference, compared) | {
-        "jitter": Metric(trajectory.jitter(motion), "m/s³"),
+        "jitter": Metric(metrics.jitter(motion), "m/s³"),
         # Of the truth as given: interpolated to other frames it would seem to shake.
-        "jitter_truth": Metric(trajectory.jitter(truth.motion), "m/s³"),
+        "jitter_truth": Metric(metrics.jitter(truth.motion), "m/s³"),
     }
     lengths = length_table(motion.skeleton, reference.skeleton, compared)
     table |= body_metrics(lengths, estimate.body, motion, reference, compared)
     joints = _joint_table(motion, reference, compared)
     if estimate.covariance is not None:
         covariance = PoseCovariance(estimate.covariance.joints[chosen], estimate.covariance.root[chosen])
-        values = consistency.joint_nees(motion, reference, covariance)
+        values = joint_nees(motion, reference, covariance)
         table |= consistency_metrics("joints", values[:, _turns(compared)], 3)
         for name, row in joints.items():
-            row["nees"] = consistency.summarise(values[:, joint_index(name)], 3).nees
+            row["nees"] = summarise(values[:, joint_index(name)], 3).nees
     sensors: dict[str, Mapping[str, float]] = {}
     if estimate.calibration and truth.calibration and not share_sensors(estimate.calibration, truth.calibration):
         warnings.warn(EvaluationWarning(_other_sensors(estimate.calibration, truth.calibration)), stacklevel=2)
@@ -132,11 +160,11 @@ def evaluate_motion(estimate: Motion, truth: Motion) -> Evaluation:
 
 
 def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[str, Metric]:
-    root_cm, root_percent = trajectory.root_translation_error(motion, truth)
-    flexion = [[joint_angle.knee_flexion_of(one, side) for one in (motion, truth)] for side in _legs(compared)]
+    root_cm, root_percent = metrics.root_translation_error(motion, truth)
+    flexion = [[knee_flexion_of(one, side) for one in (motion, truth)] for side in _legs(compared)]
     knees, knees_centred = (
         float(np.mean([compare(*pair) for pair in flexion])) if flexion else float("nan")
-        for compare in (joint_angle.rmse, joint_angle.rmse_without_offset)
+        for compare in (rmse, rmse_without_offset)
     )
     return {
         "mpjpe": Metric(metrics.mpjpe(motion, truth, compared), "mm"),
@@ -146,13 +174,13 @@ def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[s
         "pa_mpjpe": Metric(metrics.pa_mpjpe(motion, truth, compared), "mm"),
         "root_relative_mpjpe": Metric(metrics.root_relative_mpjpe(motion, truth, compared), "mm"),
         "global_position_error": Metric(metrics.global_position_error(motion, truth, compared), "cm"),
-        "yaw_aligned_position_error": Metric(trajectory.yaw_aligned_position_error(motion, truth, compared), "cm"),
+        "yaw_aligned_position_error": Metric(metrics.yaw_aligned_position_error(motion, truth, compared), "cm"),
         "root_translation_error": Metric(root_cm, "cm"),
         "root_translation_error_percent": Metric(root_percent, "%"),
-        "w_mpjpe": Metric(trajectory.w_mpjpe(motion, truth, compared), "mm"),
-        "wa_mpjpe": Metric(trajectory.wa_mpjpe(motion, truth, compared), "mm"),
-        "foot_sliding": Metric(trajectory.foot_sliding(motion, truth, compared), "mm"),
-        "foot_sliding_truth": Metric(trajectory.foot_sliding(truth, truth, compared), "mm"),
+        "w_mpjpe": Metric(metrics.w_mpjpe(motion, truth, compared), "mm"),
+        "wa_mpjpe": Metric(metrics.wa_mpjpe(motion, truth, compared), "mm"),
+        "foot_sliding": Metric(metrics.foot_sliding(motion, truth, compared), "mm"),
+        "foot_sliding_truth": Metric(metrics.foot_sliding(truth, truth, compared), "mm"),
         "knee_flexion_rmse": Metric(knees, "deg"),
         "knee_flexion_rmse_without_offset": Metric(knees_centred, "deg"),
     }
@@ -186,3 +214,116 @@ def _turns(compared: Compared) -> list[int]:
 def _legs(compared: Compared) -> list[str]:
     """Sides of which thigh and shank are known."""
     return [side for side in ("left", "right") if len(compared.orientations((f"{side}_hip", f"{side}_knee"))) == 2]
+
+
+@dataclass(frozen=True)
+class SceneEvaluation:
+    """How good a scene's estimate is.
+
+    Attributes:
+        name, method: of the estimate.
+        metrics: of the scene as a whole, by name, in the order of the table.
+        wearers: by subject.
+        pairs: of wearers, ``"one - other"``: ``relative_mm``, ``distance_mm`` and their 95th percentiles.
+    """
+
+    name: str
+    method: str
+    metrics: Mapping[str, Metric]
+    wearers: Mapping[str, Evaluation]
+    pairs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def __getitem__(self, metric: str) -> float:
+        return self.metrics[metric].value
+
+    def __str__(self) -> str:
+        return "\n".join([*self.summary(), "", self.to_table().rstrip()])
+
+    def summary(self) -> list[str]:
+        """Five lines, each with the gauge that its errors are in."""
+        return summary_lines(self.metrics, {name: one.metrics for name, one in self.wearers.items()})
+
+    def to_table(self) -> str:
+        """Markdown: the scene, pairs of wearers, then every wearer."""
+        lines = [f"## {self.name}, {self.method}", "", *metric_lines(self.metrics), *row_lines("pair", self.pairs)]
+        for name, evaluation in self.wearers.items():
+            lines += ["", f"## {name}", "", evaluation.to_table().rstrip()]
+        return "\n".join(lines) + "\n"
+
+    def to_json(self) -> str:
+        """Everything, as JSON; what is not defined is null."""
+        return json_text(asdict(self))
+
+
+def evaluate_scene(estimate: SceneEstimate, scene: Scene) -> SceneEvaluation:
+    """Every metric that the scene's truth allows.
+
+    One yaw and one translation are removed from the whole scene, camera and wearers together; an estimate without
+    camera does not tie wearers to each other, so there each one has its own, and pairs are not compared.
+
+    Raises:
+        InputError: if estimate and scene do not hold the same wearers, no wearer has a truth, or nothing overlaps.
+    """
+    if len(estimate.wearers) != len(scene.wearers):
+        raise InputError(
+            f"estimate of {len(estimate.wearers)} wearers for a scene of {len(scene.wearers)}: expected the same; "
+            "is it the estimate of this scene?"
+        )
+    pairs: dict[int, MotionPair] = {}
+    for index, (one, wearer) in enumerate(zip(estimate.wearers, scene.wearers, strict=True)):
+        if wearer.truth is not None:
+            pairs[index] = common_frames(one.motion, wearer.truth.motion)[:2]
+    if not pairs:
+        raise InputError(f"scene '{scene.name}' holds no wearer's truth: expected at least one to compare with")
+    camera, chosen = _camera_pair(estimate.camera, scene.truth)
+    tied = estimate.camera is not None
+    gauges = _gauges(pairs, camera, tied)
+    table: dict[str, Metric] = {}
+    wearers = {
+        scene.wearers[index].subject.name: _wearer(estimate, scene, index, pair, gauges[index], tied)
+        for index, pair in pairs.items()
+    }
+    for name in ("mpjpe", "mpjpe_true_body", "mpjae", "scene_position_error", "length_error", "joint_centre_error"):
+        each = [evaluation.metrics[name] for evaluation in wearers.values()]
+        table[name] = Metric(float(np.mean([one.value for one in each])), each[0].unit)
+    turn = yaw(next(iter(gauges.values()))) if tied else None
+    table |= sensors(estimate, scene, turn)
+    if camera is not None and estimate.camera is not None:
+        seen = seen_instants(estimate.camera.residual_px, estimate.camera.path, chosen)
+        table |= camera_metrics(camera_error(camera, next(iter(gauges.values()))), seen)
+    table |= camera_imu(estimate, scene, turn)
+    table |= honesty(estimate, scene, pairs, camera, chosen)
+    table |= reprojection(estimate, scene) | association(estimate, scene)
+    together = {
+        f"{scene.wearers[i].subject.name} - {scene.wearers[j].subject.name}": relative_position_error(
+            pairs[i], pairs[j], gauges[i]
+        )
+        for i, j in (combinations(pairs, 2) if tied else ())
+    }
+    return SceneEvaluation(estimate.name, estimate.method, table, wearers, together)
+
+
+def _camera_pair(camera: CameraEstimate | None, truth: SceneTruth | None) -> tuple[PathPair | None, np.ndarray]:
+    if camera is None or truth is None:
+        return None, np.zeros(0, int)
+    estimated, true, chosen = common_instants(camera.path, truth.camera)
+    return (estimated, true), chosen
+
+
+def _gauges(pairs: Mapping[int, MotionPair], camera: PathPair | None, tied: bool) -> dict[int, Alignment]:
+    if tied:
+        return dict.fromkeys(pairs, scene_gauge(list(pairs.values()), camera))
+    return {index: scene_gauge([pair]) for index, pair in pairs.items()}
+
+
+def _wearer(
+    estimate: SceneEstimate, scene: Scene, index: int, pair: MotionPair, gauge: Alignment, tied: bool
+) -> Evaluation:
+    """The usual evaluation of one wearer, headings in the scene's gauge, and positions in the true world."""
+    recording = scene.wearers[index]
+    assert recording.truth is not None
+    one = evaluate(estimate.wearers[index], recording.truth, recording.placement, yaw(gauge) if tied else None)
+    known = Compared.of(recording.truth.known_bones).positions(POSITION_JOINTS)
+    error = position_error(move_motion(pair[0], gauge), pair[1])[:, known]
+    metrics = {**one.metrics, "scene_position_error": Metric(float(CM * error.mean()), "cm")}
+    return replace(one, metrics=metrics)

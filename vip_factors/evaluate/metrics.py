@@ -1,18 +1,113 @@
-"""Errors of a pose, frame by frame and joint by joint; the published numbers are means of these.
+"""Errors of pose and path: which joints each published metric averages over, the common frames, and the metrics.
 
-All functions take an estimate and the truth at the same frames, each with its own skeleton (see
-:func:`~vip_factors.evaluate.frames.common_frames`). Joints of which the truth knows nothing are left out of every mean.
+All metrics take an estimate and the truth at the same frames, each with its own skeleton (see :func:`common_frames`,
+the one place where evaluation interpolates). Joints of which the truth knows nothing are left out of every mean.
 """
 
-from dataclasses import replace
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vip_factors.body.kinematics import Motion
+from vip_factors.body.skeleton import JOINT_NAMES, joint_index, joints_placed_by
 from vip_factors.errors import InputError
-from vip_factors.evaluate.joints import EVERYTHING, GLOBAL_JOINTS, ORIENTATION_JOINTS, POSITION_JOINTS, Compared
-from vip_factors.geometry.poses import Alignment, align_rigid, align_similarity
+from vip_factors.geometry.poses import Alignment, align_rigid, align_similarity, align_yaw
+from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, angle_between
+
+
+def _both(*names: str) -> tuple[str, ...]:
+    return tuple(f"{side}_{name}" for name in names for side in ("left", "right"))
+
+
+# MPJPE of VIP and SIP (thesis 2.5.2): 14 joints.
+POSITION_JOINTS = (*_both("hip", "knee", "ankle"), "neck", "head", *_both("shoulder", "elbow", "wrist"))
+# MPJAE of VIP and SIP (thesis 2.5.2): 9 joints.
+ORIENTATION_JOINTS = (*_both("hip", "knee"), "neck", *_both("shoulder", "elbow"))
+# Kaichi et al. average over 16 joints without naming them: the 14 and the ends of the trunk's two halves are ours.
+GLOBAL_JOINTS = ("pelvis", "spine3", *POSITION_JOINTS)
+FEET = _both("foot")
+
+
+def indices(names: tuple[str, ...]) -> list[int]:
+    """Their rows in a motion's joint axis."""
+    return [joint_index(name) for name in names]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Which of the joints that a metric averages over are compared: those of which the truth knows anything.
+
+    Attributes:
+        bones: names of the bones whose motion the truth knows; None: all.
+    """
+
+    bones: frozenset[str] | None = None
+
+    @classmethod
+    def of(cls, bones: Collection[str] | None) -> "Compared":
+        """Of a truth that knows some bones, or all (None)."""
+        return cls(None if bones is None else frozenset(bones))
+
+    def orientations(self, names: tuple[str, ...] = JOINT_NAMES) -> list[int]:
+        """Rows of those bones among the named ones whose turn is known."""
+        return [row for row in indices(names) if self.bones is None or JOINT_NAMES[row] in self.bones]
+
+    def positions(self, names: tuple[str, ...] = JOINT_NAMES) -> list[int]:
+        """Rows of those joints among the named ones whose place is known: they sit on the bone above."""
+        return joints_placed_by(self.bones, indices(names))
+
+
+EVERYTHING = Compared()
+
+
+TIME_TOLERANCE = 1e-6  # seconds: rounding of frame times in files
+
+
+def resample(motion: Motion, start: float, rate: float, count: int) -> Motion:
+    """The motion at ``count`` frames from ``start`` on, every joint by slerp and the root linearly.
+
+    Raises:
+        InputError: where a frame lies outside the motion.
+    """
+    time = start + np.arange(count) / rate
+    first, last = motion.time[[0, -1]]
+    if count < 1 or time[0] < first - TIME_TOLERANCE or time[-1] > last + TIME_TOLERANCE:
+        raise InputError(
+            f"motion '{motion.name}' lasts from {first:.3f} to {last:.3f} s: cannot give {count} frames from "
+            f"{start:.3f} s at {rate:g} Hz"
+        )
+    joints = [interpolate_rotations(motion.time, motion.R_parent_child[:, j], time) for j in range(24)]
+    root = np.stack([np.interp(time, motion.time, motion.p_world_pelvis[:, axis]) for axis in range(3)], axis=1)
+    return Motion(motion.skeleton, np.stack(joints, axis=1), root, rate, start, motion.name)
+
+
+def common_frames(estimate: Motion, truth: Motion) -> tuple[Motion, Motion, slice]:
+    """Both motions at those frames of the estimate that lie within the truth; skeletons stay each one's own.
+
+    Returns:
+        The estimate (its own frames, never interpolated), the truth at the same times, and which frames of the
+        estimate they are.
+
+    Raises:
+        InputError: if they do not overlap, or one is empty.
+    """
+    for motion, which in ((estimate, "estimate"), (truth, "truth")):
+        if len(motion) == 0:
+            raise InputError(f"{which} '{motion.name}' has no poses: expected at least one; is its file cut off?")
+    inside = np.flatnonzero(
+        (estimate.time >= truth.time[0] - TIME_TOLERANCE) & (estimate.time <= truth.time[-1] + TIME_TOLERANCE)
+    )
+    if len(inside) == 0:
+        raise InputError(
+            f"estimate ({estimate.time[0]:.3f} to {estimate.time[-1]:.3f} s) and truth ({truth.time[0]:.3f} to "
+            f"{truth.time[-1]:.3f} s) share no frame: check that both use the recording's clock"
+        )
+    chosen = slice(int(inside[0]), int(inside[-1]) + 1)
+    part = estimate.frames(chosen)
+    return part, resample(truth, part.start, part.rate, len(part)), chosen
+
 
 MM, CM = 1e3, 1e2
 LEAST_JOINTS = 3  # fewer fix no alignment
@@ -101,3 +196,76 @@ def _same_frames(estimate: Motion, truth: Motion) -> None:
             f"estimate has {len(estimate)} frames at {estimate.rate:g} Hz, truth {len(truth)} at {truth.rate:g} Hz: "
             "expected the same frames; see common_frames"
         )
+
+
+CHUNK = 100  # frames, as WHAM and its successors take
+STILL_M = 0.01  # per frame: a true foot slower than this stands
+PATH_MIN_M = 0.1  # a root that moves less has no path to take a percentage of
+
+
+def root_translation_error(estimate: Motion, truth: Motion) -> tuple[float, float]:
+    """Mean error of the root after a rigid alignment of the whole path: in cm, and in % of the true path length.
+
+    The percentage is NaN for a root that stays within 10 cm of path.
+    """
+    points, reference = estimate.state.p_world_joint[:, 0], truth.state.p_world_joint[:, 0]
+    error = np.linalg.norm(align_rigid(points, reference).apply(points) - reference, axis=-1).mean()
+    length = np.linalg.norm(np.diff(reference, axis=0), axis=-1).sum()
+    return float(CM * error), float(100 * error / length) if length > PATH_MIN_M else float("nan")
+
+
+def yaw_aligned_position_error(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:
+    """Mean position error in cm over 24 joints after one yaw and one translation for all frames.
+
+    Exactly the gauge of an inertial reconstruction is removed: what is left is pose, drift and tilt.
+    """
+    points, reference = (
+        motion.state.p_world_joint[:, compared.positions()].reshape(-1, 3) for motion in (estimate, truth)
+    )
+    moved = align_yaw(points, reference).apply(points)
+    return float(CM * np.linalg.norm(moved - reference, axis=-1).mean())
+
+
+def w_mpjpe(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:
+    """World MPJPE in mm: chunks of 100 frames, similarity fitted on each one's first two frames; 24 joints."""
+    return _chunked(estimate, truth, compared, lambda points: points[:2])
+
+
+def wa_mpjpe(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:
+    """World-aligned MPJPE in mm: chunks of 100 frames, similarity fitted on the whole chunk; 24 joints."""
+    return _chunked(estimate, truth, compared, lambda points: points)
+
+
+def _chunked(estimate: Motion, truth: Motion, compared: Compared, fitted: Callable[[Array], Array]) -> float:
+    points, reference = (motion.state.p_world_joint[:, compared.positions()] for motion in (estimate, truth))
+    errors = []
+    for first in range(0, len(points), CHUNK):
+        chunk, target = points[first : first + CHUNK], reference[first : first + CHUNK]
+        alignment = align_similarity(fitted(chunk).reshape(-1, 3), fitted(target).reshape(-1, 3))
+        moved = alignment.apply(chunk.reshape(-1, 3)).reshape(target.shape)
+        errors.append(np.linalg.norm(moved - target, axis=-1))
+    return float(MM * np.concatenate(errors).mean())
+
+
+def jitter(motion: Motion) -> float:
+    """Mean norm of the third derivative of the 24 joint positions in m/s³: third difference × fps³.
+
+    NaN for fewer than four frames.
+    """
+    if len(motion) < 4:
+        return float("nan")
+    jerk = np.diff(motion.state.p_world_joint, n=3, axis=0) * motion.rate**3
+    return float(np.linalg.norm(jerk, axis=-1).mean())
+
+
+def foot_sliding(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:
+    """Mean displacement per frame of the estimated foot joints, in mm, while the true ones move less than 1 cm.
+
+    It depends on the frame rate, as published. NaN if the true feet never stand, or are not known.
+    """
+    feet = compared.positions(FEET)
+    moved, reference = (
+        np.linalg.norm(np.diff(motion.state.p_world_joint[:, feet], axis=0), axis=-1) for motion in (estimate, truth)
+    )
+    still = reference < STILL_M
+    return float(MM * moved[still].mean()) if np.any(still) else float("nan")

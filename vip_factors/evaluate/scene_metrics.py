@@ -1,21 +1,35 @@
-"""The parts of a scene's table that take more than one wearer, or the camera: sensors, honesty, image, labels."""
+"""What takes more than one wearer, or the camera: sensors, honesty, image, labels, distances; is it the same recording?
+
+Precision and recall of labels are as VIP reports them on 3DPW (thesis 4.4.3).
+"""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.estimate import SceneEstimate
-from vip_factors.evaluate import consistency
-from vip_factors.evaluate.association import association_score
-from vip_factors.evaluate.calibration import CalibrationError, calibration_error, share_sensors
-from vip_factors.evaluate.calibration_metrics import ENDS, consistency_metrics, error_metrics
+from vip_factors.evaluate.calibration import (
+    ENDS,
+    CalibrationError,
+    calibration_error,
+    camera_nees,
+    consistency_metrics,
+    error_metrics,
+    heading_nees,
+    mounting_nees,
+    share_sensors,
+)
 from vip_factors.evaluate.camera import camera_error
+from vip_factors.evaluate.metrics import MM
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_path import MotionPair, PathPair, anchored_gauge
 from vip_factors.sensors.detections import keypoints_in_image, reprojection_error
+from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 
 CAMERA = "camera"  # stands for the IMU on the camera where calibrations go by sensor name
@@ -71,8 +85,8 @@ def honesty(
         calibration = estimate.wearers[i].calibration
         free = error.of([name for name in error.heading if (i, name) != (wearer, sensor)])
         if free.heading:
-            headings.append(consistency.heading_nees(free, calibration))
-        mountings.append(consistency.mounting_nees(error, calibration))
+            headings.append(heading_nees(free, calibration))
+        mountings.append(mounting_nees(error, calibration))
     table: dict[str, Metric] = {}
     for name, values, dimension in (("heading", headings, 1), ("mounting", mountings, 3)):
         if values:
@@ -81,7 +95,7 @@ def honesty(
         known = wearer not in pairs  # where the camera's path was given, and with it the world
         gauge = Alignment(np.eye(3), np.zeros(3), np.ones(())) if known else anchored_gauge(pairs[wearer], turn)
         error_of_camera = camera_error(camera, gauge)
-        of_camera = consistency.camera_nees(error_of_camera.tangent, estimate.camera.covariance[chosen])
+        of_camera = camera_nees(error_of_camera.tangent, estimate.camera.covariance[chosen])
         table |= consistency_metrics("camera", of_camera, 6)
     return table
 
@@ -174,3 +188,139 @@ def _pixels(name: str, distances: list[Array]) -> dict[str, Metric]:
         f"{name}_rms": Metric(float(np.sqrt(np.mean(values**2))), "px"),
         f"{name}_median": Metric(float(np.median(values)), "px"),
     }
+
+
+NOBODY = -1
+
+
+@dataclass(frozen=True)
+class AssociationScore:
+    """How right the labels are; NaN where nothing was given, or nothing was there to be found.
+
+    Attributes:
+        given: labels that name a wearer.
+        true: detections that are a wearer's.
+        correct: labels that name the right wearer.
+        swapped: labels that name another wearer than the detection's.
+        strangers: labels given to detections of bystanders, or of nobody.
+        missed: wearers' detections that were given to nobody.
+        recall_of: recall of each wearer, by index.
+    """
+
+    given: int
+    true: int
+    correct: int
+    swapped: int
+    strangers: int
+    missed: int
+    recall_of: Mapping[int, float]
+
+    @property
+    def precision(self) -> float:
+        """Correct labels over labels given."""
+        return self.correct / self.given if self.given else float("nan")
+
+    @property
+    def recall(self) -> float:
+        """Correct labels over true labels."""
+        return self.correct / self.true if self.true else float("nan")
+
+
+def association_score(labels: np.ndarray, truth: np.ndarray) -> AssociationScore:
+    """Score labels ``(N,)`` of detections against the true ones: index of the wearer, −1 for nobody.
+
+    Raises:
+        InputError: if they are not of the same detections.
+    """
+    labels, truth = np.asarray(labels), np.asarray(truth)
+    if labels.shape != truth.shape or labels.ndim != 1:
+        raise InputError(
+            f"{labels.shape} labels for {truth.shape} true ones: expected one each per detection; are estimate and "
+            "truth of the same scene?"
+        )
+    given, is_true = labels != NOBODY, truth != NOBODY
+    correct = is_true & (labels == truth)
+    return AssociationScore(
+        given=int(given.sum()),
+        true=int(is_true.sum()),
+        correct=int(correct.sum()),
+        swapped=int((given & is_true & ~correct).sum()),
+        strangers=int((given & ~is_true).sum()),
+        missed=int((is_true & ~given).sum()),
+        recall_of={int(w): float(correct[truth == w].mean()) for w in np.unique(truth[is_true])},
+    )
+
+
+def relative_position_error(one: MotionPair, other: MotionPair, gauge: Alignment) -> dict[str, float]:
+    """Errors of the vector from one wearer's pelvis to the other's, in mm, over the time that both share.
+
+    Of the gauge only the yaw is applied (a shift moves both). ``distance`` compares lengths alone, which no
+    alignment touches. NaN if the two share no time.
+    """
+    time = _shared_time(one, other)
+    estimated, true = (_path(second, time) - _path(first, time) for first, second in zip(one, other, strict=True))
+    if not len(time):
+        return dict.fromkeys(("relative_mm", "relative_95th_mm", "distance_mm", "distance_95th_mm"), float("nan"))
+    vector = MM * np.linalg.norm(estimated @ gauge.R_target_source.T - true, axis=1)
+    distance = MM * np.abs(np.linalg.norm(estimated, axis=1) - np.linalg.norm(true, axis=1))
+    return {
+        "relative_mm": float(vector.mean()),
+        "relative_95th_mm": float(np.quantile(vector, 0.95)),
+        "distance_mm": float(distance.mean()),
+        "distance_95th_mm": float(np.quantile(distance, 0.95)),
+    }
+
+
+def _shared_time(one: MotionPair, other: MotionPair) -> Array:
+    time = one[0].time
+    return time[(time >= other[0].time[0] - 1e-6) & (time <= other[0].time[-1] + 1e-6)]
+
+
+def _path(motion: Motion, time: Array) -> Array:
+    return np.stack([np.interp(time, motion.time, axis) for axis in motion.p_world_pelvis.T], axis=1)
+
+
+LITTLE = 0.9  # of the estimate's time: a truth that begins late or ends early has more
+SAME_START_S = 60.0  # clocks of computers that record together differ by less
+
+
+def doubts(estimate: SceneEstimate, scene: Scene, start_ns: int = 0) -> str:
+    """What speaks against it, as one sentence; empty if nothing does.
+
+    Args:
+        estimate: what was made.
+        scene: the recording with the truth.
+        start_ns: absolute time of the estimate's t = 0; 0 if not known.
+    """
+    found = [*_of_names(estimate, scene), *_of_starts(scene, start_ns)]
+    for one, wearer in zip(estimate.wearers, scene.wearers, strict=False):
+        who = f" of {wearer.subject.name}" if len(scene.wearers) > 1 else ""
+        strange = sorted(set(one.sensors) - set(wearer.imus)) if wearer.imus else []
+        if strange:
+            found.append(
+                f"{len(strange)} of the {len(one.sensors)} sensors{who} are none of the other's: {strange[0]} …"
+            )
+        if wearer.truth is not None and len(one.motion) and len(wearer.truth.motion):
+            found += _of_times(one.motion.time, wearer)
+    return f"is this the truth of the same recording? {'; '.join(found)}" if found else ""
+
+
+def _of_names(estimate: SceneEstimate, scene: Scene) -> Iterator[str]:
+    names = {scene.name, *(wearer.name for wearer in scene.wearers)}
+    if not names & {estimate.name, *(one.name for one in estimate.wearers)}:
+        yield f"the estimate is of '{estimate.name}', the truth of '{scene.name}'"
+
+
+def _of_starts(scene: Scene, start_ns: int) -> Iterator[str]:
+    begins = scene.wearers[0].start_ns
+    apart = abs(start_ns - begins) / 1e9
+    if start_ns and begins and apart > SAME_START_S:
+        yield f"they begin {apart:.0f} s apart"
+
+
+def _of_times(time: Array, wearer: Recording) -> Iterator[str]:
+    assert wearer.truth is not None
+    truth = wearer.truth.motion.time
+    common, whole = min(time[-1], truth[-1]) - max(time[0], truth[0]), time[-1] - time[0]
+    if common < LITTLE * whole:
+        yield f"of {whole:.1f} s of the estimate the truth covers {max(common, 0.0):.1f} s"

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vip_factors.evaluate.evaluation import Evaluation, evaluate
-from vip_factors.evaluate.scene import SceneEvaluation, evaluate_scene
+from vip_factors.evaluate.evaluation import Evaluation, SceneEvaluation, evaluate, evaluate_scene
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.rotations import Array
 from vip_factors.report.blocks import Block, Chart, Charts, Paragraph, Section, Table

@@ -5,7 +5,7 @@ from enum import StrEnum
 import numpy as np
 
 from vip_factors.errors import InputError
-from vip_factors.evaluate.scene import evaluate_scene
+from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings

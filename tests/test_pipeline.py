@@ -14,7 +14,7 @@ from vip_factors.settings import CalibrationSettings, Settings, flatten
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.simulate.stance import with_initial_pose
+from vip_factors.simulate.staging import with_initial_pose
 from vip_factors.terms.rotation_prior import InitialPoseSettings
 
 QUICK = Settings(frame_rate=15.0, calibration=CalibrationSettings(passes=1))

@@ -11,7 +11,7 @@ from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.settings import SceneSettings
 
 SHORT = DriftSettings(stretch=4.0, most=8e-3)  # half a minute is enough where clocks are that bad
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tracked import RATE, filmed, poses, track
 
+from tests.studies.stream_fault_injection import Chosen, everything, lost, of_imus
 from vip_factors.evaluate.metrics import common_frames, mpjpe
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
@@ -16,7 +17,6 @@ from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.simulate.stream_faults import Chosen, everything, lost, of_imus
 
 START, END = 2.0, 3.0  # s
 

@@ -14,7 +14,7 @@ from vip_factors.simulate.dense import dense_motion
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import GRAVITY, simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.simulate.stance import with_initial_pose
+from vip_factors.simulate.staging import with_initial_pose
 
 PLAIN = SimulateSettings.noise_free
 

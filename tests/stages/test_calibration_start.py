@@ -15,7 +15,7 @@ from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.simulate.stance import with_initial_pose
+from vip_factors.simulate.staging import with_initial_pose
 from vip_factors.stages.calibration_start import search_start, start_findings
 from vip_factors.stages.inertial import first_calibration
 

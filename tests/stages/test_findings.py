@@ -13,7 +13,7 @@ from vip_factors.estimate import CameraEstimate, SceneEstimate
 from vip_factors.initialise.camera import Sightings, leaps
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.scene import Scene
-from vip_factors.simulate.scene_settings import CameraKind
+from vip_factors.simulate.settings import CameraKind
 from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.findings import confirmed_leaps
 

@@ -24,7 +24,7 @@ from vip_factors.sensors.sampled import RecordingInMemory, closed_up, frames_of
 from vip_factors.settings import CalibrationSettings, Settings, WindowSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
-from vip_factors.simulate.stance import with_initial_pose
+from vip_factors.simulate.staging import with_initial_pose
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.solver import Solver

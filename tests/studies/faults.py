@@ -6,11 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from vip_factors.errors import InputError
-from vip_factors.sensors.live import LiveSample
-from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Scene
-from vip_factors.simulate.stream_faults import (
+from tests.studies.stream_fault_injection import (
     FOREVER,
     Chosen,
     OfSensors,
@@ -26,6 +22,10 @@ from vip_factors.simulate.stream_faults import (
     repeated,
     turned_on_bone,
 )  # fmt: skip
+from vip_factors.errors import InputError
+from vip_factors.sensors.live import LiveSample
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Scene
 
 Samples = Iterable[LiveSample]
 

@@ -12,7 +12,7 @@ from vip_factors.geometry.rotations import transpose, wrap_angle, yaw_of
 from vip_factors.sensors.recording import Truth
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
-from vip_factors.simulate.stance import floor_height
+from vip_factors.simulate.staging import floor_height
 
 VIDEO_RATE = 60.0  # Hz, TotalCapture's
 JUMP_M = 0.12  # soles that high are off the ground: the clips' own floors float by up to 8 cm

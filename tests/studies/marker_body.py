@@ -1,7 +1,7 @@
 """A whole body from the markers on its skin (Plug-in-Gait's), and what a detector would have seen of it.
 
 The motion is the person's own, and so are the joint centres; the lens, how the camera is held and what the detector
-does wrong are the simulator's (:mod:`~vip_factors.simulate.detector_settings`).
+does wrong are the simulator's (:mod:`~vip_factors.simulate.settings`).
 """
 
 from collections.abc import Callable, Mapping
@@ -23,7 +23,7 @@ from vip_factors.simulate.camera_motion import camera_motion
 from vip_factors.simulate.detector import detect
 from vip_factors.simulate.detector_view import Person
 from vip_factors.simulate.scene import camera_mount
-from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.settings import SceneSettings
 
 SIDES = ("left", "right")
 LEGS = tuple(f"{side}_{name}" for name in ("hip", "knee", "ankle") for side in SIDES)

@@ -26,7 +26,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.simulate.stance import with_initial_pose
+from vip_factors.simulate.staging import with_initial_pose
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,9 @@ from vip_factors.errors import FileFormatError
 from vip_factors.evaluate.body import inclination_deg
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.sensors.calibration import preset
-from vip_factors.simulate.detector_settings import DetectorSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
+from vip_factors.simulate.settings import DetectorSettings
 
 # Markers of somebody who faces +x, forearms forward, in metres; the left side, of which the right is the mirror image.
 MIDDLE = {"C7": (-0.1, 0, 1.5), "T10": (-0.1, 0, 1.2), "CLAV": (0.1, 0, 1.5), "STRN": (0.1, 0, 1.2)}

@@ -19,7 +19,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.simulate.stance import floor_height
+from vip_factors.simulate.staging import floor_height
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 SETTINGS = LiveSettings(frame_rate=30.0, calibration_rate=10.0, solve=SolveSettings(max_iterations=2))

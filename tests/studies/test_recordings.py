@@ -21,7 +21,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.simulate.stance import with_initial_pose
+from vip_factors.simulate.staging import with_initial_pose
 
 
 @pytest.fixture(scope="module")

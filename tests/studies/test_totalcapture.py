@@ -19,7 +19,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.simulate.stance import with_initial_pose
+from vip_factors.simulate.staging import with_initial_pose
 
 UP = rotation_x(-np.pi / 2)  # our z becomes their y
 R_CAMERA_VICON = np.diag([1.0, -1.0, -1.0])  # looks against their z, upright

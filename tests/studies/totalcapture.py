@@ -32,8 +32,8 @@ from vip_factors.sensors.recording import Recording, Subject, Truth
 from vip_factors.sensors.scene import Camera, Scene, SceneTruth
 from vip_factors.simulate.dense import dense_motion
 from vip_factors.simulate.detector import detect, owners
-from vip_factors.simulate.detector_settings import DetectorSettings
 from vip_factors.simulate.detector_view import Person, look
+from vip_factors.simulate.settings import DetectorSettings
 
 TEST_SPLIT = ("walking2", "freestyle3", "acting3")  # of all subjects, as everybody reports it
 CALIBRATION = "calibration.cal"

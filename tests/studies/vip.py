@@ -34,8 +34,7 @@ from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
-from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
-from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.simulate.settings import CameraKind, SceneSettings, SimulateSettings
 
 # Pairs of variants whose MPJPE is to be compared.
 COMPARED = (

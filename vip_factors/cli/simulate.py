@@ -11,14 +11,13 @@ from vip_factors.cli.options import Flag, asks_for_short_help, parse, tell_short
 from vip_factors.cli.outputs import Input, Output
 from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate
-from vip_factors.simulate.detector_settings import DetectorSettings
-from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.simulate.settings import DetectorSettings, SimulateSettings
 
 if TYPE_CHECKING:
     from vip_factors.body.kinematics import Motion
     from vip_factors.sensors.recording import Recording
     from vip_factors.sensors.scene import Scene
-    from vip_factors.simulate.scene_settings import SceneSettings
+    from vip_factors.simulate.settings import SceneSettings
 
 SECONDS = 20.0  # of the package's own motion
 GESTURES = "gestures"  # in place of a file: the package's own motion
@@ -182,7 +181,7 @@ def simulated_scene(options: SimulateOptions) -> "Scene":
 
 
 def _scene_settings(options: SimulateOptions) -> "SceneSettings":
-    from vip_factors.simulate.scene_settings import SceneSettings
+    from vip_factors.simulate.settings import SceneSettings
 
     video = options.video
     perfect = options.noise_free
@@ -220,7 +219,7 @@ def _motion(source: str, options: SimulateOptions, number: int) -> "Motion":
 
 def _posed(motion: "Motion", options: SimulateOptions, number: int) -> "Motion":
     """The motion after the calibration pose that was asked for, held in each wearer's own way."""
-    from vip_factors.simulate.stance import with_initial_pose
+    from vip_factors.simulate.staging import with_initial_pose
 
     if options.initial_pose == "none":
         return motion

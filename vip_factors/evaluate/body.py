@@ -1,4 +1,4 @@
-"""How near the body of an estimate is to the true one: lengths, joint centres, hinge axes; and clinical angles of gait."""
+"""How near the body of an estimate is to the true one (lengths, joint centres, hinges), and clinical angles of gait."""
 
 from collections.abc import Collection, Mapping
 

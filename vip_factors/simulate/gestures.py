@@ -12,7 +12,7 @@ from vip_factors.body.calibration_pose import R_WORLD_FACING_X
 from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z
-from vip_factors.simulate.stance import path_of_standing_feet
+from vip_factors.simulate.staging import path_of_standing_feet
 
 STEP_HZ = 0.85  # full gait cycles per second: a relaxed pace is 0.9
 STRIDE = 0.15  # rad that the hip swings to either side: a slow walk of about 0.45 m/s

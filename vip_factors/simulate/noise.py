@@ -1,8 +1,9 @@
-"""Random processes, one value per sample of an evenly sampled stream."""
+"""Random processes, one value per sample of an evenly sampled stream, and events that last for a while."""
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+from scipy.stats import norm
 
 from vip_factors.geometry.rotations import Array
 
@@ -56,3 +57,12 @@ def received(
         arrives[first : first + length] = False
     arrives[[0, -1]] = True
     return arrives
+
+
+def lasting_chance(random: np.random.Generator, count: int, step: float, lasts_s: float, axes: int = 1) -> Array:
+    """Numbers ``(count, axes)``, each uniform in [0, 1] but changing slowly: what has chance ``p`` happens at ``< p``.
+
+    With a chance of a few per cent, what happens lasts for about ``0.8 lasts_s`` on average: so long does a smooth
+    Gaussian process (:func:`~vip_factors.simulate.noise.smooth_process`) stay beyond two sigmas (Rice's formula).
+    """
+    return np.asarray(norm.cdf(smooth_process(random, count, step, 1.0, lasts_s, axes)))

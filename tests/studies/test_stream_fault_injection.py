@@ -4,9 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vip_factors.geometry.rotations import exp, rotation_z
-from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
-from vip_factors.simulate.stream_faults import (
+from tests.studies.stream_fault_injection import (
     OfSensors,
     clock_jumping,
     delayed,
@@ -18,6 +16,8 @@ from vip_factors.simulate.stream_faults import (
     repeated,
     turned_on_bone,
 )
+from vip_factors.geometry.rotations import exp, rotation_z
+from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
 
 R = exp(np.array([0.1, -0.7, 0.4]))
 FORCE = np.array([1.0, -2.0, 9.0])

@@ -101,7 +101,7 @@ def simulate_recording(
             error from its own: adding a sensor or an error leaves the rest as it was.
         name: of the recording.
         initial_pose: the pose that the wearer declares to hold at the start (see
-            :func:`~vip_factors.simulate.initial_pose.with_initial_pose`).
+            :func:`~vip_factors.simulate.staging.with_initial_pose`).
 
     Raises:
         InputError: for a motion of fewer than 8 frames, or of less than two IMU periods.

@@ -1,4 +1,4 @@
-"""People on the floor of one world: standing feet, held calibration poses, clips placed, lengthened, told when to start."""
+"""People on the floor of one world: standing feet, held calibration poses, clips placed, lengthened, started late."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -7,7 +7,7 @@ import numpy as np
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import Motion
-from vip_factors.estimate import CameraEstimate, Estimate, SceneEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array, exp, rotation_z, transpose
 from vip_factors.sensors.calibration import SensorCalibration, preset
 from vip_factors.sensors.camera_model import CameraModel
@@ -94,7 +94,7 @@ def scene_sample(seconds: float = 2.0, moving: bool = True, noise_px: float = 0.
     return Scene("two of three", wearers, Camera("phone", MODEL, detections, moving, CameraMount(imu)), truth)
 
 
-def estimate_of(scene: Scene, injected: Injected | None = None) -> SceneEstimate:
+def estimate_of(scene: Scene, injected: Injected | None = None) -> Estimate:
     """The truth with some errors."""
     error = injected or Injected()
     R_gauge, shift = rotation_z(error.yaw), np.array(error.shift)
@@ -115,7 +115,7 @@ def estimate_of(scene: Scene, injected: Injected | None = None) -> SceneEstimate
         }
         residuals = {"orientation_deg": np.full((len(motion), len(calibration)), 3.0)}
         wearers.append(
-            Estimate(
+            WearerEstimate(
                 wearer.name, "VIP", replace(motion, R_parent_child=R, p_world_pelvis=root), calibration, None,
                 residuals, tuple(calibration),
             )
@@ -129,4 +129,4 @@ def estimate_of(scene: Scene, injected: Injected | None = None) -> SceneEstimate
         found,
         SensorCalibration(-0.4 + error.yaw, transpose(exp([error.mounting, 0, 0])), error.sigma),
     )
-    return SceneEstimate(scene.name, "VIP", tuple(wearers), camera, scene.truth.wearer.copy())
+    return Estimate(scene.name, "VIP", tuple(wearers), camera, scene.truth.wearer.copy())

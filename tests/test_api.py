@@ -21,7 +21,7 @@ def recording() -> vip.Scene:
 
 
 @pytest.fixture(scope="module")
-def estimate(recording: vip.Scene) -> vip.SceneEstimate:
+def estimate(recording: vip.Scene) -> vip.Estimate:
     return vip.smooth(recording, QUICK)
 
 
@@ -65,7 +65,7 @@ def test_rooms_and_functions_of_the_same_name_are_both_there(first: str) -> None
 
 
 def test_from_sensors_to_a_file_of_another_program(
-    recording: vip.Scene, estimate: vip.SceneEstimate, tmp_path: Path
+    recording: vip.Scene, estimate: vip.Estimate, tmp_path: Path
 ) -> None:
     read = vip.read(vip.write(recording, tmp_path / "walk.mcap"))
     assert read.wearers[0].placed == recording.wearers[0].placed
@@ -79,7 +79,7 @@ def test_from_sensors_to_a_file_of_another_program(
         vip.export(estimate, tmp_path / "walk.odd")
 
 
-def test_an_evaluation_printed_begins_with_five_lines(recording: vip.Scene, estimate: vip.SceneEstimate) -> None:
+def test_an_evaluation_printed_begins_with_five_lines(recording: vip.Scene, estimate: vip.Estimate) -> None:
     found = vip.evaluate(estimate, recording)
     assert isinstance(found, SceneEvaluation)
     assert str(found).splitlines()[:5] == found.summary()
@@ -87,7 +87,7 @@ def test_an_evaluation_printed_begins_with_five_lines(recording: vip.Scene, esti
     assert one["mpjpe"] == found["mpjpe"]
 
 
-def test_one_smooth_for_a_recording_and_a_scene(recording: vip.Scene, estimate: vip.SceneEstimate) -> None:
+def test_one_smooth_for_a_recording_and_a_scene(recording: vip.Scene, estimate: vip.Estimate) -> None:
     alone = vip.smooth(recording.wearers[0], QUICK)
     np.testing.assert_array_equal(alone.wearers[0].motion.R_parent_child, estimate.wearers[0].motion.R_parent_child)
     assert isinstance(recording.wearers[0], vip.Recording)

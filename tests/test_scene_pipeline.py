@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from filmed_gestures import HASTY, QUICK, camera_of, filmed_gestures, with_detections, without_detections
 
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z
 from vip_factors.pipeline import smooth, smooth_scene
@@ -29,7 +29,7 @@ def scene(camera: CameraKind = "fixed", seconds: float = 4.0) -> Scene:
 
 
 @cache
-def solved() -> SceneEstimate:
+def solved() -> Estimate:
     return smooth_scene(scene(), WITH_COVARIANCE)
 
 
@@ -38,7 +38,7 @@ def pair() -> Scene:
     return filmed_gestures(people=("anna", "bob"), seconds=5.0)
 
 
-def mpjpe(estimate: SceneEstimate, of: Scene) -> float:
+def mpjpe(estimate: Estimate, of: Scene) -> float:
     return evaluate_scene(estimate, of)["mpjpe"]
 
 
@@ -112,7 +112,7 @@ def test_bones_without_sensors_are_seen_by_the_camera() -> None:
     bare = with_streams(scene(), dict.fromkeys(("left_forearm", "right_forearm", "left_shank")))
     found, alone = smooth_scene(bare, QUICK), smooth(bare.wearers[0], TRACKER)
     assert mpjpe(found, bare) < 45.0
-    assert mpjpe(found, bare) < 0.8 * mpjpe(SceneEstimate("alone", "IT", (alone,)), bare)
+    assert mpjpe(found, bare) < 0.8 * mpjpe(Estimate("alone", "IT", (alone,)), bare)
 
 
 def test_a_hand_held_camera_without_an_imu() -> None:

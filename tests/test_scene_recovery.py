@@ -7,7 +7,7 @@ import pytest
 from test_recovery import EXACT
 
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.evaluate.metrics import common_frames, mpjpe
 from vip_factors.geometry.rotations import Array, angle_between, transpose
@@ -47,13 +47,13 @@ def filmed(camera: str, bones: tuple[str, ...], mounting_error_deg: float) -> Sc
     return simulate_scene([Performer("anna", motion, Placement(tuple(sites)))], settings, seed=1)
 
 
-def solved(scene: Scene, free_mountings: bool) -> SceneEstimate:
+def solved(scene: Scene, free_mountings: bool) -> Estimate:
     calibration = CalibrationSettings(estimate_mountings=free_mountings)
     settings = Settings(calibration_rate=30.0, calibration=calibration, factors=EXACT, camera=EXACT_CAMERA)
     return smooth_scene(scene, replace(settings, fusion=replace(settings.fusion, relative_decrease=1e-6)))
 
 
-def camera_seen_from_the_pelvis(estimate: SceneEstimate, scene: Scene) -> tuple[Array, Array]:
+def camera_seen_from_the_pelvis(estimate: Estimate, scene: Scene) -> tuple[Array, Array]:
     """Errors of the camera's pose relative to the wearer's: metres and radians, whatever the world's gauge.
 
     A world without contacts is free not only to turn and shift but to drift at a constant speed.

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from vip_factors.api import convert, evaluate, export, read, read_estimate, simulate, smooth, write
     from vip_factors.errors import VipFactorsError
-    from vip_factors.estimate import SceneEstimate
+    from vip_factors.estimate import Estimate
+    from vip_factors.estimate import Estimate as SceneEstimate
     from vip_factors.io.convert import ImportOptions
     from vip_factors.live.tracker import FixedLagTracker
     from vip_factors.sensors.recording import Recording
@@ -26,19 +27,20 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = [
-    "FixedLagTracker", "ImportOptions", "Recording", "Scene", "SceneEstimate", "Settings", "VipFactorsError",
-    "convert", "evaluate", "export", "read", "read_estimate", "simulate", "smooth", "write",
+    "Estimate", "FixedLagTracker", "ImportOptions", "Recording", "Scene", "SceneEstimate", "Settings",
+    "VipFactorsError", "convert", "evaluate", "export", "read", "read_estimate", "simulate", "smooth", "write",
 ]  # fmt: skip
 # Name → module that holds it; functions are in the one for all of them.
 _WHERE = {
+    "Estimate": "estimate",
     "FixedLagTracker": "live.tracker",
     "ImportOptions": "io.convert",
     "Recording": "sensors.recording",
     "Scene": "sensors.scene",
-    "SceneEstimate": "estimate",
     "Settings": "settings",
     "VipFactorsError": "errors",
 }
+_FORMER = {"SceneEstimate": "Estimate"}  # names that classes had before
 
 
 def __getattr__(name: str) -> Any:
@@ -48,6 +50,7 @@ def __getattr__(name: str) -> Any:
 
     if name in _ROOMS:
         return import_module(f"{__name__}.{name}")
+    name = _FORMER.get(name, name)
     return getattr(import_module(f"{__name__}.{_WHERE.get(name, 'api')}"), name)
 
 

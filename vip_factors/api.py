@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from vip_factors.body.kinematics import Motion
-from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.evaluate.evaluation import SceneEvaluation
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.export.settings import ExportSettings
@@ -37,7 +37,7 @@ def read(path: StrPath, *then: StrPath) -> Scene:
     return read_scenes([Path(path), *map(Path, then)])
 
 
-def read_estimate(path: StrPath) -> SceneEstimate:
+def read_estimate(path: StrPath) -> Estimate:
     """An estimate (.mcap).
 
     Raises:
@@ -48,7 +48,7 @@ def read_estimate(path: StrPath) -> SceneEstimate:
     return read_scene_estimate(path)
 
 
-def write(content: Recording | Scene | Estimate | SceneEstimate, path: StrPath, overwrite: bool = False) -> Path:
+def write(content: Recording | Scene | WearerEstimate | Estimate, path: StrPath, overwrite: bool = False) -> Path:
     """Write a recording, a scene or an estimate into an MCAP file, with its truth if it has one.
 
     Returns:
@@ -126,7 +126,7 @@ def simulate(
 
 def smooth(
     recording: Recording | Scene, settings: Settings | None = None, progress: Progress | None = None
-) -> SceneEstimate:
+) -> Estimate:
     """Reconstruct motion, headings and mountings of the sensors, and of a filmed scene the camera and who is who.
 
     Args:
@@ -143,7 +143,7 @@ def smooth(
     return smooth_scene(_scene(recording), settings or Settings(), progress)
 
 
-def evaluate(estimate: Estimate | SceneEstimate, truth: Recording | Scene) -> SceneEvaluation:
+def evaluate(estimate: WearerEstimate | Estimate, truth: Recording | Scene) -> SceneEvaluation:
     """How far an estimate is from the truth that a recording holds; printed, it begins with the most important.
 
     Args:
@@ -159,7 +159,7 @@ def evaluate(estimate: Estimate | SceneEstimate, truth: Recording | Scene) -> Sc
 
 
 def export(
-    estimate: Estimate | SceneEstimate,
+    estimate: WearerEstimate | Estimate,
     path: StrPath,
     settings: ExportSettings | None = None,
     overwrite: bool = False,
@@ -187,9 +187,7 @@ def _scene(recording: Recording | Scene) -> Scene:
     return recording if isinstance(recording, Scene) else Scene(recording.name, (recording,))
 
 
-def _scene_estimate(estimate: Estimate | SceneEstimate) -> SceneEstimate:
-    if isinstance(estimate, SceneEstimate):
+def _scene_estimate(estimate: WearerEstimate | Estimate) -> Estimate:
+    if isinstance(estimate, Estimate):
         return estimate
-    return SceneEstimate(
-        estimate.name, estimate.method, (estimate,), findings=estimate.findings, settings=estimate.settings
-    )
+    return Estimate(estimate.name, estimate.method, (estimate,), findings=estimate.findings, settings=estimate.settings)

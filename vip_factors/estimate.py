@@ -148,7 +148,7 @@ class StartChoice:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class WearerEstimate:
     """A reconstructed recording.
 
     Attributes:
@@ -189,7 +189,7 @@ class EstimatePart:
 
     Attributes:
         first: number of the first of them.
-        motion, covariance, residuals: as of an :class:`Estimate`.
+        motion, covariance, residuals: as of a :class:`WearerEstimate`.
         reports: of the solves that made them.
     """
 
@@ -210,11 +210,11 @@ class LongEstimate:
         parts: in the order of time, made as they are asked for, once.
     """
 
-    head: Estimate
+    head: WearerEstimate
     frames: int
     parts: Iterator[EstimatePart]
 
-    def whole(self) -> Estimate:
+    def whole(self) -> WearerEstimate:
         """All parts together, in memory."""
         parts = list(self.parts)
         R, p = (np.concatenate([getattr(one.motion, name) for one in parts]) for name in _POSES)
@@ -269,7 +269,7 @@ class CameraEstimate:
 
 
 @dataclass(frozen=True)
-class SceneEstimate:
+class Estimate:
     """A reconstructed scene: all wearers in one world.
 
     Attributes:
@@ -287,7 +287,7 @@ class SceneEstimate:
 
     name: str
     method: str
-    wearers: tuple[Estimate, ...]
+    wearers: tuple[WearerEstimate, ...]
     camera: CameraEstimate | None = None
     wearer_of_detection: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     reports: tuple[SolveReport, ...] = ()
@@ -329,13 +329,13 @@ class LongSceneEstimate:
             who.
     """
 
-    head: SceneEstimate
+    head: Estimate
     camera_moves: bool
     frames: int
     parts: Iterator[ScenePart]
-    closed: Callable[[], SceneEstimate]
+    closed: Callable[[], Estimate]
 
-    def whole(self) -> SceneEstimate:
+    def whole(self) -> Estimate:
         """All parts together, in memory."""
         parts = list(self.parts)
         head = self.closed()

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from vip_factors.assembly.objective import WearerObjective
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, LongEstimate, LongSceneEstimate, PoseCovariance, SceneEstimate
+from vip_factors.estimate import Estimate, LongEstimate, LongSceneEstimate, PoseCovariance, WearerEstimate
 from vip_factors.factor_graph.extra import ExtraFactors, UserTerms
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
@@ -61,7 +61,7 @@ one_blas_thread = threadpool_limits.wrap(limits=1, user_api="blas")
 def smooth(
     recording: Recording, settings: Settings = DEFAULT, progress: Progress | None = None,
     extra_factors: ExtraFactors | None = None,
-) -> Estimate:  # fmt: skip
+) -> WearerEstimate:  # fmt: skip
     """Reconstruct a whole recording from its IMUs.
 
     First coarsely: the inertial tracker (IT; thesis eq. 4.10) starts the sparse inertial poser (SIP; thesis 3.3) on
@@ -117,7 +117,7 @@ def smooth(
 def smooth_scene(
     scene: Scene, settings: Settings = DEFAULT, progress: Progress | None = None,
     extra_factors: ExtraFactors | None = None,
-) -> SceneEstimate:  # fmt: skip
+) -> Estimate:  # fmt: skip
     """Reconstruct a scene: of its wearers' IMUs and of what its cameras saw, or of the IMUs alone.
 
     A long one is solved in windows (:class:`~vip_factors.settings.WindowSettings`), unless there are extra factors.
@@ -163,7 +163,7 @@ def smooth_scene(
 
 def smooth_long(
     name: str, wearers: Sequence[SampledRecording], settings: Settings = DEFAULT, progress: Progress | None = None
-) -> tuple[SceneEstimate, tuple[LongEstimate, ...]]:
+) -> tuple[Estimate, tuple[LongEstimate, ...]]:
     """Reconstruct wearers whom no camera sees, whose recordings need not fit into memory.
 
     Every wearer's calibration is found now; windows are solved as the parts of the estimates are asked for.
@@ -187,7 +187,7 @@ def smooth_long(
     if len(estimates) > 1:
         findings = (*findings, UNPLACED)
     method = estimates[0].head.method
-    return SceneEstimate(name, method, (), findings=findings, settings=flatten(settings)), estimates
+    return Estimate(name, method, (), findings=findings, settings=flatten(settings)), estimates
 
 
 def smooth_long_scene(
@@ -228,7 +228,7 @@ def _solver(
 def _inertial(
     scene: Scene, settings: Settings, progress: Progress | None, findings: tuple[str, ...],
     extra_factors: ExtraFactors | None,
-) -> SceneEstimate:  # fmt: skip
+) -> Estimate:  # fmt: skip
     """Each wearer by itself, in a world of its own.
 
     Raises:
@@ -242,7 +242,7 @@ def _inertial(
     findings = (*findings, *(sentence for one in estimates for sentence in one.findings))
     if len(estimates) > 1:
         findings = (*findings, UNPLACED)
-    return SceneEstimate(scene.name, estimates[0].method, estimates, findings=findings, settings=flatten(settings))
+    return Estimate(scene.name, estimates[0].method, estimates, findings=findings, settings=flatten(settings))
 
 
 def _covariance(model: WearerProblem, state: WearerState) -> PoseCovariance:

@@ -12,7 +12,7 @@ from vip_factors.body.hinges import HINGES, HingePrior
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.skeleton import joint_index
-from vip_factors.estimate import BodyEstimate, Estimate
+from vip_factors.estimate import BodyEstimate, WearerEstimate
 from vip_factors.evaluate.body import knee_flexion_deg, knee_flexion_of, rmse, rmse_without_offset, true_axis
 from vip_factors.evaluate.evaluation import evaluate
 from vip_factors.geometry.rotations import exp, rotation_x, rotation_y, rotation_z
@@ -25,13 +25,13 @@ def truth() -> Motion:
     return gestures(4.0, rate=30.0)
 
 
-def with_body(motion: Motion, changes: dict[str, float], sigma: float = 0.01) -> Estimate:
+def with_body(motion: Motion, changes: dict[str, float], sigma: float = 0.01) -> WearerEstimate:
     """The motion on a body that is off by changes in metres."""
     usual = motion.skeleton
     varied = likely_body(usual.stature).variation.varied(usual, np.array([changes.get(name, 0.0) for name in LENGTHS]))
     square = sigma**2 * np.eye(len(LENGTHS))
     body = BodyEstimate(LENGTHS, lengths_of(usual), lengths_of(varied), 9 * square, square, HingePrior().hinges())
-    return Estimate("walk", "VIP", replace(motion, skeleton=varied), {}, body=body)
+    return WearerEstimate("walk", "VIP", replace(motion, skeleton=varied), {}, body=body)
 
 
 def test_lengths_are_compared_one_by_one(truth: Motion) -> None:

@@ -9,7 +9,7 @@ import pytest
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, Skeleton, joint_index
 from vip_factors.errors import InputError, RecordingError
-from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
+from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.evaluate.evaluation import EvaluationWarning, evaluate, evaluate_motion
 from vip_factors.evaluate.metrics import ORIENTATION_JOINTS, POSITION_JOINTS, Compared, common_frames, resample
 from vip_factors.evaluate.scene_metrics import doubts
@@ -81,7 +81,7 @@ def test_an_estimate_with_everything(truth: Motion) -> None:
     # Starting later than the truth: covariances must follow their frames.
     late = slice(60, None)
     covariance = PoseCovariance(covariance.joints[late], covariance.root[late])
-    result = evaluate(Estimate("walk", "IT", motion.frames(late), found, covariance), Truth(truth, true))
+    result = evaluate(WearerEstimate("walk", "IT", motion.frames(late), found, covariance), Truth(truth, true))
     assert result.frames == len(truth) - 60
     assert result["nees_joints"] == pytest.approx(1.0, abs=0.05)
     assert result["mpjae_local"] == pytest.approx(3.0 * np.sqrt(8 / np.pi), rel=0.05)  # mean of a Maxwell distribution
@@ -128,8 +128,8 @@ def bent(motion: Motion, joint: str, degrees: float) -> Motion:
     return replace(motion, R_parent_child=R)
 
 
-def of(motion: Motion) -> Estimate:
-    return Estimate("walk", "motion", motion, {})
+def of(motion: Motion) -> WearerEstimate:
+    return WearerEstimate("walk", "motion", motion, {})
 
 
 def test_the_bone_above_says_whether_a_place_is_known() -> None:
@@ -200,13 +200,13 @@ def recording() -> Recording:
     return simulate_recording(motion, preset("sip6", motion.skeleton), name="walk")
 
 
-def estimate_of(recording: Recording) -> SceneEstimate:
+def estimate_of(recording: Recording) -> Estimate:
     assert recording.truth is not None
     assert recording.truth.calibration is not None
-    one = Estimate(
+    one = WearerEstimate(
         recording.name, "SIP", recording.truth.motion, recording.truth.calibration, sensors=tuple(recording.imus)
     )
-    return SceneEstimate(recording.name, "SIP", (one,))
+    return Estimate(recording.name, "SIP", (one,))
 
 
 def test_nothing_is_said_of_the_same_recording(recording: Recording) -> None:

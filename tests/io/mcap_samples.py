@@ -9,11 +9,11 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.estimate import (
     BodyEstimate,
-    Estimate,
     Iteration,
     PoseCovariance,
     SensorPlaceEstimate,
     SolveReport,
+    WearerEstimate,
 )
 from vip_factors.geometry.rotations import exp
 from vip_factors.sensors.calibration import Placement, SensorCalibration, SensorSite, preset
@@ -133,7 +133,7 @@ def recordings(draw: st.DrawFn) -> Recording:
 
 
 @st.composite
-def estimates(draw: st.DrawFn) -> Estimate:
+def estimates(draw: st.DrawFn) -> WearerEstimate:
     rng = np.random.default_rng(draw(seeds))
     sensors = draw(st.lists(names, max_size=3, unique=True))
     T = draw(st.integers(1, 4))
@@ -143,7 +143,7 @@ def estimates(draw: st.DrawFn) -> Estimate:
     costs = st.dictionaries(names, numbers, max_size=2)
     iterations = st.builds(Iteration, numbers, numbers, st.booleans(), costs)
     reports = st.builds(SolveReport, names, st.lists(iterations).map(tuple), costs, costs, st.booleans(), numbers)
-    return Estimate(
+    return WearerEstimate(
         draw(names),
         draw(names),
         motion(rng, T),

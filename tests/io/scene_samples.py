@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from mcap_samples import calibration, estimates, names, recordings, rotations, seeds, stream, walk
 
 from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet, keypoint_set
-from vip_factors.estimate import CameraEstimate, DetectorEstimate, SceneEstimate
+from vip_factors.estimate import CameraEstimate, DetectorEstimate, Estimate
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
@@ -101,7 +101,7 @@ def _seen_by(camera: Camera, rng: np.random.Generator, wearers: int) -> SceneTru
 
 
 @st.composite
-def scene_estimates(draw: st.DrawFn) -> SceneEstimate:
+def scene_estimates(draw: st.DrawFn) -> Estimate:
     rng = np.random.default_rng(draw(seeds))
     wearers = tuple(draw(st.lists(estimates(), min_size=1, max_size=3)))
     T, W = draw(st.integers(1, 4)), len(wearers)
@@ -120,7 +120,7 @@ def scene_estimates(draw: st.DrawFn) -> SceneEstimate:
     )
     K = draw(st.integers(0, 4))
     detector = DetectorEstimate(tuple("abcd"[:K]), *rng.normal(size=(3, K, 3)), np.full((K, 3), np.nan))
-    return SceneEstimate(
+    return Estimate(
         draw(names),
         draw(names),
         wearers,

@@ -16,17 +16,17 @@ from mcap_samples import assert_same, calibration, estimates, motion, walk
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.cli.info_recording import estimate_text
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import Estimate, SolveReport, StartChoice
+from vip_factors.estimate import SolveReport, StartChoice, WearerEstimate
 from vip_factors.io.mcap_contents import McapWarning
 from vip_factors.io.mcap_estimate import read_estimate, write_estimate
 from vip_factors.io.mcap_recording import read_recording, write_recording
 
 
-def example(T: int = 60) -> Estimate:
+def example(T: int = 60) -> WearerEstimate:
     rng = np.random.default_rng(5)
     sensors = ["head", "pelvis"]
     residuals = {"orientation_deg": rng.normal(size=(T, 2)), "acceleration_m_s2": rng.normal(size=(T, 2))}
-    return Estimate(
+    return WearerEstimate(
         "walk", "SIP", motion(rng, T), calibration(rng, sensors), residuals=residuals, sensors=tuple(sensors),
         reports=(SolveReport("fusion", (), {"orientation": 3.0}, {"orientation": 1.0}, True, 0.5),),
     )  # fmt: skip
@@ -34,7 +34,7 @@ def example(T: int = 60) -> Estimate:
 
 @settings(max_examples=30, deadline=None)
 @given(estimates())
-def test_round_trip_is_lossless_and_silent(tmp_path_factory: pytest.TempPathFactory, estimate: Estimate) -> None:
+def test_round_trip_is_lossless_and_silent(tmp_path_factory: pytest.TempPathFactory, estimate: WearerEstimate) -> None:
     path = tmp_path_factory.mktemp("mcap") / "e.mcap"
     with warnings.catch_warnings():
         warnings.simplefilter("error")

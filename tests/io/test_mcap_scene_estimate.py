@@ -11,7 +11,7 @@ from mcap_samples import assert_same, estimates
 from scene_samples import filmed_walk, scene_estimates
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.mcap_contents import McapWarning, read_contents
 from vip_factors.io.mcap_estimate import read_estimate, write_estimate
 from vip_factors.io.mcap_scene_estimate import CAMERA_POSE, read_scene_estimate, write_scene_estimate
@@ -21,7 +21,7 @@ from vip_factors.io.mcap_writer import MessageWriter
 
 @settings(max_examples=40, deadline=None)
 @given(scene_estimates())
-def test_round_trip_is_lossless_and_silent(tmp_path_factory: pytest.TempPathFactory, estimate: SceneEstimate) -> None:
+def test_round_trip_is_lossless_and_silent(tmp_path_factory: pytest.TempPathFactory, estimate: Estimate) -> None:
     path = tmp_path_factory.mktemp("mcap") / "e.mcap"
     write_scene_estimate(estimate, path)
     with warnings.catch_warnings():
@@ -34,19 +34,17 @@ def test_round_trip_is_lossless_and_silent(tmp_path_factory: pytest.TempPathFact
 @settings(max_examples=10, deadline=None)
 @given(estimates())
 def test_a_plain_estimate_is_that_of_a_scene_with_one_wearer(
-    tmp_path_factory: pytest.TempPathFactory, estimate: Estimate
+    tmp_path_factory: pytest.TempPathFactory, estimate: WearerEstimate
 ) -> None:
     path = tmp_path_factory.mktemp("mcap") / "e.mcap"
     write_estimate(estimate, path)
-    expected = SceneEstimate(estimate.name, estimate.method, (estimate,), settings=estimate.settings)
+    expected = Estimate(estimate.name, estimate.method, (estimate,), settings=estimate.settings)
     assert_same(expected, read_scene_estimate(path))
 
 
 @settings(max_examples=10, deadline=None)
 @given(scene_estimates())
-def test_an_estimate_in_the_file_of_its_scene(
-    tmp_path_factory: pytest.TempPathFactory, estimate: SceneEstimate
-) -> None:
+def test_an_estimate_in_the_file_of_its_scene(tmp_path_factory: pytest.TempPathFactory, estimate: Estimate) -> None:
     folder = tmp_path_factory.mktemp("mcap")
     write_scene(filmed_walk(4), folder / "s.mcap")
     for _ in range(2):  # the second in place of the first
@@ -58,16 +56,18 @@ def test_an_estimate_in_the_file_of_its_scene(
     assert contents.last_log_time > filmed_walk(4).wearers[0].start_ns - 10**10, "on the recording's clock"
 
 
-def sample(T: int = 30, wearers: int = 2) -> SceneEstimate:
+def sample(T: int = 30, wearers: int = 2) -> Estimate:
     from mcap_samples import motion
     from scene_samples import MODEL, camera_path
 
     from vip_factors.estimate import CameraEstimate
 
     rng = np.random.default_rng(0)
-    people = tuple(Estimate("walk", "VIP", replace(motion(rng, T), rate=30.0, start=0.0), {}) for _ in range(wearers))
+    people = tuple(
+        WearerEstimate("walk", "VIP", replace(motion(rng, T), rate=30.0, start=0.0), {}) for _ in range(wearers)
+    )
     path = replace(camera_path(rng, T), time=np.arange(T) / 30)
-    return SceneEstimate("walk", "VIP", people, CameraEstimate("phone", MODEL, path, residual_px=np.ones((T, wearers))))
+    return Estimate("walk", "VIP", people, CameraEstimate("phone", MODEL, path, residual_px=np.ones((T, wearers))))
 
 
 def test_several_wearers_are_no_plain_estimate(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_several_wearers_are_no_plain_estimate(tmp_path: Path) -> None:
 
 def test_an_estimate_of_nobody_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no wearer"):
-        write_scene_estimate(SceneEstimate("walk", "VIP", ()), tmp_path / "e.mcap")
+        write_scene_estimate(Estimate("walk", "VIP", ()), tmp_path / "e.mcap")
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.8])

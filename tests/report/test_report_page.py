@@ -12,7 +12,7 @@ import pytest
 from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
+from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.report.material import material
 from vip_factors.report.page import report_page, write_report
 from vip_factors.report.settings import ReportSettings
@@ -28,14 +28,14 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def estimate(scene: Scene) -> SceneEstimate:
+def estimate(scene: Scene) -> Estimate:
     """With residuals and covariance."""
     rng = np.random.default_rng(1)
     made = estimate_of(scene, ERRORS)
     return replace(made, wearers=tuple(_with_residuals(one, rng) for one in made.wearers))
 
 
-def _with_residuals(one: Estimate, rng: np.random.Generator) -> Estimate:
+def _with_residuals(one: WearerEstimate, rng: np.random.Generator) -> WearerEstimate:
     T, names = len(one.motion), tuple(one.calibration)
     sigma = np.broadcast_to(np.deg2rad(4.0) ** 2 * np.eye(3), (T, 24, 3, 3))
     residual = rng.uniform(0.5, 1.5, (T, len(names)))
@@ -69,7 +69,7 @@ class Page(HTMLParser):
         self.data.append(data)
 
 
-def page_of(estimate: SceneEstimate, scene: Scene | None = None, moments: int = 1) -> str:
+def page_of(estimate: Estimate, scene: Scene | None = None, moments: int = 1) -> str:
     return report_page(material(estimate, scene), ReportSettings(moments=moments))
 
 
@@ -77,7 +77,7 @@ def motion_of(text: str) -> dict:
     return json.loads(re.search(r'id="motion">(.*?)</script>', text, re.DOTALL)[1])  # type: ignore[index]
 
 
-def test_every_section_is_there_with_everything_known(estimate: SceneEstimate, scene: Scene) -> None:
+def test_every_section_is_there_with_everything_known(estimate: Estimate, scene: Scene) -> None:
     text = page_of(estimate, scene)
     assert Page(text).ids >= ALWAYS | {"moments"}
     assert "Against the truth" in text
@@ -87,7 +87,7 @@ def test_every_section_is_there_with_everything_known(estimate: SceneEstimate, s
     assert motion["frames"] == 16
 
 
-def test_every_section_is_there_of_an_estimate_alone(estimate: SceneEstimate) -> None:
+def test_every_section_is_there_of_an_estimate_alone(estimate: Estimate) -> None:
     assert Page(page_of(estimate)).ids >= ALWAYS
     bare = replace(
         estimate, camera=None, wearers=tuple(replace(one, covariance=None, residuals={}) for one in estimate.wearers)
@@ -100,7 +100,7 @@ def test_every_section_is_there_of_an_estimate_alone(estimate: SceneEstimate) ->
         assert len(motion_of(text)["bodies"]) == len(few.wearers)
 
 
-def test_one_wearer_with_recording(estimate: SceneEstimate, scene: Scene) -> None:
+def test_one_wearer_with_recording(estimate: Estimate, scene: Scene) -> None:
     alone = replace(estimate, wearers=estimate.wearers[:1], camera=None, wearer_of_detection=np.zeros(0, int))
     text = page_of(alone, Scene("one", scene.wearers[:1]))
     assert Page(text).ids >= ALWAYS
@@ -108,7 +108,7 @@ def test_one_wearer_with_recording(estimate: SceneEstimate, scene: Scene) -> Non
     assert "left_shank" in text
 
 
-def test_names_are_escaped_everywhere(estimate: SceneEstimate, scene: Scene) -> None:
+def test_names_are_escaped_everywhere(estimate: Estimate, scene: Scene) -> None:
     evil = '</script><img src=x onerror=alert(1)>"&'
     named = replace(scene, wearers=tuple(replace(one, subject=replace(one.subject, name=f"{evil}{number}"))
                                          for number, one in enumerate(scene.wearers)))  # fmt: skip
@@ -120,7 +120,7 @@ def test_names_are_escaped_everywhere(estimate: SceneEstimate, scene: Scene) -> 
     assert page.elements.count("img") == 3  # the strip, a pose, a frame of the video
 
 
-def test_nothing_is_asked_of_a_network(estimate: SceneEstimate, scene: Scene) -> None:
+def test_nothing_is_asked_of_a_network(estimate: Estimate, scene: Scene) -> None:
     text = page_of(estimate, scene)
     page = Page(text)
     assert all(one.startswith(("#", "data:")) for one in page.addresses)
@@ -129,7 +129,7 @@ def test_nothing_is_asked_of_a_network(estimate: SceneEstimate, scene: Scene) ->
     assert "iframe" not in page.elements
 
 
-def test_the_worst_moment_is_found_and_shown(estimate: SceneEstimate, scene: Scene) -> None:
+def test_the_worst_moment_is_found_and_shown(estimate: Estimate, scene: Scene) -> None:
     green = np.zeros((72, 128, 3), np.uint8)
     green[..., 1] = 200
     video = Video(None, dict.fromkeys(range(40), cv2.imencode(".png", green)[1].tobytes()))
@@ -139,13 +139,13 @@ def test_the_worst_moment_is_found_and_shown(estimate: SceneEstimate, scene: Sce
     assert abs(times[0] - 0.25) < 0.1
 
 
-def test_long_motions_are_thinned(estimate: SceneEstimate) -> None:
+def test_long_motions_are_thinned(estimate: Estimate) -> None:
     text = report_page(material(estimate), ReportSettings(most_poses=10, moments=0))
     assert motion_of(text)["frames"] == 5
     assert "moments" not in Page(text).ids
 
 
-def test_the_file_is_written_whole_and_never_by_accident(estimate: SceneEstimate, tmp_path: Path) -> None:
+def test_the_file_is_written_whole_and_never_by_accident(estimate: Estimate, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     write_report(estimate, path, settings=ReportSettings(moments=0))
     with pytest.raises(InputError, match="exists"):
@@ -154,7 +154,7 @@ def test_the_file_is_written_whole_and_never_by_accident(estimate: SceneEstimate
     assert [one.name for one in tmp_path.iterdir()] == ["report.html"]
 
 
-def test_what_does_not_belong_together_is_refused(estimate: SceneEstimate, scene: Scene) -> None:
+def test_what_does_not_belong_together_is_refused(estimate: Estimate, scene: Scene) -> None:
     with pytest.raises(InputError, match="estimate of 1 wearers"):
         material(replace(estimate, wearers=estimate.wearers[:1]), scene)
     with pytest.raises(InputError, match="no wearer"):
@@ -165,7 +165,7 @@ def test_what_does_not_belong_together_is_refused(estimate: SceneEstimate, scene
     assert material(estimate, blind, scene).has_truth
 
 
-def test_an_estimate_without_frames_is_refused(estimate: SceneEstimate) -> None:
+def test_an_estimate_without_frames_is_refused(estimate: Estimate) -> None:
     cut = replace(estimate.wearers[0], motion=estimate.wearers[0].motion.frames(slice(0, 0)))
     with pytest.raises(InputError, match="has no frames to draw: was its file cut off"):
         material(replace(estimate, wearers=(cut, *estimate.wearers[1:])))

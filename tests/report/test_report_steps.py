@@ -8,7 +8,7 @@ import pytest
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
-from vip_factors.estimate import Estimate
+from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import rotation_x
 from vip_factors.report.material import Wearer
 from vip_factors.report.measured import bones_with_sensors, is_measured
@@ -60,7 +60,7 @@ def test_angles_without_sensors_are_known_as_such() -> None:
     legs = replace(placement, sites=tuple(one for one in placement.sites if one.bone in (
         "pelvis", "left_hip", "right_hip", "left_knee", "right_knee")))  # fmt: skip
     sensors = tuple(one.sensor for one in legs.sites)
-    estimate = Estimate("legs", "SIP", motion, {}, sensors=sensors)
+    estimate = WearerEstimate("legs", "SIP", motion, {}, sensors=sensors)
     bones = bones_with_sensors(Wearer(0, "a", estimate, Recording("legs", Subject(), {}, placement)))
     told = {name: is_measured(bones, f"{name}_flexion") for name in ("hip", "knee", "ankle", "elbow", "trunk")}
     assert told == {"hip": True, "knee": True, "ankle": False, "elbow": False, "trunk": False}

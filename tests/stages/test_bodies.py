@@ -11,7 +11,7 @@ from vip_factors.body.hinges import HINGE_OF, HingeEstimate
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.skeleton import Skeleton
-from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth_scene
@@ -64,7 +64,7 @@ def test_limbs_come_near_to_what_they_are() -> None:
     what_was_found_is_where_the_next_recording_starts(scene, estimate.wearers[0])
 
 
-def what_was_found_is_told_with_its_sigmas(estimate: Estimate, usual: Skeleton) -> None:
+def what_was_found_is_told_with_its_sigmas(estimate: WearerEstimate, usual: Skeleton) -> None:
     told = estimate.body
     assert told is not None
     assert told.names == LENGTHS
@@ -77,7 +77,7 @@ def what_was_found_is_told_with_its_sigmas(estimate: Estimate, usual: Skeleton) 
     assert all(np.all((one.sigma > 0) & (one.sigma < 0.1)) for one in told.hinges)
 
 
-def places_on_the_bones_are_told_with_their_sigmas(estimate: SceneEstimate, scene: Scene) -> None:
+def places_on_the_bones_are_told_with_their_sigmas(estimate: Estimate, scene: Scene) -> None:
     places, placement = estimate.wearers[0].sensor_places, scene.wearers[0].placement
     assert [one.sensor for one in places] == list(estimate.wearers[0].sensors)
     assert [one.bone for one in places] == [placement.site(one.sensor).bone for one in places]
@@ -96,7 +96,7 @@ def places_on_the_bones_are_told_with_their_sigmas(estimate: SceneEstimate, scen
     assert np.any(detector.found)
 
 
-def what_was_found_is_where_the_next_recording_starts(scene: Scene, estimate: Estimate) -> None:
+def what_was_found_is_where_the_next_recording_starts(scene: Scene, estimate: WearerEstimate) -> None:
     assert estimate.body is not None
     skeleton, prior = estimate.motion.skeleton, LengthPrior(LENGTHS, estimate.body.covariance)
     subject = Subject("anna", STATURE, skeleton=skeleton, length_prior=prior, hinges=estimate.body.hinges)

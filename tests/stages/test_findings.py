@@ -9,7 +9,7 @@ from filmed_gestures import HASTY, QUICK, camera_of, enlarged, filmed_gestures, 
 
 from vip_factors.associate.associate import Association
 from vip_factors.associate.hypothesis import hypotheses, wearer_points
-from vip_factors.estimate import CameraEstimate, SceneEstimate
+from vip_factors.estimate import CameraEstimate, Estimate
 from vip_factors.initialise.camera import Sightings, leaps
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.scene import Scene
@@ -23,19 +23,19 @@ def good(camera: CameraKind = "fixed", azimuth_deg: float = 20.0) -> Scene:
     return filmed_gestures(camera, azimuth_deg=azimuth_deg)
 
 
-def sentence(estimate: SceneEstimate, *words: str) -> str:
+def sentence(estimate: Estimate, *words: str) -> str:
     """The one finding that holds all of some words."""
     found = [one for one in estimate.findings if all(word in one for word in words)]
     assert len(found) == 1, estimate.findings
     return found[0]
 
 
-def camera_found(estimate: SceneEstimate) -> CameraEstimate:
+def camera_found(estimate: Estimate) -> CameraEstimate:
     assert estimate.camera is not None
     return estimate.camera
 
 
-def assert_imus_alone(estimate: SceneEstimate) -> None:
+def assert_imus_alone(estimate: Estimate) -> None:
     assert estimate.method == "SIP"
     assert estimate.camera is None
     sentence(estimate, "IMUs alone")

@@ -13,7 +13,7 @@ from scene_sample import estimate_of, scene_sample
 
 from vip_factors import pipeline
 from vip_factors.cli.main import main
-from vip_factors.estimate import CameraEstimate, LongSceneEstimate, PoseCovariance, SceneEstimate, ScenePart
+from vip_factors.estimate import CameraEstimate, Estimate, LongSceneEstimate, PoseCovariance, ScenePart
 from vip_factors.geometry.rotations import angle_between, rotation_z
 from vip_factors.initialise.suppositions import StartSettings
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
@@ -125,7 +125,7 @@ def lightly(source: LongScene, settings: Settings, progress: Progress) -> LongSc
     return None if estimate is None else replace(estimate, parts=watched(estimate.parts))
 
 
-def root_relative(estimate: SceneEstimate, scene: Scene) -> np.ndarray:
+def root_relative(estimate: Estimate, scene: Scene) -> np.ndarray:
     """How far ``(T,)`` the joint that is worst is too near to the pelvis or too far from it, metres."""
     motion, truth = estimate.wearers[0].motion, scene.wearers[0].truth
     assert truth is not None
@@ -137,7 +137,7 @@ def root_relative(estimate: SceneEstimate, scene: Scene) -> np.ndarray:
     return np.abs(np.linalg.norm(joints[0], axis=2) - np.linalg.norm(joints[1], axis=2)).max(axis=1)
 
 
-def assert_nothing_leaps(estimate: SceneEstimate) -> None:
+def assert_nothing_leaps(estimate: Estimate) -> None:
     for one in estimate.wearers:
         motion = one.motion
         assert np.linalg.norm(np.diff(motion.p_world_pelvis, axis=0), axis=1).max() * motion.rate < 4.0  # m/s
@@ -174,7 +174,7 @@ def test_worlds_are_joined_exactly() -> None:
     assert np.all(np.diff(root) >= -1e-12)  # as unsure as the windows before were
 
 
-def window_of(truth: SceneEstimate, span: slice, path: CameraPath, yaw: float, shift: np.ndarray) -> SceneWindow:
+def window_of(truth: Estimate, span: slice, path: CameraPath, yaw: float, shift: np.ndarray) -> SceneWindow:
     turn, wearers, T = rotation_z(yaw), [], span.stop - span.start
     for one in truth.wearers:
         motion = one.motion.frames(span)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from filmed_gestures import QUICK, camera_of
 
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.calibration import preset
@@ -26,7 +26,7 @@ def filmed(camera: str = "fixed", cameras: int = 1, known_pose: bool | None = No
     return simulate_scene([Performer("anna", motion, preset("tnt10", motion.skeleton))], settings, seed=1)
 
 
-def global_mm(scene: Scene, estimate: SceneEstimate) -> float:
+def global_mm(scene: Scene, estimate: Estimate) -> float:
     """Mean joint error with nothing aligned."""
     motion, truth = estimate.wearers[0].motion, scene.wearers[0].truth.motion
     nearest = np.rint((motion.time - truth.start) * truth.rate).astype(int)

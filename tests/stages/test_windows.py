@@ -11,7 +11,7 @@ import pytest
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, RecordingError
-from vip_factors.estimate import Estimate, LongEstimate, PoseCovariance
+from vip_factors.estimate import LongEstimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.rotations import angle_between, exp
 from vip_factors.initialise.sensor_delays import SensorClockSettings
 from vip_factors.initialise.suppositions import StartSettings
@@ -110,7 +110,7 @@ def test_what_is_joined_is_where_it_was_and_as_sure() -> None:
     parts = list(joined(iter(windows), model, head))  # type: ignore[arg-type]
     assert [part.motion.start for part in parts] == pytest.approx([2.0 + part.first / 10 for part in parts])
     whole = LongEstimate(
-        Estimate("e", "SIP", head, {}, residuals={"orientation_deg": np.zeros(0)}), T, iter(parts)
+        WearerEstimate("e", "SIP", head, {}, residuals={"orientation_deg": np.zeros(0)}), T, iter(parts)
     ).whole()
     np.testing.assert_allclose(whole.motion.R_parent_child, truth.R_parent_child, atol=1e-12)
     np.testing.assert_allclose(whole.motion.p_world_pelvis, truth.p_world_pelvis, atol=1e-12)
@@ -119,8 +119,10 @@ def test_what_is_joined_is_where_it_was_and_as_sure() -> None:
     np.testing.assert_allclose(whole.covariance.root, np.arange(T)[:, None, None] * walked + height, atol=1e-9)
 
 
-def empty(head: Motion) -> Estimate:
-    return Estimate("e", "SIP", head, {}, residuals={"orientation_deg": np.zeros(0), "acceleration_m_s2": np.zeros(0)})
+def empty(head: Motion) -> WearerEstimate:
+    return WearerEstimate(
+        "e", "SIP", head, {}, residuals={"orientation_deg": np.zeros(0), "acceleration_m_s2": np.zeros(0)}
+    )
 
 
 def peak_of(recording: Recording, settings: Settings) -> tuple[int, int]:

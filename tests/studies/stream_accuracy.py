@@ -25,7 +25,7 @@ from tests.studies.scenes import (
 from tests.studies.study import NAN, Fixed, Tell, bullets, group, mean, table
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, RecordingError, SolveError
-from vip_factors.estimate import Estimate
+from vip_factors.estimate import WearerEstimate
 from vip_factors.evaluate.evaluation import evaluate
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.live.settings import LiveSettings
@@ -196,7 +196,7 @@ def _with_calibration(trial: StreamTrial, scene: Scene, motion: Motion, calibrat
     wearer = scene.wearers[0]
     part = common_frames(motion, true_motion(wearer))[0]
     assert wearer.truth is not None
-    found = evaluate(Estimate(wearer.name, "", part, calibration), wearer.truth, wearer.placement)
+    found = evaluate(WearerEstimate(wearer.name, "", part, calibration), wearer.truth, wearer.placement)
     return replace(trial, sensors=sensor_errors(found.sensors, wearer), jitter_truth=found["jitter_truth"])
 
 

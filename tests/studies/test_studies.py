@@ -12,7 +12,7 @@ from tests.studies.__main__ import STUDIES, main
 from tests.studies.study import Study, columns, plain, run, table
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.export.bvh import write_bvh
 from vip_factors.io.export.settings import ExportSettings
 from vip_factors.simulate.gestures import gestures
@@ -87,7 +87,7 @@ def test_tables_and_json_say_what_is_not_defined() -> None:
 
 def test_a_pose_prior_is_learned_from_a_folder_of_motions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "motions").mkdir()
-    estimate = SceneEstimate("a", "IT", (Estimate("a", "IT", gestures(4.0), {}),))
+    estimate = Estimate("a", "IT", (WearerEstimate("a", "IT", gestures(4.0), {}),))
     write_bvh(estimate, tmp_path / "motions" / "01_01.bvh", ExportSettings())
     out = tmp_path / "prior.npz"
     assert main(["train-prior", "--motions", str(tmp_path / "motions"), "--out", str(out), "--rate", "60"]) == 0

@@ -27,7 +27,7 @@ from tests.studies.study import NAN, Fixed, Study, Tell, bullets, group, mean, t
 from tests.studies.vip_variants import VARIANTS, Variant, chosen_variants, settings_of, told
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import RecordingError, SolveError
-from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.evaluate.evaluation import SceneEvaluation, evaluate_scene
 from vip_factors.evaluate.metrics import common_frames, mpjae, mpjpe
 from vip_factors.pipeline import smooth_scene
@@ -184,7 +184,7 @@ def run_scene(
 
 def _trial(
     scene: Scene, clip: Clip, variant: Variant, settings: Settings, found: Calibration | None, skip_s: float
-) -> tuple[Trial, SceneEstimate | None]:
+) -> tuple[Trial, Estimate | None]:
     trial = Trial(variant.name, clip.kind, clip.name, clip.repetition)
     settings = settings_of(variant, settings)
     begin = perf_counter()
@@ -199,7 +199,7 @@ def _trial(
     return replace(measured(trial, estimate, judged, skip_s), seconds=seconds), estimate
 
 
-def measured(trial: Trial, estimate: SceneEstimate, scene: Scene, skip_s: float) -> Trial:
+def measured(trial: Trial, estimate: Estimate, scene: Scene, skip_s: float) -> Trial:
     """The trial with all that the scene's truth tells of the estimate; positions from ``skip_s`` seconds on."""
     wearer, estimated = scene.wearers[0], estimate.wearers[0].motion
     late = int(np.count_nonzero(estimated.time < skip_s - 1e-6))
@@ -224,8 +224,8 @@ def _metric(evaluation: SceneEvaluation, name: str) -> float:
     return evaluation.metrics[name].value if name in evaluation.metrics else NAN
 
 
-def _solve_seconds(estimate: SceneEstimate) -> float:
-    wearers: Sequence[Estimate] = () if estimate.reports else estimate.wearers
+def _solve_seconds(estimate: Estimate) -> float:
+    wearers: Sequence[WearerEstimate] = () if estimate.reports else estimate.wearers
     reports = [*estimate.reports, *(report for one in wearers for report in one.reports)]
     return float(sum(report.seconds for report in reports))
 

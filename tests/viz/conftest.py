@@ -8,7 +8,7 @@ import pytest
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
-from vip_factors.estimate import Estimate, Iteration, SolveReport
+from vip_factors.estimate import Iteration, SolveReport, WearerEstimate
 from vip_factors.geometry.rotations import exp, rotation_x, rotation_y, rotation_z, transpose
 from vip_factors.sensors.calibration import SensorCalibration, preset
 from vip_factors.sensors.imu_stream import ImuStream
@@ -20,7 +20,7 @@ R_WORLD_STANDING = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 @dataclass(frozen=True)
 class Scene:
     recording: Recording
-    estimate: Estimate
+    estimate: WearerEstimate
     truth: Motion
 
 
@@ -78,7 +78,7 @@ def build(frames: int) -> Scene:
         "acceleration_m_s2": 1.5 + np.cos(truth.time[:, None] * 2 + np.arange(13)),
     }
     report = SolveReport("full rate", (Iteration(10.0, 1e-3, True),), {"prior": 100.0}, {"prior": 10.0}, True, 1.2)
-    estimate = Estimate("circle", "SIP", _noisy(truth), estimated, None, residuals, sensors, (report,))
+    estimate = WearerEstimate("circle", "SIP", _noisy(truth), estimated, None, residuals, sensors, (report,))
     return Scene(recording, estimate, truth)
 
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import angle_between, rotation_z
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.compare import (
@@ -80,6 +80,6 @@ def test_bones_are_known_of_the_recordings_own_truth(scene) -> None:
     partial = replace(scene.recording, truth=replace(scene.recording.truth, known_bones=frozenset(("pelvis",))))
     assert known_bones(partial, partial.truth.motion) == {"pelvis"}
     assert known_bones(partial, turned(scene.truth, 0.0, np.zeros(3))) is None
-    drawn = drawn_scene(Scene("a", (partial,)), SceneEstimate("a", "SIP", (scene.estimate,)))
-    whole = drawn_scene(Scene("a", (scene.recording,)), SceneEstimate("a", "SIP", (scene.estimate,)))
+    drawn = drawn_scene(Scene("a", (partial,)), Estimate("a", "SIP", (scene.estimate,)))
+    whole = drawn_scene(Scene("a", (scene.recording,)), Estimate("a", "SIP", (scene.estimate,)))
     assert not np.allclose(drawn.wearers[0].error_mm, whole.wearers[0].error_mm)

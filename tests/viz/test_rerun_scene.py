@@ -12,7 +12,7 @@ import pytest
 from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene, Video
 from vip_factors.viz.rerun_scene import show_scene
@@ -25,11 +25,11 @@ def sample() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def found(sample: Scene) -> SceneEstimate:
+def found(sample: Scene) -> Estimate:
     return estimate_of(sample, Injected(yaw=0.8, shift=(1.0, 0.0, 0.2), heading=0.2, camera_m=0.05))
 
 
-def entities(scene: Scene | None, estimate: SceneEstimate | None, rrd: Path) -> set[str]:
+def entities(scene: Scene | None, estimate: Estimate | None, rrd: Path) -> set[str]:
     """The entities of the file, as Rerun's own command line reads them back."""
     show_scene(scene, estimate, SaveTo(rrd, overwrite=True))
     rerun = Path(sys.executable).with_name("rerun")
@@ -37,7 +37,7 @@ def entities(scene: Scene | None, estimate: SceneEstimate | None, rrd: Path) -> 
     return set(re.findall(r"/(?:world|plots|charts|summary|legend)[^\s`:,]*", done.stdout.replace("\\ ", "_")))
 
 
-def test_camera_people_labels_and_curves_are_there(sample: Scene, found: SceneEstimate, tmp_path: Path) -> None:
+def test_camera_people_labels_and_curves_are_there(sample: Scene, found: Estimate, tmp_path: Path) -> None:
     there = entities(sample, found, tmp_path / "a.rrd")
     for entity in (
         "/world/camera", "/world/camera/image", "/world/camera_path", "/world/true_camera/frustum",
@@ -50,7 +50,7 @@ def test_camera_people_labels_and_curves_are_there(sample: Scene, found: SceneEs
     assert any("nobody" in entity for entity in there)
 
 
-def test_further_cameras_have_frusta_and_images(sample: Scene, found: SceneEstimate, tmp_path: Path) -> None:
+def test_further_cameras_have_frusta_and_images(sample: Scene, found: Estimate, tmp_path: Path) -> None:
     standing = scene_sample(0.5, moving=False)
     second = replace(standing.camera, name="left", known_path=standing.truth.camera, mount=None)
     truth = replace(sample.truth, further=(standing.truth,))
@@ -59,7 +59,7 @@ def test_further_cameras_have_frusta_and_images(sample: Scene, found: SceneEstim
         assert f"/world/cameras/left{entity}" in there, entity
 
 
-def test_headings_that_change_are_drawn_over_time(sample: Scene, found: SceneEstimate, tmp_path: Path) -> None:
+def test_headings_that_change_are_drawn_over_time(sample: Scene, found: Estimate, tmp_path: Path) -> None:
     ann = found.wearers[0]
     head = replace(ann.calibration["head"], heading_time=np.array([0.0, 0.5]), heading_path=np.array([0.1, 0.2]))
     changed = replace(ann, calibration={**ann.calibration, "head": head})
@@ -67,7 +67,7 @@ def test_headings_that_change_are_drawn_over_time(sample: Scene, found: SceneEst
     assert {one for one in there if one.endswith("_estimated")} == {"/plots/heading/ann/head_estimated"}
 
 
-def test_every_part_may_be_missing(sample: Scene, found: SceneEstimate, tmp_path: Path) -> None:
+def test_every_part_may_be_missing(sample: Scene, found: Estimate, tmp_path: Path) -> None:
     rrd = tmp_path / "a.rrd"
     alone = entities(None, found, rrd)
     assert "/world/camera" in alone
@@ -85,7 +85,7 @@ def test_every_part_may_be_missing(sample: Scene, found: SceneEstimate, tmp_path
     assert any("nobody" in entity for entity in unknown)
 
 
-def test_nothing_to_show_is_said(sample: Scene, found: SceneEstimate, tmp_path: Path) -> None:
+def test_nothing_to_show_is_said(sample: Scene, found: Estimate, tmp_path: Path) -> None:
     empty = replace(sample, camera=None, truth=None, wearers=(replace(sample.wearers[0], truth=None),))
     with pytest.raises(InputError, match="nothing to show"):
         show_scene(empty, None, SaveTo(tmp_path / "a.rrd"))

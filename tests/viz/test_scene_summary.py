@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vip_factors.estimate import BodyEstimate, Estimate
+from vip_factors.estimate import BodyEstimate, WearerEstimate
 from vip_factors.simulate.gestures import gestures
 from vip_factors.viz.scene_summary import scene_summary
 from vip_factors.viz.scene_world import DrawnScene, DrawnWearer
@@ -15,6 +15,6 @@ def test_lengths_stand_beside_what_was_likely() -> None:
         (body, ["| thigh | 420.0 | 20.0 | 400.0 | 10.0 |", "| shank | 410.0 | 40.0 | 430.0 | 20.0 |"]),
         (None, []),
     ):
-        estimate = Estimate("walk", "VIP", motion, {}, body=found)
+        estimate = WearerEstimate("walk", "VIP", motion, {}, body=found)
         told = scene_summary(DrawnScene("walk", (DrawnWearer("Ada", 0, motion, None, None, estimate),)))
         assert [line for line in told.splitlines() if line.startswith(("| thigh", "| shank"))] == lines

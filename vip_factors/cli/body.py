@@ -12,7 +12,7 @@ from vip_factors.cli.outputs import Output
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
-    from vip_factors.estimate import Estimate
+    from vip_factors.estimate import WearerEstimate
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         print(options.picture)
 
 
-def _wearer(options: BodyOptions) -> "Estimate":
+def _wearer(options: BodyOptions) -> "WearerEstimate":
     from vip_factors.io.mcap_scene_estimate import read_scene_estimate
     from vip_factors.io.toml_values import nearest
 

@@ -14,7 +14,7 @@ from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
     from vip_factors.body.kinematics import Motion
-    from vip_factors.estimate import SceneEstimate
+    from vip_factors.estimate import Estimate
     from vip_factors.evaluate.evaluation import Evaluation, SceneEvaluation
 
 
@@ -81,7 +81,7 @@ def _evaluation(options: EvaluateOptions) -> "Evaluation | SceneEvaluation":
     return evaluate_scene(estimate, scene)
 
 
-def _against_motion(options: EvaluateOptions, estimate: "SceneEstimate", motion: "Motion") -> "Evaluation":
+def _against_motion(options: EvaluateOptions, estimate: "Estimate", motion: "Motion") -> "Evaluation":
     """One wearer against a motion file: without headings, mountings and camera, of which it knows nothing."""
     from vip_factors.evaluate.evaluation import evaluate
     from vip_factors.sensors.recording import Truth

@@ -9,7 +9,7 @@ from vip_factors.errors import FileFormatError, InputError
 
 if TYPE_CHECKING:
     from vip_factors.body.kinematics import Motion
-    from vip_factors.estimate import Estimate, SceneEstimate
+    from vip_factors.estimate import Estimate, WearerEstimate
     from vip_factors.sensors.recording import Recording
     from vip_factors.sensors.scene import Scene
 
@@ -25,10 +25,10 @@ class Opened:
     """
 
     recording: "Recording | None" = None
-    estimate: "Estimate | None" = None
+    estimate: "WearerEstimate | None" = None
     motion: "Motion | None" = None
     scene: "Scene | None" = None
-    scene_estimate: "SceneEstimate | None" = None
+    scene_estimate: "Estimate | None" = None
 
     @property
     def truth(self) -> "Motion | None":
@@ -43,9 +43,9 @@ class Opened:
         """Whether several wearers or a camera are among it."""
         return self.scene is not None or self.scene_estimate is not None
 
-    def as_scene(self) -> "tuple[Scene | None, SceneEstimate | None]":
+    def as_scene(self) -> "tuple[Scene | None, Estimate | None]":
         """All of it as a scene: a plain recording or estimate is one of one wearer without a camera."""
-        from vip_factors.estimate import SceneEstimate
+        from vip_factors.estimate import Estimate
         from vip_factors.sensors.scene import Scene
 
         scene, estimate = self.scene, self.scene_estimate
@@ -53,7 +53,7 @@ class Opened:
             scene = Scene(self.recording.name, (self.recording,))
         if estimate is None and self.estimate is not None:
             one = self.estimate
-            estimate = SceneEstimate(one.name, one.method, (one,), settings=one.settings)
+            estimate = Estimate(one.name, one.method, (one,), settings=one.settings)
         return scene, estimate
 
 
@@ -64,7 +64,7 @@ def open_all(paths: Sequence[Path]) -> Opened:
         InputError: if two of them hold a thing of the same kind, or one is missing.
         FileFormatError: if one holds neither a recording, an estimate nor a motion.
     """
-    together: dict[str, Recording | Estimate | Motion | Scene | SceneEstimate] = {}
+    together: dict[str, Recording | WearerEstimate | Motion | Scene | Estimate] = {}
     source: dict[str, Path] = {}
     for path in paths:
         for kind, content in vars(open_one(path)).items():

@@ -9,7 +9,7 @@ from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.cli.info_body import body_lines
 from vip_factors.cli.info_places import sensor_place_lines
 from vip_factors.cli.text_table import aligned
-from vip_factors.estimate import Estimate, SolveReport, StartChoice
+from vip_factors.estimate import SolveReport, StartChoice, WearerEstimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.sensors.calibration import SensorCalibration, site_name
 from vip_factors.sensors.imu_stream import ImuStream
@@ -89,7 +89,7 @@ def start_lines(start: StartChoice | None) -> list[str]:
     return lines
 
 
-def estimate_text(estimate: Estimate) -> str:
+def estimate_text(estimate: WearerEstimate) -> str:
     """How it was made, how the solves went, and how large the residuals are."""
     lines = [f"estimate '{estimate.name}', method {estimate.method}", motion_text(estimate.motion)]
     lines += [f"  finding: {one}" for one in estimate.findings]

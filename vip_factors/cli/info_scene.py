@@ -13,7 +13,7 @@ from vip_factors.cli.info_recording import (
     report_text,
     stream_words,
 )
-from vip_factors.estimate import CameraEstimate, SceneEstimate
+from vip_factors.estimate import CameraEstimate, Estimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_model import CameraModel, VideoClock
 from vip_factors.sensors.detections import Detections
@@ -99,7 +99,7 @@ def _truth_lines(truth: SceneTruth, names: list[str]) -> list[str]:
     ]
 
 
-def scene_estimate_text(estimate: SceneEstimate) -> str:
+def scene_estimate_text(estimate: Estimate) -> str:
     """How it went, what was found odd, where the camera was, then every wearer."""
     lines = [f"estimate of scene '{estimate.name}', method {estimate.method}"]
     lines += [f"  finding: {one}" for one in estimate.findings]

@@ -18,7 +18,7 @@ from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
-    from vip_factors.estimate import EstimatePart, LongEstimate, SceneEstimate, ScenePart
+    from vip_factors.estimate import Estimate, EstimatePart, LongEstimate, ScenePart
     from vip_factors.io.mcap_sampled import SampledScene
     from vip_factors.settings import Settings
 
@@ -167,7 +167,7 @@ class _Counted:
             yield part
 
 
-def _write(estimate: "SceneEstimate", out: Path, overwrite: bool, start_ns: int) -> None:
+def _write(estimate: "Estimate", out: Path, overwrite: bool, start_ns: int) -> None:
     """One wearer without a camera is written as a plain estimate, which more programs know."""
     from vip_factors.io.mcap_estimate import write_estimate
     from vip_factors.io.mcap_scene_estimate import write_scene_estimate
@@ -179,7 +179,7 @@ def _write(estimate: "SceneEstimate", out: Path, overwrite: bool, start_ns: int)
         write_scene_estimate(estimate, out, overwrite=overwrite, start_ns=start_ns)
 
 
-def _tell(estimate: "SceneEstimate", frames: int | None = None, seconds: float = 0.0) -> None:
+def _tell(estimate: "Estimate", frames: int | None = None, seconds: float = 0.0) -> None:
     """Of an estimate, or of one whose ``frames`` are not here and were solved in so many ``seconds`` more."""
     reports = [*estimate.reports, *(report for wearer in estimate.wearers for report in wearer.reports)]
     seconds += sum(report.seconds for report in reports)

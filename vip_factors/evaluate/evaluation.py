@@ -10,7 +10,7 @@ import numpy as np
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import InputError
-from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, SceneEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.evaluate import metrics
 from vip_factors.evaluate.body import (
     body_metrics,
@@ -98,7 +98,7 @@ class Evaluation:
 
 
 def evaluate(
-    estimate: Estimate, truth: Truth, placement: Placement | None = None, gauge: float | None = None
+    estimate: WearerEstimate, truth: Truth, placement: Placement | None = None, gauge: float | None = None
 ) -> Evaluation:
     """Every metric that the truth allows.
 
@@ -156,7 +156,7 @@ def _some(names: Collection[str]) -> str:
 
 def evaluate_motion(estimate: Motion, truth: Motion) -> Evaluation:
     """The metrics of two motions alone."""
-    return evaluate(Estimate(estimate.name, "motion", estimate, {}), Truth(truth))
+    return evaluate(WearerEstimate(estimate.name, "motion", estimate, {}), Truth(truth))
 
 
 def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[str, Metric]:
@@ -255,7 +255,7 @@ class SceneEvaluation:
         return json_text(asdict(self))
 
 
-def evaluate_scene(estimate: SceneEstimate, scene: Scene) -> SceneEvaluation:
+def evaluate_scene(estimate: Estimate, scene: Scene) -> SceneEvaluation:
     """Every metric that the scene's truth allows.
 
     One yaw and one translation are removed from the whole scene, camera and wearers together; an estimate without
@@ -316,9 +316,7 @@ def _gauges(pairs: Mapping[int, MotionPair], camera: PathPair | None, tied: bool
     return {index: scene_gauge([pair]) for index, pair in pairs.items()}
 
 
-def _wearer(
-    estimate: SceneEstimate, scene: Scene, index: int, pair: MotionPair, gauge: Alignment, tied: bool
-) -> Evaluation:
+def _wearer(estimate: Estimate, scene: Scene, index: int, pair: MotionPair, gauge: Alignment, tied: bool) -> Evaluation:
     """The usual evaluation of one wearer, headings in the scene's gauge, and positions in the true world."""
     recording = scene.wearers[index]
     assert recording.truth is not None

@@ -10,7 +10,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.evaluate.calibration import (
     ENDS,
     CalibrationError,
@@ -35,7 +35,7 @@ from vip_factors.sensors.scene import Scene
 CAMERA = "camera"  # stands for the IMU on the camera where calibrations go by sensor name
 
 
-def sensors(estimate: SceneEstimate, scene: Scene, gauge: float | None) -> dict[str, Metric]:
+def sensors(estimate: Estimate, scene: Scene, gauge: float | None) -> dict[str, Metric]:
     """Headings and mountings of all wearers' sensors together; those of feet and hands apart from the rest."""
     errors = dict(_calibration_errors(estimate, scene, gauge))
     ends = {i: {site.sensor for site in scene.wearers[i].placement.sites if site.bone in ENDS} for i in errors}
@@ -45,7 +45,7 @@ def sensors(estimate: SceneEstimate, scene: Scene, gauge: float | None) -> dict[
     return table | error_metrics(at_ends, "_feet_hands") | error_metrics(rest, "_rest")
 
 
-def camera_imu(estimate: SceneEstimate, scene: Scene, gauge: float | None) -> dict[str, Metric]:
+def camera_imu(estimate: Estimate, scene: Scene, gauge: float | None) -> dict[str, Metric]:
     """Heading and mounting of the IMU on the camera, and the clock offset, where estimated and known."""
     if estimate.camera is None or scene.truth is None:
         return {}
@@ -60,7 +60,7 @@ def camera_imu(estimate: SceneEstimate, scene: Scene, gauge: float | None) -> di
 
 
 def honesty(
-    estimate: SceneEstimate,
+    estimate: Estimate,
     scene: Scene,
     pairs: Mapping[int, MotionPair],
     camera: PathPair | None,
@@ -100,7 +100,7 @@ def honesty(
     return table
 
 
-def reprojection(estimate: SceneEstimate, scene: Scene) -> dict[str, Metric]:
+def reprojection(estimate: Estimate, scene: Scene) -> dict[str, Metric]:
     """Distance in pixels of the reprojected keypoints: from the detections given to their wearer, and, where known,
     from where the keypoints of all detections of that wearer really are.
     """
@@ -127,7 +127,7 @@ def reprojection(estimate: SceneEstimate, scene: Scene) -> dict[str, Metric]:
     return table
 
 
-def association(estimate: SceneEstimate, scene: Scene) -> dict[str, Metric]:
+def association(estimate: Estimate, scene: Scene) -> dict[str, Metric]:
     """Precision and recall in percent, and how the wrong labels are wrong.
 
     Raises:
@@ -153,7 +153,7 @@ def association(estimate: SceneEstimate, scene: Scene) -> dict[str, Metric]:
 
 
 def _calibration_errors(
-    estimate: SceneEstimate, scene: Scene, gauge: float | None
+    estimate: Estimate, scene: Scene, gauge: float | None
 ) -> Iterator[tuple[int, CalibrationError]]:
     for index, (one, wearer) in enumerate(zip(estimate.wearers, scene.wearers, strict=True)):
         if wearer.truth is None or wearer.truth.calibration is None:
@@ -162,7 +162,7 @@ def _calibration_errors(
             yield index, calibration_error(one.calibration, wearer.truth.calibration, gauge)
 
 
-def _anchor(estimate: SceneEstimate, scene: Scene) -> tuple[int, str, float] | None:
+def _anchor(estimate: Estimate, scene: Scene) -> tuple[int, str, float] | None:
     """Wearer, sensor and raw heading error of what carries the gauge prior; None if that cannot be told.
 
     It is the sensor that is surest of its heading: the prior is far tighter than any measurement. Where the camera's
@@ -284,7 +284,7 @@ LITTLE = 0.9  # of the estimate's time: a truth that begins late or ends early h
 SAME_START_S = 60.0  # clocks of computers that record together differ by less
 
 
-def doubts(estimate: SceneEstimate, scene: Scene, start_ns: int = 0) -> str:
+def doubts(estimate: Estimate, scene: Scene, start_ns: int = 0) -> str:
     """What speaks against it, as one sentence; empty if nothing does.
 
     Args:
@@ -305,7 +305,7 @@ def doubts(estimate: SceneEstimate, scene: Scene, start_ns: int = 0) -> str:
     return f"is this the truth of the same recording? {'; '.join(found)}" if found else ""
 
 
-def _of_names(estimate: SceneEstimate, scene: Scene) -> Iterator[str]:
+def _of_names(estimate: Estimate, scene: Scene) -> Iterator[str]:
     names = {scene.name, *(wearer.name for wearer in scene.wearers)}
     if not names & {estimate.name, *(one.name for one in estimate.wearers)}:
         yield f"the estimate is of '{estimate.name}', the truth of '{scene.name}'"

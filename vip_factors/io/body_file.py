@@ -37,7 +37,7 @@ from vip_factors.body.hinges import HingeEstimate
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.skeleton import JOINT_NAMES, Landmark, Skeleton, joint_index
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate
+from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.body_file_hinges import hinge_at, hinge_lines
 from vip_factors.io.toml_values import (
@@ -76,7 +76,7 @@ class BodyFile:
     provenance: str = ""
 
 
-def body_of_estimate(estimate: Estimate, source: str) -> BodyFile:
+def body_of_estimate(estimate: WearerEstimate, source: str) -> BodyFile:
     """The body that an estimate found; ``source`` names where the estimate is from.
 
     Raises:

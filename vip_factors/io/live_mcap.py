@@ -15,7 +15,7 @@ import numpy as np
 from vip_factors.atomic import check_partial, check_target
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import naming_file
-from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
+from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.io.live_frames import GaplessPoses, motion_of_poses, path_of_poses
 from vip_factors.io.mcap_camera import intrinsics_message, path_messages
 from vip_factors.io.mcap_estimate import (
@@ -251,7 +251,7 @@ class LiveMcapSink:
     def _write_scene_info(self, time_ns: int) -> None:
         """Of the wearers who have poses: a reader expects those whom it names."""
         prefixes = [one.prefix for one in self._wearers if one.begun]
-        estimate = SceneEstimate(self._setup.name, METHOD, (), findings=tuple(self._findings), settings=self._settings)
+        estimate = Estimate(self._setup.name, METHOD, (), findings=tuple(self._findings), settings=self._settings)
         message = scene_info_message(estimate, prefixes, self._setup.start_ns)
         self._writer.write(SCENE_INFO, message, time_ns)
 
@@ -298,7 +298,7 @@ class _Wearer:
 
     def _begin(self, writer: MessageWriter, motion: Motion) -> None:
         sensors = tuple(site.sensor for site in self._wearer.placement.sites)
-        info = Estimate(self._wearer.name, METHOD, motion, {}, sensors=sensors)
+        info = WearerEstimate(self._wearer.name, METHOD, motion, {}, sensors=sensors)
         writer.write(self.prefix + INFO, info_message(info, self._start_ns), self._start_ns)
         self.write_motion(writer, frames=0)
         self._shown = scene_wanted(None, motion)

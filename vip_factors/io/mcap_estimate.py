@@ -10,7 +10,7 @@ import numpy as np
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import Estimate, Iteration, SolveReport, StartChoice
+from vip_factors.estimate import Iteration, SolveReport, StartChoice, WearerEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.mcap_body import body_message, body_of
 from vip_factors.io.mcap_contents import McapContents, McapMessages, read_contents
@@ -49,7 +49,7 @@ RECORDING_INFO = "/recording/info"
 
 
 def write_estimate(
-    estimate: Estimate,
+    estimate: WearerEstimate,
     path: str | os.PathLike[str],
     overwrite: bool = False,
     append_to: str | os.PathLike[str] | None = None,
@@ -103,7 +103,7 @@ def estimate_file(
 
 
 def estimate_messages(
-    writer: MessageWriter, estimate: Estimate, start_ns: int, scene: bool | None = None, prefix: str = SINGLE
+    writer: MessageWriter, estimate: WearerEstimate, start_ns: int, scene: bool | None = None, prefix: str = SINGLE
 ) -> list[Iterable[TimedMessage]]:
     """Write what comes once; what comes with every frame is returned as streams, to be interleaved with others.
 
@@ -138,7 +138,7 @@ def estimate_messages(
     return streams
 
 
-def check_residuals(estimate: Estimate) -> None:
+def check_residuals(estimate: WearerEstimate) -> None:
     """Refuse residuals of a shape that cannot be written.
 
     Raises:
@@ -171,7 +171,7 @@ def read_start(path: str | os.PathLike[str]) -> int:
     return time_ns_of(infos[0].start) if infos else 0
 
 
-def info_message(estimate: Estimate, start_ns: int) -> EstimateInfo:
+def info_message(estimate: WearerEstimate, start_ns: int) -> EstimateInfo:
     """What an estimate is."""
     message = EstimateInfo(
         name=estimate.name,
@@ -217,7 +217,7 @@ def residual_messages(
         yield time_ns, channel, message.SerializeToString()
 
 
-def read_estimate(path: str | os.PathLike[str]) -> Estimate:
+def read_estimate(path: str | os.PathLike[str]) -> WearerEstimate:
     """Read an estimate, from a file of its own or from one that also holds the recording.
 
     Of the estimate of a scene with one wearer, it is that wearer's.
@@ -234,7 +234,7 @@ def read_estimate(path: str | os.PathLike[str]) -> Estimate:
         return estimate_of(contents, contents.messages.values())
 
 
-def estimate_of(contents: McapContents, messages: Iterable[McapMessages], prefix: str = SINGLE) -> Estimate:
+def estimate_of(contents: McapContents, messages: Iterable[McapMessages], prefix: str = SINGLE) -> WearerEstimate:
     """One wearer's estimate, of the messages below the topic ``prefix``.
 
     Raises:
@@ -263,7 +263,7 @@ def estimate_of(contents: McapContents, messages: Iterable[McapMessages], prefix
     calibrations = of_topic(path, ours, prefix + CALIBRATION, CalibrationEstimate)
     bodies = of_topic(path, ours, prefix + BODY, BodyEstimateMessage)
     places = of_topic(path, ours, prefix + SENSOR_PLACES, SensorPlaceEstimates)
-    return Estimate(
+    return WearerEstimate(
         name=info.name,
         method=info.method,
         motion=motion,

@@ -6,7 +6,7 @@ from dataclasses import replace
 from itertools import zip_longest
 
 from vip_factors.atomic import atomic_open
-from vip_factors.estimate import EstimatePart, LongEstimate, SceneEstimate
+from vip_factors.estimate import Estimate, EstimatePart, LongEstimate
 from vip_factors.io.mcap_body import body_message
 from vip_factors.io.mcap_estimate import (
     BODY,
@@ -37,7 +37,7 @@ CHUNK_BYTES = 1 << 20  # the index in memory has an entry for each chunk
 
 
 def write_long_estimate(
-    scene: SceneEstimate,
+    scene: Estimate,
     estimates: Sequence[LongEstimate],
     path: str | os.PathLike[str],
     overwrite: bool = False,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import CameraEstimate, SceneEstimate
+from vip_factors.estimate import CameraEstimate, Estimate
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.mcap_camera import intrinsics_message, intrinsics_of, path_messages
@@ -54,7 +54,7 @@ CAMERA_PATH = "/estimate/camera/path"  # the same for viewers; never read back
 
 
 def write_scene_estimate(
-    estimate: SceneEstimate,
+    estimate: Estimate,
     path: str | os.PathLike[str],
     overwrite: bool = False,
     append_to: str | os.PathLike[str] | None = None,
@@ -95,7 +95,7 @@ def write_scene_estimate(
         writer.add_in_order(*streams)
 
 
-def scene_info_message(estimate: SceneEstimate, prefixes: Sequence[str], start_ns: int) -> SceneEstimateInfo:
+def scene_info_message(estimate: Estimate, prefixes: Sequence[str], start_ns: int) -> SceneEstimateInfo:
     """What the estimate of a scene is; ``prefixes`` are what its wearers' topics begin with."""
     info = SceneEstimateInfo(
         name=estimate.name,
@@ -110,7 +110,7 @@ def scene_info_message(estimate: SceneEstimate, prefixes: Sequence[str], start_n
     return info
 
 
-def wearer_prefixes(estimate: SceneEstimate) -> list[str]:
+def wearer_prefixes(estimate: Estimate) -> list[str]:
     """What each wearer's topics begin with: the motion's name, or where two have the same, their numbers."""
     names = [one.motion.name for one in estimate.wearers]
     if len(set(names)) < len(names):
@@ -194,7 +194,7 @@ def camera_residual_messages(
         yield time_ns, channel, message.SerializeToString()
 
 
-def read_scene_estimate(path: str | os.PathLike[str]) -> SceneEstimate:
+def read_scene_estimate(path: str | os.PathLike[str]) -> Estimate:
     """Read the estimate of a scene, or a plain estimate as that of a scene with one wearer without a camera.
 
     Of a file that was cut off, every whole frame before the cut is read, and a
@@ -210,11 +210,11 @@ def read_scene_estimate(path: str | os.PathLike[str]) -> SceneEstimate:
     with naming(contents.path):
         if not infos:
             single = estimate_of(contents, messages)
-            return SceneEstimate(single.name, single.method, (single,), settings=single.settings)
+            return Estimate(single.name, single.method, (single,), settings=single.settings)
         info = infos[-1]
         reports = of_topic(contents.path, messages, REPORT, SolveReportMessage)
         detectors = of_topic(contents.path, messages, DETECTOR, DetectorEstimateMessage)
-        return SceneEstimate(
+        return Estimate(
             name=info.name,
             method=info.method,
             wearers=tuple(estimate_of(contents, messages, one) for one in info.wearer_topics),

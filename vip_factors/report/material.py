@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.compare import check_frames
@@ -17,7 +17,7 @@ class Wearer:
 
     index: int
     name: str
-    estimate: Estimate
+    estimate: WearerEstimate
     recording: Recording | None
 
 
@@ -30,7 +30,7 @@ class Material:
         scene: what was measured, with the truth if it is known; None if there is the estimate alone.
     """
 
-    estimate: SceneEstimate
+    estimate: Estimate
     scene: Scene | None = None
 
     @cached_property
@@ -42,7 +42,7 @@ class Material:
             for index, (one, recording) in enumerate(zip(self.estimate.wearers, recordings, strict=True))
         )
 
-    def _name(self, index: int, one: Estimate, recording: Recording | None) -> str:
+    def _name(self, index: int, one: WearerEstimate, recording: Recording | None) -> str:
         if recording is not None:
             return recording.subject.name
         return one.motion.name or f"wearer {index + 1}"
@@ -64,7 +64,7 @@ class Material:
         return tuple(dict.fromkeys((*self.estimate.findings, *own)))
 
 
-def material(estimate: SceneEstimate, scene: Scene | None = None, truth: Scene | None = None) -> Material:
+def material(estimate: Estimate, scene: Scene | None = None, truth: Scene | None = None) -> Material:
     """Put together what there is.
 
     Args:

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from vip_factors import __version__
 from vip_factors.atomic import atomic_open
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.report.angles import angles_section
 from vip_factors.report.blocks import Section
 from vip_factors.report.fit import fit_section
@@ -58,7 +58,7 @@ class Page:
 
 
 def write_report(
-    estimate: SceneEstimate,
+    estimate: Estimate,
     path: str | os.PathLike[str],
     scene: Scene | None = None,
     truth: Scene | None = None,

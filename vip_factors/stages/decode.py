@@ -10,7 +10,7 @@ from vip_factors.assembly.objective import SceneObjective
 from vip_factors.assembly.wearer_terms import acceleration, orientation
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, SolveReport
+from vip_factors.estimate import CameraEstimate, PoseCovariance, SolveReport, WearerEstimate
 from vip_factors.geometry.rotations import Array, wrap_angle
 from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.layout import FRAME, ROOT, Owner, OwnerId
@@ -31,12 +31,12 @@ def decode(
     covariance: PoseCovariance | None,
     reports: tuple[SolveReport, ...],
     settings: Mapping[str, str] | None = None,
-) -> Estimate:
+) -> WearerEstimate:
     """The estimate that a state stands for."""
     frames = model.frames
     motion = motion_of(model, state, name)
     calibration = calibration_of(model, state)
-    return Estimate(
+    return WearerEstimate(
         name, method, motion, calibration, covariance, residuals(model, state), frames.sensors, reports, settings or {}
     )
 
@@ -129,7 +129,7 @@ def static_covariance(
 
 def decode_wearers(
     names: Sequence[str], method: str, model: SceneProblem, state: SceneState, covariance: SceneCovariance | None
-) -> list[Estimate]:
+) -> list[WearerEstimate]:
     """Each wearer's estimate."""
     estimates = []
     for number, name in enumerate(names):
@@ -175,8 +175,8 @@ def reprojection_rms(model: SceneProblem, state: SceneState) -> Array:
 
 
 def with_sigmas(
-    estimate: Estimate, model: SceneProblem, number: int, marginals: Mapping[int, Array] | None
-) -> Estimate:
+    estimate: WearerEstimate, model: SceneProblem, number: int, marginals: Mapping[int, Array] | None
+) -> WearerEstimate:
     """The estimate with standard deviations of its calibration, where those are variables of ``model``."""
     objective, owner = SceneObjective(model), OwnerId(Owner.WEARER, number)
     headings = _sigmas(objective, owner, "headings", marginals)

@@ -6,7 +6,7 @@ import numpy as np
 
 from vip_factors.associate.hypothesis import hypotheses, wearer_points
 from vip_factors.body.kinematics import Motion
-from vip_factors.estimate import Estimate
+from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.camera import LEAP_WINDOW, Sightings, leaps
 from vip_factors.sensors.recording import Recording
@@ -29,7 +29,7 @@ LARGER_CORNER, OFF_MIDDLE = 0.68, 0.42
 
 
 def find_oddities(
-    scene: Scene, associated: Sequence[AssociatedCamera], fine: Fused, wearers: Sequence[Estimate]
+    scene: Scene, associated: Sequence[AssociatedCamera], fine: Fused, wearers: Sequence[WearerEstimate]
 ) -> Iterator[str]:
     """Sentences about wearers, then about the cameras."""
     used = [each.camera.name for each in associated]
@@ -48,7 +48,7 @@ def of_camera(camera: Camera, scene: Scene) -> str:
 
 
 def _wearer_findings(
-    recording: Recording, number: int, associated: Sequence[AssociatedCamera], fine: Fused, estimate: Estimate
+    recording: Recording, number: int, associated: Sequence[AssociatedCamera], fine: Fused, estimate: WearerEstimate
 ) -> Iterator[str]:
     who, frame_rate = f"wearer '{recording.subject.name}'", 1 / fine.model.wearers[0].frames.step
     views = [one.views[number] for one in fine.model.viewpoints(fine.state.camera)]

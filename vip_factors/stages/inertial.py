@@ -9,7 +9,7 @@ from scipy.interpolate import make_interp_spline
 from vip_factors.assembly.objective import WearerObjective
 from vip_factors.body.pose_prior import joint_vector
 from vip_factors.errors import InputError, SolveError
-from vip_factors.estimate import Estimate
+from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, known_calibration
@@ -135,8 +135,8 @@ def at_frames(state: WearerState, time: Array, wanted: Array) -> WearerState:
 
 
 def with_calibration_sigmas(
-    estimate: Estimate, found: Tracked, settings: CalibrationSettings, extra: ExtraTerms | None = None
-) -> Estimate:
+    estimate: WearerEstimate, found: Tracked, settings: CalibrationSettings, extra: ExtraTerms | None = None
+) -> WearerEstimate:
     """The estimate with standard deviations of headings and mountings; with a finding, if they are not determined.
 
     They are marginals at the solution that found them, on its coarse frames: at the full

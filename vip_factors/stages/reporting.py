@@ -12,7 +12,7 @@ from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import SolveError
-from vip_factors.estimate import BodyEstimate, DetectorEstimate, SceneEstimate, SensorPlaceEstimate, SolveReport
+from vip_factors.estimate import BodyEstimate, DetectorEstimate, Estimate, SensorPlaceEstimate, SolveReport
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.blocks import DETECTOR
 from vip_factors.problem.layout import Owner, OwnerId
@@ -37,7 +37,7 @@ from vip_factors.stages.fusion import Fused
 def scene_estimate(
     scene: Scene, coarse: Fused, fine: Fused, associated: Sequence[AssociatedCamera], reports: tuple[SolveReport, ...],
     settings: Settings,
-) -> SceneEstimate:  # fmt: skip
+) -> Estimate:  # fmt: skip
     """The estimate: motions and camera of the full rate; bodies, and how sure what is shared is, of the coarse one."""
     assert scene.camera is not None
     shared = marginals_of_shared(coarse)
@@ -62,7 +62,7 @@ def scene_estimate(
         *(clock_findings(first, camera) if associated[0].camera is first else ()),
     ]
     findings = tuple(dict.fromkeys(found))
-    estimate = SceneEstimate(
+    estimate = Estimate(
         scene.name, "VIP", wearers, camera, given, reports, findings, flatten(settings),
         detector_estimate(coarse, shared), what_told(names, associated[0].association),
     )  # fmt: skip

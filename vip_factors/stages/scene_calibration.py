@@ -11,7 +11,7 @@ import numpy as np
 
 from vip_factors.body.hinges import hinge_estimates
 from vip_factors.body.keypoints import KeypointOffsets
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
@@ -205,13 +205,13 @@ def _size(sigma: Array, otherwise: float) -> float:
 
 def calibrate_scene(
     source: LongScene, plan: WindowPlan, settings: Settings, progress: Progress
-) -> tuple[SceneCalibration, SceneEstimate] | None:
+) -> tuple[SceneCalibration, Estimate] | None:
     """What all frames share, and the coarse estimate of the stretch that says it: the first that shows everybody.
 
     Of none does, that which shows most of them; None if nobody is seen in any.
     """
     coarse = -(-plan.frames // plan.factor)
-    best: tuple[int, SceneCalibration, SceneEstimate] | None = None
+    best: tuple[int, SceneCalibration, Estimate] | None = None
     for begin in sorted({round(one) for one in np.linspace(0, max(coarse - plan.stretch, 0), LOOKS)}):
         stretch = slice(begin, min(begin + plan.stretch, coarse))
         found = _stretch(source, plan, stretch, settings, Solver(stiff(settings), progress, name=settings.solver))
@@ -224,7 +224,7 @@ def calibrate_scene(
 
 def _stretch(
     source: LongScene, plan: WindowPlan, stretch: slice, settings: Settings, solver: Solver
-) -> tuple[int, SceneCalibration, SceneEstimate] | None:
+) -> tuple[int, SceneCalibration, Estimate] | None:
     """One stretch of coarse frames solved with everything free: how many wearers it shows, and what it says."""
     time = plan.coarse_time(stretch)
     scene = source.between(float(time[0]), float(time[-1]))
@@ -251,7 +251,7 @@ def _stretch(
     return shown, found, estimate
 
 
-def _with_starts(estimate: SceneEstimate, names: Sequence[str], wearers: Sequence[Tracked]) -> SceneEstimate:
+def _with_starts(estimate: Estimate, names: Sequence[str], wearers: Sequence[Tracked]) -> Estimate:
     """The estimate, told how the wearers' starts were found."""
     told = tuple(
         replace(one, start=start_choice(tracked.model.frames.sensors, tracked.starts))

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.estimate import CameraEstimate, Estimate, EstimatePart, PoseCovariance, ScenePart
+from vip_factors.estimate import CameraEstimate, EstimatePart, PoseCovariance, ScenePart, WearerEstimate
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, yaw_of
 from vip_factors.initialise.camera import robust_mean_angle
 from vip_factors.sensors.camera_path import CameraPath
@@ -66,7 +66,7 @@ def parts_of(windows: Iterator[SceneWindow]) -> Iterator[ScenePart]:
     yield _part(_within(before, slice(done, before.frames.stop)), told, np.inf)
 
 
-def _pairs(one: SceneWindow, other: SceneWindow) -> Iterator[tuple[Estimate, Estimate]]:
+def _pairs(one: SceneWindow, other: SceneWindow) -> Iterator[tuple[WearerEstimate, WearerEstimate]]:
     return zip(one.wearers, other.wearers, strict=True)
 
 
@@ -105,7 +105,7 @@ def _between(one: SceneWindow, other: SceneWindow) -> SceneWindow:
     return replace(one, wearers=wearers, camera=_camera_between(one.camera, other.camera, share), reports=())
 
 
-def _estimate_between(one: Estimate, other: Estimate, share: Array) -> Estimate:
+def _estimate_between(one: WearerEstimate, other: WearerEstimate, share: Array) -> WearerEstimate:
     first, second = one.motion, other.motion
     motion = replace(
         first,
@@ -148,7 +148,7 @@ def _values_between(one: Array, other: Array, share: Array) -> Array:
     return one + share.reshape(-1, *(1,) * (one.ndim - 1)) * (other - one)
 
 
-def _turned(estimate: Estimate, yaw: float, shift: Array, unsure: Array) -> Estimate:
+def _turned(estimate: WearerEstimate, yaw: float, shift: Array, unsure: Array) -> WearerEstimate:
     """A wearer in a world turned about the vertical, then shifted, and as unsure as that one is of where it is."""
     turn, motion, R = rotation_z(yaw), estimate.motion, estimate.motion.R_parent_child.copy()
     R[:, 0] = turn @ R[:, 0]
@@ -163,7 +163,7 @@ def _turned(estimate: Estimate, yaw: float, shift: Array, unsure: Array) -> Esti
     return replace(estimate, motion=moved, calibration=calibration, covariance=covariance)
 
 
-def _unsureness(before: Estimate, own: Estimate, middle: int, has_floor: bool) -> Array:
+def _unsureness(before: WearerEstimate, own: WearerEstimate, middle: int, has_floor: bool) -> Array:
     """What the one before is less sure of a wearer's place, ``(3, 3)`` m²."""
     added = np.zeros((3, 3))
     if before.covariance is not None and own.covariance is not None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.estimate import CameraEstimate, Estimate, SolveReport
+from vip_factors.estimate import CameraEstimate, SolveReport, WearerEstimate
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.problem.state import WearerState
@@ -68,7 +68,7 @@ class SceneWindow:
     """
 
     frames: slice
-    wearers: tuple[Estimate, ...]
+    wearers: tuple[WearerEstimate, ...]
     camera: CameraEstimate
     headings: tuple[Headings, ...]
     detected_at: Array
@@ -186,7 +186,11 @@ def _covariance(scene: Scene, fused: Fused, fine: Fused) -> SceneCovariance:
 
 
 def _findings(
-    measured: Scene, scene: Scene, associated: Sequence[AssociatedCamera], fine: Fused, estimates: Sequence[Estimate]
+    measured: Scene,
+    scene: Scene,
+    associated: Sequence[AssociatedCamera],
+    fine: Fused,
+    estimates: Sequence[WearerEstimate],
 ) -> list[str]:
     """What is odd about a window, but for drift, which is of all of them; cameras are as they were given."""
     given = {camera.name: camera for camera in measured.cameras}

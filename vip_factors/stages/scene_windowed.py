@@ -9,7 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from vip_factors.body.skeleton import JOINT_COUNT
-from vip_factors.estimate import CameraEstimate, Estimate, LongSceneEstimate, PoseCovariance, SceneEstimate, ScenePart
+from vip_factors.estimate import CameraEstimate, Estimate, LongSceneEstimate, PoseCovariance, ScenePart, WearerEstimate
 from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera_path import CameraPath
@@ -100,7 +100,7 @@ def smooth_scene_windows(source: LongScene, settings: Settings, progress: Progre
     head = _head(source, stretch, plan)
     parts = _parts(source, calibration, plan, settings, progress, gathered, head.camera is not None)
 
-    def closed() -> SceneEstimate:
+    def closed() -> Estimate:
         return _closed(head, source, plan, gathered)
 
     return LongSceneEstimate(head, moves, plan.frames, parts, closed)
@@ -158,7 +158,7 @@ def _windows(
         yield window
 
 
-def _head(source: LongScene, stretch: SceneEstimate, plan: WindowPlan) -> SceneEstimate:
+def _head(source: LongScene, stretch: Estimate, plan: WindowPlan) -> Estimate:
     """The estimate of the calibrating stretch without its frames."""
     return replace(
         stretch,
@@ -169,7 +169,7 @@ def _head(source: LongScene, stretch: SceneEstimate, plan: WindowPlan) -> SceneE
     )
 
 
-def _without_frames(one: Estimate, plan: WindowPlan) -> Estimate:
+def _without_frames(one: WearerEstimate, plan: WindowPlan) -> WearerEstimate:
     none = replace(
         one.motion, R_parent_child=one.motion.R_parent_child[:0], p_world_pelvis=one.motion.p_world_pelvis[:0],
         rate=plan.rate, start=plan.start,
@@ -179,7 +179,7 @@ def _without_frames(one: Estimate, plan: WindowPlan) -> Estimate:
     return replace(one, motion=none, covariance=empty, residuals=residuals)
 
 
-def _closed(head: SceneEstimate, source: LongScene, plan: WindowPlan, gathered: _Gathered) -> SceneEstimate:
+def _closed(head: Estimate, source: LongScene, plan: WindowPlan, gathered: _Gathered) -> Estimate:
     wearers = tuple(
         replace(one, calibration=_calibration(one, headings))
         for one, headings in zip(head.wearers, gathered.headings, strict=True)
@@ -213,12 +213,12 @@ def _with_clock(camera: CameraEstimate | None, clocks: Sequence[tuple[float, flo
     return replace(camera, time_offset=float(offset), time_drift=float(drift))
 
 
-def _drifts(wearers: Sequence[Estimate]) -> Iterator[str]:
+def _drifts(wearers: Sequence[WearerEstimate]) -> Iterator[str]:
     for one in wearers:
         yield from drift_findings(f"wearer '{one.motion.name}'", one.calibration)
 
 
-def _first_pose(stretch: SceneEstimate) -> CameraEstimate | None:
+def _first_pose(stretch: Estimate) -> CameraEstimate | None:
     camera = stretch.camera
     if camera is None:
         return None
@@ -227,7 +227,7 @@ def _first_pose(stretch: SceneEstimate) -> CameraEstimate | None:
     return replace(camera, path=path, covariance=None, residual_px=None if residual is None else residual[:0])
 
 
-def _calibration(one: Estimate, headings: Sequence[Headings]) -> dict[str, SensorCalibration]:
+def _calibration(one: WearerEstimate, headings: Sequence[Headings]) -> dict[str, SensorCalibration]:
     """Headings over all windows: each has its own until the next one begins."""
     kept = [own.time < after.time[0] for own, after in itertools.pairwise(headings)]
     kept.append(np.ones(len(headings[-1].time), bool))

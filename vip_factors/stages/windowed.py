@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT
-from vip_factors.estimate import Estimate, EstimatePart, LongEstimate, PoseCovariance
+from vip_factors.estimate import EstimatePart, LongEstimate, PoseCovariance, WearerEstimate
 from vip_factors.sensors.sampled import SampledRecording
 from vip_factors.settings import Settings, flatten
 from vip_factors.stages.calibration_start import start_choice, start_findings
@@ -70,7 +70,7 @@ def _parts(
         yield from joined(told(solve_windows(found, recording, plan, settings, solver)), found.model, head)
 
 
-def _head(recording: SampledRecording, found: Tracked, plan: WindowPlan, settings: Settings) -> Estimate:
+def _head(recording: SampledRecording, found: Tracked, plan: WindowPlan, settings: Settings) -> WearerEstimate:
     """All but the frames."""
     head, model = recording.head, found.model
     sample = motion_of(model, found.state, head.name)
@@ -81,7 +81,7 @@ def _head(recording: SampledRecording, found: Tracked, plan: WindowPlan, setting
     )  # fmt: skip
     kinds = ("orientation_deg", *(("acceleration_m_s2",) if settings.acceleration else ()))
     who = f"wearer '{head.subject.name}'"
-    return Estimate(
+    return WearerEstimate(
         head.name,
         method_of(model, settings),
         motion,

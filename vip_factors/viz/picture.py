@@ -8,7 +8,7 @@ from vip_factors.body.body_mesh import body_mesh
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate
+from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_z, yaw_of
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.recording import Recording
@@ -46,7 +46,7 @@ R_WORLD_STANDING = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
 def filmstrip(
-    estimate: Estimate | None,
+    estimate: WearerEstimate | None,
     recording: Recording | None,
     truth: Motion | None,
     path: Path,
@@ -115,7 +115,7 @@ def pose_picture(motion: Motion, frame: int, size: tuple[int, int]) -> np.ndarra
 
 
 def _curve(
-    estimate: Estimate | None, shown: Motion, ghost: Motion | None, bones: frozenset[str] | None
+    estimate: WearerEstimate | None, shown: Motion, ghost: Motion | None, bones: frozenset[str] | None
 ) -> tuple[Array | None, str]:
     if ghost is not None:
         return position_error_mm(shown, ghost, bones), "joint error, mm"
@@ -128,7 +128,7 @@ def _curve(
     return None, ""
 
 
-def _subtitle(estimate: Estimate | None, shown: Motion, values: Array | None, compared: bool) -> str:
+def _subtitle(estimate: WearerEstimate | None, shown: Motion, values: Array | None, compared: bool) -> str:
     parts = [f"{len(shown) / shown.rate:.1f} s"]
     if estimate is not None and estimate.sensors:
         parts.append(f"{len(estimate.sensors)} inertial sensors")
@@ -160,7 +160,7 @@ def _strip(
     shown: Motion,
     ghost: Motion | None,
     frames: Array,
-    estimate: Estimate | None,
+    estimate: WearerEstimate | None,
     recording: Recording | None,
 ) -> None:
     cell = (WIDTH - 2 * MARGIN) / len(frames)
@@ -195,7 +195,7 @@ def _draw(
 
 
 def _figures(
-    shown: Motion, ghost: Motion | None, estimate: Estimate | None, recording: Recording | None
+    shown: Motion, ghost: Motion | None, estimate: WearerEstimate | None, recording: Recording | None
 ) -> tuple[Figure, Figure | None]:
     """The body with its sensors, and the grey one behind it."""
     mesh, boxes = body_mesh(shown.skeleton), None

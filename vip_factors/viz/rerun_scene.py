@@ -8,7 +8,7 @@ import rerun as rr
 
 from vip_factors.body.mannequin import Colour, Side
 from vip_factors.errors import InputError
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.compare import floor_height
@@ -41,7 +41,7 @@ NAME_ABOVE_HEAD_M = 0.32  # in the head's frame, above its joint: clear of the c
 
 
 def show_scene(
-    scene: Scene | None = None, estimate: SceneEstimate | None = None, sink: Sink | None = None, *, metrics: str = ""
+    scene: Scene | None = None, estimate: Estimate | None = None, sink: Sink | None = None, *, metrics: str = ""
 ) -> None:
     """Show what is given, in Rerun; the estimate in the truth's world where that is known.
 

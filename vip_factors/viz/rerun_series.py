@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 
 from vip_factors.body.mannequin import Colour
-from vip_factors.estimate import Estimate
+from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.recording import Recording
 from vip_factors.viz.rerun_body import time_column
@@ -39,7 +39,7 @@ def log_curve(
     stream.send_columns(entity, indexes=[time_column(time)], columns=rr.Scalars.columns(scalars=values))
 
 
-def log_residuals(stream: rr.RecordingStream, estimate: Estimate, colours: dict[str, Colour]) -> list[str]:
+def log_residuals(stream: rr.RecordingStream, estimate: WearerEstimate, colours: dict[str, Colour]) -> list[str]:
     """Log the residual of every kind and sensor below ``plots/residual/<kind>/<sensor>``; returns the kinds."""
     time = estimate.motion.time
     for kind, values in estimate.residuals.items():

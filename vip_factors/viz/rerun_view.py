@@ -11,7 +11,7 @@ from vip_factors.atomic import atomic_path
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Colour, Side
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate
+from vip_factors.estimate import WearerEstimate
 from vip_factors.sensors.recording import Recording
 from vip_factors.viz.compare import (
     Compare,
@@ -54,7 +54,7 @@ Sink = SaveTo | LiveViewer
 
 def show(
     recording: Recording | None = None,
-    estimate: Estimate | None = None,
+    estimate: WearerEstimate | None = None,
     truth: Motion | None = None,
     sink: Sink | None = None,
     *,
@@ -115,7 +115,7 @@ def send(view: View, sink: Sink) -> None:
 @dataclass(frozen=True)
 class _Scene:
     recording: Recording | None
-    estimate: Estimate | None
+    estimate: WearerEstimate | None
     truth: Motion | None
     compare: Compare
     metrics: str

@@ -8,7 +8,7 @@ import numpy as np
 
 from vip_factors.body.mannequin import Colour
 from vip_factors.errors import InputError
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.scene import Scene
@@ -33,7 +33,7 @@ Window = tuple[tuple[float, float], float]
 
 def scene_filmstrip(
     scene: Scene,
-    estimate: SceneEstimate | None,
+    estimate: Estimate | None,
     path: Path,
     *,
     frames: int = 6,

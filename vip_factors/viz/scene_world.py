@@ -7,7 +7,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array, yaw_of
 from vip_factors.sensors.calibration import SensorCalibration
@@ -39,7 +39,7 @@ class DrawnWearer:
     motion: Motion | None
     truth: Motion | None
     recording: Recording | None
-    estimate: Estimate | None
+    estimate: WearerEstimate | None
     gauge_yaw: float = 0.0
 
     @property
@@ -100,7 +100,7 @@ class DrawnScene:
     detections: Detections | None = None
     labels: np.ndarray | None = None
     video: Video | None = None
-    estimate: SceneEstimate | None = None
+    estimate: Estimate | None = None
     further: tuple[DrawnCamera, ...] = ()
     apart: bool = False
 
@@ -127,7 +127,7 @@ class DrawnScene:
         return rms
 
 
-def drawn_scene(scene: Scene | None, estimate: SceneEstimate | None) -> DrawnScene:
+def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
     """Bring both into one world.
 
     The truth's world is used where it is known: an estimate with a camera is turned and shifted as a whole, one
@@ -191,7 +191,7 @@ def _further(scene: Scene | None) -> tuple[DrawnCamera, ...]:
     )
 
 
-def _side_by_side(scene: Scene | None, estimate: SceneEstimate | None) -> list[DrawnWearer]:
+def _side_by_side(scene: Scene | None, estimate: Estimate | None) -> list[DrawnWearer]:
     count = len(scene.wearers) if scene is not None else len(estimate.wearers) if estimate is not None else 0
     wearers = []
     for index in range(count):
@@ -232,7 +232,7 @@ def _apart(wearers: Sequence[DrawnWearer]) -> list[DrawnWearer]:
     return [one if one.motion is None else replace(one, motion=moved(one.motion, next(shifts))) for one in wearers]
 
 
-def _labels(scene: Scene | None, estimate: SceneEstimate | None) -> np.ndarray | None:
+def _labels(scene: Scene | None, estimate: Estimate | None) -> np.ndarray | None:
     """The estimate's labels; without an estimate the true ones."""
     if scene is None or scene.camera is None:
         return None

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vip_factors.estimate import Estimate, SolveReport
+from vip_factors.estimate import SolveReport, WearerEstimate
 from vip_factors.geometry.rotations import angle_between, wrap_angle
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.recording import Recording
@@ -19,7 +19,7 @@ _PLACED = {
 
 def summary(
     recording: Recording | None,
-    estimate: Estimate | None,
+    estimate: WearerEstimate | None,
     error_mm: np.ndarray | None,
     compare: Compare,
     metrics: str = "",

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion
-from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.sensors.scene import Scene
 
@@ -17,18 +17,18 @@ SMPL_PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17
 
 
 @cache
-def filmed() -> tuple[Scene, SceneEstimate]:
+def filmed() -> tuple[Scene, Estimate]:
     """Two people who walk past a camera that moves, and what is known of them: the truth."""
     scene = scene_sample(0.5)
     return scene, estimate_of(scene)
 
 
-def any_pose(seed: int = 3, frames: int = 6) -> SceneEstimate:
+def any_pose(seed: int = 3, frames: int = 6) -> Estimate:
     """One person in poses that no body takes."""
     rng = np.random.default_rng(seed)
     R = exp(rng.normal(0, 1.5, (frames, 24, 3)))
     motion = Motion(skeleton_from_stature(1.62), R, rng.normal(0, 2, (frames, 3)), 29.97)
-    return SceneEstimate("poses", "VIP", (Estimate("Ada", "VIP", motion, {}),))
+    return Estimate("poses", "VIP", (WearerEstimate("Ada", "VIP", motion, {}),))
 
 
 def zup(p_yup: Array) -> Array:

@@ -9,16 +9,16 @@ from animated import TENTH_MM, smpl_joints
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.export.files import export
 from vip_factors.io.export.settings import ExportSettings
 from vip_factors.io.motions.amass import BODY_JOINTS, read_amass
 from vip_factors.simulate.gestures import gestures
 
 
-def _scene(*names: str) -> SceneEstimate:
+def _scene(*names: str) -> Estimate:
     motion = gestures(seconds=0.5)
-    return SceneEstimate("walk", "VIP", tuple(Estimate(name, "VIP", motion, {}) for name in names))
+    return Estimate("walk", "VIP", tuple(WearerEstimate(name, "VIP", motion, {}) for name in names))
 
 
 def test_poses_and_root_come_back(tmp_path: Path) -> None:
@@ -61,7 +61,7 @@ def test_an_unknown_suffix_names_those_that_are_known(tmp_path: Path) -> None:
 
 def test_the_wearers_own_lengths_come_back_too(tmp_path: Path) -> None:
     motion = gestures(0.1, skeleton=skeleton_from_stature(1.58))
-    (path,) = export(SceneEstimate("walk", "IT", (Estimate("Ada", "IT", motion, {}),)), tmp_path / "walk.npz")
+    (path,) = export(Estimate("walk", "IT", (WearerEstimate("Ada", "IT", motion, {}),)), tmp_path / "walk.npz")
     assert np.allclose(read_amass(path).state.p_world_joint, motion.state.p_world_joint, atol=1e-9)
     assert read_amass(path, stature_m=1.9).skeleton.stature == pytest.approx(1.9, abs=0.01)
 

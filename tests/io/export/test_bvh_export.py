@@ -8,7 +8,7 @@ import pytest
 from animated import TENTH_MM, any_pose, filmed, zup
 
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array, angle_between, rotation_x
 from vip_factors.io.export.bone_names import bone_names
 from vip_factors.io.export.files import export
@@ -33,7 +33,7 @@ def joints_in(path: Path, names: tuple[str, ...] = JOINT_NAMES) -> Array:
 
 @pytest.mark.parametrize("names", list(BoneNames))
 @pytest.mark.parametrize("estimate", [any_pose(), filmed()[1]], ids=["any pose", "walk"])
-def test_another_reader_finds_every_joint(estimate: SceneEstimate, names: BoneNames, tmp_path: Path) -> None:
+def test_another_reader_finds_every_joint(estimate: Estimate, names: BoneNames, tmp_path: Path) -> None:
     written = export(estimate, tmp_path / "a.bvh", ExportSettings(bone_names=names))
     for path, one in zip(written, estimate.wearers, strict=True):
         found = zup(joints_in(path, bone_names(names)))

@@ -15,7 +15,7 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.joint_angles import R_WORLD_ISB, joint_angles, segment_axes, segment_orientations
 from vip_factors.body.kinematics import Motion, local_rotations
 from vip_factors.body.skeleton import JOINT_COUNT, joint_index
-from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.export.files import export
 from vip_factors.io.export.opensim_coordinates import opensim_coordinates
@@ -157,7 +157,7 @@ def test_coordinates_do_not_jump(tmp_path: Path) -> None:
     shoulder = joint_index("left_shoulder")
     R[:, shoulder] = lifted @ R[:, shoulder]
     motion = Motion(standing.skeleton, R, np.zeros((len(time), 3)), 30.0)
-    scene = SceneEstimate("lift", "SIP", (Estimate("Ada", "SIP", motion, {}),))
+    scene = Estimate("lift", "SIP", (WearerEstimate("Ada", "SIP", motion, {}),))
     table = read(export(scene, tmp_path / "lift.mot")[0])
     assert table["arm_add_l"].min() < -120
     for name in ("arm_flex_l", "arm_add_l", "arm_rot_l"):

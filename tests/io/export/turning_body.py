@@ -6,13 +6,13 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT
-from vip_factors.estimate import Estimate, PoseCovariance, SceneEstimate
+from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.rotations import exp, rotation_z
 
 FRAMES, RATE = 40, 50.0
 
 
-def sample_scene(covariance: bool = False) -> SceneEstimate:
+def sample_scene(covariance: bool = False) -> Estimate:
     """One wearer, from the third second on, all of whose joints turn by up to 25° while the body turns round."""
     rng = np.random.default_rng(11)
     phase, swing = rng.uniform(0, 6, (JOINT_COUNT, 3)), rng.uniform(-0.25, 0.25, (JOINT_COUNT, 3))
@@ -23,4 +23,4 @@ def sample_scene(covariance: bool = False) -> SceneEstimate:
     motion = Motion(skeleton_from_stature(1.8), R, p, RATE, start=3.0)
     spread = np.broadcast_to(0.0004 * np.eye(3), (FRAMES, JOINT_COUNT, 3, 3))
     known = PoseCovariance(spread, np.broadcast_to(0.0001 * np.eye(3), (FRAMES, 3, 3))) if covariance else None
-    return SceneEstimate("walk", "SIP", (Estimate("Ada", "SIP", motion, {}, known),))
+    return Estimate("walk", "SIP", (WearerEstimate("Ada", "SIP", motion, {}, known),))

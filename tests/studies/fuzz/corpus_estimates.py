@@ -71,12 +71,12 @@ def true_motion() -> Motion:
 
 def _motions() -> Files:
     """The truth as a motion of other programs."""
-    from vip_factors.estimate import Estimate, SceneEstimate
+    from vip_factors.estimate import Estimate, WearerEstimate
     from vip_factors.io.export.amass import write_amass
     from vip_factors.io.export.bvh import write_bvh
     from vip_factors.io.export.settings import ExportSettings
 
-    estimate = SceneEstimate("a", "IT", (Estimate("a", "IT", true_motion(), {}),))
+    estimate = Estimate("a", "IT", (WearerEstimate("a", "IT", true_motion(), {}),))
     with TemporaryDirectory() as name:
         write_bvh(estimate, Path(name, "a.bvh"), ExportSettings())
         write_amass(estimate, Path(name, "a.npz"), ExportSettings())

@@ -20,10 +20,10 @@ from vip_factors.estimate import (
     Estimate,
     Iteration,
     PoseCovariance,
-    SceneEstimate,
     SensorPlaceEstimate,
     SolveReport,
     StartChoice,
+    WearerEstimate,
 )
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene
@@ -51,7 +51,7 @@ def small_scene() -> Scene:
     return replace(scene, wearers=(replace(wearer, imus=few),))
 
 
-def small_estimate(scene: Scene) -> SceneEstimate:
+def small_estimate(scene: Scene) -> Estimate:
     """The truth, with something in every part that an estimate can have."""
     wearer = scene.wearers[0]
     assert wearer.truth is not None
@@ -68,7 +68,7 @@ def small_estimate(scene: Scene) -> SceneEstimate:
         for site in wearer.placement.sites
     )
     report = SolveReport("fusion", (Iteration(3.0, 1e-3, True, {"solve": 0.1}),), {"a": 3.0}, {"a": 1.0}, True, 0.2)
-    one = Estimate(
+    one = WearerEstimate(
         wearer.name, "VIP", motion, wearer.truth.calibration,
         PoseCovariance(np.tile(1e-4 * np.eye(3), (T, 24, 1, 1)), np.tile(1e-4 * np.eye(3), (T, 1, 1))),
         {"orientation_deg": np.full((T, len(sensors)), 2.0)}, sensors, (report,), {"frame_rate": "60"}, body, places,
@@ -81,7 +81,7 @@ def small_estimate(scene: Scene) -> SceneEstimate:
     )  # fmt: skip
     names = scene.camera.detections.keypoints.keypoints[:4]
     detector = DetectorEstimate(names, *np.full((4, len(names), 3), 0.01))
-    return SceneEstimate(
+    return Estimate(
         scene.name, "VIP", (one,), camera, scene.truth.wearer, (report,), ("another finding",), {"a": "1"}, detector,
         ("by motion",),
     )  # fmt: skip

@@ -17,7 +17,7 @@ from vip_factors.body.lengths import LENGTHS
 from vip_factors.cli.info_recording import motion_text
 from vip_factors.cli.settings_file import flattened, read_settings
 from vip_factors.configurations import configured
-from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 
@@ -82,7 +82,7 @@ def _motions() -> list[Case]:
         motion_text(read_motion(folder / name))
 
     motion = gestures(0.05)
-    estimate = SceneEstimate("a", "IT", (Estimate("a", "IT", motion, {}),))
+    estimate = Estimate("a", "IT", (WearerEstimate("a", "IT", motion, {}),))
     with TemporaryDirectory() as name:
         write_bvh(estimate, Path(name, "a.bvh"), ExportSettings())
         write_amass(estimate, Path(name, "a.npz"), ExportSettings())

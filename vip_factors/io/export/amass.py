@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import log
 from vip_factors.io.export.settings import ExportSettings
 from vip_factors.io.motions.amass import BODY_JOINTS, P_MODEL_PELVIS
@@ -14,7 +14,7 @@ BETAS, DMPLS = 16, 8
 RATE_DIGITS = 6  # a rate of 59.999999999 Hz is read as 59 by programs that count in whole frames
 
 
-def write_amass(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> None:
+def write_amass(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     """Write one wearer's motion as ``poses`` ``(T, 156)`` rad, ``trans`` ``(T, 3)`` m, ``betas``, ``gender`` and rate.
 
     The body itself is not SMPL's: ``betas`` are zero, of the mean shape, whose pelvis joint ``trans`` is counted from;

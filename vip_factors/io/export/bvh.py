@@ -8,7 +8,7 @@ import numpy as np
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Skeleton
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array, continuous, sequence_of_rotation
 from vip_factors.io.export.axes import R_YUP_WORLD
 from vip_factors.io.export.bone_names import bone_names
@@ -28,7 +28,7 @@ END_SITES = {
 }
 
 
-def write_bvh(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> None:
+def write_bvh(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     """Write one wearer's motion, with axes, unit and names as the settings have them.
 
     At rest the body stands in a T-pose with its pelvis at the origin, facing z (y up) or −y (z up).

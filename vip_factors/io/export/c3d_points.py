@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vip_factors.body.joint_angles import JointAngles, joint_angles
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.export.markers import markers
 from vip_factors.io.export.settings import ExportSettings
@@ -18,7 +18,7 @@ MILLIMETRES = 1000.0
 HEADER_FRAMES = 65_535
 
 
-def write_c3d(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> None:
+def write_c3d(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     """Write one wearer's points in millimetres, world with z up, and angles in degrees, three to a point."""
     import ezc3d
 

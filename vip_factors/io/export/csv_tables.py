@@ -7,14 +7,14 @@ import numpy as np
 
 from vip_factors.body.joint_angles import joint_angle_sigmas, joint_angles
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.estimate import Estimate, SceneEstimate
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.export.settings import ExportSettings
 
 TABLES = ("positions", "angles")
 
 
-def write_csv(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> None:
+def write_csv(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     """Write one wearer's table: of ``walk.positions.csv`` or ``walk.angles.csv`` what its name says, else both in one.
 
     Positions are in the world, z up. Standard deviations (``…_sd_deg``, ``…_sd_m``) follow where the estimate has them.
@@ -33,7 +33,7 @@ def write_csv(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> 
         np.savetxt(file, np.column_stack(list(columns.values())), [f"%.{number}f" for number in digits], ",")
 
 
-def _positions(wearer: Estimate) -> Mapping[str, Array]:
+def _positions(wearer: WearerEstimate) -> Mapping[str, Array]:
     p = wearer.motion.state.p_world_joint
     columns = {f"{name}_{axis}_m": p[:, j, k] for j, name in enumerate(JOINT_NAMES) for k, axis in enumerate("xyz")}
     if wearer.covariance is not None:  # of the other joints' positions it is not known how errors go together
@@ -42,7 +42,7 @@ def _positions(wearer: Estimate) -> Mapping[str, Array]:
     return columns
 
 
-def _angles(wearer: Estimate) -> Mapping[str, Array]:
+def _angles(wearer: WearerEstimate) -> Mapping[str, Array]:
     angles = joint_angles(wearer.motion)
     columns = {f"{name}_deg": one for name, one in zip(angles.names, angles.degrees.T, strict=True)}
     if wearer.covariance is not None:

@@ -12,13 +12,13 @@ import numpy as np
 
 from vip_factors.atomic import atomic_path, check_target
 from vip_factors.errors import InputError
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.io.export.resample import resampled
 from vip_factors.io.export.settings import ExportSettings
 
 FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]')  # in names of files, on one system or another
 
-Writer = Callable[[SceneEstimate, Path, ExportSettings], None]
+Writer = Callable[[Estimate, Path, ExportSettings], None]
 """Writes all wearers of an estimate (one, if the format holds one person only) into a file."""
 
 
@@ -76,7 +76,7 @@ def export_format(path: Path) -> ExportFormat:
 
 
 def export(
-    estimate: SceneEstimate,
+    estimate: Estimate,
     path: Path,
     settings: ExportSettings = ExportSettings(),  # noqa: B008
     overwrite: bool = False,
@@ -113,7 +113,7 @@ def export(
     return tuple(paths)
 
 
-def file_names(path: Path, parts: Sequence[SceneEstimate]) -> list[Path]:
+def file_names(path: Path, parts: Sequence[Estimate]) -> list[Path]:
     """One name for each part: the path itself, or with the wearer's name before the suffix."""
     if len(parts) == 1:
         return [path]
@@ -121,7 +121,7 @@ def file_names(path: Path, parts: Sequence[SceneEstimate]) -> list[Path]:
     return [path.with_name(f"{path.stem}.{name}{path.suffix}") for name in names]
 
 
-def _chosen(estimate: SceneEstimate, wearer: str | None) -> SceneEstimate:
+def _chosen(estimate: Estimate, wearer: str | None) -> Estimate:
     if wearer is None:
         return estimate
     names = [one.name for one in estimate.wearers]
@@ -130,7 +130,7 @@ def _chosen(estimate: SceneEstimate, wearer: str | None) -> SceneEstimate:
     return _alone(estimate, names.index(wearer))
 
 
-def _alone(estimate: SceneEstimate, number: int) -> SceneEstimate:
+def _alone(estimate: Estimate, number: int) -> Estimate:
     """One wearer of a scene, with what the camera saw of that one."""
     camera = estimate.camera
     if camera is not None and camera.residual_px is not None:

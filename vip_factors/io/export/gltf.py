@@ -8,7 +8,7 @@ import numpy as np
 from vip_factors import __version__
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side, mannequin
 from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton
-from vip_factors.estimate import CameraEstimate, Estimate, SceneEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.export.axes import R_YUP_WORLD
@@ -26,7 +26,7 @@ STILL = 1e-7  # a turn or shift by less (rad or m, nearly) needs no keys: what a
 R_CAMERA_GLTF = np.diag([1.0, -1.0, -1.0])  # glTF's cameras have y up and look along −z
 
 
-def write_gltf(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> None:
+def write_gltf(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     """Write all wearers and the camera into one file, with one animation.
 
     A body's bones have the axes of its T-pose (x to the left, y up, z forward). A camera has its vertical field of
@@ -55,7 +55,7 @@ class _Scene:
         )  # fmt: skip
         self._motion = pygltflib.Animation(name="motion", channels=[], samplers=[])
 
-    def add_wearer(self, estimate: Estimate, names: tuple[str, ...]) -> None:
+    def add_wearer(self, estimate: WearerEstimate, names: tuple[str, ...]) -> None:
         """A node with the wearer's name that holds the bones, and one with the body's mesh."""
         gltf, motion = self._gltf, estimate.motion
         holder = self._node(name=estimate.name, children=[len(gltf.nodes) + 1])

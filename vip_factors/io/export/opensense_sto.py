@@ -6,7 +6,7 @@ import numpy as np
 
 from vip_factors.body.joint_angles import segment_orientations
 from vip_factors.body.skeleton import joint_index
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.io.export.opensim_table import write_opensim_table
 from vip_factors.io.export.settings import ExportSettings
@@ -21,7 +21,7 @@ BODIES = {"pelvis": "pelvis", "torso": "spine3", "head": "head"} | {
 }
 
 
-def write_opensense(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> None:
+def write_opensense(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     """Write one wearer's segments as if each had a sensor along its anatomical axes: ``femur_r_imu`` and its like.
 
     In OpenSim's ground (y up): no further rotation of the sensors' space into OpenSim's is needed.

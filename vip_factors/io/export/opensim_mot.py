@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.io.export.opensim_coordinates import opensim_coordinates
 from vip_factors.io.export.opensim_table import write_opensim_table
 from vip_factors.io.export.settings import ExportSettings
 
 
-def write_mot(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> None:
+def write_mot(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     """Write one wearer's motion in degrees and metres, in OpenSim's ground (y up)."""
     motion = estimate.wearers[0].motion
     coordinates = opensim_coordinates(motion)

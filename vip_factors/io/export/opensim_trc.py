@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.body.joint_angles import R_WORLD_ISB
-from vip_factors.estimate import SceneEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.io.export.markers import markers
 from vip_factors.io.export.settings import ExportSettings
 
 
-def write_trc(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> None:
+def write_trc(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     """Write one wearer's points in metres, in OpenSim's ground (y up)."""
     motion = estimate.wearers[0].motion
     points = markers(motion)

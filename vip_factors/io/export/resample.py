@@ -7,14 +7,14 @@ from scipy.interpolate import make_interp_spline
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
-from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, SceneEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
 
 SAME_RATE = 1e-9  # relative: rates come from differences of times
 
 
-def resampled(estimate: SceneEstimate, rate: float | None) -> SceneEstimate:
+def resampled(estimate: Estimate, rate: float | None) -> Estimate:
     """The estimate at ``rate`` frames per second, from its first frame on; as it is if that is its rate or None.
 
     Poses follow cubic splines: against linear steps, feet that stand stay five times nearer to where they were.
@@ -42,7 +42,7 @@ def poses_at(motion: Motion, time: Array) -> tuple[Array, Array]:
     return interpolate_smoothly(motion.time, motion.R_parent_child, inside), spline(inside)
 
 
-def _wearer(estimate: Estimate, rate: float) -> Estimate:
+def _wearer(estimate: WearerEstimate, rate: float) -> WearerEstimate:
     motion = estimate.motion
     frames = int(np.floor((len(motion) - 1) / motion.rate * rate + 1e-6)) + 1
     time = motion.start + np.arange(frames) / rate

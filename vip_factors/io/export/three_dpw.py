@@ -13,7 +13,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.errors import InputError
-from vip_factors.estimate import CameraEstimate, Estimate, SceneEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array, log, transpose
 from vip_factors.io.export.axes import R_YUP_WORLD
 from vip_factors.io.export.resample import poses_at
@@ -32,7 +32,7 @@ COCO18 = (
 )  # fmt: skip
 
 
-def write_three_dpw(estimate: SceneEstimate, path: Path, settings: ExportSettings) -> None:
+def write_three_dpw(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     """Write all wearers into one file, with ``N`` frames.
 
     They are the video's frames if the recording is given, else 30 a second or as many as were asked for. ``betas`` are
@@ -69,7 +69,7 @@ class _Video:
     inside: np.ndarray
 
     @classmethod
-    def of(cls, estimate: SceneEstimate, scene: Scene | None, frame_rate: float | None) -> "_Video":
+    def of(cls, estimate: Estimate, scene: Scene | None, frame_rate: float | None) -> "_Video":
         known = estimate.wearers[0].motion.time
         if scene is not None and scene.camera is not None and estimate.camera is not None:
             time = scene.camera.detections.timed(estimate.camera.clock).time
@@ -83,7 +83,7 @@ def _steps(time: Array, rate: float) -> Array:
     return time[0] + np.arange(int(np.floor((time[-1] - time[0]) * rate + 1e-6)) + 1) / rate
 
 
-def _scene(path: Path, estimate: SceneEstimate) -> Scene:
+def _scene(path: Path, estimate: Estimate) -> Scene:
     from vip_factors.io.mcap_scene_recording import read_scene
 
     scene = read_scene(path)
@@ -96,7 +96,7 @@ def _scene(path: Path, estimate: SceneEstimate) -> Scene:
     return scene
 
 
-def _person(estimate: Estimate, video: _Video) -> dict[str, Array]:
+def _person(estimate: WearerEstimate, video: _Video) -> dict[str, Array]:
     motion = estimate.motion
     poses, trans, joints = {}, {}, np.zeros((0, 72))
     for key, time in (("", video.time), ("_60Hz", _steps(motion.time, IMU_RATE))):
@@ -123,14 +123,14 @@ def _camera(camera: CameraEstimate | None, time: Array) -> dict[str, Array]:
     return {"cam_poses": cam_poses, "cam_intrinsics": camera.model.K}
 
 
-def _valid(poses2d: Array, estimate: SceneEstimate, scene: Scene | None, video: _Video) -> np.ndarray:
+def _valid(poses2d: Array, estimate: Estimate, scene: Scene | None, video: _Video) -> np.ndarray:
     """``(N,)`` whether a wearer can be looked for in a picture: seen there, if the recording is known to tell."""
     if estimate.camera is None:
         return np.zeros(len(video.time), bool)
     return video.inside & (poses2d[:, 2].any(axis=1) if scene is not None else True)
 
 
-def _poses2d(number: int, estimate: SceneEstimate, scene: Scene | None, frames: int) -> Array:
+def _poses2d(number: int, estimate: Estimate, scene: Scene | None, frames: int) -> Array:
     """``(N, 3, 18)`` pixels x, y and confidence of a wearer's keypoints, undistorted; zero where there are none."""
     found = np.zeros((frames, 3, len(COCO18)))
     if scene is None or scene.camera is None or estimate.camera is None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vip_factors.cli.info_scene import _path_text
+from vip_factors.cli.info_text import _path_text
 from vip_factors.cli.main import main
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_messages import calibration_message, calibration_of

@@ -14,7 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from mcap_samples import assert_same, calibration, estimates, motion, walk
 
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.cli.info_recording import estimate_text
+from vip_factors.cli.info_text import estimate_text
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import SolveReport, StartChoice, WearerEstimate
 from vip_factors.io.mcap_contents import McapWarning

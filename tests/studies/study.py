@@ -11,8 +11,7 @@ import numpy as np
 import tyro
 
 from vip_factors.atomic import atomic_open, check_target
-from vip_factors.cli.options import Flag
-from vip_factors.cli.outputs import Output
+from vip_factors.cli.options import Flag, Output
 
 NUMBER = re.compile(r"[-+*\d]|n/a|$")
 NAN = float("nan")

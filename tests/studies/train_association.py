@@ -30,7 +30,7 @@ from vip_factors.associate.verdict import verdict_features
 from vip_factors.associate.weights import FEATURES, AssociationWeights, Logistic
 from vip_factors.atomic import atomic_path, check_target
 from vip_factors.body.kinematics import Motion
-from vip_factors.cli.outputs import Output
+from vip_factors.cli.options import Output
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.motions.files import motion_files, read_motion

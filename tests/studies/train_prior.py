@@ -19,7 +19,7 @@ from tests.studies.study import Study, Tell
 from vip_factors.atomic import atomic_path, check_target
 from vip_factors.body.body_prior import BodyPrior, save_body_prior
 from vip_factors.body.pose_prior import PosePrior, save_pose_prior
-from vip_factors.cli.outputs import Output
+from vip_factors.cli.options import Output
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.motions.files import MOTION_SUFFIXES, motion_files, read_motion

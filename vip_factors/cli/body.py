@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli.options import Flag, beside, parse
-from vip_factors.cli.outputs import Output
+from vip_factors.cli.options import Flag, Output, beside, parse
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(BodyOptions, prog, arguments)
     from vip_factors.atomic import atomic_open, check_target
-    from vip_factors.cli.info_body import body_lines
+    from vip_factors.cli.info_text import body_lines
     from vip_factors.io.body_file import body_of_estimate, write_body_file
     from vip_factors.viz.body_chart import body_picture
 

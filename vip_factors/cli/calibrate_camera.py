@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from vip_factors.cli.options import Flag, parse
-from vip_factors.cli.outputs import Output
+from vip_factors.cli.options import Flag, Output, parse
 
 if TYPE_CHECKING:
     from vip_factors.io.calibrate_camera import CameraCalibration

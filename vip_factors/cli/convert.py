@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from vip_factors.cli.options import Flag, parse
-from vip_factors.cli.outputs import Input, Output
+from vip_factors.cli.options import Flag, Input, Output, parse
 from vip_factors.ranges import MaybeRate
 
 if TYPE_CHECKING:
@@ -122,8 +121,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(ConvertOptions, prog, arguments)
     from vip_factors.atomic import check_target
-    from vip_factors.cli.info_recording import recording_text
-    from vip_factors.cli.info_scene import scene_text
+    from vip_factors.cli.info_text import recording_text, scene_text
     from vip_factors.cli.terminal import waiting
     from vip_factors.errors import InputError
     from vip_factors.io.convert import ImportOptions

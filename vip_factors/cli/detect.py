@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from vip_factors.cli.options import Flag, beside, parse
-from vip_factors.cli.outputs import Output
+from vip_factors.cli.options import Flag, Output, beside, parse
 from vip_factors.detect.settings import DetectSettings
 
 if TYPE_CHECKING:

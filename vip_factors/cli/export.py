@@ -36,7 +36,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     options = parse(ExportOptions, prog, arguments)
     if len(options.files) < 2:
         raise InputError("expected an estimate and at least one file to write: vip-factors export ESTIMATE FILE …")
-    from vip_factors.cli.outputs import keep_inputs
+    from vip_factors.cli.options import keep_inputs
     from vip_factors.cli.terminal import waiting
     from vip_factors.io.export.files import export, export_format
     from vip_factors.io.mcap_scene_estimate import read_scene_estimate

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from vip_factors.cli.common_settings import CommonSettings
-from vip_factors.cli.named import named_tree
-from vip_factors.cli.options import Flag, beside, parse_with_settings
-from vip_factors.cli.outputs import Output
+from vip_factors.cli.options import Flag, Output, beside, parse_with_settings
+from vip_factors.cli.settings_file import named_tree
 from vip_factors.configurations import Configuration
 from vip_factors.ranges import Range
 

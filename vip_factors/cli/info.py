@@ -7,8 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from vip_factors.cli.options import Flag, parse
-from vip_factors.cli.outputs import Output
+from vip_factors.cli.options import Flag, Output, parse
 from vip_factors.errors import InputError
 
 
@@ -49,8 +48,13 @@ def file_text(path: Path) -> str:
         InputError, FileFormatError, OSError: if it cannot be read.
     """
     from vip_factors.cli.files import open_one
-    from vip_factors.cli.info_recording import estimate_text, motion_text, recording_text
-    from vip_factors.cli.info_scene import scene_estimate_text, scene_text
+    from vip_factors.cli.info_text import (
+        estimate_text,
+        motion_text,
+        recording_text,
+        scene_estimate_text,
+        scene_text,
+    )
 
     opened = open_one(path)
     parts = []
@@ -68,7 +72,7 @@ def file_text(path: Path) -> str:
 
 
 def _tell_sites(options: InfoOptions) -> None:
-    from vip_factors.cli.info_places import sites_text
+    from vip_factors.cli.info_text import sites_text
 
     if options.picture is not None:
         from vip_factors.atomic import atomic_open

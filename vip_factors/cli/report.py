@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli.options import Flag, beside, parse
-from vip_factors.cli.outputs import Output
+from vip_factors.cli.options import Flag, Output, beside, parse
 from vip_factors.errors import InputError
 from vip_factors.report.settings import ReportSettings
 

@@ -1,17 +1,22 @@
 """Settings from a TOML file over the tree of settings dataclasses; a misspelt key is refused, the nearest one named."""
 
 import tomllib
-from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import is_dataclass, replace
 from difflib import get_close_matches
 from enum import Enum
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
 
+from vip_factors.configurations import Configuration, configured
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.ranges import RangeError
 
+if TYPE_CHECKING:
+    from vip_factors.settings import Settings
+
 Tree = TypeVar("Tree")
+PipelineTree = TypeVar("PipelineTree", bound="Settings")
 
 
 def read_settings(path: Path, defaults: Tree, named: Callable[[str], Tree] | None = None) -> Tree:
@@ -90,10 +95,26 @@ def _value(value: Any, hint: Any, current: Any, where: str) -> Any:
     raise InputError(f"{where} is {value!r}: expected something like {current!r}")
 
 
-def flattened(settings: Any, above: str = "") -> dict[str, str]:
-    """Every setting as text by its dotted name, in the order of the tree."""
-    flat: dict[str, str] = {}
-    for one in fields(settings):
-        value, name = getattr(settings, one.name), f"{above}{one.name}"
-        flat |= flattened(value, f"{name}.") if is_dataclass(value) else {name: str(value)}
-    return flat
+def named_tree(arguments: Sequence[str], own: PipelineTree) -> PipelineTree:
+    """What ``--configuration`` and ``--settings`` make of a command's own settings.
+
+    A configuration on the command line wins over that of the file, whose other settings stay.
+    """
+    name, path = given(arguments, "--configuration"), given(arguments, "--settings")
+    if (path is None and name is None) or (name is not None and name not in list(Configuration)):
+        return own  # of an unknown name the parser tells
+    tree = configured(own, name or Configuration.OWN)
+    if path is None:
+        return tree
+    return read_settings(Path(path), tree, lambda other: configured(own, other) if name is None else tree)
+
+
+def given(arguments: Sequence[str], option: str) -> str | None:
+    """The value of an option among unparsed arguments; the last one counts."""
+    value = None
+    for index, word in enumerate(arguments):
+        if word == option and index + 1 < len(arguments):
+            value = arguments[index + 1]
+        elif word.startswith(f"{option}="):
+            value = word.partition("=")[2]
+    return value

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from vip_factors.cli.options import Flag, asks_for_short_help, parse, tell_short_help
-from vip_factors.cli.outputs import Input, Output
+from vip_factors.cli.options import Flag, Input, Output, asks_for_short_help, parse, tell_short_help
 from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate
 from vip_factors.simulate.settings import DetectorSettings, SimulateSettings

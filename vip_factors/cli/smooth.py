@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from vip_factors.cli.common_settings import CommonSettings
-from vip_factors.cli.named import named_tree
-from vip_factors.cli.options import Flag, beside, parse_with_settings
-from vip_factors.cli.outputs import Output
+from vip_factors.cli.options import Flag, Output, beside, parse_with_settings
+from vip_factors.cli.settings_file import named_tree
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
 
@@ -54,7 +53,6 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         SmoothOptions, prog, arguments, CommonSettings, lambda: _defaults(arguments)
     )
     from vip_factors.atomic import check_target
-    from vip_factors.cli.settings_file import flattened
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.io.scene_building import read_scenes
 
@@ -73,7 +71,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 
     with progress_bar() as tell:
         estimate = smooth_scene(scene, settings, tell)
-    _write(replace(estimate, settings=flattened(settings)), out, options.overwrite, scene.wearers[0].start_ns)
+    _write(estimate, out, options.overwrite, scene.wearers[0].start_ns)
     _tell(estimate)
     _tell_file(out, options)
 
@@ -98,17 +96,15 @@ def _smooth_windows(
     sampled: "SampledScene", options: SmoothOptions, settings: "Settings", out: Path, findings: tuple[str, ...] = ()
 ) -> None:
     """Each wearer by the sensors alone; ``findings`` are told beside those of the estimates."""
-    from vip_factors.cli.settings_file import flattened
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.io.mcap_long_estimate import write_long_estimate
     from vip_factors.pipeline import smooth_long
 
     with progress_bar() as tell:
         scene, estimates = smooth_long(sampled.name, sampled.wearers, settings, tell)
-        flat = flattened(settings)
-        counted = [_Counted(replace(one, head=replace(one.head, settings=flat))) for one in estimates]
+        counted = [_Counted(one) for one in estimates]
         longs = [one.estimate for one in counted]
-        scene = replace(scene, settings=flat, findings=(*findings, *scene.findings))
+        scene = replace(scene, findings=(*findings, *scene.findings))
         write_long_estimate(scene, longs, out, options.overwrite, sampled.wearers[0].head.start_ns)
     for one in counted:
         head = one.estimate.head
@@ -124,7 +120,6 @@ def _smooth_windows(
 
 def _smooth_filmed_windows(sampled: "SampledScene", options: SmoothOptions, settings: "Settings", out: Path) -> bool:
     """Whether it was done: what cannot be read by time, or is short, is to be read at once."""
-    from vip_factors.cli.settings_file import flattened
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.io.mcap_long_scene import filmed_scene
     from vip_factors.io.mcap_long_scene_estimate import write_long_scene_estimate
@@ -136,8 +131,7 @@ def _smooth_filmed_windows(sampled: "SampledScene", options: SmoothOptions, sett
     with progress_bar() as tell:
         estimate = smooth_long_scene(source, settings, tell)
         if estimate is not None:
-            head = replace(estimate.head, settings=flattened(settings))
-            estimate = replace(estimate, head=head, parts=_timed(estimate.parts, seconds))
+            estimate = replace(estimate, parts=_timed(estimate.parts, seconds))
             write_long_scene_estimate(estimate, out, options.overwrite, sampled.wearers[0].head.start_ns)
     if estimate is None:
         _smooth_windows(sampled, options, settings, out, (UNSEEN,))

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from vip_factors.cli.common_settings import CommonLiveSettings
-from vip_factors.cli.named import named_tree
-from vip_factors.cli.options import Flag, parse_with_settings
-from vip_factors.cli.outputs import Input, Output
-from vip_factors.cli.rerun_targets import STREAM_INSTEAD, check_display, check_rerun_file
+from vip_factors.cli.options import RERUN_FILE, Flag, Input, Output, parse_with_settings
+from vip_factors.cli.settings_file import named_tree
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.io.live.settings import LiveSourceSettings, VmcPose
 from vip_factors.ranges import Port
+from vip_factors.viz.viewer import check_display
 
 if TYPE_CHECKING:
     from vip_factors.cli.stream_session import Interrupts, Session
@@ -29,6 +28,8 @@ if TYPE_CHECKING:
     from vip_factors.live.settings import LiveSettings
     from vip_factors.sensors.live import LiveSetup
     from vip_factors.viz.live_rerun import LiveRerunSink
+
+INSTEAD_OF_A_WINDOW = "--rerun-serve PORT, --rerun-save FILE.rrd or --rerun-connect URL instead of --rerun"
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class StreamOptions:
     """Write a line of JSON a frame to standard output."""
     rerun: Flag = False
     """Open Rerun's viewer and show it all."""
-    rerun_save: Annotated[Path | None, Output()] = None
+    rerun_save: Annotated[Path | None, RERUN_FILE] = None
     """Rerun file (.rrd) to write."""
     rerun_connect: str | None = None
     """Show it in a viewer that runs already, at rerun+http://host:9876/proxy say."""
@@ -116,9 +117,8 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 def _check(options: StreamOptions) -> None:
     from vip_factors.atomic import check_partial, check_target
 
-    check_rerun_file("--rerun-save", options.rerun_save)
     if options.rerun:
-        check_display(STREAM_INSTEAD)
+        check_display(INSTEAD_OF_A_WINDOW)
     for wanted in (options.out, options.rerun_save):
         if wanted is not None:
             check_target(wanted, options.overwrite)
@@ -180,10 +180,10 @@ def _file(
 ) -> "LiveMcapSink | None":
     if options.out is None:
         return None
-    from vip_factors.cli.settings_file import flattened
     from vip_factors.io.live_mcap import LiveMcapSink
+    from vip_factors.settings import flatten
 
-    sink = LiveMcapSink(options.out, setup, settings.frame_rate, flattened(settings), options.overwrite)
+    sink = LiveMcapSink(options.out, setup, settings.frame_rate, flatten(settings), options.overwrite)
     return stack.enter_context(sink)
 
 

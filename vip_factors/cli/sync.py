@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from vip_factors.cli.common_settings import CommonClock
-from vip_factors.cli.options import Flag, beside, parse_with_settings
-from vip_factors.cli.outputs import Output
+from vip_factors.cli.options import Flag, Output, beside, parse_with_settings
 
 if TYPE_CHECKING:
     from vip_factors.initialise.clock import ClockOffset, ClockSettings

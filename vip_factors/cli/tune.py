@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from vip_factors.cli.options import Flag, parse
-from vip_factors.cli.outputs import Output
+from vip_factors.cli.options import Flag, Output, parse
 from vip_factors.errors import InputError
 from vip_factors.ranges import MaybeRate, NotNegativeInt
 

@@ -8,12 +8,14 @@ from typing import Annotated, Literal
 import tyro
 
 from vip_factors.cli.files import Opened, open_all, open_one
-from vip_factors.cli.options import Flag, parse
-from vip_factors.cli.outputs import Output
-from vip_factors.cli.rerun_targets import VIEW_INSTEAD, check_display, check_rerun_file
+from vip_factors.cli.options import RERUN_FILE, Flag, Output, parse
+from vip_factors.cli.terminal import progress_bar
 from vip_factors.errors import InputError
 from vip_factors.ranges import Port
 from vip_factors.viz.film_settings import FilmSettings
+from vip_factors.viz.viewer import check_display
+
+INSTEAD_OF_A_WINDOW = "--serve, --save FILE.rrd, --picture or --video"
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class ViewOptions:
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE [FILE …]")]
     """Recording or scene, estimate (.mcap), motion (.bvh …): one of each kind at most, but any number of estimates
     for --chart."""
-    save: Annotated[Path | None, Output()] = None
+    save: Annotated[Path | None, RERUN_FILE] = None
     """Write a Rerun file (.rrd) instead of opening the viewer."""
     serve: Flag = False
     """Show it in a web browser: serve it until Ctrl-C, and print the address to open."""
@@ -59,7 +61,6 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.atomic import check_target
 
     targets = (options.save, options.screenshot, options.picture, options.chart, options.video)
-    check_rerun_file("--save", options.save)
     for wanted in targets:
         if wanted is not None:
             check_target(wanted, options.overwrite)
@@ -75,15 +76,13 @@ def main(prog: str, arguments: Sequence[str]) -> None:
             return
     opened = open_all(options.files)
     if not options.serve and all(one is None for one in targets):
-        check_display(VIEW_INSTEAD)
+        check_display(INSTEAD_OF_A_WINDOW)
     if opened.is_scene and opened.motion is not None:
         raise InputError(f"a motion ('{opened.motion.name}') beside a scene: expected the scene's own file for truth")
     if options.picture is not None:
         _picture(opened, options.picture, options.overwrite)
         print(options.picture)
     if options.video is not None:
-        from vip_factors.cli.view_film import write_film
-
         write_film(opened, options.video, options.film, options.overwrite)
         print(options.video)
     if options.screenshot is not None:
@@ -174,3 +173,23 @@ def _serve(opened: Opened, options: ViewOptions) -> None:
         rrd = Path(folder) / "view.rrd"
         _show(opened, rrd, options)
         serve(rrd, options.host, options.port, tell)
+
+
+def write_film(opened: Opened, path: Path, settings: FilmSettings, overwrite: bool) -> None:
+    """Draw the film of what was opened.
+
+    Raises:
+        InputError, FileFormatError: if there is nothing to draw, or a file cannot be read or written.
+    """
+    from vip_factors.io.calibration_history import read_calibration_history
+    from vip_factors.viz.film import film
+    from vip_factors.viz.scene_world import DrawnScene, DrawnWearer, drawn_scene
+
+    histories = read_calibration_history(settings.headings) if settings.headings is not None else ()
+    scene, estimate = opened.as_scene()
+    if scene is None and estimate is None and opened.motion is not None:
+        drawn = DrawnScene(opened.motion.name, (DrawnWearer(opened.motion.name, 0, None, opened.motion, None, None),))
+    else:
+        drawn = drawn_scene(scene, estimate)
+    with progress_bar() as tell:
+        film(drawn, path, settings, histories, overwrite=overwrite, tell=tell)

@@ -9,7 +9,7 @@ from tests.studies.fuzz.case import Case, Files
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import joint_index
-from vip_factors.cli.info_recording import recording_text
+from vip_factors.cli.info_text import recording_text
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp, rotation_x
 from vip_factors.io.convert import ImportOptions, import_recording

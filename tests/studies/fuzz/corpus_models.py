@@ -61,7 +61,7 @@ def _record() -> bytes:
 
 def _take_step(folder: Path) -> None:
     """One that does nothing, as ``run`` takes it again."""
-    from vip_factors.cli.run_steps import Step, take
+    from vip_factors.cli.run import Step, take
 
     with redirect_stdout(StringIO()):
         take(Step("info", "info", (), (), ()), folder, main=lambda prog, words: None)

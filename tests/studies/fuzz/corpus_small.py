@@ -14,11 +14,11 @@ from tests.studies.fuzz.case import Case, files_below
 from vip_factors.body.anthropometry import LengthPrior, likely_body
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, PooledOffsets, keypoint_set
 from vip_factors.body.lengths import LENGTHS
-from vip_factors.cli.info_recording import motion_text
-from vip_factors.cli.settings_file import flattened, read_settings
+from vip_factors.cli.info_text import motion_text
+from vip_factors.cli.settings_file import read_settings
 from vip_factors.configurations import configured
 from vip_factors.estimate import Estimate, WearerEstimate
-from vip_factors.settings import Settings
+from vip_factors.settings import Settings, flatten
 from vip_factors.simulate.gestures import gestures
 
 PLAIN_CAMERA = (
@@ -234,7 +234,7 @@ def _settings() -> Case:
     def read(folder: Path) -> None:
         read_settings(folder / "settings.toml", Settings(), lambda name: configured(Settings(), name))
 
-    lines = [f"{name} = {value}" for name, value in flattened(Settings()).items() if _is_number(value)]
+    lines = [f"{name} = {value}" for name, value in flatten(Settings()).items() if _is_number(value)]
     command = "vip-factors smooth RECORDING.mcap --settings {}/settings.toml"
     return Case("settings", {"settings.toml": "\n".join([*lines, ""]).encode()}, read, command, seldom=4)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from live_answers import answers, live_scene
 
-from vip_factors.io.mcap_scene_recording import read_scene, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_scene
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveSample, LiveSetup
 from vip_factors.sensors.scene import Scene

@@ -57,8 +57,8 @@ def write(content: Recording | Scene | WearerEstimate | Estimate, path: StrPath,
     Raises:
         InputError: if the file exists and may not be replaced.
     """
+    from vip_factors.io.mcap_recording import write_scene
     from vip_factors.io.mcap_scene_estimate import write_scene_estimate
-    from vip_factors.io.mcap_scene_recording import write_scene
 
     if isinstance(content, Recording | Scene):
         write_scene(_scene(content), path, overwrite=overwrite)

@@ -13,7 +13,7 @@ from vip_factors.body.lengths import LENGTHS
 from vip_factors.cli.main import main
 from vip_factors.io.body_file import read_body_file
 from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_scene_recording import read_scene, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_scene
 from vip_factors.sensors.recording import Subject
 
 Run = Callable[..., Any]

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from vip_factors.body.keypoints import KEYPOINT_SETS
-from vip_factors.io.mcap_recording import read_recording, write_recording
+from vip_factors.io.mcap_recording import read_recording, read_scene, write_recording
 from vip_factors.io.mcap_scene_estimate import write_scene_estimate
-from vip_factors.io.mcap_scene_recording import read_scene
 
 
 @pytest.fixture

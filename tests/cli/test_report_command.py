@@ -6,8 +6,8 @@ import pytest
 from scene_sample import estimate_of, scene_sample
 
 from vip_factors.cli.main import main
+from vip_factors.io.mcap_recording import write_scene
 from vip_factors.io.mcap_scene_estimate import write_scene_estimate
-from vip_factors.io.mcap_scene_recording import write_scene
 
 
 @pytest.fixture(scope="module")

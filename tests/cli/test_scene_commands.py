@@ -9,8 +9,8 @@ import pytest
 from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.cli.files import open_one
+from vip_factors.io.mcap_recording import write_scene
 from vip_factors.io.mcap_scene_estimate import write_scene_estimate
-from vip_factors.io.mcap_scene_recording import write_scene
 from vip_factors.sensors.scene import Scene
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from vip_factors.cli.main import main
+from vip_factors.io.mcap_recording import read_scene, write_scene
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
-from vip_factors.io.mcap_scene_recording import read_scene, write_scene
 from vip_factors.sensors.scene import Scene
 
 QUICK = ("--frame-rate", "15", "--fusion.rounds", "1", "--solve.max-iterations", "3")

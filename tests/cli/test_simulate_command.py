@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vip_factors.io.mcap_scene_recording import read_scene
+from vip_factors.io.mcap_recording import read_scene
 
 
 @pytest.mark.parametrize("camera", ["fixed", "walking"])

@@ -20,9 +20,9 @@ from vip_factors.cli.main import main
 from vip_factors.cli.stream_session import Interrupts, Session, status, summary
 from vip_factors.cli.terminal import StatusLine
 from vip_factors.evaluate.evaluation import evaluate_scene
-from vip_factors.io.mcap_contents import McapWarning
+from vip_factors.io.mcap_reader import McapWarning
+from vip_factors.io.mcap_recording import read_scene
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
-from vip_factors.io.mcap_scene_recording import read_scene
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveLoss, live_samples
 from vip_factors.viz.live_rerun import LiveRerunSink

@@ -13,7 +13,7 @@ from stub_tracker import scene_file
 
 from tests.studies.processes import begun_by, is_running
 from vip_factors.io.live.send import write_messages
-from vip_factors.io.mcap_scene_recording import read_scene
+from vip_factors.io.mcap_recording import read_scene
 
 STUB = Path(__file__).parents[1] / "stub_tracker.py"
 PATIENCE_S = 60.0

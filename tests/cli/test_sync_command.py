@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vip_factors.io.mcap_scene_recording import read_scene, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_scene
 from vip_factors.sensors.calibration import preset
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene

@@ -13,8 +13,7 @@ from mcap_samples import covariance, hinge_of, names, seeds, walk
 from vip_factors.body.anthropometry import LengthPrior, likely_body, skeleton_from_stature
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.body_file import BodyFile, read_body_file, write_body_file
-from vip_factors.io.known_body import scene_with_body, with_body
+from vip_factors.io.body_file import BodyFile, read_body_file, scene_with_body, with_body, write_body_file
 from vip_factors.sensors.calibration import place
 from vip_factors.sensors.scene import Scene
 

@@ -18,8 +18,8 @@ from vip_factors.io.camera_file import read_camera_file
 from vip_factors.io.detections.found_people import load_json
 from vip_factors.io.importers import apdm
 from vip_factors.io.importers.mvnx_document import read_document
-from vip_factors.io.mcap_contents import CHANNEL, RECORD_HEAD, McapWarning, read_contents
 from vip_factors.io.mcap_messages import set_timestamp
+from vip_factors.io.mcap_reader import CHANNEL, RECORD_HEAD, McapWarning, read_contents
 from vip_factors.io.motions.amass import read_amass
 from vip_factors.io.motions.asf import read_asf
 from vip_factors.io.motions.bvh import read_bvh

@@ -16,9 +16,9 @@ from live_answers import LAG, answer, answers, live_scene, setup_of, truth_of
 from vip_factors.atomic import partial_path
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live_mcap import LIVE_CAMERA, LIVE_UPDATE, LiveMcapSink
-from vip_factors.io.mcap_contents import McapWarning, read_contents
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_messages import of_topic
+from vip_factors.io.mcap_reader import McapWarning, read_contents
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraPose

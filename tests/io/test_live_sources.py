@@ -17,7 +17,7 @@ from vip_factors.io.live.open import open_source
 from vip_factors.io.live.recording import RecordingSource
 from vip_factors.io.live.send import live_messages, write_messages
 from vip_factors.io.live.settings import LiveSourceSettings
-from vip_factors.io.mcap_scene_recording import read_scene, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_scene
 from vip_factors.sensors.live import LiveFinding
 
 

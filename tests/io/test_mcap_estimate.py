@@ -17,8 +17,8 @@ from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.cli.info_text import estimate_text
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import SolveReport, StartChoice, WearerEstimate
-from vip_factors.io.mcap_contents import McapWarning
 from vip_factors.io.mcap_estimate import read_estimate, write_estimate
+from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_recording, write_recording
 
 

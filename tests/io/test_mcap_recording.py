@@ -13,7 +13,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from mcap_samples import assert_same, recordings, walk
 
 from vip_factors.errors import FileFormatError, InputError, RecordingError
-from vip_factors.io.mcap_contents import McapWarning
+from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_recording, write_recording
 from vip_factors.io.mcap_writer import MessageWriter
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz, Vector3
@@ -95,7 +95,7 @@ def test_foreign_channels_are_left_out_and_named(tmp_path: Path) -> None:
     recording = walk(5)
     with open(tmp_path / "r.mcap", "wb") as file, MessageWriter(file) as writer:
         write_recording(recording, tmp_path / "plain.mcap")
-        from vip_factors.io.mcap_contents import read_contents
+        from vip_factors.io.mcap_reader import read_contents
 
         writer.copy(read_contents(tmp_path / "plain.mcap"))
         raw = writer._writer

@@ -12,10 +12,10 @@ from scene_samples import filmed_walk, scene_estimates
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import Estimate, WearerEstimate
-from vip_factors.io.mcap_contents import McapWarning, read_contents
 from vip_factors.io.mcap_estimate import read_estimate, write_estimate
+from vip_factors.io.mcap_reader import McapWarning, read_contents
+from vip_factors.io.mcap_recording import read_scene, write_scene
 from vip_factors.io.mcap_scene_estimate import CAMERA_POSE, read_scene_estimate, write_scene_estimate
-from vip_factors.io.mcap_scene_recording import read_scene, write_scene
 from vip_factors.io.mcap_writer import MessageWriter
 
 

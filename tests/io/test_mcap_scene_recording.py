@@ -11,10 +11,16 @@ from mcap_samples import assert_same, recordings, walk
 from scene_samples import filmed_walk, scenes
 
 from vip_factors.errors import FileFormatError, RecordingError
-from vip_factors.io.mcap_contents import McapWarning, read_contents
-from vip_factors.io.mcap_detections import detections_of
-from vip_factors.io.mcap_recording import read_recording, write_recording
-from vip_factors.io.mcap_scene_recording import FIRST_CAMERA, read_scene, wearer_topics, write_scene
+from vip_factors.io.mcap_reader import McapWarning, read_contents
+from vip_factors.io.mcap_recording import (
+    FIRST_CAMERA,
+    read_recording,
+    read_scene,
+    wearer_topics,
+    write_recording,
+    write_scene,
+)
+from vip_factors.io.mcap_samples import detections_of
 from vip_factors.io.mcap_writer import MessageWriter
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
@@ -130,7 +136,7 @@ def test_a_video_beside_the_file_moves_with_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98])
-@pytest.mark.filterwarnings("ignore::vip_factors.io.mcap_contents.McapWarning")
+@pytest.mark.filterwarnings("ignore::vip_factors.io.mcap_reader.McapWarning")
 def test_of_a_cut_scene_the_first_frames_and_samples_are_read(tmp_path: Path, share: float) -> None:
     scene = filmed_walk()
     other = replace(walk(), subject=replace(walk(1).subject, name="Bea"))
@@ -157,7 +163,7 @@ def test_of_a_cut_scene_the_first_frames_and_samples_are_read(tmp_path: Path, sh
 
 def _written(path: Path, info: CameraInfo, frames: list[Detections2D]) -> Path:
     """A scene with another camera's messages."""
-    from vip_factors.io.mcap_contents import read_contents
+    from vip_factors.io.mcap_reader import read_contents
 
     write_scene(filmed_walk(2), path.with_name("whole.mcap"), overwrite=True)
     with open(path, "wb") as file, MessageWriter(file) as writer:
@@ -192,7 +198,7 @@ def test_frames_lost_in_between_count_as_empty(tmp_path: Path) -> None:
 
 
 def test_a_camera_without_intrinsics_is_left_out(tmp_path: Path) -> None:
-    from vip_factors.io.mcap_contents import read_contents
+    from vip_factors.io.mcap_reader import read_contents
 
     write_scene(filmed_walk(2), tmp_path / "whole.mcap")
     with open(tmp_path / "s.mcap", "wb") as file, MessageWriter(file) as writer:

@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_samples import walk
 
 from vip_factors.errors import FileFormatError
-from vip_factors.io.mcap_contents import McapContents, McapWarning, read_contents
+from vip_factors.io.mcap_reader import McapContents, McapWarning, read_contents
 from vip_factors.io.mcap_recording import read_recording, write_recording
 
 MESSAGES = 400
@@ -136,7 +136,7 @@ def recording_file(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 @settings(max_examples=40, deadline=None)
 @given(st.floats(0, 0.9999))
 @example(0.9)
-@pytest.mark.filterwarnings("ignore::vip_factors.io.mcap_contents.McapWarning")
+@pytest.mark.filterwarnings("ignore::vip_factors.io.mcap_reader.McapWarning")
 def test_of_a_cut_recording_the_first_samples_of_all_sensors_are_read(
     tmp_path_factory: pytest.TempPathFactory, recording_file: bytes, share: float
 ) -> None:

@@ -13,7 +13,7 @@ from mcap_ros2.writer import Writer
 
 from vip_factors.errors import FileFormatError, RecordingError
 from vip_factors.geometry.rotations import rotation_z
-from vip_factors.io.mcap_contents import McapWarning
+from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_recording
 from vip_factors.io.ros2 import read_ros2_imus, read_ros2_recording
 from vip_factors.sensors.calibration import Placement

@@ -13,8 +13,7 @@ from scene_samples import filmed_walk
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.io.convert import ImportOptions
-from vip_factors.io.mcap_recording import write_recording
-from vip_factors.io.mcap_scene_recording import write_scene
+from vip_factors.io.mcap_recording import write_recording, write_scene
 from vip_factors.io.scene_building import CameraOptions, SceneWarning, add_camera, join_wearers, read_log_as_scene
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene

@@ -10,7 +10,7 @@ from mcap_samples import walk
 from scene_samples import MODEL, filmed_walk
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.mcap_scene_recording import read_scene, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_scene
 from vip_factors.io.video import check_video, embed_video, iterate_frames, video_facts
 from vip_factors.sensors.scene import Scene, Video
 

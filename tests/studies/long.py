@@ -16,10 +16,10 @@ from tests.studies.study import MB, Study, Tell, table
 from vip_factors.atomic import atomic_open
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import exp
-from vip_factors.io.mcap_imu import sample_messages
 from vip_factors.io.mcap_long_estimate import write_long_estimate
 from vip_factors.io.mcap_recording import IMU, recording_messages
 from vip_factors.io.mcap_sampled import open_sampled
+from vip_factors.io.mcap_samples import sample_messages
 from vip_factors.io.mcap_writer import MessageWriter
 from vip_factors.pipeline import smooth_long
 from vip_factors.sensors.calibration import preset

@@ -27,7 +27,7 @@ from vip_factors.errors import VipFactorsError
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.geometry.rotations import mean_rotation, rotation_z, transpose
 from vip_factors.io.convert import ImportOptions, import_recording
-from vip_factors.io.mcap_scene_recording import read_scene, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_scene
 from vip_factors.io.scene_building import CameraOptions, add_camera
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.calibration import SensorCalibration

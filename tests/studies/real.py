@@ -31,7 +31,7 @@ from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.io.convert import import_recording, recording_of_log
-from vip_factors.io.mcap_scene_recording import read_scene
+from vip_factors.io.mcap_recording import read_scene
 from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.calibration import Calibration

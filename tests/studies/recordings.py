@@ -17,7 +17,7 @@ from vip_factors.evaluate.evaluation import evaluate_motion
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.geometry.rotations import Array, angle_between, rotation_z, transpose, wrap_angle, yaw_of
 from vip_factors.initialise.calibration import InitialCalibration
-from vip_factors.io.mcap_scene_recording import read_scene
+from vip_factors.io.mcap_recording import read_scene
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate

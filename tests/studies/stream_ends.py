@@ -20,9 +20,9 @@ from tests.studies.study import Fixed, Study, Tell, bullets
 from vip_factors.atomic import partial_path
 from vip_factors.body.kinematics import Motion
 from vip_factors.io.live_mcap import FLUSH_S, LiveMcapSink
-from vip_factors.io.mcap_contents import McapWarning
+from vip_factors.io.mcap_reader import McapWarning
+from vip_factors.io.mcap_recording import write_scene
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
-from vip_factors.io.mcap_scene_recording import write_scene
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.live import LiveSetup

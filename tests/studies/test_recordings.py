@@ -12,8 +12,7 @@ from tests.studies.recordings import Recordings, Starts, StartTrial, bones_off, 
 from tests.studies.study import markdown, run
 from vip_factors.geometry.rotations import exp
 from vip_factors.initialise.calibration import known_calibration
-from vip_factors.io.mcap_recording import write_recording
-from vip_factors.io.mcap_scene_recording import write_scene
+from vip_factors.io.mcap_recording import write_recording, write_scene
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample
 from vip_factors.sensors.recording import Recording

@@ -6,7 +6,7 @@ from pathlib import Path
 from tests.studies import stream_ends
 from tests.studies.stream_ends import DiskFull, FullDisk, StreamKill, small_scene
 from tests.studies.study import markdown, run
-from vip_factors.io.mcap_scene_recording import write_scene
+from vip_factors.io.mcap_recording import write_scene
 
 STUB = Path(__file__).parents[1] / "stub_tracker.py"
 

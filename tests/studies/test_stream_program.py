@@ -15,7 +15,7 @@ from tests.studies.stream_program import StreamProgram
 from tests.studies.stream_slow import Answers, SlowPart, SlowStream, StreamSlow
 from tests.studies.study import markdown, no_news, run
 from vip_factors.errors import InputError, VipFactorsError
-from vip_factors.io.mcap_scene_recording import write_scene
+from vip_factors.io.mcap_recording import write_scene
 from vip_factors.sensors.live import LiveSetup
 
 STUB = Path(__file__).parents[1] / "stub_tracker.py"

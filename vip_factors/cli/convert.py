@@ -125,8 +125,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.cli.terminal import waiting
     from vip_factors.errors import InputError
     from vip_factors.io.convert import ImportOptions
-    from vip_factors.io.mcap_recording import write_recording
-    from vip_factors.io.mcap_scene_recording import write_scene
+    from vip_factors.io.mcap_recording import write_recording, write_scene
     from vip_factors.io.scene_building import add_camera, add_further_camera, join_wearers, read_log_as_scene
 
     if options.template is not None:

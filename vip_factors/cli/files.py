@@ -97,8 +97,8 @@ def open_one(path: Path) -> Opened:
 
 
 def _open_mcap(path: Path) -> Opened:
-    from vip_factors.io.mcap_contents import read_contents
     from vip_factors.io.mcap_estimate import ESTIMATE, read_estimate
+    from vip_factors.io.mcap_reader import read_contents
     from vip_factors.io.mcap_recording import read_recording
 
     topics = read_contents(path, lambda channel: False).topics
@@ -120,8 +120,8 @@ _SCENE = ("/scene/", "/camera/", "/estimate/scene/")
 
 def _open_scene(path: Path, measured: bool, estimated: bool) -> Opened:
     """A scene of one wearer without a camera is opened as the plain recording that it is."""
+    from vip_factors.io.mcap_recording import read_scene
     from vip_factors.io.mcap_scene_estimate import read_scene_estimate
-    from vip_factors.io.mcap_scene_recording import read_scene
 
     estimate = read_scene_estimate(path) if estimated else None
     scene = read_scene(path) if measured else None

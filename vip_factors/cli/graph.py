@@ -47,7 +47,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     options, settings = parse_with_settings(GraphOptions, prog, arguments, CommonSettings, lambda: _defaults(arguments))
     from vip_factors.atomic import atomic_open, check_target
     from vip_factors.cli.terminal import progress_bar
-    from vip_factors.io.mcap_scene_recording import read_scene
+    from vip_factors.io.mcap_recording import read_scene
 
     picture = options.picture or beside(options.recording, ".graph.svg")
     check_target(picture, options.overwrite)

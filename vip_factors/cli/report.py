@@ -61,14 +61,14 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 
 
 def _scene(path: Path) -> "Scene":
-    from vip_factors.io.mcap_scene_recording import read_scene
+    from vip_factors.io.mcap_recording import read_scene
 
     return read_scene(path)
 
 
 def _own_scene(path: Path) -> "Scene | None":
     """The recording in an estimate's own file, if there is one."""
-    from vip_factors.io.mcap_contents import read_contents
+    from vip_factors.io.mcap_reader import read_contents
 
     topics = read_contents(path, lambda channel: False).topics
     return _scene(path) if any(topic in ("/recording/info", "/scene/info") for topic in topics) else None

@@ -127,7 +127,7 @@ def _write_recording(options: SimulateOptions) -> str:
 
 def _write_scene(options: SimulateOptions) -> str:
     from vip_factors.cli.terminal import waiting
-    from vip_factors.io.mcap_scene_recording import write_scene
+    from vip_factors.io.mcap_recording import write_scene
 
     with waiting("simulating"):
         scene = simulated_scene(options)

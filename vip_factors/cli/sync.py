@@ -49,7 +49,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import waiting
     from vip_factors.errors import InputError
-    from vip_factors.io.mcap_scene_recording import read_scene, write_scene
+    from vip_factors.io.mcap_recording import read_scene, write_scene
     from vip_factors.sensors.camera_model import VideoClock
 
     out = options.out or beside(options.scene, ".synced.mcap")

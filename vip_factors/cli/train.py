@@ -51,7 +51,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.errors import InputError
     from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, write_keypoint_offsets
-    from vip_factors.io.mcap_scene_recording import read_scene
+    from vip_factors.io.mcap_recording import read_scene
     from vip_factors.settings import Settings
     from vip_factors.stages.keypoint_offsets import offsets_in_recording
     from vip_factors.terms.keypoint_offset import KeypointOffsetSettings

@@ -119,7 +119,7 @@ def _parameters(options: TuneOptions) -> "tuple[Parameter, ...]":
 
 def _scenes(paths: Sequence[Path]) -> "dict[str, Scene]":
     """The recordings by file name; of files of the same name, by the folder too."""
-    from vip_factors.io.mcap_scene_recording import read_scene
+    from vip_factors.io.mcap_recording import read_scene
 
     alike = len({path.name for path in paths}) < len(paths)
     scenes: dict[str, Scene] = {}

@@ -18,14 +18,14 @@
     [correlations]                 # of those, row by row
     thigh = [1.0]
 
-    [hinges.left_knee]             # its axis in the bone above; see vip_factors.io.body_file_hinges
-    axis = [1.0, 0.0, 0.0]
-    offset_deg = [2.8, 0.1]
-    sigma_deg = [1.5, 3.8, 1.4, 2.2]
-    correlations = [[1.0, …], …]
+    [hinges.left_knee] # carrying angle 2.8 ± 1.8°
+    axis = [1.0, 0.0, 0.0]              # a unit vector in the bone above
+    offset_deg = [2.8, 0.1]             # how far from a right angle to it the limb stays; of a knee also its front
+    sigma_deg = [1.5, 3.8, 1.4, 2.2]    # of the axis's tilts towards two directions, then of the offsets
+    correlations = [[1.0, …], …]        # of those, row by row
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,13 +33,13 @@ import numpy as np
 
 from vip_factors.atomic import atomic_open
 from vip_factors.body.anthropometry import LengthPrior
-from vip_factors.body.hinges import HingeEstimate
-from vip_factors.body.lengths import LENGTHS, lengths_of
-from vip_factors.body.skeleton import JOINT_NAMES, Landmark, Skeleton, joint_index
+from vip_factors.body.hinges import HINGE_OF, HingeEstimate
+from vip_factors.body.lengths import LENGTHS, STRETCHED, lengths_of, stature_of
+from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.body_file_hinges import hinge_at, hinge_lines
+from vip_factors.io.placement_file import PlacementFile
 from vip_factors.io.toml_values import (
     correlation_matrix,
     known_keys,
@@ -51,6 +51,9 @@ from vip_factors.io.toml_values import (
     text_at,
     toml_text,
 )
+from vip_factors.sensors.calibration import Placement, SensorSite
+from vip_factors.sensors.recording import Recording, Subject
+from vip_factors.sensors.scene import Scene
 
 SAME_LENGTH = 0.002  # m: the table of lengths is for people, and rounded
 SYMMETRIC = 0.002  # m
@@ -210,3 +213,102 @@ def _lengths(path: Path, content: Any, skeleton: Skeleton) -> LengthPrior:
     matrix = correlation_matrix(path, "correlations", correlations)
     sigma = np.array(sigmas)
     return LengthPrior(names, sigma[:, None] * matrix * sigma)
+
+
+LEAST_COSINE = 0.5  # between an axis and the usual one: no joint turns about another, and tilts are small
+LONGEST_SIGMA_DEG = 90.0
+
+
+def hinge_lines(hinge: HingeEstimate) -> list[str]:
+    """A table of its own, in degrees to four decimals."""
+    sigma = np.sqrt(np.diag(hinge.covariance))
+    correlations = np.round(hinge.covariance / np.maximum(np.outer(sigma, sigma), 1e-16), 5)
+    angle, angle_sigma = np.rad2deg([hinge.carrying_angle, hinge.carrying_sigma])
+    return [
+        f"[hinges.{hinge.joint}] # carrying angle {angle:.1f} ± {angle_sigma:.1f}°",
+        f"axis = {toml_text(np.round(hinge.axis, 8))}",
+        f"offset_deg = {toml_text(np.round(np.rad2deg(hinge.variables[2:]), 4))}",
+        f"sigma_deg = {toml_text(np.round(np.rad2deg(sigma), 4))}",
+        f"correlations = {toml_text(correlations)}",
+    ]
+
+
+def hinge_at(path: Path, joint: str, value: Any) -> HingeEstimate:
+    """The hinge of a table.
+
+    Raises:
+        InputError: for an unknown or missing key, or a value of the wrong kind.
+    """
+    where = f"hinges.{joint}"
+    table = table_at(path, where, value)
+    known_keys(path, where, table, ("axis", "offset_deg", "sigma_deg", "correlations"))
+    if joint not in HINGE_OF:
+        raise InputError(f"{path}: {where}: unknown joint '{joint}'{nearest(joint, HINGE_OF)}")
+    hinge = HINGE_OF[joint]
+    count = len(hinge.columns)
+    axis = numbers_at(path, f"{where}.axis", table.get("axis"), 3)
+    if not abs(np.linalg.norm(axis) - 1) < 1e-3:
+        raise InputError(f"{path}: {where}.axis has length {np.linalg.norm(axis):g}: expected a unit vector")
+    if hinge.axis @ axis < LEAST_COSINE:
+        raise InputError(f"{path}: {where}.axis is {axis.tolist()}: expected one near {hinge.axis.tolist()}")
+    offset = np.deg2rad(numbers_at(path, f"{where}.offset_deg", table.get("offset_deg"), count - 2))
+    sigma = numbers_at(path, f"{where}.sigma_deg", table.get("sigma_deg"), count)
+    if not np.all((sigma > 0) & (sigma <= LONGEST_SIGMA_DEG)):
+        raise InputError(
+            f"{path}: {where}.sigma_deg is {sigma.tolist()}: expected degrees, above 0 and at most "
+            f"{LONGEST_SIGMA_DEG:g}"
+        )
+    rows = table.get("correlations")
+    if not isinstance(rows, list) or len(rows) != count:
+        raise InputError(f"{path}: {where}.correlations is {rows!r}: expected {count} rows of numbers")
+    matrix = correlation_matrix(
+        path, f"{where}.correlations", [numbers_at(path, f"{where}.correlations", row, count) for row in rows]
+    )
+    covariance = np.deg2rad(sigma)[:, None] * matrix * np.deg2rad(sigma)
+    return HingeEstimate(joint, np.concatenate([hinge.tilt_to(axis), offset]), covariance)
+
+
+def subject_with(body: BodyFile, given: PlacementFile) -> Subject:
+    """The wearer with a body; name and mass are those that were given, if they were."""
+    name, stature = given.subject or body.name, stature_of(body.skeleton)
+    return Subject(
+        name, stature, given.mass_kg, given.sex, skeleton=body.skeleton, length_prior=body.lengths, hinges=body.hinges
+    )
+
+
+def with_body(recording: Recording, body: BodyFile) -> Recording:
+    """The recording with the body in the place of what it said of the wearer's; truth and samples stay."""
+    before, said = recording.subject, PlacementFile(recording.subject.name, None, recording.subject.mass_kg)
+    subject = subject_with(body, replace(said, sex=before.sex))
+    return replace(recording, subject=subject, placement=_moved(recording.placement, before.body(), body.skeleton))
+
+
+def scene_with_body(scene: Scene, body: BodyFile, path: Path) -> Scene:
+    """The scene whose wearer of the body's name, or only wearer, has the body, which was read from ``path``.
+
+    Raises:
+        InputError: if none of several wearers has that name.
+    """
+    names = [one.subject.name for one in scene.wearers]
+    if len(names) > 1 and body.name not in names:
+        raise InputError(
+            f"{path} is the body of '{body.name}', scene '{scene.name}' has the wearers {', '.join(names)}: expected "
+            "one of them; set its name to the wearer's"
+        )
+    place = names.index(body.name) if body.name in names else 0
+    wearers = tuple(with_body(one, body) if number == place else one for number, one in enumerate(scene.wearers))
+    return replace(scene, wearers=wearers)
+
+
+def _moved(placement: Placement, before: Skeleton, after: Skeleton) -> Placement:
+    """Sensors along limbs keep their share of them."""
+    return replace(placement, sites=tuple(_moved_site(site, before, after) for site in placement.sites))
+
+
+def _moved_site(site: SensorSite, before: Skeleton, after: Skeleton) -> SensorSite:
+    for child in STRETCHED:
+        if PARENTS[child] == site.bone_index:
+            old, new = before.p_parent_joint[child], after.p_parent_joint[child]
+            share = float(np.clip(site.p_bone_sensor @ old / (old @ old), 0.0, 1.0))
+            return replace(site, p_bone_sensor=site.p_bone_sensor + share * (new - old))
+    return site

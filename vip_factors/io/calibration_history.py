@@ -5,9 +5,9 @@ import os
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.mcap_contents import read_contents
 from vip_factors.io.mcap_estimate import CALIBRATION, ESTIMATE, MOTION, POSE, SINGLE
 from vip_factors.io.mcap_messages import calibration_of, of_topic
+from vip_factors.io.mcap_reader import read_contents
 from vip_factors.io.mcap_scene_estimate import INFO
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate

@@ -11,14 +11,13 @@ import numpy as np
 from vip_factors.body.calibration_pose import POSES
 from vip_factors.errors import FileFormatError, InputError, RecordingError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.body_file import read_body_file
+from vip_factors.io.body_file import read_body_file, subject_with, with_body
 from vip_factors.io.held_pose import LEAD_S, after_pose, held_orientations, later, pose_source, without_sample
 from vip_factors.io.import_notes import check_leaps, coverage_notes
 from vip_factors.io.import_placement import place_sensors
 from vip_factors.io.imported import ImportedLog
-from vip_factors.io.known_body import subject_with, with_body
 from vip_factors.io.log_parts import log_in_parts
-from vip_factors.io.mcap_contents import MAGIC
+from vip_factors.io.mcap_reader import MAGIC
 from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, placement_from_file
 from vip_factors.io.toml_values import nearest
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
@@ -132,7 +131,7 @@ def detect_format(path: str | Path) -> str:
 
 
 def _mcap_format(path: Path) -> str:
-    from vip_factors.io.mcap_contents import read_contents
+    from vip_factors.io.mcap_reader import read_contents
     from vip_factors.io.ros2 import is_imu
 
     channels = [one.channel for one in read_contents(path, lambda channel: False).messages.values()]

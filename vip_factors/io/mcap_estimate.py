@@ -12,9 +12,9 @@ from vip_factors.atomic import atomic_open, check_target
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import Iteration, SolveReport, StartChoice, WearerEstimate
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.mcap_body import body_message, body_of
-from vip_factors.io.mcap_contents import McapContents, McapMessages, read_contents
 from vip_factors.io.mcap_messages import (
+    body_message,
+    body_of,
     calibration_message,
     calibration_of,
     is_ours,
@@ -23,11 +23,13 @@ from vip_factors.io.mcap_messages import (
     naming,
     of_topic,
     pose_messages,
+    sensor_places_message,
+    sensor_places_of,
     set_timestamp,
     tell_lost_frames,
     time_ns_of,
 )
-from vip_factors.io.mcap_places import sensor_places_message, sensor_places_of
+from vip_factors.io.mcap_reader import McapContents, McapMessages, read_contents
 from vip_factors.io.mcap_scene import point_messages, scene_wanted, skeleton_scene, transform_messages
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.body_estimate_pb2 import BodyEstimate as BodyEstimateMessage
@@ -223,7 +225,7 @@ def read_estimate(path: str | os.PathLike[str]) -> WearerEstimate:
     Of the estimate of a scene with one wearer, it is that wearer's.
 
     Of a file that was cut off, every whole frame before the cut is read, and a
-    :class:`~vip_factors.io.mcap_contents.McapWarning` says so.
+    :class:`~vip_factors.io.mcap_reader.McapWarning` says so.
 
     Raises:
         InputError: if there is no such file.

@@ -7,7 +7,6 @@ from itertools import zip_longest
 
 from vip_factors.atomic import atomic_open
 from vip_factors.estimate import Estimate, EstimatePart, LongEstimate
-from vip_factors.io.mcap_body import body_message
 from vip_factors.io.mcap_estimate import (
     BODY,
     CALIBRATION,
@@ -25,12 +24,17 @@ from vip_factors.io.mcap_estimate import (
     report_message,
     residual_messages,
 )
-from vip_factors.io.mcap_messages import calibration_message, motion_message, pose_messages
-from vip_factors.io.mcap_places import sensor_places_message
+from vip_factors.io.mcap_messages import (
+    body_message,
+    calibration_message,
+    motion_message,
+    pose_messages,
+    sensor_places_message,
+)
+from vip_factors.io.mcap_recording import wearer_topics
 from vip_factors.io.mcap_scene import point_messages, scene_wanted, shown_step, skeleton_scene, transform_messages
 from vip_factors.io.mcap_scene_estimate import INFO as SCENE_INFO
 from vip_factors.io.mcap_scene_estimate import WEARER, scene_info_message
-from vip_factors.io.mcap_scene_recording import wearer_topics
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage
 
 CHUNK_BYTES = 1 << 20  # the index in memory has an entry for each chunk

@@ -7,14 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
-from vip_factors.io.mcap_by_time import McapByTime
-from vip_factors.io.mcap_contents import McapContents, McapMessages
-from vip_factors.io.mcap_detections import detections_of
-from vip_factors.io.mcap_imu import read_streams
+from vip_factors.io.mcap_camera import CameraTopics, camera_of
 from vip_factors.io.mcap_messages import naming, of_topic
+from vip_factors.io.mcap_reader import McapByTime, McapContents, McapMessages
+from vip_factors.io.mcap_recording import FIRST_CAMERA, SCENE_INFO
 from vip_factors.io.mcap_sampled import CLOCK_SLACK_S, SampledFile, SampledScene
-from vip_factors.io.mcap_scene_camera import CameraTopics, camera_of
-from vip_factors.io.mcap_scene_recording import FIRST_CAMERA, INFO
+from vip_factors.io.mcap_samples import detections_of, read_streams
 from vip_factors.io.mcap_writer import NS_PER_S
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
@@ -143,7 +141,7 @@ def filmed_scene(sampled: SampledScene) -> LongSceneFile | None:
         return None
     file = wearers[0].file
     messages = list(file.contents.messages.values())
-    infos = of_topic(file.path, messages, INFO, SceneInfo)
+    infos = of_topic(file.path, messages, SCENE_INFO, SceneInfo)
     topics = [FIRST_CAMERA, *(CameraTopics(one) for one in (infos[-1].further_camera_topics if infos else ()))]
     with warnings.catch_warnings(), naming(file.path):
         warnings.simplefilter("ignore")  # of video frames there are two; whoever reads all of it says what is lost

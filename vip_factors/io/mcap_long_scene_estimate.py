@@ -11,8 +11,7 @@ from vip_factors.atomic import atomic_open
 from vip_factors.estimate import LongEstimate, LongSceneEstimate, ScenePart
 from vip_factors.io.mcap_estimate import CALIBRATION, report_message
 from vip_factors.io.mcap_long_estimate import CHUNK_BYTES, WearerWriter
-from vip_factors.io.mcap_messages import calibration_message
-from vip_factors.io.mcap_places import detector_message
+from vip_factors.io.mcap_messages import calibration_message, detector_message
 from vip_factors.io.mcap_scene_estimate import (
     DETECTOR,
     INFO,

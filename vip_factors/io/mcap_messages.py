@@ -1,24 +1,28 @@
 """Between the package's objects and their protobuf messages (data_schemas): the parts that several files share."""
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from vip_factors.body.hinges import HingeEstimate
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import PoseCovariance
+from vip_factors.estimate import BodyEstimate, DetectorEstimate, PoseCovariance, SensorPlaceEstimate
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.mcap_contents import McapChannel, McapMessages, McapWarning
+from vip_factors.io.mcap_reader import McapChannel, McapMessages, McapWarning
 from vip_factors.io.mcap_writer import NS_PER_S, MessageWriter, TimedMessage, nanoseconds
+from vip_factors.io.schemas.body_estimate_pb2 import BodyEstimate as BodyEstimateMessage
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz, Vector3
+from vip_factors.io.schemas.place_estimates_pb2 import DetectorEstimate as DetectorEstimateMessage
+from vip_factors.io.schemas.place_estimates_pb2 import SensorPlaceEstimates
 from vip_factors.io.schemas.subject_pb2 import Skeleton as SkeletonMessage
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 
@@ -248,3 +252,119 @@ def _rows(what: str, rows: Sequence[Any], shape: tuple[int, ...]) -> Array:
         if len(row) != size:
             raise FileFormatError(f"frame {frame} has {len(row)} numbers of {what}: expected {size}")
     return np.array(rows, float).reshape(len(rows), *shape)
+
+
+def body_message(body: BodyEstimate) -> BodyEstimateMessage:
+    """Lengths and hinges, with what was taken for likely beforehand."""
+    return BodyEstimateMessage(
+        lengths=body.names,
+        prior_m=body.prior,
+        found_m=body.found,
+        prior_covariance_m2=body.prior_covariance.ravel(),
+        covariance_m2=body.covariance.ravel(),
+        hinges=hinge_messages(body.hinges),
+        prior_hinges=hinge_messages(body.prior_hinges),
+    )
+
+
+def hinge_messages(hinges: Iterable[HingeEstimate]) -> list[BodyEstimateMessage.Hinge]:
+    """Hinges one by one."""
+    return [
+        BodyEstimateMessage.Hinge(
+            joint=one.joint,
+            axis=vector_message(one.axis),
+            tilt_sigma_rad=one.sigma,
+            carrying_angle_rad=one.carrying_angle,
+            carrying_sigma_rad=one.carrying_sigma,
+            variables_rad=one.variables,
+            covariance_rad2=one.covariance.ravel(),
+        )
+        for one in hinges
+    ]
+
+
+def body_of(message: BodyEstimateMessage) -> BodyEstimate:
+    """The body of a message.
+
+    Raises:
+        FileFormatError: if it has not as many numbers as lengths.
+        InputError: for a joint that is no hinge.
+    """
+    names = tuple(message.lengths)
+    B = len(names)
+    return BodyEstimate(
+        names,
+        _numbers("prior lengths", message.prior_m, (B,)),
+        _numbers("lengths", message.found_m, (B,)),
+        _numbers("the prior's covariance", message.prior_covariance_m2, (B, B)),
+        _numbers("the lengths' covariance", message.covariance_m2, (B, B)),
+        hinges_of(message.hinges),
+        hinges_of(message.prior_hinges),
+    )
+
+
+def hinges_of(messages: Iterable[BodyEstimateMessage.Hinge]) -> tuple[HingeEstimate, ...]:
+    """The hinges of messages.
+
+    Raises:
+        FileFormatError: if one has not as many covariances as variables.
+        InputError: for a joint that is no hinge.
+    """
+    found = []
+    for one in messages:
+        count = len(one.variables_rad)
+        covariance = _numbers(f"the covariance of {one.joint}", one.covariance_rad2, (count, count))
+        found.append(HingeEstimate(one.joint, np.array(one.variables_rad, float), covariance))
+    return tuple(found)
+
+
+def _numbers(what: str, values: Sequence[float], shape: tuple[int, ...]) -> Array:
+    if len(values) != int(np.prod(shape)):
+        raise FileFormatError(f"the body has {len(values)} numbers of {what}: expected {int(np.prod(shape))}")
+    return np.array(values, float).reshape(shape)
+
+
+def sensor_places_message(places: Sequence[SensorPlaceEstimate]) -> SensorPlaceEstimates:
+    """Of one wearer's sensors."""
+    message = SensorPlaceEstimates()
+    for one in places:
+        message.sensors.add(
+            sensor=one.sensor,
+            bone=one.bone,
+            prior_m=vector_message(one.prior),
+            found_m=vector_message(one.found),
+            prior_sigma_m=vector_message(one.prior_sigma),
+            sigma_m=vector_message(one.sigma),
+        )
+    return message
+
+
+def sensor_places_of(message: SensorPlaceEstimates) -> tuple[SensorPlaceEstimate, ...]:
+    """The places of a message."""
+    return tuple(
+        SensorPlaceEstimate(
+            one.sensor, one.bone, vector(one.prior_m), vector(one.found_m), vector(one.prior_sigma_m),
+            vector(one.sigma_m),
+        )
+        for one in message.sensors
+    )  # fmt: skip
+
+
+def detector_message(detector: DetectorEstimate) -> DetectorEstimateMessage:
+    """Where a detector puts its keypoints."""
+    message = DetectorEstimateMessage()
+    rows = zip(detector.keypoints, detector.prior, detector.found, detector.prior_sigma, detector.sigma, strict=True)
+    for name, *vectors in rows:
+        prior, found, prior_sigma, sigma = (vector_message(one) for one in vectors)
+        message.keypoints.add(keypoint=name, prior_m=prior, found_m=found, prior_sigma_m=prior_sigma, sigma_m=sigma)
+    return message
+
+
+def detector_of(message: DetectorEstimateMessage) -> DetectorEstimate:
+    """The detector of a message."""
+    vectors = [
+        [vector(each) for each in (one.prior_m, one.found_m, one.prior_sigma_m, one.sigma_m)]
+        for one in message.keypoints
+    ]
+    prior, found, prior_sigma, sigma = np.array(vectors, float).reshape(-1, 4, 3).swapaxes(0, 1)
+    return DetectorEstimate(tuple(one.keypoint for one in message.keypoints), prior, found, prior_sigma, sigma)

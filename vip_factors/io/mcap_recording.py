@@ -11,13 +11,13 @@ from vip_factors.atomic import atomic_open
 from vip_factors.body.anthropometry import LengthPrior
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import FileFormatError
-from vip_factors.io.mcap_body import hinge_messages, hinges_of
-from vip_factors.io.mcap_contents import McapChannel, McapContents, McapMessages, read_contents
-from vip_factors.io.mcap_imu import read_streams, sample_messages
+from vip_factors.io.mcap_camera import CameraTopics, camera_messages, camera_of, camera_truth_of
 from vip_factors.io.mcap_messages import (
     PACKAGE,
     calibration_message,
     calibration_of,
+    hinge_messages,
+    hinges_of,
     is_ours,
     motion_message,
     motion_of,
@@ -35,17 +35,21 @@ from vip_factors.io.mcap_messages import (
     vector_message,
     warn,
 )
+from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages, read_contents
+from vip_factors.io.mcap_samples import read_streams, sample_messages
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage
 from vip_factors.io.ros2 import is_imu
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
+from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
 from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
 from vip_factors.io.schemas.subject_pb2 import LengthPrior as LengthPriorMessage
 from vip_factors.io.schemas.subject_pb2 import Subject as SubjectMessage
 from vip_factors.sensors.calibration import Placement, SensorSite
 from vip_factors.sensors.recording import Recording, Subject, Truth
+from vip_factors.sensors.scene import Camera, Scene, SceneTruth
 
 INFO, SUBJECT, PLACEMENT, IMU = "/recording/info", "/subject", "/placement", "/imu/"
 TRUTH_MOTION, TRUTH_POSE, TRUTH_CALIBRATION = "/truth/motion", "/truth/pose", "/truth/calibration"
@@ -274,3 +278,106 @@ def _nothing_here(contents: McapContents) -> str:
     damage = f" ({contents.damage[0]})" if contents.damage else ""
     expected = f"expected a recording, with messages such as {PACKAGE}ImuSample"
     return f"{contents.path}: {expected}; {found}{damage}{advice}"
+
+
+SCENE_INFO, FIRST_CAMERA = "/scene/info", CameraTopics()
+
+
+def write_scene(scene: Scene, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+    """Write a scene, its truth included; what is not kept to the bit: rotations, and times of camera paths (1 ns).
+
+    Raises:
+        InputError: if the file exists and may not be overwritten, or cannot be written there.
+    """
+    start_ns = scene.wearers[0].start_ns
+    prefixes = wearer_topics([one.subject.name for one in scene.wearers])
+    with atomic_open(path, "wb", overwrite) as file, MessageWriter(file) as writer:
+        info = SceneInfo(name=scene.name, wearer_topics=prefixes, has_camera=scene.camera is not None)
+        topics = [FIRST_CAMERA, *(CameraTopics.of(one.name) for one in scene.further_cameras)]
+        info.further_camera_topics.extend(one.prefix for one in topics[1:])
+        writer.write(SCENE_INFO, info, start_ns)
+        streams: list[Iterable[TimedMessage]] = []
+        truths = (scene.truth, *scene.truth.further) if scene.truth is not None else [None] * len(topics)
+        for own, camera, truth in zip(topics, scene.cameras, truths, strict=False):  # without a camera there is none
+            streams += camera_messages(writer, own, camera, truth, start_ns, Path(path))
+        for prefix, recording in zip(prefixes, scene.wearers, strict=True):
+            streams += recording_messages(writer, recording, prefix)
+        writer.flush()
+        writer.add_in_order(*streams)
+
+
+def wearer_topics(names: Sequence[str], single: str = "", several: str = WEARER) -> list[str]:
+    """What the topics of each wearer begin with."""
+    if len(names) == 1:
+        return [single]
+    return [several + name.replace("%", "%25").replace("/", "%2F") for name in names]
+
+
+def read_scene(path: str | os.PathLike[str]) -> Scene:
+    """Read a scene, or a plain recording as a scene of one wearer without a camera.
+
+    Of a file that was cut off, every whole message is read; a warning and the wearers' notes say up to where.
+
+    Raises:
+        InputError: if there is no such file.
+        FileFormatError: if it is no MCAP file, holds nothing of a recording, or its camera is incomplete.
+        RecordingError: if its samples are unusable.
+    """
+    contents = read_contents(path, _wanted)
+    messages = list(contents.messages.values())
+    infos = of_topic(contents.path, messages, SCENE_INFO, SceneInfo)
+    with naming(contents.path):
+        wearers = _wearers(contents, messages, infos[-1] if infos else None)
+        if not wearers:
+            raise FileFormatError(f"expected a scene; found topics {', '.join(contents.topics)}, no wearer among them")
+        camera, truth, further = _cameras(contents.path, messages, infos[-1] if infos else None, wearers[0].start_ns)
+        if infos and len(infos[-1].wearer_topics) > len(wearers):
+            truth = None  # it counts the wearers
+        return Scene(infos[-1].name if infos else wearers[0].name, wearers, camera, truth, further)
+
+
+def _wanted(channel: McapChannel) -> bool:
+    beyond = channel.topic.startswith(BEYOND) and channel.encoding == "protobuf"
+    return beyond or (is_ours(channel) and not channel.topic.startswith(ESTIMATE))
+
+
+def _wearers(contents: McapContents, messages: Sequence[McapMessages], info: SceneInfo | None) -> tuple[Recording, ...]:
+    prefixes = wearer_prefixes(contents, messages, info)
+    return tuple(recording_of(contents, messages, one) for one in prefixes)
+
+
+def wearer_prefixes(contents: McapContents, messages: Sequence[McapMessages], info: SceneInfo | None) -> list[str]:
+    """What the topics of each wearer begin with of whom something is left; who has nothing is told."""
+    found = {
+        "/".join(one.channel.topic.split("/")[:3]): None for one in messages if one.channel.topic.startswith(WEARER)
+    }
+    prefixes = list(info.wearer_topics) if info is not None else list(found) or [""]
+    for one in prefixes:
+        if one and one not in found:
+            warn(contents.path, f"nothing of wearer {one.removeprefix(WEARER)} is left")
+            found.pop(one, None)
+    return [one for one in prefixes if not one or one in found]
+
+
+def _cameras(
+    path: Path, messages: Sequence[McapMessages], info: SceneInfo | None, start_ns: int
+) -> tuple[Camera | None, SceneTruth | None, tuple[Camera, ...]]:
+    """The first camera, what is known, and further cameras."""
+    there = any(one.channel.topic.startswith(f"{FIRST_CAMERA.prefix}/") for one in messages)
+    if not there and not (info is not None and info.has_camera):
+        return None, None, ()
+    camera, known = camera_of(path, messages, FIRST_CAMERA, start_ns)
+    truth = camera_truth_of(path, messages, FIRST_CAMERA, start_ns, known)
+    further, truths = [], []
+    for prefix in info.further_camera_topics if info is not None and camera is not None else ():
+        topics = CameraTopics(prefix)
+        one, known = camera_of(path, messages, topics, start_ns)
+        if one is not None and one.known_path is None:
+            warn(path, f"camera '{one.name}' is left out: its known pose on {topics('pose')} is not left")
+        elif one is not None:
+            further.append(one)
+            truths.append(camera_truth_of(path, messages, topics, start_ns, known) if truth is not None else None)
+    complete = tuple(one for one in truths if one is not None)
+    if truth is not None:
+        truth = replace(truth, further=complete) if len(complete) == len(further) else None
+    return camera, truth, tuple(further)

@@ -8,12 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from vip_factors.errors import RecordingError
-from vip_factors.io.mcap_by_time import McapByTime
-from vip_factors.io.mcap_contents import McapChannel, McapContents, McapMessages
-from vip_factors.io.mcap_imu import read_streams
 from vip_factors.io.mcap_messages import is_ours, naming, of_topic
-from vip_factors.io.mcap_recording import IMU, recording_of
-from vip_factors.io.mcap_scene_recording import INFO, wearer_prefixes
+from vip_factors.io.mcap_reader import McapByTime, McapChannel, McapContents, McapMessages
+from vip_factors.io.mcap_recording import IMU, SCENE_INFO, recording_of, wearer_prefixes
+from vip_factors.io.mcap_samples import read_streams
 from vip_factors.io.mcap_writer import NS_PER_S
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
@@ -134,7 +132,7 @@ def open_sampled(path: str | os.PathLike[str]) -> SampledScene | None:
     """
     file = McapByTime(path, _comes_once, _comes_in_time)
     messages = list(file.contents.messages.values())
-    infos = of_topic(file.path, messages, INFO, SceneInfo)
+    infos = of_topic(file.path, messages, SCENE_INFO, SceneInfo)
     try:
         with naming(file.path):
             wearers = tuple(

@@ -14,7 +14,6 @@ from vip_factors.estimate import CameraEstimate, Estimate
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.mcap_camera import intrinsics_message, intrinsics_of, path_messages
-from vip_factors.io.mcap_contents import McapContents, McapMessages, read_contents
 from vip_factors.io.mcap_estimate import (
     ESTIMATE,
     SINGLE,
@@ -28,14 +27,16 @@ from vip_factors.io.mcap_estimate import (
 from vip_factors.io.mcap_messages import (
     calibration_message,
     calibration_of,
+    detector_message,
+    detector_of,
     naming,
     of_topic,
     set_timestamp,
     vector_message,
     warn,
 )
-from vip_factors.io.mcap_places import detector_message, detector_of
-from vip_factors.io.mcap_scene_recording import wearer_topics
+from vip_factors.io.mcap_reader import McapContents, McapMessages, read_contents
+from vip_factors.io.mcap_recording import wearer_topics
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose, CameraResiduals
@@ -198,7 +199,7 @@ def read_scene_estimate(path: str | os.PathLike[str]) -> Estimate:
     """Read the estimate of a scene, or a plain estimate as that of a scene with one wearer without a camera.
 
     Of a file that was cut off, every whole frame before the cut is read, and a
-    :class:`~vip_factors.io.mcap_contents.McapWarning` says so.
+    :class:`~vip_factors.io.mcap_reader.McapWarning` says so.
 
     Raises:
         InputError: if there is no such file.

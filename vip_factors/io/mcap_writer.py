@@ -7,7 +7,7 @@ from itertools import count
 from typing import IO, TYPE_CHECKING, Any
 
 from vip_factors import __version__
-from vip_factors.io.mcap_contents import McapContents, McapMessages
+from vip_factors.io.mcap_reader import McapContents, McapMessages
 
 if TYPE_CHECKING:
     from google.protobuf.message import Message

@@ -9,12 +9,11 @@ import numpy as np
 
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.body_file import read_body_file
+from vip_factors.io.body_file import read_body_file, scene_with_body
 from vip_factors.io.camera_file import read_camera_file, read_floor
 from vip_factors.io.convert import ImportOptions, detect_format, import_recording, read_log
 from vip_factors.io.detections.read import read_detections
-from vip_factors.io.known_body import scene_with_body
-from vip_factors.io.mcap_scene_recording import read_scene
+from vip_factors.io.mcap_recording import read_scene
 from vip_factors.io.toml_values import nearest
 from vip_factors.io.torso_colour import with_torso_colours
 from vip_factors.io.video import check_video, embed_video, video_facts
@@ -105,7 +104,7 @@ def read_scenes(paths: Sequence[Path]) -> Scene:
     """A scene from a recording's file, or from several that are its parts, one after another in time.
 
     Raises:
-        InputError, FileFormatError: as :func:`~vip_factors.io.mcap_scene_recording.read_scene`, and as
+        InputError, FileFormatError: as :func:`~vip_factors.io.mcap_recording.read_scene`, and as
             :func:`~vip_factors.sensors.parts.scene_in_parts`.
     """
     scenes = [read_scene(path) for path in paths]

@@ -109,7 +109,7 @@ def _live_estimate() -> bytes:
 def _images() -> Files:
     """The scene with images of its video inside."""
     from tests.studies.fuzz.corpus_filmed import moving_square
-    from vip_factors.io.mcap_scene_recording import write_scene
+    from vip_factors.io.mcap_recording import write_scene
     from vip_factors.sensors.scene import Video
     from vip_factors.viz.encoded import jpeg_bytes, png_bytes
 

@@ -92,9 +92,8 @@ def scene_files() -> dict[str, bytes]:
     """A scene and one wearer alone, estimates of both, and the scene as live messages, with a token."""
     from vip_factors.io.live.send import write_messages
     from vip_factors.io.mcap_estimate import write_estimate
-    from vip_factors.io.mcap_recording import write_recording
+    from vip_factors.io.mcap_recording import write_recording, write_scene
     from vip_factors.io.mcap_scene_estimate import write_scene_estimate
-    from vip_factors.io.mcap_scene_recording import write_scene
 
     scene = small_scene()
     estimate = small_estimate(scene)
@@ -143,7 +142,7 @@ def _recording(folder: Path, name: str) -> None:
     sampled = open_sampled(path)
     for wearer in sampled.wearers if sampled is not None else ():
         wearer.between(0.0, 0.1)
-    from vip_factors.io.mcap_scene_recording import read_scene
+    from vip_factors.io.mcap_recording import read_scene
 
     scene = read_scene(path)
     if scene.camera is None or name == "plain":
@@ -156,8 +155,8 @@ def _estimate(folder: Path, name: str) -> None:
     """As ``info``, ``evaluate`` and ``body`` do."""
     from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
     from vip_factors.io.calibration_history import read_calibration_history
+    from vip_factors.io.mcap_recording import read_scene
     from vip_factors.io.mcap_scene_estimate import read_scene_estimate
-    from vip_factors.io.mcap_scene_recording import read_scene
 
     path = folder / f"{name}.estimate.mcap"
     file_text(path)
@@ -226,8 +225,7 @@ def solved_cases() -> list[Case]:
 
 
 def _recordings() -> Files:
-    from vip_factors.io.mcap_recording import write_recording
-    from vip_factors.io.mcap_scene_recording import write_scene
+    from vip_factors.io.mcap_recording import write_recording, write_scene
 
     scene, filmed = simulated_scene(SECONDS), simulated_scene(FILMED_SECONDS)
     wearer = filmed.wearers[0]

@@ -84,7 +84,7 @@ def _steps(time: Array, rate: float) -> Array:
 
 
 def _scene(path: Path, estimate: Estimate) -> Scene:
-    from vip_factors.io.mcap_scene_recording import read_scene
+    from vip_factors.io.mcap_recording import read_scene
 
     scene = read_scene(path)
     detections = 0 if scene.camera is None else len(scene.camera.detections)

@@ -7,9 +7,8 @@ from io import BytesIO
 from typing import Any
 
 from vip_factors.io.live.growing_file import Record
-from vip_factors.io.mcap_contents import CHANNEL, MESSAGE_HEAD, SCHEMA, McapChannel
-from vip_factors.io.mcap_recording import IMU, INFO, PLACEMENT, SUBJECT, WEARER
-from vip_factors.io.mcap_scene_recording import INFO as SCENE_INFO
+from vip_factors.io.mcap_reader import CHANNEL, MESSAGE_HEAD, SCHEMA, McapChannel
+from vip_factors.io.mcap_recording import IMU, INFO, PLACEMENT, SCENE_INFO, SUBJECT, WEARER
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample

@@ -9,17 +9,19 @@ from typing import BinaryIO
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live.settings import LiveSourceSettings
-from vip_factors.io.mcap_chunk import CHUNK_HEAD, ChunkError, read_chunk
-from vip_factors.io.mcap_contents import (
+from vip_factors.io.mcap_reader import (
     CHANNEL,
     CHUNK,
+    CHUNK_HEAD,
     DATA_END,
     FOOTER,
     MAGIC,
     MESSAGE,
     RECORD_HEAD,
     SCHEMA,
+    ChunkError,
     check_magic,
+    read_chunk,
     records_of,
 )
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.mcap_camera import intrinsics_message, intrinsics_of
-from vip_factors.io.mcap_detections import keypoint_set_of
 from vip_factors.io.mcap_messages import rotation, rotation_message, set_timestamp, time_ns_of, vector, vector_message
 from vip_factors.io.mcap_recording import placement_message, placement_of, subject_message, subject_of
+from vip_factors.io.mcap_samples import keypoint_set_of
 from vip_factors.io.mcap_writer import nanoseconds
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraPose
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo

@@ -61,7 +61,7 @@ def open_source(
         from vip_factors.io.live.growing import GrowingFileSource
 
         return GrowingFileSource(text, settings, tell)
-    from vip_factors.io.mcap_scene_recording import read_scene
+    from vip_factors.io.mcap_recording import read_scene
 
     return RecordingSource(read_scene(text), real_time, speed, settings, tell)
 

@@ -8,13 +8,16 @@ import mmap
 import os
 import struct
 import warnings
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
+from typing import IO
+
+import numpy as np
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.mcap_chunk import ChunkError, read_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length
@@ -251,3 +254,187 @@ def records_of(data: View, start: int) -> Iterator[tuple[int, int, int]]:
             return
         yield opcode, start, start + length
         start += length
+
+
+CHUNK_HEAD = struct.Struct("<QQQI")  # start and end log time, uncompressed size, CRC of the content
+
+
+class ChunkError(Exception):
+    """A chunk that cannot be read; the message says why."""
+
+
+def read_chunk(content: bytes | memoryview, whole: bool = True) -> bytes:
+    """The records of a chunk, decompressed.
+
+    Args:
+        content: of the chunk record, without opcode and length.
+        whole: False if the content is cut off: then everything that decompresses is returned, which is every block
+            that was written completely (zstd and lz4 compress in blocks of at most 128 KiB and 4 MiB).
+
+    Raises:
+        ChunkError: for an unknown compression, or data that does not match its size or checksum.
+    """
+    try:
+        _, _, size, crc = CHUNK_HEAD.unpack_from(content)
+        compression, start = _prefixed_string(content, CHUNK_HEAD.size)
+        (length,) = struct.unpack_from("<Q", content, start)
+    except (struct.error, UnicodeDecodeError) as error:
+        if not whole:
+            return b""
+        raise ChunkError("a chunk's head is malformed") from error
+    packed = bytes(content[start + 8 : start + 8 + length])
+    data = _decompress(compression, packed, size, whole)
+    if whole and len(data) != size:
+        raise ChunkError(f"a chunk holds {len(data)} bytes where its head says {size}")
+    if whole and crc and zlib.crc32(data) != crc:
+        raise ChunkError("a chunk does not match its checksum")
+    return data
+
+
+def _prefixed_string(content: bytes | memoryview, start: int) -> tuple[str, int]:
+    (length,) = struct.unpack_from("<I", content, start)
+    end = start + 4 + length
+    if end > len(content):
+        raise struct.error("string beyond the end")
+    return str(content[start + 4 : end], "utf-8"), end
+
+
+def _decompress(compression: str, packed: bytes, size: int, whole: bool) -> bytes:
+    if compression == "":
+        return packed
+    if compression == "zstd":
+        import zstandard
+
+        decompress = zstandard.ZstdDecompressor().decompressobj().decompress
+        failure: type[Exception] = zstandard.ZstdError
+    elif compression == "lz4":
+        import lz4.frame
+
+        decompress, failure = lz4.frame.LZ4FrameDecompressor().decompress, RuntimeError
+    else:
+        raise ChunkError(f"a chunk is compressed with '{compression}' (known: zstd, lz4)")
+    try:
+        return decompress(packed)
+    except failure as error:
+        if not whole:
+            return b""
+        raise ChunkError(f"a chunk of {size} bytes does not decompress ({error})") from error
+
+
+class _Ends(McapMessages):
+    """Of the messages of a channel the first and the last one alone, by log time."""
+
+    def add(self, log_time: int, publish_time: int, sequence: int, data: View) -> None:
+        """One more, in the place of the one that it is before or after."""
+        times = self.log_times
+        if times and min(times) <= log_time <= max(times) and len(times) > 1:
+            return
+        super().add(log_time, publish_time, sequence, data)
+        if len(times) > 2:
+            order = np.argsort(times, kind="stable").tolist()
+            for values in (times, self.publish_times, self.sequences, self.data):
+                values[:] = [values[order[0]], values[order[-1]]]
+
+
+class _FirstPass(RecordWalk):
+    """Keeps the messages of wanted channels, and of the sampled ones the ends."""
+
+    def __init__(
+        self, contents: McapContents, wanted: Callable[[McapChannel], bool], sampled: Callable[[McapChannel], bool]
+    ) -> None:
+        super().__init__(contents, lambda channel: wanted(channel) or sampled(channel))
+        self._sampled = sampled
+
+    def messages_of(self, channel: McapChannel) -> McapMessages:
+        return _Ends(channel) if self._sampled(channel) else McapMessages(channel)
+
+
+@dataclass(frozen=True)
+class _ChunkPlace:
+    """Where a chunk's content lies in the file, and the log times in it."""
+
+    offset: int
+    length: int
+    first: int
+    last: int
+
+
+class McapByTime:
+    """An MCAP file of which as much is in memory as is asked for.
+
+    Attributes:
+        contents: what comes once, and of every sampled channel the first and the last message.
+        chunked: False if messages stand outside of chunks: these are not found by time.
+
+    Args:
+        path: of the file.
+        wanted: channels whose messages are few.
+        sampled: those whose messages are many.
+
+    Raises:
+        InputError: if there is no such file.
+        FileFormatError: if it is empty or not an MCAP file.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        wanted: Callable[[McapChannel], bool],
+        sampled: Callable[[McapChannel], bool],
+    ) -> None:
+        self.path, self._sampled, self.chunked = Path(path), sampled, True
+        check_file(self.path)
+        self.contents = McapContents(self.path)
+        self._chunks: list[_ChunkPlace] = []
+        walk = _FirstPass(self.contents, wanted, sampled)
+        with open(self.path, "rb") as file:
+            check_magic(self.path, file.read(len(MAGIC)))
+            self._pass_over(file, walk)
+        for sentence in self.contents.damage:
+            warnings.warn(McapWarning(f"{path}: {sentence}"), stacklevel=2)
+
+    def _pass_over(self, file: IO[bytes], walk: RecordWalk) -> None:
+        size, offset = self.path.stat().st_size, len(MAGIC)
+        while offset + RECORD_HEAD.size <= size:
+            opcode, length = RECORD_HEAD.unpack(file.read(RECORD_HEAD.size))
+            offset += RECORD_HEAD.size
+            if opcode == FOOTER:
+                return
+            if opcode == 0 or offset + length > size:
+                break
+            content = file.read(length)
+            if opcode == CHUNK and length >= CHUNK_HEAD.size:
+                first, last, _, _ = CHUNK_HEAD.unpack_from(content)
+                self._chunks.append(_ChunkPlace(offset, length, first, last))
+            elif opcode == MESSAGE and length >= MESSAGE_HEAD.size:
+                self.chunked = False
+            walk.record(opcode, content)
+            offset += length
+        self.contents.damage.insert(0, f"the file is cut off or damaged at byte {offset}; what follows is lost")
+
+    def between(self, first: int, last: int) -> McapContents:
+        """The messages of sampled channels with log times from ``first`` to ``last``, nanoseconds, in file order."""
+        found = McapContents(self.path)
+        walk = RecordWalk(found, self._sampled)
+        for number, one in self.contents.messages.items():
+            found.messages[number] = McapMessages(one.channel)
+            if self._sampled(one.channel):
+                walk.kept[number] = _Inside(one.channel, between=(first, last))
+                found.messages[number] = walk.kept[number]
+        with open(self.path, "rb") as file:
+            for chunk in self._chunks:
+                if chunk.first <= last and chunk.last >= first:
+                    file.seek(chunk.offset)
+                    walk.chunk(file.read(chunk.length))
+        return found
+
+
+@dataclass
+class _Inside(McapMessages):
+    """The messages of a channel within some log times."""
+
+    between: tuple[int, int] = (0, 0)
+
+    def add(self, log_time: int, publish_time: int, sequence: int, data: View) -> None:
+        if self.between[0] <= log_time <= self.between[1]:
+            super().add(log_time, publish_time, sequence, data)

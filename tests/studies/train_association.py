@@ -17,17 +17,17 @@ from tests.studies.train_prior import Trained, Training
 from vip_factors.associate.associate import (
     Association,
     associate,
-    build_programme,
+    build_assignment,
     choose,
     gated,
     inter_edges,
     intra_edges,
     make_context,
 )
-from vip_factors.associate.features import Context, inter_features, unary_features
+from vip_factors.associate.features import Context, unary_features
+from vip_factors.associate.pair_features import inter_features
 from vip_factors.associate.settings import AssociationSettings
-from vip_factors.associate.verdict import verdict_features
-from vip_factors.associate.weights import FEATURES, AssociationWeights, Logistic
+from vip_factors.associate.weights import FEATURES, AssociationWeights, Logistic, verdict_features
 from vip_factors.atomic import atomic_path, check_target
 from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Output
@@ -173,7 +173,7 @@ def _train_pass(
     verdicts = []
     for (_, context), f, y in zip(prepared, features, right, strict=True):
         odds = unary.log_odds(f)
-        programme, rows = build_programme(context, odds, found, settings)
+        programme, rows = build_assignment(context, odds, found, settings)
         chosen = choose(context, programme, settings)
         verdicts.append((verdict_features(context, f[rows], odds[rows], programme, chosen), y[rows][chosen]))
     return {**found, "verdict" + suffix: _fit_verdict(verdicts, FEATURES["verdict" + suffix])}

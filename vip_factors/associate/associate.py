@@ -5,26 +5,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vip_factors.associate.appearance import clothes_odds
-from vip_factors.associate.features import (
-    INTRA,
-    Context,
-    inter_features,
-    intra_features,
-    pairs_of_frame,
-    unary_features,
-    vote_turn,
-)
+from vip_factors.associate.assignment import AssignmentProblem, solve_in_windows
+from vip_factors.associate.cues import assign_by_position, clothes_log_odds
+from vip_factors.associate.features import INTRA, Context, unary_features
 from vip_factors.associate.findings import find_oddities
 from vip_factors.associate.hypothesis import hypotheses, keypoint_sigma, used_confidence, wearer_points
-from vip_factors.associate.meta_camera import meta_features
-from vip_factors.associate.one_person import contradicted, passing
-from vip_factors.associate.place import left_over
-from vip_factors.associate.programme import Programme, solve_in_windows
+from vip_factors.associate.pair_features import inter_features, intra_features, meta_features, pairs_of_frame, vote_turn
 from vip_factors.associate.settings import AssociationSettings
-from vip_factors.associate.tracklets import tracklets
-from vip_factors.associate.verdict import verdict_features
-from vip_factors.associate.weights import Logistic, load_weights
+from vip_factors.associate.tracklets import brief_choices, contradicted, tracklets
+from vip_factors.associate.weights import Logistic, load_weights, verdict_features
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, transpose
@@ -102,11 +91,11 @@ def associate(
         dressed = odds + clothes[h.wearer, h.detection]
         result = replace(_decided(context, features, dressed, weights.logistic, settings, None), by_clothes=True)
     if context.camera is not None and settings.by_place:
-        result = _with_left_over(result, context, context.camera, settings.least_confidence, clothes)
+        result = _with_positions(result, context, context.camera, settings.least_confidence, clothes)
     return replace(result, findings=find_oddities(detections, context, odds, motions, result.wearer))
 
 
-def add_left_over(
+def add_by_position(
     association: Association, detections: Detections, model: CameraModel, motions: Sequence[Motion],
     camera: CameraPath, settings: AssociationSettings | None = None,
 ) -> Association:  # fmt: skip
@@ -123,22 +112,22 @@ def add_left_over(
     if context.camera is None:
         return association
     clothes = _clothes(context, detections, association.wearer) if settings.by_clothes else None
-    return _with_left_over(association, context, context.camera, settings.least_confidence, clothes)
+    return _with_positions(association, context, context.camera, settings.least_confidence, clothes)
 
 
 def _decided(
     context: Context, features: Array, odds: Array, logistic: Mapping[str, Logistic], settings: AssociationSettings,
     progress: Callable[[float], None] | None,
 ) -> Association:  # fmt: skip
-    """The association by the programme, of hypotheses with features ``(P, ...)`` and log-odds ``(P,)``."""
+    """The association by the assignment problem, of hypotheses with features ``(P, ...)`` and log-odds ``(P,)``."""
     verdict = logistic["verdict" + ("" if context.camera is None else "_camera")]
-    programme, rows = build_programme(context, odds, logistic, settings)
-    chosen = choose(context, programme, settings, progress)
-    log_odds = verdict.log_odds(verdict_features(context, features[rows], odds[rows], programme, chosen))
+    problem, rows = build_assignment(context, odds, logistic, settings)
+    chosen = choose(context, problem, settings, progress)
+    log_odds = verdict.log_odds(verdict_features(context, features[rows], odds[rows], problem, chosen))
     confidence = 1 / (1 + np.exp(-np.clip(log_odds, -50, 50)))
     sure = confidence >= settings.least_confidence
     sure[sure] = ~_contradicted(context, rows[chosen][sure], odds)
-    sure &= _seen_again(programme.wearer[chosen], sure, settings.least_choices)
+    sure &= _seen_again(problem.wearer[chosen], sure, settings.least_choices)
     return _result(context, odds, rows[chosen][sure], confidence[sure], len(context.frame))
 
 
@@ -150,7 +139,7 @@ def _contradicted(context: Context, rows: np.ndarray, odds: Array) -> np.ndarray
     own = np.zeros(len(wearer))
     own[there] = odds[rows]
     wrong = contradicted(context.frame, context.track, wearer, own)
-    wrong |= passing(context.track, np.where(wrong, -1, wearer), context.weight, context.rate)
+    wrong |= brief_choices(context.track, np.where(wrong, -1, wearer), context.weight, context.rate)
     return wrong[there]
 
 
@@ -158,15 +147,15 @@ def _clothes(context: Context, detections: Detections, wearer: np.ndarray) -> Ar
     """Log-odds ``(W, N)`` by clothes; None where they tell nothing of anybody."""
     if detections.torso_colour is None:
         return None
-    odds = clothes_odds(context, detections.torso_colour, wearer)
+    odds = clothes_log_odds(context, detections.torso_colour, wearer)
     return odds if np.any(odds) else None
 
 
-def _with_left_over(
+def _with_positions(
     result: Association, context: Context, camera: CameraPath, confidence: float, clothes: Array | None
 ) -> Association:
     """The same with the detections that lie where a wearer is."""
-    wearer = left_over(context, camera, result.wearer, clothes)
+    wearer = assign_by_position(context, camera, result.wearer, clothes)
     added = (wearer != result.wearer) & ~contradicted(context.frame, context.track, wearer, -result.unary)
     wearer = np.where(added, wearer, result.wearer)
     R = transpose(camera.R_world_camera)[context.frame]
@@ -211,10 +200,10 @@ def make_context(
     )
 
 
-def build_programme(
+def build_assignment(
     context: Context, odds: Array, logistic: Mapping[str, Logistic], settings: AssociationSettings
-) -> tuple[Programme, np.ndarray]:
-    """The programme over the hypotheses within the gate, ``H`` of ``P``, and their rows ``(H,)``.
+) -> tuple[AssignmentProblem, np.ndarray]:
+    """The assignment problem over the hypotheses within the gate, ``H`` of ``P``, and their rows ``(H,)``.
 
     Args:
         context: of the recording.
@@ -232,21 +221,21 @@ def build_programme(
         costs.append(-settings.intra_weight * logistic["intra" + suffix].log_odds(features))
     new = np.full(len(h), -1)
     new[rows] = np.arange(len(rows))
-    programme = Programme(
+    problem = AssignmentProblem(
         h.frame[rows], h.wearer[rows], h.detection[rows], -odds[rows], new[np.concatenate(edges)], np.concatenate(costs)
     )
-    return programme, rows
+    return problem, rows
 
 
 def choose(
     context: Context,
-    programme: Programme,
+    problem: AssignmentProblem,
     settings: AssociationSettings,
     progress: Callable[[float], None] | None = None,
 ) -> np.ndarray:
     """The best choice ``(H,)``, window by window."""
     window, overlap = (max(1, round(one * context.rate)) for one in (settings.window_s, settings.overlap_s))
-    return solve_in_windows(programme, max(window, overlap + 1), overlap, progress)
+    return solve_in_windows(problem, max(window, overlap + 1), overlap, progress)
 
 
 def gated(context: Context, odds: Array, settings: AssociationSettings) -> np.ndarray:

@@ -4,10 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vip_factors.associate.camera_fit import FEWEST_KEYPOINTS, fit_cameras
-from vip_factors.associate.features import Context
-from vip_factors.associate.hypothesis import keypoint_sigma, wearer_points
-from vip_factors.associate.major_joints import given_keypoints
+from vip_factors.associate.features import Context, given_keypoints
+from vip_factors.associate.hypothesis import FEWEST_KEYPOINTS, fit_cameras, keypoint_sigma, wearer_points
 from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet
 from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array, rotation_z, yaw_of

@@ -1,16 +1,201 @@
-"""Hypothesis cameras: where the camera would be if a detection showed a wearer (thesis 4.3.2, M_H)."""
+"""Hypothesis cameras: where the camera would be if a detection showed a wearer (thesis 4.3.2, M_H).
+
+PnP of all pairs of a wearer and a detection at once: a closed-form start, then robust Gauss–Newton on all of them.
+Each match is first turned into a virtual camera that looks straight at the person: there the weak-perspective start is
+good wherever in the image the person stands. Residuals are counted in metres at the person's depth, so that near and
+far people count alike (thesis eq. 4.14).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.associate.camera_fit import CameraFit, fit_cameras
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.geometry.quaternions import interpolate_rotations
-from vip_factors.geometry.rotations import Array, transpose
+from vip_factors.geometry.rotations import Array, exp, hat, nearest_rotation, transpose
 from vip_factors.sensors.detections import Detections
+
+FEWEST_KEYPOINTS = 6  # six unknowns would need three; below six a wrong person fits as well as the right one
+CHUNK = 2048  # matches at a time: their Jacobians stay in the processor's cache
+CAUCHY = 2.0  # sigmas at which a keypoint starts to be doubted
+START_STEPS, FINAL_STEPS = 5, 6  # of Gauss–Newton: from every start, then from the best
+NEAREST_DEPTH, FURTHEST_DEPTH = 0.5, 80.0  # m: nobody is whole in the image nearer, or distinguishable further off
+MAX_TURN = 0.5  # rad per step: a longer one leaves where the linearisation holds
+
+
+@dataclass(frozen=True)
+class CameraFit:
+    """Cameras that explain ``P`` matches of ``K`` points with as many rays.
+
+    Attributes:
+        R_camera_world: ``(P, 3, 3)``; identity where refused.
+        p_camera_origin: ``(P, 3)`` metres, where the points' origin lies in the camera's frame; NaN where refused.
+        error: ``(P, K, 2)`` reprojection errors in metres at the person's depth; NaN where not seen or refused.
+        cost: ``(P,)`` robust mean of squared errors in sigmas (Cauchy); NaN where refused.
+        accepted: ``(P,)`` whether a believable camera was found.
+    """
+
+    R_camera_world: Array
+    p_camera_origin: Array
+    error: Array
+    cost: Array
+    accepted: np.ndarray
+
+
+def fit_cameras(points: Array, rays: Array, weight: Array, sigma: Array) -> CameraFit:
+    """Fit one camera to each match.
+
+    Args:
+        points: ``(P, K, 3)`` metres, in any frame of the match's own.
+        rays: ``(P, K, 2)`` undistorted image coordinates at depth one; anything where the weight is zero.
+        weight: ``(P, K)`` confidences; 0 for keypoints not to be used.
+        sigma: ``(K,)`` or ``(P, K)`` metres, how far keypoints lie off.
+    """
+    sigma = np.broadcast_to(sigma, weight.shape)
+    parts = [
+        _fit_chunk(points[i : i + CHUNK], rays[i : i + CHUNK], weight[i : i + CHUNK], sigma[i : i + CHUNK])
+        for i in range(0, max(len(points), 1), CHUNK)
+    ]
+    return CameraFit(*(np.concatenate([getattr(part, name) for part in parts]) for name in CameraFit.__annotations__))
+
+
+def _fit_chunk(points: Array, rays: Array, weight: Array, sigma: Array) -> CameraFit:
+    usable = (weight > 0) & np.all(np.isfinite(rays), axis=-1) & np.all(np.isfinite(points), axis=-1)
+    enough = usable.sum(axis=1) >= FEWEST_KEYPOINTS
+    usable = usable & enough[:, None]
+    w = np.where(usable, weight, 0.0)
+    w[~enough] = 1.0  # whatever comes out is refused; it must only be finite
+    X = np.where(usable[..., None], points, 0.0)
+    centre = _mean(X, w)
+    X = X - centre[:, None]
+    R_virtual_camera, flat = _straight_ahead(np.where(usable[..., None], rays, 0.0), w)
+    problem = _Problem(X, flat, w, sigma)
+    R, t = problem.best(problem.starts())
+    p, flat_there = problem.seen(R, t)
+    error = (flat_there - flat) * t[:, None, 2:]
+    nearest = np.where(usable, p[..., 2], np.inf).min(axis=1)
+    with np.errstate(invalid="ignore"):
+        accepted = enough & (nearest > NEAREST_DEPTH / 2) & (t[:, 2] > NEAREST_DEPTH) & (t[:, 2] < FURTHEST_DEPTH)
+    accepted &= np.all(np.isfinite(R), axis=(1, 2)) & np.all(np.isfinite(t), axis=1)
+    back = transpose(R_virtual_camera)
+    R_camera = back @ R
+    origin = (back @ (t - (R @ centre[..., None])[..., 0])[..., None])[..., 0]
+    return CameraFit(
+        np.where(accepted[:, None, None], R_camera, np.eye(3)),
+        np.where(accepted[:, None], origin, np.nan),
+        np.where((usable & accepted[:, None])[..., None], error, np.nan),
+        np.where(accepted, problem.cost(R, t), np.nan),
+        accepted,
+    )
+
+
+def _mean(values: Array, w: Array) -> Array:
+    return np.einsum("pk,pki->pi", w, values) / np.maximum(w.sum(axis=1), 1e-9)[:, None]
+
+
+def _straight_ahead(rays: Array, w: Array) -> tuple[Array, Array]:
+    """Rotations ``(P, 3, 3)`` to cameras that look at the middle of the rays, and the rays ``(P, K, 2)`` there."""
+    forward = np.concatenate([_mean(rays, w), np.ones((len(rays), 1))], axis=1)
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    axis = np.cross(forward, [0.0, 0.0, 1.0])
+    sine = np.linalg.norm(axis, axis=1, keepdims=True)
+    R = exp(axis / np.maximum(sine, 1e-12) * np.arctan2(sine, forward[:, 2:]))
+    turned = np.concatenate([rays, np.ones((*rays.shape[:-1], 1))], axis=-1) @ transpose(R)
+    return R, turned[..., :2] / np.maximum(turned[..., 2:], 0.05)
+
+
+class _Problem:
+    """The matches in their virtual cameras: points about their centre, rays about the axis."""
+
+    def __init__(self, X: Array, flat: Array, w: Array, sigma: Array) -> None:
+        self.X, self.flat, self.w = X, flat, w
+        self.scale = np.sqrt(w) / sigma  # times depth: whitened residuals
+        self.total = np.maximum(w.sum(axis=1), 1e-9)
+        self.depth = np.ones(len(X))
+
+    def starts(self) -> list[tuple[Array, Array]]:
+        """Weak-perspective cameras: the body taken as flat gives two, tilted either way; as solid one more."""
+        X, w = self.X, self.w
+        weighted = X * w[..., None]
+        _, axes = np.linalg.eigh(transpose(weighted) @ X)
+        N = np.ascontiguousarray(transpose(axes)[:, ::-1])  # rows: longest axis first
+        N[:, 2] = np.cross(N[:, 0], N[:, 1])
+        q = X @ transpose(N)
+        moment = np.einsum("pk,pki,pkj->pij", w, q, q, optimize=True)
+        moment += np.eye(3) * (1e-4 * np.trace(moment, axis1=1, axis2=2)[:, None, None] + 1e-9)
+        cross = np.einsum("pk,pki,pkj->pij", w, self.flat - _mean(self.flat, w)[:, None], q, optimize=True)
+        A = cross[:, :, :2] @ np.linalg.inv(moment[:, :2, :2])
+        U, s, _ = np.linalg.svd(A)
+        scale = np.maximum(s[:, 0], 1e-6)
+        self.depth = np.clip(1 / scale, NEAREST_DEPTH, FURTHEST_DEPTH)
+        slant = U[:, :, 1] * np.sqrt(np.maximum(1 - (s[:, 1] / scale) ** 2, 0))[:, None]
+        starts = [self._start(np.concatenate([A / scale[:, None, None], sign * slant[..., None]], axis=2), N)
+                  for sign in (1.0, -1.0)]  # fmt: skip
+        U3, _, Vt3 = np.linalg.svd(cross @ np.linalg.inv(moment), full_matrices=False)
+        return [*starts, self._start(U3 @ Vt3, N)]
+
+    def _start(self, rows: Array, N: Array) -> tuple[Array, Array]:
+        R = nearest_rotation(np.concatenate([rows, np.cross(rows[:, 0], rows[:, 1])[:, None]], axis=1))
+        middle = _mean(self.flat, self.w)
+        return R @ N, np.concatenate([middle, np.ones((len(R), 1))], axis=1) * self.depth[:, None]
+
+    def best(self, starts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+        """The start that leads lowest, followed to the end."""
+        tried = [self._descend(R, t, START_STEPS) for R, t in starts]
+        costs = np.stack([np.nan_to_num(self.cost(R, t), nan=np.inf) for R, t in tried])
+        choice, rows = costs.argmin(axis=0), np.arange(len(self.X))
+        R, t = (np.stack(part)[choice, rows] for part in zip(*tried, strict=True))
+        return self._descend(R, t, FINAL_STEPS)
+
+    def seen(self, R: Array, t: Array) -> tuple[Array, Array]:
+        """Points in the virtual camera ``(P, K, 3)`` and their images ``(P, K, 2)``."""
+        p = self.X @ transpose(R) + t[:, None]
+        return p, p[..., :2] / np.maximum(p[..., 2:], NEAREST_DEPTH / 5)
+
+    def cost(self, R: Array, t: Array) -> Array:
+        """Robust mean ``(P,)`` of the squared errors in sigmas."""
+        square = self._squares(self.seen(R, t)[1], t)
+        return np.sum(self.w * CAUCHY**2 * np.log1p(square / CAUCHY**2), axis=1) / self.total
+
+    def _squares(self, flat: Array, t: Array) -> Array:
+        error = (flat - self.flat) * (self.scale / np.sqrt(np.maximum(self.w, 1e-12)) * self.depth[:, None])[..., None]
+        return np.einsum("pki,pki->pk", error, error)
+
+    def _descend(self, R: Array, t: Array, steps: int) -> tuple[Array, Array]:
+        damping = np.full(len(R), 1e-3)
+        cost = self.cost(R, t)
+        for _ in range(steps):
+            H, g = self._linearised(R, t)
+            diagonal = np.einsum("pii->pi", H)
+            damped = H + np.eye(6) * (damping[:, None] * diagonal + 1e-6)[:, None, :]
+            step = -np.linalg.solve(damped, g[..., None])[..., 0]
+            turn = np.linalg.norm(step[:, :3], axis=1, keepdims=True)
+            step *= np.minimum(1, MAX_TURN / np.maximum(turn, 1e-12))
+            R_new, t_new = exp(step[:, :3]) @ R, t + step[:, 3:]
+            t_new[:, 2] = np.clip(t_new[:, 2], t[:, 2] / 2, t[:, 2] * 2)
+            cost_new = self.cost(R_new, t_new)
+            better = cost_new < cost
+            R, t = np.where(better[:, None, None], R_new, R), np.where(better[:, None], t_new, t)
+            cost = np.where(better, cost_new, cost)
+            damping = np.where(better, damping * 0.1, damping * 30)
+        return R, t
+
+    def _linearised(self, R: Array, t: Array) -> tuple[Array, Array]:
+        """Normal matrix ``(P, 6, 6)`` and gradient ``(P, 6)`` by a turn Exp(ω) R and a shift of t."""
+        p, flat = self.seen(R, t)
+        doubt = 1 / np.sqrt(1 + self._squares(flat, t) / CAUCHY**2)
+        scale = self.scale * self.depth[:, None] * doubt
+        inverse = 1 / np.maximum(p[..., 2], NEAREST_DEPTH / 5)
+        by_point = np.zeros((*p.shape[:-1], 2, 3))
+        by_point[..., 0, 0] = by_point[..., 1, 1] = inverse
+        by_point[..., 2] = -flat * inverse[..., None]
+        J = np.concatenate([-by_point @ hat(p - t[:, None]), by_point], axis=-1) * scale[..., None, None]
+        J = J.reshape(len(R), 2 * J.shape[1], 6)
+        error = ((flat - self.flat) * scale[..., None]).reshape(len(R), J.shape[1], 1)
+        return transpose(J) @ J, (transpose(J) @ error)[..., 0]
+
 
 LEAST_CONFIDENCE = 0.1  # detectors write guesses below this
 PERSON_SIZE = 0.77  # m: square root of the area that a person covers, for the OKS sigmas

@@ -1,4 +1,7 @@
-"""From features to costs: logistic regressions, trained on labelled scenes (thesis 4.4.1)."""
+"""From features to costs: logistic regressions trained on labelled scenes (thesis 4.4.1), and how sure a choice is.
+
+A choice's confidence is a regression too, over what each hypothesis says on its own and what the choices around it say.
+"""
 
 import json
 import math
@@ -10,10 +13,58 @@ from typing import Any
 
 import numpy as np
 
-from vip_factors.associate.features import INTER, INTRA, INTRA_CAMERA, UNARY, UNARY_CAMERA
-from vip_factors.associate.verdict import VERDICT, VERDICT_CAMERA
+from vip_factors.associate.assignment import AssignmentProblem
+from vip_factors.associate.features import INTER, INTRA, INTRA_CAMERA, UNARY, UNARY_CAMERA, Context
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
+
+AROUND_S = 2.0  # over which neighbours' support is averaged
+MOST_SUPPORT = 12.0  # log-odds: beyond, it is all the same
+_SUPPORT = ("odds", "inter_support", "intra_support", "beside", "support_around", "share_around")
+VERDICT = (*UNARY, *_SUPPORT)
+VERDICT_CAMERA = (*UNARY_CAMERA, *_SUPPORT)
+
+
+def verdict_features(
+    context: Context, unary: Array, odds: Array, problem: AssignmentProblem, chosen: np.ndarray
+) -> Array:
+    """Features ``(C, len(VERDICT))`` of the chosen hypotheses.
+
+    Args:
+        context: of the recording.
+        unary: ``(H, ...)`` features of the problem's hypotheses.
+        odds: ``(H,)`` their log-odds.
+        problem: all within the gate.
+        chosen: ``(H,)`` of them.
+    """
+    a, b = problem.edges.T
+    both = chosen[a] & chosen[b]
+    a, b, support = a[both], b[both], -problem.edge_cost[both]
+    between_frames = problem.frame[a] != problem.frame[b]
+    H = len(chosen)
+
+    def summed(which: np.ndarray, values: Array) -> Array:
+        per_choice = np.bincount(a[which], values[which], H) + np.bincount(b[which], values[which], H)
+        return np.asarray(per_choice, dtype=float)
+
+    inter, intra = summed(between_frames, support), summed(~between_frames, support)
+    beside = summed(~between_frames, np.ones(len(a)))
+    total = np.clip(odds + inter + intra, -MOST_SUPPORT, MOST_SUPPORT)
+    around, share = _around(context, problem, chosen, total)
+    columns = [np.clip(one, -MOST_SUPPORT, MOST_SUPPORT)[chosen] for one in (odds, inter, intra, beside, around, share)]
+    return np.concatenate([unary[chosen], np.stack(columns, axis=1)], axis=1)
+
+
+def _around(context: Context, problem: AssignmentProblem, chosen: np.ndarray, value: Array) -> tuple[Array, Array]:
+    """Mean value of the choices for the same wearer nearby in time, and in what share of frames there are any."""
+    half = max(1, round(AROUND_S / 2 * context.rate))
+    key = problem.wearer * (len(context.time) + 3 * half) + problem.frame
+    order = np.flatnonzero(chosen)[np.argsort(key[chosen], kind="stable")]
+    ordered = key[order]
+    low, high = np.searchsorted(ordered, key - half, "left"), np.searchsorted(ordered, key + half, "right")
+    total = np.concatenate([[0.0], np.cumsum(value[order])])
+    return (total[high] - total[low]) / np.maximum(high - low, 1), (high - low) / (2 * half + 1)
+
 
 SHIPPED_WEIGHTS = Path(__file__).parent / "data" / "association_weights.json"
 FEATURES: dict[str, tuple[str, ...]] = {

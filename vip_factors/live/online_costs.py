@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.associate.features import FITTING_M
+from vip_factors.associate.features import FITTING_M, counts_for, major_joints
 from vip_factors.associate.hypothesis import LEAST_CONFIDENCE, keypoint_sigma
-from vip_factors.associate.major_joints import counts_for, major_joints
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Skeleton

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.associate.associate import Association, add_left_over, associate
+from vip_factors.associate.associate import Association, add_by_position, associate
 from vip_factors.associate.hypothesis import Hypotheses, hypotheses, wearer_points
 from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array
@@ -93,7 +93,7 @@ def look_again(
         known = each.camera.known_path if number else path
         association, detections = each.association, each.detections if number else each.detections.timed(clock)
         if known is not None:
-            association = add_left_over(
+            association = add_by_position(
                 association, detections, each.camera.model, motions, known, settings.association
             )
         again.append(replace(each, association=association))

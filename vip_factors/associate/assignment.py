@@ -1,8 +1,8 @@
-"""The binary programme that chooses hypotheses (thesis eqs. 4.11–4.12), for HiGHS.
+"""The binary linear program that chooses hypotheses (thesis eqs. 4.11–4.12), for HiGHS.
 
 Products of two choices become auxiliary variables. They may be continuous: with binary choices the constraints leave
 them only 0 or 1. A wearer is seen once per frame, so all products of one hypothesis with another frame's hypotheses
-of a wearer add up to at most 1: constraints summed in this way describe the same programme and relax it less.
+of a wearer add up to at most 1: constraints summed in this way describe the same program and relax it less.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ RELATIVE_GAP = 1e-4
 
 
 @dataclass(frozen=True)
-class Programme:
+class AssignmentProblem:
     """Choices among ``H`` hypotheses with ``E`` edges between them; costs are minimised.
 
     Attributes:
@@ -43,33 +43,33 @@ class Programme:
         both = chosen[self.edges[:, 0]] & chosen[self.edges[:, 1]]
         return float(self.cost[chosen].sum() + self.edge_cost[both].sum())
 
-    def part(self, rows: np.ndarray) -> "Programme":
-        """The programme of some hypotheses (rows, increasing) and the edges within them."""
+    def restricted_to(self, rows: np.ndarray) -> "AssignmentProblem":
+        """The problem of some hypotheses (rows, increasing) and the edges within them."""
         new = np.full(len(self.cost), -1)
         new[rows] = np.arange(len(rows))
         inside = np.all(new[self.edges] >= 0, axis=1)
-        return Programme(
+        return AssignmentProblem(
             self.frame[rows], self.wearer[rows], self.detection[rows], self.cost[rows], new[self.edges[inside]],
             self.edge_cost[inside],
         )  # fmt: skip
 
 
-def solve(programme: Programme) -> np.ndarray:
+def solve(problem: AssignmentProblem) -> np.ndarray:
     """The best choice ``(H,)``, of every connected part on its own.
 
     Raises:
         SolveError: if HiGHS finds no solution (choosing nothing always is one).
     """
-    chosen = np.zeros(len(programme.cost), bool)
-    hopeful = np.flatnonzero(_may_pay(programme))
-    rest = programme.part(hopeful)
+    chosen = np.zeros(len(problem.cost), bool)
+    hopeful = np.flatnonzero(_may_pay(problem))
+    rest = problem.restricted_to(hopeful)
     for rows in _components(rest):
-        chosen[hopeful[rows]] = _solve_connected(rest.part(rows))
+        chosen[hopeful[rows]] = _solve_connected(rest.restricted_to(rows))
     return chosen
 
 
 def solve_in_windows(
-    programme: Programme, window: int, overlap: int, progress: Callable[[float], None] | None = None
+    problem: AssignmentProblem, window: int, overlap: int, progress: Callable[[float], None] | None = None
 ) -> np.ndarray:
     """The choice ``(H,)`` from overlapping windows of video frames, so that a recording's length does not matter.
 
@@ -77,65 +77,65 @@ def solve_in_windows(
     and edges to them count.
 
     Args:
-        programme: hypotheses of all frames.
+        problem: hypotheses of all frames.
         window, overlap: in frames; the longest edge should fit into the overlap.
         progress: told the fraction done.
     """
-    chosen = np.zeros(len(programme.cost), bool)
+    chosen = np.zeros(len(problem.cost), bool)
     if len(chosen) == 0:
         return chosen
-    order_frame, last = programme.frame, int(programme.frame.max())
-    a, b = programme.edges.T
-    start = int(programme.frame.min())
+    order_frame, last = problem.frame, int(problem.frame.max())
+    a, b = problem.edges.T
+    start = int(problem.frame.min())
     while start <= last:
         end = start + window
         if last < end + overlap // 2:
             end = last + 1
         keep_until = end if end > last else end - overlap
         free = (order_frame >= start) & (order_frame < end)
-        cost = programme.cost.copy()
-        np.add.at(cost, a, np.where(chosen[b] & ~free[b], programme.edge_cost, 0.0))
-        np.add.at(cost, b, np.where(chosen[a] & ~free[a], programme.edge_cost, 0.0))
+        cost = problem.cost.copy()
+        np.add.at(cost, a, np.where(chosen[b] & ~free[b], problem.edge_cost, 0.0))
+        np.add.at(cost, b, np.where(chosen[a] & ~free[a], problem.edge_cost, 0.0))
         rows = np.flatnonzero(free)
-        part = Programme(
-            programme.frame, programme.wearer, programme.detection, cost, programme.edges, programme.edge_cost
-        ).part(rows)
-        best = solve(part)
-        kept = programme.frame[rows] < keep_until
+        of_window = AssignmentProblem(
+            problem.frame, problem.wearer, problem.detection, cost, problem.edges, problem.edge_cost
+        ).restricted_to(rows)
+        best = solve(of_window)
+        kept = problem.frame[rows] < keep_until
         chosen[rows[kept]] = best[kept]
         start = keep_until
         if progress is not None:
-            progress(min(1.0, (start - int(programme.frame.min())) / max(last + 1 - int(programme.frame.min()), 1)))
+            progress(min(1.0, (start - int(problem.frame.min())) / max(last + 1 - int(problem.frame.min()), 1)))
     return chosen
 
 
-def _may_pay(programme: Programme) -> np.ndarray:
+def _may_pay(problem: AssignmentProblem) -> np.ndarray:
     """Which hypotheses ``(H,)`` could be chosen in a best solution: those that could lower the cost at all."""
-    alive = np.ones(len(programme.cost), bool)
-    a, b = programme.edges.T
-    helpful = np.minimum(programme.edge_cost, 0.0)
+    alive = np.ones(len(problem.cost), bool)
+    a, b = problem.edges.T
+    helpful = np.minimum(problem.edge_cost, 0.0)
     while True:
         there = alive[a] & alive[b]
         gain = np.bincount(a[there], helpful[there], len(alive)) + np.bincount(b[there], helpful[there], len(alive))
-        now = alive & (programme.cost + gain < 0)
+        now = alive & (problem.cost + gain < 0)
         if np.array_equal(now, alive):
             return alive
         alive = now
 
 
-def _exclusive_groups(programme: Programme) -> list[np.ndarray]:
+def _exclusive_groups(problem: AssignmentProblem) -> list[np.ndarray]:
     """Group number ``(H,)`` of each hypothesis, twice: one choice per wearer and frame, one per detection."""
-    by_wearer = programme.frame * (int(programme.wearer.max(initial=0)) + 1) + programme.wearer
-    return [np.unique(key, return_inverse=True)[1] for key in (by_wearer, programme.detection)]
+    by_wearer = problem.frame * (int(problem.wearer.max(initial=0)) + 1) + problem.wearer
+    return [np.unique(key, return_inverse=True)[1] for key in (by_wearer, problem.detection)]
 
 
-def _components(programme: Programme) -> list[np.ndarray]:
+def _components(problem: AssignmentProblem) -> list[np.ndarray]:
     """Rows of the hypotheses of each connected part."""
-    H = len(programme.cost)
+    H = len(problem.cost)
     if H == 0:
         return []
-    links = [programme.edges]
-    offset, groups = H, _exclusive_groups(programme)
+    links = [problem.edges]
+    offset, groups = H, _exclusive_groups(problem)
     for group in groups:  # a node for every group joins its members
         links.append(np.stack([np.arange(H), group + offset], axis=1))
         offset += int(group.max()) + 1
@@ -145,31 +145,31 @@ def _components(programme: Programme) -> list[np.ndarray]:
     return [rows for rows in np.split(order, np.flatnonzero(np.diff(label[:H][order])) + 1) if len(rows)]
 
 
-def _solve_connected(programme: Programme) -> np.ndarray:
-    H, E = len(programme.cost), len(programme.edges)
+def _solve_connected(problem: AssignmentProblem) -> np.ndarray:
+    H, E = len(problem.cost), len(problem.edges)
     if H == 1:
-        return programme.cost < 0
+        return problem.cost < 0
     result = milp(
-        np.concatenate([programme.cost, programme.edge_cost]),
-        constraints=_constraints(programme),
+        np.concatenate([problem.cost, problem.edge_cost]),
+        constraints=_constraints(problem),
         integrality=np.concatenate([np.ones(H), np.zeros(E)]),
         bounds=Bounds(0, 1),
         options={"time_limit": SECONDS_PER_WINDOW, "mip_rel_gap": RELATIVE_GAP},
     )
     if result.x is None:
-        raise SolveError(f"the association's programme of {H} hypotheses was not solved: {result.message}")
+        raise SolveError(f"the association's binary program of {H} hypotheses was not solved: {result.message}")
     return result.x[:H] > 0.5
 
 
-def _constraints(programme: Programme) -> LinearConstraint:
-    H, E = len(programme.cost), len(programme.edges)
+def _constraints(problem: AssignmentProblem) -> LinearConstraint:
+    H, E = len(problem.cost), len(problem.edges)
     rows = _Rows(H + E)
-    wearer_frame, detection = _exclusive_groups(programme)
+    wearer_frame, detection = _exclusive_groups(problem)
     for group in (wearer_frame, detection):
         shared = np.bincount(group)[group] > 1
         rows.add(group[shared], np.flatnonzero(shared), np.ones(int(shared.sum())), 1.0)
     edge = np.arange(E)
-    for near, far in (programme.edges.T, programme.edges.T[::-1]):
+    for near, far in (problem.edges.T, problem.edges.T[::-1]):
         # all products of one choice with a wearer in another frame: at most that choice
         key = np.unique(near * (int(wearer_frame.max(initial=0)) + 1) + wearer_frame[far], return_inverse=True)[1]
         first = np.unique(key, return_index=True)[1]
@@ -177,8 +177,8 @@ def _constraints(programme: Programme) -> LinearConstraint:
             np.concatenate([key, np.arange(len(first))]), np.concatenate([H + edge, near[first]]),
             np.concatenate([np.ones(E), -np.ones(len(first))]), 0.0,
         )  # fmt: skip
-    dear = np.flatnonzero(programme.edge_cost > 0)
-    a, b = programme.edges[dear].T
+    dear = np.flatnonzero(problem.edge_cost > 0)
+    a, b = problem.edges[dear].T
     row, one = np.arange(len(dear)), np.ones(len(dear))
     rows.add(np.tile(row, 3), np.concatenate([a, b, H + dear]), np.concatenate([one, one, -one]), 1.0)
     return rows.constraint()

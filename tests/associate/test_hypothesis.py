@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from vip_factors.associate.camera_fit import fit_cameras
+from vip_factors.associate.hypothesis import fit_cameras
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.geometry.rotations import angle_between, exp
 from vip_factors.simulate.gestures import gestures

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vip_factors.associate.one_person import contradicted, passing
+from vip_factors.associate.tracklets import brief_choices, contradicted
 
 FRAMES = np.repeat(np.arange(30), 2)  # two people in each, one tracklet each
 TRACKS = np.tile([0, 1], 30)
@@ -49,12 +49,12 @@ def test_nobody_is_a_wearer_for_a_moment() -> None:
     weight = np.ones((60, 17))
     wearer = np.where((TRACKS == 1) & (FRAMES < 4), 0, -1)
     wearer[(TRACKS == 0) & (FRAMES >= 10)] = 0
-    assert np.array_equal(passing(TRACKS, wearer, weight, 10.0), TRACKS * (FRAMES < 4) > 0)
+    assert np.array_equal(brief_choices(TRACKS, wearer, weight, 10.0), TRACKS * (FRAMES < 4) > 0)
     weight[(TRACKS == 1) & (FRAMES >= 4), 5:] = 0  # who then is half hidden
-    assert not passing(TRACKS, wearer, weight, 10.0).any()
+    assert not brief_choices(TRACKS, wearer, weight, 10.0).any()
 
 
 def test_who_is_found_nowhere_else_is_kept() -> None:
     wearer = np.where((TRACKS == 1) & (FRAMES < 4), 0, -1)
-    assert not passing(TRACKS, wearer, np.ones((60, 17)), 10.0).any()
-    assert len(passing(TRACKS[:0], wearer[:0], np.ones((0, 17)), 10.0)) == 0
+    assert not brief_choices(TRACKS, wearer, np.ones((60, 17)), 10.0).any()
+    assert len(brief_choices(TRACKS[:0], wearer[:0], np.ones((0, 17)), 10.0)) == 0

@@ -8,7 +8,7 @@ from small_problems import small_scene, walking_scene
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.graph import factor_graph_of
 from vip_factors.factor_graph.variables import Kind
-from vip_factors.live.state import FrameState, moved_frames, without_frames
+from vip_factors.live.problem import FrameState, moved_frames, without_frames
 from vip_factors.problem.blocks import scene_layout
 from vip_factors.problem.state import SceneState
 from vip_factors.solve.chain_system import frame_keys, knot_key, static_key

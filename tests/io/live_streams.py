@@ -7,8 +7,7 @@ from threading import Thread
 from mcap_samples import assert_same
 from scene_samples import filmed_walk
 
-from vip_factors.io.live.settings import LiveSourceSettings
-from vip_factors.io.live.source import LiveSource
+from vip_factors.io.live.source import LiveSource, LiveSourceSettings
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, LiveSetup, live_samples
 from vip_factors.sensors.scene import Scene
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vip_factors.errors import FileFormatError
-from vip_factors.io.live.framing import Deframer, delimited
+from vip_factors.io.live.messages import Deframer, delimited
 from vip_factors.io.schemas.live_message_pb2 import LiveMessage
 
 

@@ -11,12 +11,10 @@ from scene_samples import scenes
 
 from vip_factors.errors import FileFormatError, RecordingError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
-from vip_factors.io.live.byte_stream import listen
-from vip_factors.io.live.framing import delimited
-from vip_factors.io.live.header import header_message, setup_of
-from vip_factors.io.live.samples import rotation_of, sample_message
-from vip_factors.io.live.send import live_messages
+from vip_factors.io.live.messages import delimited, header_message, rotation_of, sample_message, setup_of
+from vip_factors.io.live.open import live_messages
 from vip_factors.io.live.session import Client, ClientError, Session
+from vip_factors.io.live.streams import listen
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
 from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
 from vip_factors.sensors.live import ImuSample, LiveItem, LiveSetup, VideoFrame

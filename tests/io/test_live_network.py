@@ -11,14 +11,11 @@ import pytest
 from live_streams import PATIENT, QUICK, Background, assert_arrived, received, short_walk
 
 from vip_factors.errors import InputError
-from vip_factors.io.live.framing import delimited
-from vip_factors.io.live.open import open_source
-from vip_factors.io.live.pace import Pace
-from vip_factors.io.live.queue import MOST_FINDINGS, LiveQueue
-from vip_factors.io.live.send import live_messages, write_messages
-from vip_factors.io.live.settings import LiveSourceSettings
-from vip_factors.io.live.tcp import TcpServerSource
-from vip_factors.io.live.token import VARIABLE, read_token
+from vip_factors.io.live.messages import delimited
+from vip_factors.io.live.open import VARIABLE, live_messages, open_source, read_token, write_messages
+from vip_factors.io.live.session import Pace
+from vip_factors.io.live.source import MOST_FINDINGS, LiveQueue, LiveSourceSettings
+from vip_factors.io.live.streams import TcpServerSource
 from vip_factors.sensors.live import LiveFinding, VideoFrame
 
 TOKEN = "correct horse battery staple"

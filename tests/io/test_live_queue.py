@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vip_factors.io.live.queue import LiveQueue
-from vip_factors.io.live.throttle import Throttle
+from vip_factors.io.live.session import Throttle
+from vip_factors.io.live.source import LiveQueue
 from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, LiveLoss, VideoFrame
 
 

@@ -11,12 +11,10 @@ import pytest
 from live_streams import QUICK, Background, assert_arrived, received, short_walk, sorted_out
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.live.byte_stream import StandardInputSource
-from vip_factors.io.live.framing import delimited
-from vip_factors.io.live.open import open_source
-from vip_factors.io.live.recording import RecordingSource
-from vip_factors.io.live.send import live_messages, write_messages
-from vip_factors.io.live.settings import LiveSourceSettings
+from vip_factors.io.live.messages import delimited
+from vip_factors.io.live.open import RecordingSource, live_messages, open_source, write_messages
+from vip_factors.io.live.source import LiveSourceSettings
+from vip_factors.io.live.streams import StandardInputSource
 from vip_factors.io.mcap_recording import read_scene, write_scene
 from vip_factors.sensors.live import LiveFinding
 

@@ -12,12 +12,10 @@ import pytest
 from live_streams import PATIENT, QUICK, Background, assert_arrived, received, short_walk
 
 from vip_factors.errors import InputError
-from vip_factors.io.live.framing import delimited
-from vip_factors.io.live.header import header_message
-from vip_factors.io.live.open import open_source
-from vip_factors.io.live.send import live_messages, write_messages
-from vip_factors.io.live.settings import LiveSourceSettings
-from vip_factors.io.live.tcp import TcpServerSource
+from vip_factors.io.live.messages import delimited, header_message
+from vip_factors.io.live.open import live_messages, open_source, write_messages
+from vip_factors.io.live.source import LiveSourceSettings
+from vip_factors.io.live.streams import TcpServerSource
 from vip_factors.sensors.live import LiveSetup
 from vip_factors.sensors.scene import Scene
 

@@ -7,8 +7,7 @@ import pytest
 from live_streams import PATIENT, QUICK, Background, assert_arrived, received, short_walk
 
 from vip_factors.errors import InputError
-from vip_factors.io.live.open import open_source
-from vip_factors.io.live.send import live_messages
+from vip_factors.io.live.open import live_messages, open_source
 from vip_factors.io.live.websocket import WebSocketSource
 from vip_factors.sensors.scene import Scene
 

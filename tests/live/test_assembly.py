@@ -8,8 +8,8 @@ from assembly_stream import CAMERA, COLUMNS, RATE, assemble, in_time, sample, st
 
 from vip_factors.errors import InputError
 from vip_factors.live.assembly import FrameAssembler
-from vip_factors.live.assembly_settings import AssemblySettings
-from vip_factors.live.triangular import triangular_average_of_samples
+from vip_factors.live.sensor_samples import triangular_average_of_samples
+from vip_factors.live.settings import AssemblySettings
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams, triangular_average
 from vip_factors.sensors.imu_stream import ImuStream

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vip_factors.live.assembly import FrameAssembler
-from vip_factors.live.assembly_settings import AssemblySettings
 from vip_factors.live.measurement import FrameMeasurement
+from vip_factors.live.settings import AssemblySettings
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
 
 SECONDS = 1.2

@@ -9,8 +9,8 @@ from assembly_stream import CAMERA, COLUMNS, RATE, assemble, in_time, sample, st
 
 from vip_factors.errors import InputError
 from vip_factors.live.assembly import FrameAssembler
-from vip_factors.live.assembly_settings import AssemblySettings
 from vip_factors.live.measurement import FrameMeasurement
+from vip_factors.live.settings import AssemblySettings
 from vip_factors.sensors.live import ImuSample
 
 WRIST = ("Ada", "wrist")

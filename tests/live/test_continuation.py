@@ -5,20 +5,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vip_factors.live import continuation
-from vip_factors.live.state import FrameState
+from vip_factors.live import prediction
+from vip_factors.live.problem import FrameState
 from vip_factors.simulate.gestures import gestures
 
 
 def test_two_sightings_of_one_frame_do_not_tell_how_fast_a_wearer_goes(monkeypatch: pytest.MonkeyPatch) -> None:
     """One depth is off by a tenth: all frames get the mean of both, and none runs away."""
     sightings = iter([[np.array([1.0, 3.8, 0.9])], [np.array([1.0, 4.2, 0.9])]])
-    monkeypatch.setattr(continuation, "places_in", lambda *_: next(sightings))
+    monkeypatch.setattr(prediction, "places_in", lambda *_: next(sightings))
     motion = gestures(seconds=0.5)
     found = SimpleNamespace(
         problem=SimpleNamespace(wearers=[motion]), shared=SimpleNamespace(camera=SimpleNamespace(poses=()))
     )
     state = FrameState(motion.R_parent_child[:1], np.zeros((1, 3)), np.eye(3), np.zeros(3))
-    placed = continuation._placed(found, [state] * 9, 20, None, [(23, None), (23, None)])  # type: ignore[arg-type]
+    placed = prediction._placed(found, [state] * 9, 20, None, [(23, None), (23, None)])  # type: ignore[arg-type]
     assert placed is not None
     np.testing.assert_allclose([one.p_world_pelvis[0] for one in placed], [[1.0, 4.0, 0.9]] * 9, atol=1e-9)

@@ -11,9 +11,8 @@ from tracked import RATE, SETTINGS, Tracked, filmed, placed_camera, track, track
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.configurations import configured
 from vip_factors.evaluate.metrics import common_frames
-from vip_factors.live.association import OnlineAssociationSettings
 from vip_factors.live.camera_observer import CameraObserver, FrameBelief
-from vip_factors.live.settings import LiveSettings
+from vip_factors.live.settings import LiveSettings, OnlineAssociationSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.problem.scene import SceneProblem

@@ -21,9 +21,9 @@ from hypothesis import strategies as st
 
 from vip_factors.body.kinematics import BodyState
 from vip_factors.errors import InputError
-from vip_factors.live.association import OnlineAssociationSettings
-from vip_factors.live.online_costs import BodyFitter, People
-from vip_factors.live.online_window import best_paths
+from vip_factors.live.association import best_paths
+from vip_factors.live.association_evidence import BodyFitter, People
+from vip_factors.live.settings import OnlineAssociationSettings
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Scene
 

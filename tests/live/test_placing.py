@@ -5,7 +5,7 @@ import pytest
 from tracked import placed_camera
 
 from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.live.placing import places_in
+from vip_factors.live.prediction import places_in
 from vip_factors.sensors.live import LiveSetup, VideoFrame
 from vip_factors.stages.views import points_on_body
 

@@ -12,9 +12,9 @@ from tracked import SETTINGS, Tracked, filmed, track
 
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import wrap_angle
-from vip_factors.live.buffered import MeasuredStretch
-from vip_factors.live.recalibration_process import RecalibrationProcess
-from vip_factors.live.recalibration_settings import RecalibrationSettings
+from vip_factors.live.measurement import MeasuredStretch
+from vip_factors.live.recalibrator import RecalibrationProcess
+from vip_factors.live.settings import RecalibrationSettings
 from vip_factors.sensors.live import LiveSetup, live_samples
 from vip_factors.sensors.scene import Scene
 

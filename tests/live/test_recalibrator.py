@@ -10,12 +10,11 @@ from tracked import filmed
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
 from vip_factors.live import recalibrator
-from vip_factors.live.buffered import MeasuredStretch
-from vip_factors.live.coarse import Known
-from vip_factors.live.measurement import FrameMeasurement
+from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch
+from vip_factors.live.problem import FrameState
 from vip_factors.live.recalibrator import Recalibrator
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.state import FrameState
+from vip_factors.live.start import Known
 from vip_factors.sensors.live import LiveSetup
 
 SETTINGS = LiveSettings()

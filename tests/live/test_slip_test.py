@@ -3,7 +3,8 @@
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
-from vip_factors.live.slip_test import SlipSettings, SlipTest
+from vip_factors.live.sensor_slips import SlipTest
+from vip_factors.live.settings import SlipSettings
 
 RATE, EVERY, SENSORS = 60.0, 12, 3
 WANDER = np.deg2rad(np.full(4, 0.3))

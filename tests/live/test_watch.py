@@ -3,7 +3,8 @@
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, exp
-from vip_factors.live.watch import SensorWatch, WatchSettings
+from vip_factors.live.sensor_slips import SensorWatch
+from vip_factors.live.settings import WatchSettings
 
 RATE = 60.0
 SENSORS = 6

@@ -9,8 +9,7 @@ from filmed_gestures import filmed_gestures
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.evaluate.metrics import common_frames, mpjpe
-from vip_factors.live.recalibration_settings import RecalibrationSettings
-from vip_factors.live.settings import LiveSettings
+from vip_factors.live.settings import LiveSettings, RecalibrationSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose
 from vip_factors.sensors.live import LiveSample, LiveSetup, live_samples

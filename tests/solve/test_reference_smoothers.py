@@ -14,9 +14,9 @@ from tests.studies.stream_references import RecordedWindow, feed, recorded_windo
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.keys import joint_key, root_key
 from vip_factors.geometry.rotations import angle_between
+from vip_factors.live.problem import FrameState, stacked, without_frames
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
-from vip_factors.live.state import FrameState, stacked, without_frames
 from vip_factors.solve.fixed_lag import FixedLagChain
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 

@@ -12,9 +12,7 @@ from threading import Thread
 from typing import IO, Any
 
 from vip_factors.errors import VipFactorsError
-from vip_factors.io.live.framing import delimited
-from vip_factors.io.live.header import header_message
-from vip_factors.io.live.samples import sample_message
+from vip_factors.io.live.messages import delimited, header_message, sample_message
 from vip_factors.sensors.live import LiveSample, LiveSetup, VideoFrame
 
 COMMAND = (sys.executable, "-m", "vip_factors.cli.main")

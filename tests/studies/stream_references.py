@@ -19,10 +19,9 @@ from vip_factors.factor_graph.graph import factor_graph_of
 from vip_factors.factor_graph.keys import root_key
 from vip_factors.factor_graph.variables import values_of
 from vip_factors.geometry.rotations import Array
-from vip_factors.live.problem import LagFrame, LagProblem
+from vip_factors.live.problem import FrameState, LagFrame, LagProblem, stacked
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
-from vip_factors.live.state import FrameState, stacked
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState

@@ -12,10 +12,9 @@ from threadpoolctl import threadpool_limits
 
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.geometry.rotations import Array
-from vip_factors.live.buffered import MeasuredStretch
-from vip_factors.live.coarse import Known, solve_coarsely
+from vip_factors.live.measurement import MeasuredStretch
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.start import Started, started, unsettled
+from vip_factors.live.start import Known, Started, solve_coarsely, started, unsettled
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem

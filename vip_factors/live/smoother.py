@@ -10,9 +10,8 @@ from vip_factors.assembly.charts import Charts
 from vip_factors.assembly.objective import scene_slices
 from vip_factors.factor_graph.extra import ExtraFactors, StreamedTerms
 from vip_factors.geometry.rotations import Array
-from vip_factors.live.problem import LagFrame, LagProblem
+from vip_factors.live.problem import FrameState, LagFrame, LagProblem, moved_frames, stacked
 from vip_factors.live.settings import LiveSettings, RelinearisationSettings
-from vip_factors.live.state import FrameState, moved_frames, stacked
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState

@@ -13,13 +13,11 @@ from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.answers import Answers
 from vip_factors.live.assembly import FrameAssembler
-from vip_factors.live.buffered import MeasuredStretch
-from vip_factors.live.coarse import Known
-from vip_factors.live.continuation import continued, corrections
-from vip_factors.live.measurement import FrameMeasurement
+from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch
+from vip_factors.live.prediction import continued, corrections
 from vip_factors.live.recalibrator import Found, Recalibrator
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.start import Started, start
+from vip_factors.live.start import Known, Started, start
 from vip_factors.live.tracking import Tracking
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveSample, LiveSetup, VideoFrame

@@ -11,16 +11,14 @@ from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.root_path import contact_confidence
-from vip_factors.live.camera_observer import CameraObserver, FrameBelief
+from vip_factors.live.camera_observer import CameraObserver, FrameBelief, standing_feet
 from vip_factors.live.measurement import FrameMeasurement
-from vip_factors.live.predict import predicted
+from vip_factors.live.prediction import predicted
 from vip_factors.live.problem import LagFrame, lag_frame
+from vip_factors.live.sensor_slips import SensorWatch, SlipTest
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.slip_test import SlipTest
 from vip_factors.live.smoother import LagSmoother
-from vip_factors.live.standing import standing_feet
 from vip_factors.live.start import Started
-from vip_factors.live.watch import SensorWatch
 from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.sensors.live import LiveSetup, VideoFrame

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tests.studies.fuzz.bytes_and_text import mutated_bytes, mutated_text
-from vip_factors.io.live.framing import delimited
+from vip_factors.io.live.messages import delimited
 from vip_factors.io.mcap_reader import CHUNK, FOOTER, MAGIC, MESSAGE, RECORD_HEAD
 
 MESSAGE_HEAD = 22  # bytes of a message's record before its data

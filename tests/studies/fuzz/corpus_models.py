@@ -26,7 +26,7 @@ PEOPLE = 230
 
 def model_cases() -> list[Case]:
     """Each by what reads it."""
-    from vip_factors.io.live.token import read_token
+    from vip_factors.io.live.open import read_token
 
     survey = {f"{sex}.csv": _survey(seed) for seed, sex in enumerate(("male", "female"))}
     cases = [

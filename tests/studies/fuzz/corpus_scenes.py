@@ -90,7 +90,7 @@ def small_estimate(scene: Scene) -> Estimate:
 @cache
 def scene_files() -> dict[str, bytes]:
     """A scene and one wearer alone, estimates of both, and the scene as live messages, with a token."""
-    from vip_factors.io.live.send import write_messages
+    from vip_factors.io.live.open import write_messages
     from vip_factors.io.mcap_estimate import write_estimate
     from vip_factors.io.mcap_recording import write_recording, write_scene
     from vip_factors.io.mcap_scene_estimate import write_scene_estimate
@@ -171,9 +171,9 @@ def _estimate(folder: Path, name: str) -> None:
 
 def _stream(folder: Path, token: str = "") -> None:
     """As a pipe does; what ends the stream is told, and nothing is raised."""
-    from vip_factors.io.live.byte_stream import listen
     from vip_factors.io.live.session import Client, Session
-    from vip_factors.io.live.settings import LiveSourceSettings
+    from vip_factors.io.live.source import LiveSourceSettings
+    from vip_factors.io.live.streams import listen
 
     data = (folder / "a.messages").read_bytes()
     pieces = [data[at : at + 4096] for at in range(0, len(data), 4096)]
@@ -201,7 +201,7 @@ def _websocket(folder: Path) -> None:
 def _growing(folder: Path) -> None:
     """As a file that another program writes."""
     from vip_factors.io.live.growing import GrowingFileSource
-    from vip_factors.io.live.settings import LiveSourceSettings
+    from vip_factors.io.live.source import LiveSourceSettings
 
     quick = LiveSourceSettings(header_wait=0.001, growth_wait=0.001)
     with GrowingFileSource(folder / "scene.mcap", quick, lambda finding: None) as source:

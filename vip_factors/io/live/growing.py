@@ -9,10 +9,9 @@ from vip_factors.errors import FileFormatError
 from vip_factors.io.live.growing_channels import Channels, Route
 from vip_factors.io.live.growing_file import GrowingFile
 from vip_factors.io.live.growing_setup import SAMPLES, GatheredSetup
-from vip_factors.io.live.samples import imu_sample_of, video_frame_of
-from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
-from vip_factors.io.live.source import LiveSource
-from vip_factors.io.live.throttle import Throttle
+from vip_factors.io.live.messages import imu_sample_of, video_frame_of
+from vip_factors.io.live.session import Throttle
+from vip_factors.io.live.source import DEFAULT, LiveSource, LiveSourceSettings
 from vip_factors.io.mcap_messages import naming
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.sensors.camera_model import VideoClock

@@ -8,7 +8,7 @@ from threading import Event
 from typing import BinaryIO
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.live.settings import LiveSourceSettings
+from vip_factors.io.live.source import LiveSourceSettings
 from vip_factors.io.mcap_reader import (
     CHANNEL,
     CHUNK,

@@ -7,7 +7,7 @@ import numpy as np
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.io.live.growing_channels import CAMERA, Route
-from vip_factors.io.live.header import camera_of, wearer_of
+from vip_factors.io.live.messages import camera_of, wearer_of
 from vip_factors.io.mcap_messages import time_ns_of
 from vip_factors.io.mcap_writer import NS_PER_S
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo

@@ -1,17 +1,86 @@
-"""A live source from what the user wrote."""
+"""A live source from what the user wrote, a recording as one, and a scene as the messages that a sender would send."""
 
 import os
-from collections.abc import Callable
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Protocol
 from urllib.parse import urlsplit
 
 from vip_factors.errors import InputError
-from vip_factors.io.live.byte_stream import StandardInputSource
-from vip_factors.io.live.recording import RecordingSource
-from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
-from vip_factors.io.live.source import LiveSource
-from vip_factors.io.live.tcp import TcpSenderSource, TcpServerSource
+from vip_factors.io.live.messages import delimited, header_message, sample_message
+from vip_factors.io.live.source import DEFAULT, LiveSource, LiveSourceSettings
+from vip_factors.io.live.streams import StandardInputSource, TcpSenderSource, TcpServerSource
 from vip_factors.io.live.websocket import WebSocketSource
-from vip_factors.sensors.live import LiveFinding
+from vip_factors.sensors.live import LiveFinding, LiveSetup, VideoFrame, live_samples
+from vip_factors.sensors.scene import Scene
+
+VARIABLE = "VIP_FACTORS_TOKEN"
+
+
+def read_token(path: Path | None = None) -> str:
+    """The token in a file, or else in the environment variable VIP_FACTORS_TOKEN; empty without both.
+
+    Raises:
+        InputError: if the file is no text or empty.
+        OSError: if it cannot be read.
+    """
+    if path is None:
+        return os.environ.get(VARIABLE, "").strip()
+    try:
+        token = path.read_text(encoding="utf-8").strip()
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file: expected a token") from error
+    if not token:
+        raise InputError(
+            f"{path}: it is empty: expected a token, such as python -c 'import secrets; "
+            "print(secrets.token_urlsafe())' makes"
+        )
+    return token
+
+
+class RecordingSource(LiveSource):
+    """The samples of a scene in the order of their times.
+
+    As fast as it goes, nothing is dropped; in its own time, a tracker that is too slow loses samples, as it would
+    lose those of real sensors.
+
+    Args:
+        scene: to be played back.
+        real_time: whether each sample comes when it is due.
+        speed: multiple of the scene's own time.
+        settings, tell: as of every source.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        real_time: bool = False,
+        speed: float = 1.0,
+        settings: LiveSourceSettings = DEFAULT,
+        tell: Callable[[LiveFinding], None] | None = None,
+    ) -> None:
+        if not 0 < speed < float("inf"):
+            raise InputError(f"speed {speed}: expected a positive multiple of the recording's own time")
+        super().__init__(f"recording '{scene.name}'", settings, drops=real_time, tell=tell)
+        self._scene = scene
+        self._speed = speed if real_time else None
+
+    def _read(self) -> None:
+        samples = live_samples(self._scene)
+        self._announce(LiveSetup.of(self._scene))
+        begun, first = time.monotonic(), None
+        for sample in samples:
+            if self._speed is not None:
+                first = sample.time if first is None else first
+                due = begun + (sample.time - first) / self._speed - time.monotonic()
+                if due > 0:
+                    self._stop.wait(due)
+            if self._stop.is_set():
+                return
+            self._put(sample)
+
 
 LOCAL = "127.0.0.1"
 EXPECTED = (
@@ -92,3 +161,54 @@ def _network(
             "127.0.0.1, is for senders on this machine, 0.0.0.0 for those in all its networks"
         )
     return kinds[url.scheme](host, port, settings, tell, token)
+
+
+class ByteSink(Protocol):
+    """Where bytes go: an open binary file, a pipe, or a socket's ``makefile("wb")``."""
+
+    def write(self, data: bytes, /) -> object:
+        """All of the bytes."""
+
+    def flush(self) -> object:
+        """Send what was written."""
+
+
+def live_messages(scene: Scene, speed: float | None = None, token: str = "") -> Iterator[bytes]:
+    """The header and then every sample, serialised.
+
+    Args:
+        scene: with the samples.
+        speed: each sample comes when it is due, at this multiple of its own time; None: as fast as it goes.
+        token: for the header.
+    """
+    setup = LiveSetup.of(scene)
+    yield header_message(setup, token).SerializeToString()
+    frames: Counter[str] = Counter()
+    begun, first = time.monotonic(), None
+    for sample in live_samples(scene):
+        if speed is not None:
+            first = sample.time if first is None else first
+            time.sleep(max(0.0, begun + (sample.time - first) / speed - time.monotonic()))
+        number = 0
+        if isinstance(sample, VideoFrame):
+            number = frames[sample.camera]
+            frames[sample.camera] += 1
+        yield sample_message(sample, setup.start_ns, number).SerializeToString()
+
+
+def write_messages(scene: Scene, stream: ByteSink, speed: float | None = None, token: str = "") -> int:
+    """Send a scene as a delimited stream; how many messages that were.
+
+    Args:
+        scene: to be sent.
+        stream: that a live source reads at its other end.
+        speed, token: as in :func:`live_messages`.
+    """
+    count = 0
+    for message in live_messages(scene, speed, token):
+        count += 1
+        stream.write(delimited(message))
+        if speed is not None:
+            stream.flush()
+    stream.flush()
+    return count

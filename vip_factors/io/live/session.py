@@ -6,12 +6,72 @@ from dataclasses import replace
 from hmac import compare_digest
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.live.header import header_message, setup_of
-from vip_factors.io.live.samples import imu_sample_of, video_frame_of
-from vip_factors.io.live.throttle import Throttle
+from vip_factors.io.live.messages import header_message, imu_sample_of, setup_of, video_frame_of
 from vip_factors.io.mcap_writer import NS_PER_S
 from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, LiveSetup
+
+TELL_EVERY = 1.0  # seconds: a person reads them
+
+
+class Throttle:
+    """Keeps one sender's endless mistake from flooding the terminal.
+
+    Args:
+        tell: gets the findings.
+        clock: monotonic seconds.
+    """
+
+    def __init__(self, tell: Callable[[LiveFinding], None], clock: Callable[[], float] = time.monotonic) -> None:
+        self._tell = tell
+        self._clock = clock
+        self._told: dict[str, float] = {}
+        self._held: dict[str, tuple[str, int]] = {}
+
+    def tell(self, kind: str, sentence: str) -> None:
+        """Tell a sentence, or hold it if one of its kind was told less than a second ago."""
+        if self._clock() - self._told.get(kind, -float("inf")) < TELL_EVERY:
+            _, times = self._held.get(kind, ("", 0))
+            self._held[kind] = (sentence, times + 1)
+        else:
+            self._say(kind, sentence, self._held.pop(kind, ("", 0))[1])
+
+    def flush(self, every: bool = False) -> None:
+        """Tell what has been held for a second, or (with ``every``) all that is held."""
+        if not self._held:
+            return
+        now = self._clock()
+        for kind in [kind for kind in self._held if every or now - self._told[kind] >= TELL_EVERY]:
+            sentence, times = self._held.pop(kind)
+            self._say(kind, sentence, times - 1)
+
+    def _say(self, kind: str, sentence: str, more: int) -> None:
+        self._told[kind] = self._clock()
+        self._tell(LiveFinding(f"{sentence} (and {more} more of this kind)" if more else sentence))
+
+
+LEAST_S = 0.02  # a shorter wait costs more than it spares
+
+
+class Pace:
+    """Counts messages against a rate; a second's worth may come at once.
+
+    Args:
+        rate: messages a second.
+        clock: monotonic seconds.
+    """
+
+    def __init__(self, rate: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._rate = rate
+        self._clock = clock
+        self._due = -float("inf")  # when those until now would have come at that rate
+
+    def take(self, messages: int = 1) -> float:
+        """Count messages; the seconds to wait before the next are read, 0 if none."""
+        now = self._clock()
+        self._due = max(self._due, now - 1.0) + messages / self._rate
+        return self._due - now if self._due - now >= LEAST_S else 0.0
+
 
 WRONG_TOKEN_S = 0.5  # that a wrong guess costs
 

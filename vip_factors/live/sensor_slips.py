@@ -1,40 +1,96 @@
-"""Whether a sensor has slipped, by what the last seconds say of its heading and mounting against what was known before.
+"""Whether a sensor has moved on its bone: it turns as no limb can, or its calibration contradicts what was known.
 
-The innovation test of Kalman filters, on what all frames share: from an earlier estimate ``x₀`` with covariance ``P₀``
-to the newest one ``x`` with ``P`` a sensor's calibration moves by chance with covariance ``P₀ − P``, and the data since
-then alone would have moved it by ``P₀ (P₀ − P)⁻¹ (x − x₀)``. Residuals do not show a slip: bones follow their sensors.
-Willsky, Jones: A generalized likelihood ratio approach to the detection of jumps in linear systems, 1976.
+The latter is the innovation test of Kalman filters, on what all frames share: from an earlier estimate ``x₀`` with
+covariance ``P₀`` to the newest one ``x`` with ``P`` a sensor's calibration moves by chance with covariance ``P₀ − P``,
+and the data since then alone would have moved it by ``P₀ (P₀ − P)⁻¹ (x − x₀)``. Residuals do not show a slip: bones
+follow their sensors. Willsky, Jones: A generalized likelihood ratio approach to the detection of jumps in linear
+systems, 1976.
 """
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from vip_factors.geometry.rotations import Array
-from vip_factors.ranges import NotNegative, Share
+from vip_factors.geometry.rotations import Array, log, transpose
+from vip_factors.live.settings import SlipSettings, WatchSettings
+
+IMPACT = 3  # sensors knocked together: a landing
 
 
-@dataclass(frozen=True)
-class SlipSettings:
-    """When the last seconds contradict what was known of a sensor."""
+class Knocks(NamedTuple):
+    """Sensors, by number: those not to be listened to in the newest frame, and those that have moved."""
 
-    # of data that the calibration was found from, before anything is judged by it, or it is called unsettled: that of
-    # five seconds is 40° off at times.
-    learnt_s: float = 9.0
-    windows_s: tuple[float, ...] = (1.0, 2.0, 4.0)  # a gesture shows a slip within one; a slow one takes longer
-    # Directions in which the last seconds say less than this share of what is known by now are not judged.
-    share: Share = 0.2
-    # Squared standard deviations: four are expected of independent errors; those of limbs and cameras last for seconds.
-    # Without a slip up to 36 were seen of turns as large; after one of 40°, 43 where little was known, else 400.
-    evidence: float = 40.0
-    angle_deg: float = 20.0  # of the mounting or heading, by the last seconds alone
-    # A sensor that was knocked is estimated anew at once, and has moved if it is elsewhere by then.
-    confirmed_s: NotNegative = 1.0
-    confirming: float = 16.0  # squared standard deviations: it was suspected already; steps of feet reach 4
-    rest_s: NotNegative = 1.0  # after which a sensor that is estimated anew can be judged again
+    ringing: np.ndarray
+    moved: np.ndarray
+
+
+class SensorWatch:
+    """Watches one wearer's sensors.
+
+    Args:
+        sensors: how many.
+        settings: of the watch.
+        rate: frames per second.
+        begin: number of the frame that tracking began with.
+    """
+
+    def __init__(self, sensors: int, settings: WatchSettings, rate: float, begin: int) -> None:
+        self._settings, self._rate, S = settings, rate, sensors
+        self._since = np.full(S, begin + round(settings.settle_s * rate))
+        self._last_turn, self._moving = np.zeros((S, 3)), np.zeros(S, bool)  # from frame to frame; whether it is known
+        # Turning before a knock and in quiet frames after it, and in all frames since; frames since, −1: no knock.
+        self._before, self._after, self._net = np.zeros((S, 3)), np.zeros((S, 3)), np.zeros((S, 3))
+        self._frames, self._quiet = np.full(S, -1), np.zeros(S, int)
+        self._knock = np.full(S, -(10**9))  # number of the last frame in which each was knocked
+
+    def knocked(self, number: int, R_before: Array, R_now: Array, both: np.ndarray) -> Knocks:
+        """Sensors that turn as no limb can, from the last frame to the newest one or a moment ago.
+
+        Tissue rings after a step: what turns there and back has not moved. So a knocked sensor is not listened to until
+        it is quiet, and has moved if it is still turned by then, against how its limb went on.
+
+        Args:
+            number: of the newest frame.
+            R_before, R_now: ``(S, 3, 3)`` orientations in the sensors' inertial frames.
+            both: ``(S,)`` whether both were measured.
+        """
+        settings = self._settings
+        ringing = self._follow(number, log(R_now @ transpose(R_before)), both)
+        ended = self._quiet >= settings.quiet_s * self._rate
+        over = ringing & (ended | (self._frames > settings.ringing_s * self._rate))
+        lately = number - self._frames - settings.impact_s * self._rate
+        alone = np.sum(self._knock[:, None] >= lately, axis=0) < IMPACT
+        far = np.linalg.norm(self._excess(), axis=1) > np.deg2rad(settings.knock_deg)
+        moved = np.flatnonzero(over & far & alone & (number >= self._since))
+        self._frames[over] = -1
+        self._since[moved] = number + round(settings.rest_s * self._rate)
+        return Knocks(np.flatnonzero(ringing & ~over), moved)
+
+    def _follow(self, number: int, turn: Array, both: np.ndarray) -> np.ndarray:
+        """Sum up turns from frame to frame ``(S, 3)``, radians; which sensors ``(S,)`` ring from a knock."""
+        limit = np.deg2rad(self._settings.knock_deg_s2) / self._rate**2
+        knocked = both & self._moving & (np.linalg.norm(turn - self._last_turn, axis=1) > limit)
+        begins = knocked & (self._frames < 0)
+        self._net[begins], self._frames[begins] = 0.0, 0
+        self._quiet[knocked], self._after[knocked], self._knock[knocked] = 0, 0.0, number
+        ringing = both & (self._frames >= 0)
+        self._net[ringing] += turn[ringing]
+        self._frames[ringing] += 1
+        quiet, steady = ringing & ~knocked, both & ~ringing
+        self._quiet[quiet] += 1
+        self._after[quiet] += turn[quiet]
+        share = 1 - np.exp(-1 / (self._settings.steady_s * self._rate))
+        # One frame late: the one before a knock may belong to it.
+        self._before[steady] += share * (self._last_turn[steady] - self._before[steady])
+        self._last_turn[both], self._moving = turn[both], both
+        return ringing
+
+    def _excess(self) -> Array:
+        """How far each has turned since its knock beyond what its limb did, whose turning went over evenly."""
+        after = self._after / np.maximum(self._quiet, 1)[:, None]
+        return self._net - self._frames[:, None] * (self._before + after) / 2
 
 
 class _Estimate(NamedTuple):

@@ -1,0 +1,302 @@
+"""Live messages: their framing in a stream of bytes, and set-up and samples to and from them."""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.mcap_camera import intrinsics_message, intrinsics_of
+from vip_factors.io.mcap_messages import rotation, rotation_message, set_timestamp, time_ns_of, vector, vector_message
+from vip_factors.io.mcap_recording import placement_message, placement_of, subject_message, subject_of
+from vip_factors.io.mcap_samples import keypoint_set_of
+from vip_factors.io.mcap_writer import NS_PER_S, nanoseconds
+from vip_factors.io.schemas.camera_estimate_pb2 import CameraPose
+from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
+from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
+from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
+from vip_factors.io.schemas.imu_sample_pb2 import ImuSample as ImuMessage
+from vip_factors.io.schemas.live_message_pb2 import LiveCamera as CameraMessage
+from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
+from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
+from vip_factors.io.schemas.subject_pb2 import Subject as SubjectMessage
+from vip_factors.sensors.calibration import PRESETS, preset
+from vip_factors.sensors.camera_model import VideoClock
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.live import ImuSample, LiveCamera, LiveMount, LiveSample, LiveSetup, LiveWearer, VideoFrame
+from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA
+
+VARINT_BYTES = 5  # enough for 32 GiB
+
+
+def delimited(message: bytes) -> bytes:
+    """A serialised message with its length before it."""
+    length, head = len(message), bytearray()
+    while length > 0x7F:
+        head.append(length & 0x7F | 0x80)
+        length >>= 7
+    head.append(length)
+    return bytes(head) + message
+
+
+class Deframer:
+    """Takes bytes in whatever pieces they come, gives whole messages.
+
+    Args:
+        largest: bytes of a message.
+    """
+
+    def __init__(self, largest: int) -> None:
+        self._largest = largest
+        self._buffer = bytearray()
+
+    @property
+    def pending(self) -> int:
+        """Bytes of a message that is not whole yet."""
+        return len(self._buffer)
+
+    def feed(self, data: bytes) -> Iterator[bytes]:
+        """The messages that these bytes complete, one after the other; to be iterated to the end.
+
+        Raises:
+            FileFormatError: for a length that no message has: the stream cannot be followed any more.
+        """
+        self._buffer += data
+        start = 0
+        try:
+            while (head := self._head(start)) is not None and head[1] <= len(self._buffer):
+                begin, start = head
+                yield bytes(self._buffer[begin:start])
+        finally:
+            del self._buffer[:start]
+
+    def _head(self, start: int) -> tuple[int, int] | None:
+        """Where the message that begins at ``start`` has its content; None if its length is not whole yet."""
+        length = 0
+        for at, byte in enumerate(self._buffer[start : start + VARINT_BYTES]):
+            length |= (byte & 0x7F) << 7 * at
+            if byte < 0x80:
+                if length > self._largest:
+                    raise FileFormatError(
+                        f"a message of {length:,} bytes is announced: expected at most {self._largest:,}; either the "
+                        "bytes are no live messages, or the setting largest_message must grow"
+                    )
+                begin = start + at + 1
+                return begin, begin + length
+        if len(self._buffer) - start >= VARINT_BYTES:
+            raise FileFormatError("the bytes are no live messages: expected each after its length as a varint")
+        return None
+
+
+def sample_message(sample: LiveSample, start_ns: int = 0, frame: int = 0) -> LiveMessage:
+    """The message of one sample; ``frame`` counts the frames of a camera."""
+    message = LiveMessage(carrier=sample.camera if isinstance(sample, VideoFrame) else sample.carrier)
+    content = message.detections if isinstance(sample, VideoFrame) else message.imu
+    content.seconds = sample.time
+    if np.isfinite(sample.time):
+        set_timestamp(content.timestamp, start_ns + round(sample.time * NS_PER_S))
+    if isinstance(sample, VideoFrame):
+        message.detections.frame = frame
+        for pixels, confidence in zip(sample.pixels, sample.confidence, strict=True):
+            message.detections.people.add(pixels=pixels.ravel(), confidence=confidence)
+        return message
+    imu = message.imu
+    imu.sensor = sample.sensor
+    if sample.specific_force is not None:
+        force = imu.specific_force
+        force.x, force.y, force.z = sample.specific_force.tolist()
+        force.SetInParent()  # present even if all zero
+    if sample.R_inertial_sensor is not None:
+        turn = imu.orientation_wxyz
+        turn.w, turn.x, turn.y, turn.z = quaternion_from_matrix(sample.R_inertial_sensor, Order.WXYZ).tolist()
+    return message
+
+
+def imu_sample_of(message: ImuMessage, carrier: str, start_ns: int, sensor: str = "") -> ImuSample:
+    """One sample; ``sensor`` counts where the message names none. Values are passed on as they are.
+
+    Raises:
+        FileFormatError: if it has no time, or its orientation is no unit quaternion.
+    """
+    name = message.sensor or sensor
+    if message.HasField("seconds"):
+        time = message.seconds
+    elif message.HasField("timestamp"):
+        time = (time_ns_of(message.timestamp) - start_ns) / NS_PER_S
+    else:
+        raise FileFormatError(f"'{carrier}', sensor '{name}': a sample has no time: expected seconds or a timestamp")
+    R = force = None
+    if message.HasField("orientation_wxyz"):
+        R = rotation_of(message.orientation_wxyz)
+        if R is None:
+            raise FileFormatError(
+                f"'{carrier}', sensor '{name}': a sample's orientation at {time:.3f} s is no unit quaternion (within "
+                f"{UNIT_TOLERANCE:.0%}): it is left out"
+            )
+    if message.HasField("specific_force"):
+        v = message.specific_force
+        force = np.array((v.x, v.y, v.z))
+    return ImuSample(carrier, name, time, R, force)
+
+
+def rotation_of(message: QuaternionWxyz) -> Array | None:
+    """``(3, 3)``, normalised first; None if it is no unit quaternion.
+
+    The same as :func:`~vip_factors.geometry.quaternions.matrix_from_quaternion` of one, at a tenth of its time.
+    """
+    w, x, y, z = message.w, message.x, message.y, message.z
+    square = w * w + x * x + y * y + z * z
+    if not abs(square**0.5 - 1) < UNIT_TOLERANCE:
+        return None
+    s = 2 / square
+    xx, yy, zz, xy, xz, yz = s * x * x, s * y * y, s * z * z, s * x * y, s * x * z, s * y * z
+    wx, wy, wz = s * w * x, s * w * y, s * w * z
+    return np.array(((1 - yy - zz, xy - wz, xz + wy), (xy + wz, 1 - xx - zz, yz - wx), (xz - wy, yz + wx, 1 - xx - yy)))
+
+
+def video_frame_of(
+    message: Detections2D, camera: str, start_ns: int, keypoints: int | None = None, clock: VideoClock | None = None
+) -> VideoFrame:
+    """One video frame.
+
+    Args:
+        message: of the frame; where its ``seconds`` are zero, the timestamp counts if there is one.
+        camera: its name.
+        start_ns: absolute time of t = 0.
+        keypoints: of every person; None if that is not known.
+        clock: what lies between the video's clock and the IMUs'; None: nothing.
+
+    Raises:
+        FileFormatError: if a person has another number of keypoints.
+    """
+    if message.seconds == 0 and message.HasField("timestamp"):
+        time = (time_ns_of(message.timestamp) - start_ns) / NS_PER_S
+    else:
+        time = message.seconds + (0.0 if clock is None else clock.late(message.seconds))
+    people = message.people
+    K = keypoints if keypoints is not None else (len(people[0].confidence) if people else 0)
+    for person in people:
+        if len(person.pixels) != 2 * K or len(person.confidence) != K:
+            raise FileFormatError(
+                f"camera '{camera}': a person at {time:.3f} s has {len(person.pixels) // 2} keypoints and "
+                f"{len(person.confidence)} confidences: expected {K} of each; this video frame is left out"
+            )
+    pixels = np.array([person.pixels for person in people], dtype=float).reshape(len(people), K, 2)
+    confidence = np.array([person.confidence for person in people], dtype=float).reshape(len(people), K)
+    return VideoFrame(camera, time, pixels, confidence)
+
+
+if TYPE_CHECKING:
+    from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+
+INITIAL_POSES = ("t-pose", "n-pose", "none")
+
+
+def header_message(setup: LiveSetup, token: str = "") -> LiveMessage:
+    """The message that a sender begins with; ``token`` is the secret that the receiver was given, if it was."""
+    header = LiveHeader(name=setup.name, token=token)
+    set_timestamp(header.start, setup.start_ns)
+    for wearer in setup.wearers:
+        header.wearers.add(
+            subject=subject_message(wearer.subject),
+            placement=placement_message(wearer.placement),
+            initial_pose=wearer.initial_pose,
+        )
+    header.cameras.extend(_camera_message(camera, setup.start_ns) for camera in setup.cameras)
+    return LiveMessage(header=header)
+
+
+def setup_of(header: LiveHeader) -> LiveSetup:
+    """The set-up that a header describes.
+
+    Raises:
+        InputError: for what no wearer or camera can be.
+    """
+    return LiveSetup(
+        header.name,
+        tuple(wearer_of(one.subject, one.placement, one.initial_pose) for one in header.wearers),
+        tuple(_camera(one) for one in header.cameras),
+        time_ns_of(header.start),
+    )
+
+
+def wearer_of(subject: SubjectMessage, placement: SensorPlacement, initial_pose: str) -> LiveWearer:
+    """One wearer; a preset without sites is fitted to the body.
+
+    Raises:
+        InputError: for an implausible body, a bone or a pose that is not known, a mounting that is no rotation.
+    """
+    wearer = subject_of(subject)
+    body = wearer.body()
+    placed = placement_of(placement)
+    if not placed.sites and placed.name in PRESETS:
+        placed = preset(placed.name, body)
+    pose = initial_pose or "none"
+    if pose not in INITIAL_POSES:
+        raise InputError(f"wearer '{wearer.name}': initial pose '{pose}': expected {', '.join(INITIAL_POSES)}")
+    return LiveWearer(wearer, placed, pose)
+
+
+def camera_of(info: CameraInfo, calibration: "CameraCalibration", known_path: CameraPath | None) -> LiveCamera:
+    """One camera.
+
+    Raises:
+        InputError: for intrinsics that no camera has, no keypoints, a mounting that is no rotation.
+    """
+    if not info.keypoints:
+        raise FileFormatError(f"camera '{info.name}' names no keypoints: expected those of its detector, in order")
+    mount = None
+    if info.HasField("mount"):
+        sigma = info.mount.mounting_sigma_rad or CAMERA_MOUNTING_SIGMA
+        mount = LiveMount(
+            info.mount.imu, rotation(info.mount.mounting_wxyz), vector(info.mount.p_camera_imu), float(sigma)
+        )
+    model, keypoints = intrinsics_of(calibration), keypoint_set_of(info)
+    return LiveCamera(info.name, model, keypoints, info.moving, known_path, mount)
+
+
+def _camera(message: CameraMessage) -> LiveCamera:
+    from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+    from google.protobuf.message import DecodeError
+
+    name = message.info.name
+    try:
+        calibration = CameraCalibration.FromString(message.calibration)
+    except DecodeError as error:
+        raise FileFormatError(f"camera '{name}': its calibration is no foxglove.CameraCalibration ({error})") from error
+    return camera_of(message.info, calibration, _path(message.known_poses))
+
+
+def _camera_message(camera: LiveCamera, start_ns: int) -> CameraMessage:
+    keypoints, path, mount = camera.keypoints, camera.known_path, camera.mount
+    message = CameraMessage(calibration=intrinsics_message(camera.model, camera.name, start_ns).SerializeToString())
+    info = message.info
+    info.name, info.moving = camera.name, camera.moving
+    info.keypoint_set = keypoints.name
+    info.keypoints.extend(keypoints.keypoints)
+    if mount is not None:
+        info.mount.imu = mount.sensor
+        info.mount.mounting_wxyz.CopyFrom(rotation_message(mount.R_camera_imu))
+        info.mount.p_camera_imu.CopyFrom(vector_message(mount.p_camera_imu))
+        info.mount.mounting_sigma_rad = mount.mounting_sigma
+    if path is not None:
+        info.known_poses = len(path)
+        for frame, time_ns in enumerate(nanoseconds(path.time, start_ns)):
+            pose = message.known_poses.add(
+                frame=frame,
+                seconds=float(path.time[frame]),
+                rotation_wxyz=rotation_message(path.R_world_camera[frame]),
+                p_world_camera=vector_message(path.p_world_camera[frame]),
+            )
+            set_timestamp(pose.timestamp, time_ns)
+    return message
+
+
+def _path(poses: Sequence[CameraPose]) -> CameraPath | None:
+    if not poses:
+        return None
+    time = np.array([one.seconds for one in poses])
+    R_world_camera = np.stack([rotation(one.rotation_wxyz) for one in poses])
+    return CameraPath(time, R_world_camera, np.stack([vector(one.p_world_camera) for one in poses]))

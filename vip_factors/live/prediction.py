@@ -1,0 +1,322 @@
+"""Where frames are before they are solved for: bones turn as their sensors did, and the rest goes on.
+
+So the next frame is predicted, and so the frames of the lag are carried over to a calibration found anew; there a video
+frame of a known camera shows where wearers stand whose poses are known.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import least_squares, linear_sum_assignment
+
+from vip_factors.body.kinematics import BodyState, forward_kinematics
+from vip_factors.body.skeleton import PARENTS, Skeleton
+from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, rotation_z, transpose, yaw_of
+from vip_factors.initialise.root_path import contact_points
+from vip_factors.live.problem import FrameState, LagFrame, LagProblem
+from vip_factors.live.smoother import LagSmoother
+from vip_factors.live.start import Started
+from vip_factors.problem.state import SceneState
+from vip_factors.sensors.live import LiveCamera, VideoFrame
+from vip_factors.stages.views import points_on_body
+from vip_factors.terms.acceleration import GRAVITY
+
+# Of the camera's velocity that is left one frame later, without an IMU on it: hands change their mind in 0.3 s.
+CAMERA_KEEPS = 0.95
+PELVIS = 0  # bone
+
+
+def predicted(
+    problem: LagProblem, before: Sequence[tuple[LagFrame, FrameState]], frame: LagFrame, shared: SceneState,
+    knocked: Sequence[int] = (),
+) -> FrameState:  # fmt: skip
+    """A frame from the one or two ``before`` it, oldest first, and its own measured orientations.
+
+    What ``knocked`` sensors (columns) say of their turn is not believed.
+    """
+    last, state = before[-1]
+    older = before[-2][1] if len(before) > 1 else state
+    turned = replace(state, R_parent_child=state.R_parent_child.copy())
+    for number, wearer in enumerate(problem.wearers):
+        bones = [sensor.bone for sensor in wearer.sensors]
+        turns = _turns(last, frame, problem.sensors[number], shared.wearers[number].headings, knocked)
+        R = np.stack([older.R_parent_child[number], state.R_parent_child[number]])
+        R_world_bone = forward_kinematics(wearer.skeleton, R, np.zeros((2, 3))).R_world_bone
+        turns = _steadied(turns, R_world_bone[1, bones] @ transpose(R_world_bone[0, bones]))
+        turned.R_parent_child[number] = _with_turned_bones(R[1], R_world_bone[1], bones, turns)
+    pushed = [_pushed(problem, number, last, shared) for number in range(len(problem.wearers))]
+    turned = replace(turned, p_world_pelvis=2 * state.p_world_pelvis - older.p_world_pelvis + pushed)
+    for number, wearer in enumerate(problem.wearers):
+        if not wearer.use_acceleration:
+            turned.p_world_pelvis[number] = _on_standing_foot(
+                wearer.skeleton,
+                wearer.settings.sole.of(shared.wearers[number].sole),
+                state,
+                turned,
+                number,
+                problem.filmed,
+            )
+    return _with_camera(problem, turned, older, state, last, frame, shared) if problem.moving else turned
+
+
+def turned_to(
+    problem: LagProblem, last: LagFrame, state: FrameState, frame: LagFrame, shared: SceneState
+) -> Array:  # fmt: skip
+    """Joint rotations ``(W, 24, 3, 3)`` of a ``frame`` after the ``last`` one: bones turned as their sensors."""
+    R_parent_child = state.R_parent_child.copy()
+    for number, wearer in enumerate(problem.wearers):
+        R, bones = state.R_parent_child[number], [sensor.bone for sensor in wearer.sensors]
+        turns = _turns(last, frame, problem.sensors[number], shared.wearers[number].headings)
+        R_world_bone = forward_kinematics(wearer.skeleton, R[None], np.zeros((1, 3))).R_world_bone[0]
+        R_parent_child[number] = _with_turned_bones(R, R_world_bone, bones, turns)
+    return R_parent_child
+
+
+def _pushed(problem: LagProblem, number: int, last: LagFrame, shared: SceneState) -> Array:
+    """Second difference ``(3,)`` of a wearer's path in metres, by the accelerometer on the pelvis; zero without one."""
+    bones = [sensor.bone for sensor in problem.wearers[number].sensors]
+    if PELVIS not in bones:
+        return np.zeros(3)
+    sensor = bones.index(PELVIS)
+    column = problem.sensors[number][sensor]
+    if not last.acceleration_valid[column]:
+        return np.zeros(3)
+    heading, force = shared.wearers[number].headings[sensor], last.specific_force_inertial[column]
+    return np.asarray(problem.step**2 * (rotation_z(heading) @ force + GRAVITY))
+
+
+def _on_standing_foot(
+    skeleton: Skeleton, sole: float, before: FrameState, now: FrameState, wearer: int, filmed: bool
+) -> Array:
+    """The root ``(3,)`` with which the foot that was the lowest stays where it was; without a camera, on the floor.
+
+    Where frames are estimated each by itself nothing else ties one root to the next, and a velocity would run away.
+    """
+    R = np.stack([before.R_parent_child[wearer], now.R_parent_child[wearer]])
+    body = forward_kinematics(skeleton, R, np.zeros((2, 3)))
+    points = np.stack([body.point(bone, p) for bone, p in contact_points(skeleton, sole)], axis=1)
+    lowest = np.argmin(points[0, :, 2])
+    p = before.p_world_pelvis[wearer] + points[0, lowest] - points[1, lowest]
+    if not filmed:
+        p[2] = -points[1, :, 2].min()
+    return np.asarray(p)
+
+
+def _turns(
+    last: LagFrame, frame: LagFrame, columns: np.ndarray, headings: Array, knocked: Sequence[int] = ()
+) -> list[Array | None]:
+    """How each sensor has turned since the last frame, in the world; None where that was not measured."""
+    both = last.orientation_valid[columns] & frame.orientation_valid[columns] & ~np.isin(columns, knocked)
+    turns = frame.R_inertial_sensor[columns] @ last.R_inertial_sensor[columns].swapaxes(1, 2)
+    R = rotation_z(headings)
+    turns = R @ turns @ R.swapaxes(1, 2)
+    return [turn if seen else None for turn, seen in zip(turns, both, strict=True)]
+
+
+def _steadied(turns: Sequence[Array | None], before: Array) -> list[Array | None]:
+    """Turns ``(S, 3, 3)`` half as measured and half as they were ``before``: one measurement trembles."""
+    known = [number for number, turn in enumerate(turns) if turn is not None]
+    steadied = list(turns)
+    if known:
+        measured = np.stack([turn for turn in turns if turn is not None])
+        for number, turn in zip(known, exp((log(measured) + log(before[known])) / 2), strict=True):
+            steadied[number] = turn
+    return steadied
+
+
+def _with_turned_bones(
+    R_parent_child: Array, R_world_bone: Array, bones: Sequence[int], turns: Sequence[Array | None]
+) -> Array:
+    """Joint rotations ``(24, 3, 3)`` with sensed bones turned in the world, all others as they are to their parents."""
+    turn_of = {bone: turn for bone, turn in zip(bones, turns, strict=True) if turn is not None}
+    after: list[Array] = []
+    result = R_parent_child.copy()
+    for joint, parent in enumerate(PARENTS):
+        if joint in turn_of:
+            after.append(turn_of[joint] @ R_world_bone[joint])
+            result[joint] = after[joint] if parent < 0 else after[parent].T @ after[joint]
+        else:
+            after.append(R_parent_child[joint] if parent < 0 else after[parent] @ R_parent_child[joint])
+    return result
+
+
+def _with_camera(
+    problem: LagProblem, state: FrameState, older: FrameState, newer: FrameState, last: LagFrame, frame: LagFrame,
+    shared: SceneState,
+) -> FrameState:  # fmt: skip
+    """The camera goes on; turned as its IMU was, if it has one."""
+    if not problem.camera.free_pose:
+        return state
+    p = newer.p_world_camera + CAMERA_KEEPS * (newer.p_world_camera - older.p_world_camera)
+    turn = None
+    if problem.camera.imu is not None:
+        turn = _turns(last, frame, problem.sensors[-1], np.array([shared.camera.heading]))[0]
+    if turn is None:
+        spin = CAMERA_KEEPS * log(newer.R_world_camera @ older.R_world_camera.T)
+        turn = exp(spin)
+    return replace(state, R_world_camera=turn @ newer.R_world_camera, p_world_camera=p)
+
+
+LEAST_KEYPOINTS = 6
+# Median error of the keypoints, in heights of the person in the image, with which a detection may show a wearer: a
+# joint is 5 % off with a calibration that is found, and 20 % in somebody else's pose.
+FITS = 0.10
+NEAREST_M = 0.5  # depth at least
+
+
+def places_in(
+    camera: LiveCamera, pose: tuple[Array, Array], bodies: Sequence[BodyState], skeletons: Sequence[Skeleton],
+    video: VideoFrame,
+) -> list[Array | None]:  # fmt: skip
+    """Root position ``(3,)`` of each wearer, metres, as a video frame shows them; None of one unseen.
+
+    Args:
+        camera: that gave the frame.
+        pose: its rotation and position in the world.
+        bodies: of the wearers in that one frame, anywhere.
+        skeletons: of them.
+        video: the frame.
+    """
+    cost = np.full((len(bodies), len(video.pixels)), np.inf)
+    place = np.zeros((*cost.shape, 3))
+    for wearer, (body, skeleton) in enumerate(zip(bodies, skeletons, strict=True)):
+        used, points = points_on_body(camera.keypoints, skeleton)
+        offset = np.concatenate([point.of(body) for point in points]) - body.p_world_joint[0, 0]
+        for person, pixels in enumerate(video.pixels[:, used]):
+            seen = (video.confidence[person, used] > 0) & np.all(np.isfinite(pixels), axis=1)
+            if seen.sum() >= LEAST_KEYPOINTS:
+                cost[wearer, person], place[wearer, person] = _fit(camera, pose, offset[seen], pixels[seen])
+    found: list[Array | None] = [None] * len(bodies)
+    for wearer, person in np.transpose(linear_sum_assignment(np.minimum(cost, 10 * FITS))).tolist():
+        if cost[wearer, person] < FITS:
+            found[wearer] = place[wearer, person]
+    return found
+
+
+def _fit(camera: LiveCamera, pose: tuple[Array, Array], offset: Array, pixels: Array) -> tuple[float, Array]:
+    """Median error in heights of the person, and the root's place: where its keypoints are seen where they are.
+
+    The point nearest to all rays would be the linear way; pose errors draw it towards the camera, by half the depth.
+    """
+    R_world_camera, p_world_camera = pose
+    height = float(max(np.ptp(pixels, axis=0).max(), 1.0))
+
+    def error(p_camera: Array) -> Array:
+        in_front = p_camera + o_camera
+        in_front = np.concatenate([in_front[:, :2], np.maximum(in_front[:, 2:], NEAREST_M)], axis=1)
+        return np.asarray((camera.model.project(in_front) - pixels) / height).ravel()
+
+    o_camera = offset @ R_world_camera
+    depth = camera.model.focal[1] * max(np.ptp(o_camera[:, 1]), NEAREST_M) / height
+    flat = camera.model.normalise(pixels.mean(axis=0)[None])[0]
+    start = depth * np.array([*flat, 1.0]) - o_camera.mean(axis=0)
+    found = least_squares(error, start, loss="soft_l1", f_scale=FITS)
+    median = float(np.median(np.linalg.norm(error(found.x).reshape(-1, 2), axis=1)))
+    return median, np.asarray(p_world_camera + R_world_camera @ found.x)
+
+
+WRONG_DEG = 25.0  # of a bone against the others: more than a start is usually off
+
+
+def continued(
+    found: Started, at_find: FrameState, before: LagSmoother, cameras: Sequence[LiveCamera],
+    video: Sequence[tuple[int, VideoFrame]],
+) -> Started | None:  # fmt: skip
+    """Where tracking goes on: the frames that ``before`` holds, not yet looked at, in the world that was ``found``.
+
+    Bones are turned from the last found frame as their sensors were. Wearers are where the video of these frames shows
+    them; without cameras they, and a camera that moves, went from there as they had been tracked.
+
+    Args:
+        found: from frames up to some time ago.
+        at_find: the last of those frames as it was tracked.
+        before: the smoother that has tracked since.
+        cameras: all.
+        video: of late, each frame with its number.
+
+    Returns:
+        None if the video shows no wearer, though a camera was found to.
+    """
+    last, state = found.frames[-1], found.states[-1]
+    problem, shared = found.problem, found.shared
+    yaw = yaw_of(state.R_parent_child[:, 0] @ transpose(at_find.R_parent_child[:, 0]))  # of each wearer
+    frames, states = [], []
+    for number in before.numbers:
+        frame, tracked = before.frame(number), before.state(number)
+        contacts = [np.zeros(len(wearer.contacts)) for wearer in problem.wearers]
+        frames.append(replace(frame, views=[None] * (1 + len(problem.further)), contacts=contacts))
+        R = turned_to(problem, last, state, frame, shared)
+        gone = (rotation_z(yaw) @ (tracked.p_world_pelvis - at_find.p_world_pelvis)[..., None])[..., 0]
+        states.append(FrameState(R, state.p_world_pelvis + gone, *_camera(float(yaw[0]), state, at_find, tracked)))
+    if found.filmed:
+        camera = next(one for one in cameras if one.name == found.associated[0].camera.name)
+        own = [(number, one) for number, one in video if one.camera == camera.name and number in before.numbers]
+        placed = _placed(found, states, before.numbers[0], camera, own)
+        if placed is None:
+            return None
+        states = placed
+    problem.begin_at(states[0].p_world_pelvis)
+    return replace(found, frames=frames, states=states)
+
+
+def _placed(
+    found: Started, states: Sequence[FrameState], first: int, camera: LiveCamera,
+    video: Sequence[tuple[int, VideoFrame]],
+) -> list[FrameState] | None:  # fmt: skip
+    """The frames from ``first`` on with the wearers where the camera saw them; None if it did not see any."""
+    skeletons = [wearer.skeleton for wearer in found.problem.wearers]
+    standing = found.shared.camera.poses
+    seen: list[list[tuple[int, Array]]] = [[] for _ in skeletons]
+    for number, one in video:
+        state = states[number - first]
+        pose = state.R_world_camera, state.p_world_camera
+        if len(standing):
+            pose = standing.R_world_camera[0], standing.p_world_camera[0]
+        bodies = [
+            forward_kinematics(skeleton, state.R_parent_child[w : w + 1], state.p_world_pelvis[w : w + 1])
+            for w, skeleton in enumerate(skeletons)
+        ]
+        for places, p in zip(seen, places_in(camera, pose, bodies, skeletons, one), strict=True):
+            if p is not None:
+                places.append((number - first, p))
+    if not any(seen):
+        return None
+    p_world_pelvis = np.stack([state.p_world_pelvis for state in states])
+    for w, places in enumerate(seen):
+        if places:
+            at, p = np.array([t for t, _ in places]), np.stack([one for _, one in places])
+            line = np.polyfit(at, p, min(1, len(np.unique(at)) - 1))  # one frame's depth is off by a tenth
+            p_world_pelvis[:, w] = np.stack([np.polyval(line[:, axis], np.arange(len(states))) for axis in range(3)], 1)
+    return [replace(state, p_world_pelvis=p) for state, p in zip(states, p_world_pelvis, strict=True)]
+
+
+def _camera(yaw: float, state: FrameState, at_find: FrameState, tracked: FrameState) -> tuple[Array, Array]:
+    """The camera, moved in the first wearer's new world as it was in the old one; a standing one stays."""
+    turn = rotation_z(yaw)
+    step = tracked.p_world_camera - at_find.p_world_camera
+    R = turn @ tracked.R_world_camera @ at_find.R_world_camera.T @ turn.T @ state.R_world_camera
+    return np.asarray(R), np.asarray(state.p_world_camera + turn @ step)
+
+
+def corrections(before: LagSmoother, after: LagSmoother, seconds: float) -> list[str]:
+    """Sentences on the bones that were shown wrong until now."""
+    found, number = list[str](), after.numbers[-1]
+    for old, new, R_old, R_new in zip(
+        before.problem.wearers, after.problem.wearers,
+        before.state(number).R_parent_child, after.state(number).R_parent_child, strict=True,
+    ):  # fmt: skip
+        bones = [sensor.bone for sensor in new.sensors]
+        R = [
+            forward_kinematics(wearer.skeleton, own[None], np.zeros((1, 3))).R_world_bone[0, bones]
+            for wearer, own in ((old, R_old), (new, R_new))
+        ]
+        relative = R[1] @ transpose(R[0])
+        turned = np.rad2deg(np.linalg.norm(log(relative @ mean_rotation(relative).T), axis=1))
+        wrong = [f"'{new.frames.sensors[s]}' by {turned[s]:.0f}°" for s in np.flatnonzero(turned > WRONG_DEG)]
+        if wrong:
+            found.append(
+                f"{seconds:.0f} s of data show what less could not: until now the bones of {', '.join(wrong)} were "
+                "turned wrong"
+            )
+    return found

@@ -104,7 +104,7 @@ def test_whole_programs_without_a_network(tmp_path: Path) -> None:
 
 
 def test_rerun_sends_nothing_of_its_use(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from vip_factors.viz import serve, viewer
+    from vip_factors.viz import viewer
 
     monkeypatch.delenv("CI", raising=False)
     assert viewer.quiet_environment() == {**os.environ, "CI": "true"}
@@ -114,5 +114,5 @@ def test_rerun_sends_nothing_of_its_use(monkeypatch: pytest.MonkeyPatch, tmp_pat
     program = tmp_path / "rerun"
     program.write_text('#!/bin/sh\nprintf "%s" "$CI" > "$1"\n')
     program.chmod(0o755)
-    assert serve._started([str(program), str(tmp_path / "said")]).wait(10) == 0
+    assert viewer._started([str(program), str(tmp_path / "said")]).wait(10) == 0
     assert (tmp_path / "said").read_text() == "true"

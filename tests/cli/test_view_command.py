@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from vip_factors.viz import rerun_view, serve
+from vip_factors.viz import rerun_view, viewer
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_what_is_served_is_a_rerun_file(run: Callable, files, monkeypatch: pytes
         served.append((rrd.read_bytes()[:3], host, port))
         tell("http://here")
 
-    monkeypatch.setattr(serve, "serve", stand_in)
+    monkeypatch.setattr(viewer, "serve", stand_in)
     done = run("view", files.recording, "--serve", "--port", "9191")
     assert (done.code, done.out) == (0, "http://here\n")
     assert served == [(b"RRF", "127.0.0.1", 9191)]

@@ -10,10 +10,10 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import rotation_x
+from vip_factors.report.angles import bones_with_sensors, is_measured
+from vip_factors.report.charts import Line, thinned, time_chart
 from vip_factors.report.material import Wearer
-from vip_factors.report.measured import bones_with_sensors, is_measured
 from vip_factors.report.steps import walk_of
-from vip_factors.report.time_chart import Line, thinned, time_chart
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.recording import Recording, Subject
 

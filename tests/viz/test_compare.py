@@ -4,22 +4,29 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scene_sample import estimate_of, scene_sample
 
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import angle_between, rotation_z
 from vip_factors.sensors.scene import Scene
+from vip_factors.simulate.gestures import gestures
 from vip_factors.viz.compare import (
+    APART,
+    APART_M,
     SIDE_BY_SIDE_M,
     Compare,
     at_times,
     common_frames,
     floor_height,
     known_bones,
+    moved,
     onto_truth,
     position_error_mm,
+    set_apart,
 )
-from vip_factors.viz.scene_world import drawn_scene
+from vip_factors.viz.drawn_scene import drawn_scene
+from vip_factors.viz.scene_summary import scene_summary
 
 
 def turned(motion, angle: float, shift):
@@ -83,3 +90,32 @@ def test_bones_are_known_of_the_recordings_own_truth(scene) -> None:
     drawn = drawn_scene(Scene("a", (partial,)), Estimate("a", "SIP", (scene.estimate,)))
     whole = drawn_scene(Scene("a", (scene.recording,)), Estimate("a", "SIP", (scene.estimate,)))
     assert not np.allclose(drawn.wearers[0].error_mm, whole.wearers[0].error_mm)
+
+
+def test_paths_that_cross_never_come_near() -> None:
+    still = gestures(1.0)
+    there = np.linspace(0, 1, len(still))[:, None] * [0.0, 3.0, 0.0]
+    walker = replace(still, p_world_pelvis=still.p_world_pelvis + there)
+    high = replace(still, p_world_pelvis=still.p_world_pelvis + np.array([7.0, -4.0, 0.5]))
+    bodies = [walker, still, high]
+    drawn = [moved(one, shift) for one, shift in zip(bodies, set_apart(bodies), strict=True)]
+    for index, one in enumerate(drawn):
+        assert floor_height(one) == pytest.approx(floor_height(walker), abs=1e-9)
+        for other in drawn[:index]:
+            off = np.hypot(*(one.p_world_pelvis - other.p_world_pelvis)[:, :2].T)
+            assert off.min() >= APART_M - 1e-6
+    np.testing.assert_array_equal(drawn[0].p_world_pelvis, walker.p_world_pelvis)
+
+
+def test_only_wearers_whose_places_are_unknown_are_moved() -> None:
+    scene = scene_sample(0.3)
+    found = estimate_of(scene)
+    blind = replace(found, camera=None, wearer_of_detection=np.zeros(0, int))
+    apart, tied = drawn_scene(None, blind), drawn_scene(None, found)
+    assert (apart.apart, tied.apart, drawn_scene(scene, blind).apart) == (True, False, False)
+    assert APART in scene_summary(apart)
+    assert APART not in scene_summary(tied)
+    one, other = (wearer.motion.p_world_pelvis[:, :2] for wearer in apart.wearers)
+    assert np.linalg.norm(one - other, axis=1).min() >= APART_M - 1e-6
+    for wearer, estimate in zip(tied.wearers, found.wearers, strict=True):
+        np.testing.assert_array_equal(wearer.motion.p_world_pelvis, estimate.motion.p_world_pelvis)

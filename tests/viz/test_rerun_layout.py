@@ -10,14 +10,14 @@ from scene_sample import estimate_of, scene_sample
 from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.simulate.gestures import gestures
-from vip_factors.viz.layout import span_axis
+from vip_factors.viz.drawn_scene import drawn_scene
 from vip_factors.viz.live_summary import KEPT, live_summary
+from vip_factors.viz.rerun_body import cut_skin, see_through
 from vip_factors.viz.rerun_eye import NEAREST_M, abreast, centre_path, eye, forward_of, spread_of
+from vip_factors.viz.rerun_layout import span_axis
 from vip_factors.viz.rerun_series import sensor_colours
-from vip_factors.viz.rerun_skin import cut_skin, see_through
 from vip_factors.viz.scene_layout import span_of
 from vip_factors.viz.scene_summary import finding_lines, scene_summary
-from vip_factors.viz.scene_world import drawn_scene
 from vip_factors.viz.sensor_legend import legend
 from vip_factors.viz.summary import paragraphs
 

@@ -7,8 +7,8 @@ import rerun as rr
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.simulate.gestures import gestures
-from vip_factors.viz import rerun_names
-from vip_factors.viz.rerun_image import log_people
+from vip_factors.viz import rerun_body
+from vip_factors.viz.rerun_camera import log_people
 from vip_factors.viz.wearer_colours import UNCLAIMED
 
 
@@ -29,7 +29,7 @@ class Heard(rr.RecordingStream):
 
 def test_every_wearer_is_a_class_with_named_and_linked_joints() -> None:
     stream = Heard()
-    rerun_names.log_joint_names(stream, "world", ["ann", "bob"])
+    rerun_body.log_joint_names(stream, "world", ["ann", "bob"])
     told = stream.logged["world"].context.as_arrow_array().to_pylist()[0]
     classes = {one["class_id"]: one["class_description"] for one in told}
     assert {key: one["info"]["label"] for key, one in classes.items()} == {1: "ann", 2: "bob"}
@@ -40,7 +40,7 @@ def test_every_wearer_is_a_class_with_named_and_linked_joints() -> None:
 
 def test_links_of_a_detector_are_of_wearers_and_not_of_nobody() -> None:
     stream, keypoints = Heard(), keypoint_set("openpose18")
-    rerun_names.log_keypoint_names(stream, "image", keypoints, ["ann"])
+    rerun_body.log_keypoint_names(stream, "image", keypoints, ["ann"])
     told = stream.logged["image"].context.as_arrow_array().to_pylist()[0]
     nobody, ann = (one["class_description"] for one in told)
     assert (len(nobody["keypoint_annotations"]), len(nobody["keypoint_connections"])) == (18, 0)
@@ -64,7 +64,7 @@ def test_dots_carry_the_numbers_of_the_keypoints_that_were_seen() -> None:
 @pytest.mark.parametrize("frames", [1, 4])
 def test_joints_are_logged_frame_by_frame(frames: int) -> None:
     stream, motion = Heard(), gestures(0.5).frames(slice(0, frames))
-    rerun_names.log_joints(stream, "j", motion)
+    rerun_body.log_joints(stream, "j", motion)
     points = next(iter(stream.columns["j"].values())).to_pylist()
     assert [len(one) for one in points] == [JOINT_COUNT] * frames
     np.testing.assert_allclose(points[0], motion.state.p_world_joint[0], atol=1e-6)

@@ -11,11 +11,11 @@ from scene_sample import Injected, estimate_of, scene_sample
 from vip_factors.errors import InputError
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene, Video
+from vip_factors.viz.drawn_scene import drawn_scene
 from vip_factors.viz.headings_chart import INK
+from vip_factors.viz.images import video_frames
 from vip_factors.viz.scene_charts import LINE_COLOURS, scene_charts
 from vip_factors.viz.scene_picture import PLANE, scene_filmstrip
-from vip_factors.viz.scene_world import drawn_scene
-from vip_factors.viz.video_frames import video_frames
 from vip_factors.viz.wearer_colours import wearer_colour
 
 ERRORS = Injected(yaw=0.8, heading=0.2, camera_m=0.05)

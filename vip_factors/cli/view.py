@@ -12,7 +12,7 @@ from vip_factors.cli.options import RERUN_FILE, Flag, Output, parse
 from vip_factors.cli.terminal import progress_bar
 from vip_factors.errors import InputError
 from vip_factors.ranges import Port
-from vip_factors.viz.film_settings import FilmSettings
+from vip_factors.viz.film_file import FilmSettings
 from vip_factors.viz.viewer import check_display
 
 INSTEAD_OF_A_WINDOW = "--serve, --save FILE.rrd, --picture or --video"
@@ -117,8 +117,8 @@ def _picture(opened: Opened, png: Path, overwrite: bool) -> None:
 
 def _chart(paths: Sequence[Path], png: Path, overwrite: bool) -> None:
     """Every file's estimate against the scene (or recording) among the files; curves are named by method or file."""
+    from vip_factors.viz.drawn_scene import drawn_scene
     from vip_factors.viz.scene_charts import scene_charts
-    from vip_factors.viz.scene_world import drawn_scene
 
     opened = {path: open_one(path).as_scene() for path in paths}
     scenes = [scene for scene, _ in opened.values() if scene is not None]
@@ -151,7 +151,7 @@ def _screenshot(opened: Opened, png: Path, options: ViewOptions) -> None:
     from tempfile import TemporaryDirectory
 
     from vip_factors.cli.terminal import waiting
-    from vip_factors.viz.screenshot import screenshot
+    from vip_factors.viz.viewer import screenshot
 
     with TemporaryDirectory() as folder, waiting("rendering"):
         rrd = Path(folder) / "view.rrd"
@@ -163,7 +163,7 @@ def _serve(opened: Opened, options: ViewOptions) -> None:
     from tempfile import TemporaryDirectory
 
     from vip_factors.cli.terminal import note
-    from vip_factors.viz.serve import serve
+    from vip_factors.viz.viewer import serve
 
     def tell(address: str) -> None:
         print(address, flush=True)
@@ -182,8 +182,8 @@ def write_film(opened: Opened, path: Path, settings: FilmSettings, overwrite: bo
         InputError, FileFormatError: if there is nothing to draw, or a file cannot be read or written.
     """
     from vip_factors.io.calibration_history import read_calibration_history
+    from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, drawn_scene
     from vip_factors.viz.film import film
-    from vip_factors.viz.scene_world import DrawnScene, DrawnWearer, drawn_scene
 
     histories = read_calibration_history(settings.headings) if settings.headings is not None else ()
     scene, estimate = opened.as_scene()

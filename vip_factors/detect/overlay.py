@@ -7,7 +7,7 @@ from vip_factors.atomic import atomic_path
 from vip_factors.detect.video import VideoPoses
 from vip_factors.errors import InputError
 from vip_factors.io.video import iterate_frames
-from vip_factors.viz.pose_overlay import draw_pose
+from vip_factors.viz.images import draw_pose
 
 LARGEST = 1280  # pixels of the longer side: sharp enough to judge poses by, and quick to write
 

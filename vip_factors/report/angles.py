@@ -8,11 +8,9 @@ from vip_factors.body.joint_angles import JointAngles, joint_angle_sigmas, joint
 from vip_factors.body.mannequin import Side
 from vip_factors.geometry.rotations import Array
 from vip_factors.report.blocks import Block, Charts, Heading, Paragraph, Section, Table, Tile, Tiles
-from vip_factors.report.colours import SIDE_COLOURS
+from vip_factors.report.charts import SIDE_COLOURS, Line, time_chart
 from vip_factors.report.material import Material, Wearer
-from vip_factors.report.measured import bones_with_sensors, is_measured
 from vip_factors.report.steps import Walk, walk_of
-from vip_factors.report.time_chart import Line, time_chart
 from vip_factors.report.words import UNKNOWN, capital, joint_words, plus_minus, with_unit
 
 PAIRED = (
@@ -177,3 +175,32 @@ def _walk(wearer: Wearer) -> list[Block]:
 
 def _of(walk: Walk, side: str) -> int:
     return sum(one.side == side for one in walk.steps)
+
+
+# A joint's angles are between two segments; of the trunk any bone does.
+_CHEST = ("spine1", "spine2", "spine3", "left_collar", "right_collar", "neck")
+_BETWEEN = {
+    "hip": (("pelvis",), ("{}_hip",)),
+    "knee": (("{}_hip",), ("{}_knee",)),
+    "ankle": (("{}_knee",), ("{}_ankle", "{}_foot")),
+    "shoulder": (_CHEST, ("{}_shoulder",)),
+    "elbow": (("{}_shoulder",), ("{}_elbow",)),
+    "trunk": (("pelvis",), _CHEST),
+    "pelvis": (("pelvis",), ("pelvis",)),
+}
+
+
+def bones_with_sensors(wearer: Wearer) -> set[str] | None:
+    """Names of the bones that sensors which were used sit on; None if neither recording nor estimate tells."""
+    used = set(wearer.estimate.sensors)
+    if wearer.recording is not None:
+        return {site.bone for site in wearer.recording.placement.sites if site.sensor in used}
+    return {one.bone for one in wearer.estimate.sensor_places} or None
+
+
+def is_measured(bones: set[str] | None, angle: str) -> bool:
+    """Whether both segments of an angle, such as ``hip_flexion``, have sensors on both sides; yes if nobody knows."""
+    if bones is None:
+        return True
+    ends = _BETWEEN[angle.partition("_")[0]]
+    return all(any(name.format(side) in bones for name in end) for end in ends for side in ("left", "right"))

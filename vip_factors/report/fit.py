@@ -9,10 +9,8 @@ from vip_factors.evaluate.evaluation import Evaluation, SceneEvaluation, evaluat
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.rotations import Array
 from vip_factors.report.blocks import Block, Chart, Charts, Paragraph, Section, Table
-from vip_factors.report.colours import wearer_mark
+from vip_factors.report.charts import Line, time_chart, wearer_mark
 from vip_factors.report.material import Material, Wearer
-from vip_factors.report.metric_words import METRIC_WORDS
-from vip_factors.report.time_chart import Line, time_chart
 from vip_factors.report.words import UNKNOWN, number
 
 KINDS = {"orientation_deg": ("Orientation, °", "°"), "acceleration_m_s2": ("Acceleration, m/s²", "")}
@@ -159,3 +157,27 @@ def _truth(material: Material) -> list[Block]:
         Table(("Against the truth", "Unit", *columns), rows, words=1),
         *([Charts((chart,))] if chart is not None else []),
     ]
+
+
+METRIC_WORDS = {
+    "mpjpe": "Joint positions, each frame aligned",
+    "mpjpe_true_body": "Joint positions, on a body of true lengths",
+    "mpjae": "Orientations of the segments",
+    "mpjae_local": "Joint rotations",
+    "knee_flexion_rmse": "Knee flexion",
+    "knee_flexion_rmse_without_offset": "Knee flexion, mean difference removed",
+    "scene_position_error": "Joint positions in the room",
+    "yaw_aligned_position_error": "Joint positions, the whole turned and shifted once",
+    "root_translation_error": "Path of the pelvis",
+    "root_translation_error_percent": "Path of the pelvis, of its length",
+    "length_error": "Lengths of the body",
+    "heading_error": "Headings of the sensors",
+    "mounting_error": "Mountings of the sensors",
+    "camera_translation": "Place of the camera",
+    "camera_rotation": "Orientation of the camera",
+    "time_offset_error": "Clock of the video",
+    "association_precision": "Detections given to the right person",
+    "association_recall": "Detections of wearers that were used",
+    "nees_joints": "Honesty of the ± of joint rotations: 1 is right, above 1 too sure",
+    "coverage_95_joints": "Share of joint rotations within their 95 % range",
+}

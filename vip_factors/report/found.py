@@ -6,9 +6,8 @@ from vip_factors.body.mannequin import Side
 from vip_factors.estimate import CameraEstimate, StartChoice
 from vip_factors.geometry.rotations import angle_between, wrap_angle
 from vip_factors.report.blocks import Block, Charts, Heading, Paragraph, Section, Table
-from vip_factors.report.colours import SIDE_COLOURS
+from vip_factors.report.charts import SIDE_COLOURS, Line, time_chart
 from vip_factors.report.material import Material, Wearer
-from vip_factors.report.time_chart import Line, time_chart
 from vip_factors.report.words import UNKNOWN, bone_words, joint_words, number, plus_minus, with_unit
 from vip_factors.terms.heading_prior import HeadingPriorSettings
 

@@ -8,7 +8,7 @@ from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.compare import check_frames
-from vip_factors.viz.scene_world import DrawnScene, drawn_scene
+from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
 
 
 @dataclass(frozen=True)

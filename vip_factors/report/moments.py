@@ -11,7 +11,7 @@ from vip_factors.report.blocks import Block, Image, Paragraph, Picture, Pictures
 from vip_factors.report.fit import joined, mean_residual
 from vip_factors.report.material import Material, Wearer
 from vip_factors.report.words import joint_words
-from vip_factors.viz.encoded import jpeg_bytes, png_bytes
+from vip_factors.viz.images import jpeg_bytes, png_bytes
 from vip_factors.viz.picture import pose_picture
 from vip_factors.viz.scene_picture import frame_picture
 
@@ -151,3 +151,16 @@ def png(image: np.ndarray) -> str:
 def jpeg(image: np.ndarray) -> str:
     """The same of photographs."""
     return f"data:image/jpeg;base64,{base64.b64encode(jpeg_bytes(image)).decode()}"
+
+
+POSES, SIZE = 6, (180, 260)  # a row, pixels of a pose
+
+
+def strip(material: Material) -> np.ndarray:
+    """A row of poses for each wearer ``(height, width, 3)``, blue green red, evenly over the time."""
+    rows = []
+    for wearer in material.wearers:
+        motion = wearer.estimate.motion
+        frames = np.round(np.linspace(0.04, 0.96, POSES) * (len(motion) - 1)).astype(int)
+        rows.append(np.concatenate([pose_picture(motion, int(frame), SIZE) for frame in frames], axis=1))
+    return np.concatenate(rows, axis=0)

@@ -17,13 +17,11 @@ from vip_factors.report.angles import angles_section
 from vip_factors.report.blocks import Section
 from vip_factors.report.fit import fit_section
 from vip_factors.report.found import found_section
-from vip_factors.report.made import made_section
 from vip_factors.report.material import Material, material
-from vip_factors.report.moments import moments_section, png
+from vip_factors.report.moments import moments_section, png, strip
 from vip_factors.report.motion_data import motion_data
-from vip_factors.report.recorded import recorded_section
+from vip_factors.report.recorded import made_section, recorded_section
 from vip_factors.report.settings import ReportSettings
-from vip_factors.report.strip import strip
 from vip_factors.report.summary import summary_section
 from vip_factors.report.words import listed
 from vip_factors.sensors.scene import Scene

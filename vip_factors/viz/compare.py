@@ -1,6 +1,6 @@
-"""An estimate beside the truth: the same clock, the same gauge, and how far apart they are."""
+"""An estimate beside the truth: the same clock, the same gauge, how far apart they are; and wearers set apart."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from enum import StrEnum
 
@@ -131,3 +131,38 @@ def floor_height(motion: Motion) -> float:
     feet = motion.state.p_world_joint[:, [joint_index("left_foot"), joint_index("right_foot")], 2]
     # The median of the lower foot: a jump or a single bad frame must not move the floor.
     return float(np.median(feet.min(axis=1))) - 0.012 * 1.72
+
+
+APART_M = 1.4  # between pelvises at least: arms held out may touch, bodies do not
+STEP_M = 0.2  # by which a wearer is moved on until nobody is in the way
+APART = "The wearers are set apart: without a camera, where they stood beside each other is unknown."
+APART_TITLE = "wearers set apart: their places are unknown"
+
+
+def set_apart(motions: Sequence[Motion]) -> list[Array]:
+    """How far ``(3,)`` metres to move each motion so that at no moment two pelvises are too near each other.
+
+    All start from the first one's place, along the world's y, and stand on its floor.
+    """
+    shifts: list[Array] = []
+    paths: list[tuple[Array, Array]] = []
+    for motion in motions:
+        shift = motions[0].p_world_pelvis[0] - motion.p_world_pelvis[0]
+        shift[1] += APART_M * len(shifts)
+        shift[2] = floor_height(motions[0]) - floor_height(motion)
+        while any(_nearest(motion.time, motion.p_world_pelvis + shift, *other) < APART_M - 1e-9 for other in paths):
+            shift = shift + np.array([0.0, STEP_M, 0.0])
+        shifts.append(shift)
+        paths.append((motion.time, motion.p_world_pelvis + shift))
+    return shifts
+
+
+def moved(motion: Motion, shift: Array) -> Motion:
+    """The motion elsewhere."""
+    return replace(motion, p_world_pelvis=motion.p_world_pelvis + shift)
+
+
+def _nearest(time: Array, path: Array, other_time: Array, other: Array) -> float:
+    """Least horizontal distance in metres of two paths at the same times."""
+    at = [np.interp(time, other_time, other[:, axis]) for axis in range(2)]
+    return float(np.hypot(path[:, 0] - at[0], path[:, 1] - at[1]).min())

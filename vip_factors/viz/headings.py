@@ -8,7 +8,7 @@ import numpy as np
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, transpose, wrap_angle, yaw_of
 from vip_factors.sensors.calibration import Calibration
-from vip_factors.viz.scene_world import DrawnWearer
+from vip_factors.viz.drawn_scene import DrawnWearer
 
 
 @dataclass(frozen=True)

@@ -16,24 +16,28 @@ from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import keypoints_in_image
 from vip_factors.sensors.live import LiveCamera, LiveSetup, VideoFrame
-from vip_factors.viz.compare import floor_height
+from vip_factors.viz.compare import floor_height, moved, set_apart
 from vip_factors.viz.live_body import LiveBody
 from vip_factors.viz.live_layout import live_blueprint
 from vip_factors.viz.live_series import LiveSeries, colours_of
 from vip_factors.viz.live_summary import live_summary
-from vip_factors.viz.rerun_camera import log_camera, log_camera_poses, log_frustum
-from vip_factors.viz.rerun_centre import CENTRE, log_centre
-from vip_factors.viz.rerun_eye import centre_path
-from vip_factors.viz.rerun_image import log_image_border, log_people_frames, log_people_style
-from vip_factors.viz.rerun_names import (
+from vip_factors.viz.rerun_body import (
     NOBODY_CLASS,
     class_of,
     log_joint_names,
     log_keypoint_names,
     pale_colour,
 )
+from vip_factors.viz.rerun_camera import (
+    log_camera,
+    log_camera_poses,
+    log_frustum,
+    log_image_border,
+    log_people_frames,
+    log_people_style,
+)
+from vip_factors.viz.rerun_eye import CENTRE, centre_path, log_centre
 from vip_factors.viz.sensor_legend import log_legend
-from vip_factors.viz.set_apart import moved, set_apart
 from vip_factors.viz.wearer_colours import UNCLAIMED, wearer_colour
 
 CAMERA, IMAGE = "world/camera", "world/camera/image"

@@ -25,9 +25,8 @@ from vip_factors.viz.compare import (
     position_error_mm,
 )
 from vip_factors.viz.eye import Eye, Lens
-from vip_factors.viz.figure import Figure, as_bytes, blend, lit_from
+from vip_factors.viz.figure import BOX_COLOUR, Figure, as_bytes, blend, lit_from, sensor_boxes
 from vip_factors.viz.room import Room, floor_light
-from vip_factors.viz.sensor_boxes import BOX_COLOUR, sensor_boxes
 
 INK, SOFT_INK, WHITE = (40, 46, 58), (120, 128, 140), (255, 255, 255)
 GHOST = mixed(TRUTH_COLOUR, WHITE, 0.35)

@@ -1,12 +1,18 @@
-"""The camera in Rerun's world: its frustum, moving, and its path."""
+"""A camera in Rerun: its frustum and path, video frames, detections, and the bodies projected over them."""
+
+from pathlib import Path
 
 import numpy as np
 import rerun as rr
 
+from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.mannequin import Colour
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.scene import Video
+from vip_factors.viz.images import limb_pairs
 from vip_factors.viz.rerun_body import TRAIL_RADIUS_M, time_column
 
 TRUE_FRUSTUM_COLOUR: Colour = (150, 156, 166)
@@ -65,3 +71,146 @@ def _pinhole(model: CameraModel, colour: Colour) -> rr.Pinhole:
         color=colour,
         line_width=0.004,
     )
+
+
+BORDER_COLOUR: Colour = (150, 157, 168)
+
+
+def log_people(
+    stream: rr.RecordingStream,
+    entity: str,
+    time: Array,
+    frame: np.ndarray,
+    pixels: Array,
+    keypoints: KeypointSet,
+    colour: Colour,
+    *,
+    line: float,
+    dot: float,
+    order: float,
+    names: int | None = None,
+) -> None:
+    """Log 2D skeletons below ``entity`` as ``limbs`` and ``points``.
+
+    Args:
+        stream: where to.
+        entity: below the camera's image.
+        time: ``(F,)`` seconds of the video frames; frames without people are cleared.
+        frame: ``(n,)`` video frame of each skeleton, not decreasing.
+        pixels: ``(n, K, 2)``, NaN where a keypoint is missing.
+        keypoints: their order.
+        colour: of all of them.
+        line, dot: widths in points of the screen, whatever the zoom; 0 leaves them out.
+        order: what is drawn over what: higher is nearer.
+        names: Rerun's class of all of them, which names the keypoints and may link them; see ``rerun_names``.
+    """
+    log_people_style(stream, entity, colour, line=line, dot=dot, order=order, names=names)
+    log_people_frames(stream, entity, time, frame, pixels, keypoints, lines=line > 0, dots=dot > 0)
+
+
+def log_people_style(
+    stream: rr.RecordingStream,
+    entity: str,
+    colour: Colour,
+    *,
+    line: float,
+    dot: float,
+    order: float,
+    names: int | None = None,
+) -> None:
+    """Log how the skeletons below ``entity`` look, for ever; arguments as of :func:`log_people`."""
+    # Rerun takes negative radii as points of the screen.
+    if line > 0:
+        style = rr.LineStrips2D.from_fields(colors=[colour], radii=[-line], draw_order=order)
+        stream.log(f"{entity}/limbs", style, static=True)
+    if dot > 0:
+        points = rr.Points2D.from_fields(
+            colors=[colour], radii=[-dot], draw_order=order + 1, class_ids=names, show_labels=False
+        )
+        stream.log(f"{entity}/points", points, static=True)
+
+
+def log_people_frames(
+    stream: rr.RecordingStream,
+    entity: str,
+    time: Array,
+    frame: np.ndarray,
+    pixels: Array,
+    keypoints: KeypointSet,
+    *,
+    lines: bool = True,
+    dots: bool = True,
+) -> None:
+    """Log 2D skeletons, or a part of the frames; arguments as of :func:`log_people`."""
+    pairs = pixels[:, limb_pairs(keypoints)]
+    drawn = np.isfinite(pairs).all(axis=(2, 3))
+    if lines:
+        columns = rr.LineStrips2D.columns(strips=pairs[drawn].astype(np.float32))
+        _send(stream, f"{entity}/limbs", time, np.repeat(frame, drawn.sum(axis=1)), columns)
+    seen = np.isfinite(pixels).all(axis=2)
+    if dots:
+        columns = rr.Points2D.columns(positions=pixels[seen].astype(np.float32), keypoint_ids=np.nonzero(seen)[1])
+        _send(stream, f"{entity}/points", time, np.repeat(frame, seen.sum(axis=1)), columns)
+
+
+def _send(
+    stream: rr.RecordingStream, entity: str, time: Array, frame: np.ndarray, columns: rr.ComponentColumnList
+) -> None:
+    counts = np.bincount(frame, minlength=len(time))
+    stream.send_columns(entity, indexes=[time_column(time)], columns=columns.partition(counts))
+
+
+def log_image_border(stream: rr.RecordingStream, entity: str, model: CameraModel) -> None:
+    """Log where the image ends, for cameras without pictures."""
+    w, h = model.width, model.height
+    edge = rr.LineStrips2D([[[0, 0], [w, 0], [w, h], [0, h], [0, 0]]], colors=[BORDER_COLOUR], radii=[-0.8])
+    stream.log(entity, edge, static=True)
+
+
+def log_video(stream: rr.RecordingStream, entity: str, video: Video, time: Array) -> bool:
+    """Log video frames at the times ``(F,)`` seconds of the recording's clock; returns whether there was any.
+
+    Embedded images go in as they are; an MP4 file is embedded whole where Rerun can read it, other files are decoded
+    here and go in as JPEG.
+    """
+    images = {index: blob for index, blob in sorted(video.images.items()) if 0 <= index < len(time)}
+    if images:
+        at = time_column(time[list(images)])
+        stream.send_columns(entity, indexes=[at], columns=rr.EncodedImage.columns(blob=list(images.values())))
+        return True
+    if video.path is None or not video.path.is_file():
+        return False
+    return _log_mp4(stream, entity, video.path, time) or _log_decoded(stream, entity, video.path, time)
+
+
+def _log_mp4(stream: rr.RecordingStream, entity: str, path: Path, time: Array) -> bool:
+    if path.suffix.lower() != ".mp4":
+        return False
+    asset = rr.AssetVideo(path=path)
+    try:
+        stamps = asset.read_frame_timestamps_nanos()
+    except RuntimeError:  # a codec that Rerun does not know
+        return False
+    count = min(len(stamps), len(time))
+    stream.log(entity, asset, static=True)
+    columns = rr.VideoFrameReference.columns_nanos(stamps[:count])
+    stream.send_columns(entity, indexes=[time_column(time[:count])], columns=columns)
+    return count > 0
+
+
+def _log_decoded(stream: rr.RecordingStream, entity: str, path: Path, time: Array) -> bool:
+    import cv2
+
+    reader, found = cv2.VideoCapture(str(path)), 0
+    try:
+        for instant in time:
+            good, image = reader.read()
+            if not good:
+                break
+            _, encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])
+            column = rr.EncodedImage.columns(blob=[encoded.tobytes()])
+            stream.send_columns(entity, indexes=[time_column(np.array([instant]))], columns=column)
+            found += 1
+    finally:
+        reader.release()
+    return found > 0

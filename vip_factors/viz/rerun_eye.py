@@ -1,12 +1,14 @@
-"""Where the 3D view is looked from: near enough that people fill it, and following them."""
+"""Where the 3D view is looked from: near enough that people fill it, and following the point between them."""
 
 from collections.abc import Sequence
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array, rotation_z
+from vip_factors.viz.rerun_body import time_column
 
 # Rerun's viewer shows as many metres of height as its eye is away, nearly.
 HEIGHT_PER_METRE = 1.03
@@ -74,3 +76,14 @@ def eye(target: Array, ahead: Array, spread: float, aspect: float, follow: str |
         eye_up=(0.0, 0.0, 1.0),
         tracking_entity=follow,
     )
+
+
+CENTRE = "world/centre"
+RADIUS_M = 0.001  # something must be drawn for Rerun to follow it
+
+
+def log_centre(stream: rr.RecordingStream, time: Array, p_world_centre: Array) -> None:
+    """Log where it is: seconds ``(T,)``, metres ``(T, 3)``."""
+    stream.log(CENTRE, rr.Points3D([[0.0, 0.0, 0.0]], radii=RADIUS_M), static=True)
+    columns = rr.Transform3D.columns(translation=p_world_centre.astype(np.float32))
+    stream.send_columns(CENTRE, indexes=[time_column(time)], columns=columns)

@@ -12,26 +12,34 @@ from vip_factors.estimate import Estimate
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.compare import floor_height
-from vip_factors.viz.layout import GHOST_COLOUR
-from vip_factors.viz.rerun_body import log_body, log_sensors, log_trail
-from vip_factors.viz.rerun_camera import FRUSTUM_COLOUR, log_camera, log_camera_trail, log_true_camera
-from vip_factors.viz.rerun_centre import CENTRE, log_centre
-from vip_factors.viz.rerun_eye import centre_path
-from vip_factors.viz.rerun_image import log_image_border, log_people, log_video
-from vip_factors.viz.rerun_names import (
+from vip_factors.viz.drawn_scene import NOBODY, DrawnCamera, DrawnScene, DrawnWearer, drawn_scene
+from vip_factors.viz.rerun_body import (
     class_of,
+    log_body,
     log_joint_names,
     log_joints,
     log_joints_style,
     log_keypoint_names,
+    log_sensors,
+    log_trail,
     pale_colour,
 )
+from vip_factors.viz.rerun_camera import (
+    FRUSTUM_COLOUR,
+    log_camera,
+    log_camera_trail,
+    log_image_border,
+    log_people,
+    log_true_camera,
+    log_video,
+)
+from vip_factors.viz.rerun_eye import CENTRE, centre_path, log_centre
+from vip_factors.viz.rerun_layout import GHOST_COLOUR
 from vip_factors.viz.rerun_scene_series import log_scene_series
 from vip_factors.viz.rerun_series import sensor_colours
 from vip_factors.viz.rerun_view import LiveViewer, Sink, send
 from vip_factors.viz.scene_layout import scene_blueprint
 from vip_factors.viz.scene_summary import scene_summary
-from vip_factors.viz.scene_world import NOBODY, DrawnCamera, DrawnScene, DrawnWearer, drawn_scene
 from vip_factors.viz.sensor_legend import log_legend
 from vip_factors.viz.wearer_colours import UNCLAIMED, body_colours, wearer_colour
 

@@ -23,10 +23,17 @@ from vip_factors.viz.compare import (
     onto_truth,
     position_error_mm,
 )
-from vip_factors.viz.layout import GHOST_COLOUR, blueprint
-from vip_factors.viz.rerun_body import log_body, log_rest_body, log_sensors, log_trail
+from vip_factors.viz.rerun_body import (
+    log_body,
+    log_joint_names,
+    log_joints,
+    log_joints_style,
+    log_rest_body,
+    log_sensors,
+    log_trail,
+)
 from vip_factors.viz.rerun_file import complete
-from vip_factors.viz.rerun_names import log_joint_names, log_joints, log_joints_style
+from vip_factors.viz.rerun_layout import GHOST_COLOUR, blueprint
 from vip_factors.viz.rerun_series import log_curve, log_measurements, log_residuals, sensor_colours
 from vip_factors.viz.sensor_legend import log_legend
 from vip_factors.viz.summary import summary

@@ -1,4 +1,4 @@
-"""A light room to stand in: tiles that fade into the background, and soft shadows of bodies on the floor."""
+"""A light room to stand in: tiles that fade into the background, soft shadows, and pictures of everybody in it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vip_factors.viz.eye import Eye, Lens, scaled
-from vip_factors.viz.figure import Light
+from vip_factors.geometry.rotations import Array
+from vip_factors.viz.eye import Eye, Lens, room_model, scaled, viewpoints
+from vip_factors.viz.figure import Figure, Light, as_bytes, blend, lit_from
 
 _TILES = np.array([[0.79, 0.795, 0.80], [0.905, 0.902, 0.892]], np.float32)  # their joints, and they
 _WALL = np.array([[0.955, 0.958, 0.962], [0.83, 0.86, 0.90]], np.float32)  # at the horizon, and high up
@@ -174,3 +175,41 @@ def shadow_map(room: Room, bodies: Sequence[np.ndarray]) -> tuple[np.ndarray, np
         full = np.clip(count.reshape(size[1], size[0]) / SHADOW_POINTS, 0, 1).astype(np.float32)
         dark *= 1 - DARK[kind] * np.clip(cv2.GaussianBlur(full, (0, 0), SOFT_M[kind] / SHADOW_CELL_M), 0, 1)
     return 1 - dark, low + SHADOW_CELL_M / 2
+
+
+FLOOR_SAMPLES = 40
+
+
+def floor_of(figures: list[Figure], times: Array) -> float:
+    """Height in metres on which the lowest skin usually is; a jump or a bad frame does not move it."""
+    some = times[np.unique(np.linspace(0, len(times) - 1, min(FLOOR_SAMPLES, len(times))).astype(int))]
+    lowest = [min(float(figure.posed(time).p[:, 2].min()) for figure in figures) for time in some]
+    return float(np.median(lowest))
+
+
+class RoomPane:
+    """Pictures of the room at some times.
+
+    Args:
+        figures: everybody.
+        times: ``(T,)`` seconds.
+        size: of the pictures, width and height.
+    """
+
+    def __init__(self, figures: list[Figure], times: Array, size: tuple[int, int]) -> None:
+        self._times = times
+        self._figures = figures
+        floor = floor_of(self._figures, times)
+        model = room_model(*size)
+        self._eyes = viewpoints([figure.motion for figure in self._figures], floor, times, model)
+        middle = np.mean([figure.motion.p_world_pelvis[:, :2].mean(axis=0) for figure in self._figures], axis=0)
+        self.room = Room(floor, middle, lit_from(self._eyes[0]))
+        self._backdrop = Backdrop(self.room, Lens(model))
+
+    def draw(self, index: int) -> np.ndarray:
+        """``(H, W, 3)`` uint8, red green blue, at ``times[index]``."""
+        eye, time = self._eyes[index], float(self._times[index])
+        bodies = [figure.posed(time) for figure in self._figures if figure.shown_at(time)]
+        image = self._backdrop.image(eye, [body.p for body in bodies])
+        blend(image, eye, bodies, self.room.light)
+        return as_bytes(image)

@@ -9,9 +9,9 @@ import numpy as np
 from vip_factors.errors import InputError
 from vip_factors.viz.canvas import Canvas
 from vip_factors.viz.curves_chart import Curve, draw_curves
+from vip_factors.viz.drawn_scene import DrawnScene
 from vip_factors.viz.headings import rows_of
 from vip_factors.viz.headings_chart import INK, draw_headings, headings_height
-from vip_factors.viz.scene_world import DrawnScene
 from vip_factors.viz.wearer_colours import wearer_colour
 
 WIDTH, MARGIN = 1600, 60

@@ -14,11 +14,10 @@ from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.canvas import Canvas, mixed
 from vip_factors.viz.curves_chart import Curve, draw_curves
+from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
 from vip_factors.viz.figure import figure_of
-from vip_factors.viz.film_camera import CameraPane
-from vip_factors.viz.image_limbs import limb_pairs
-from vip_factors.viz.scene_world import DrawnScene, drawn_scene
-from vip_factors.viz.video_frames import video_frames
+from vip_factors.viz.film_panes import CameraPane
+from vip_factors.viz.images import limb_pairs, video_frames
 from vip_factors.viz.wearer_colours import STRANGER_COLOUR, UNCLAIMED, wearer_colour
 
 INK, SOFT_INK, WHITE, BLACK = (40, 46, 58), (120, 128, 140), (255, 255, 255), (0, 0, 0)

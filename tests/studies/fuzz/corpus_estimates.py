@@ -111,7 +111,7 @@ def _images() -> Files:
     from tests.studies.fuzz.corpus_filmed import moving_square
     from vip_factors.io.mcap_recording import write_scene
     from vip_factors.sensors.scene import Video
-    from vip_factors.viz.encoded import jpeg_bytes, png_bytes
+    from vip_factors.viz.images import jpeg_bytes, png_bytes
 
     scene = small_scene()
     assert scene.camera is not None

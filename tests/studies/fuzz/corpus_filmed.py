@@ -69,7 +69,7 @@ def filmed_cases(log: Files) -> list[Case]:
 
 
 def _png(view: int) -> bytes:
-    from vip_factors.viz.encoded import png_bytes
+    from vip_factors.viz.images import png_bytes
 
     return png_bytes(board(view))
 

@@ -1,4 +1,4 @@
-"""Curves over time as SVG that prints, with what the page's script needs to read values off them."""
+"""Curves over time, drawn as SVG in the colours of the page: with gaps, pale bands and a scale that people can read."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -8,10 +8,12 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from markupsafe import Markup
 
+from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Colour, Side
 from vip_factors.geometry.rotations import Array
 from vip_factors.report.blocks import Chart
 from vip_factors.viz.chart import tick_step
 from vip_factors.viz.svg import MUTED, RULE, Svg
+from vip_factors.viz.wearer_colours import body_colours, wearer_colour
 
 WIDTH, HEIGHT = 540.0, 190.0
 LEFT, RIGHT, TOP, BOTTOM = 44.0, 14.0, 10.0, 24.0  # margins
@@ -139,3 +141,22 @@ def _whole(values: Array) -> list[slice]:
     good = np.concatenate([[False], np.isfinite(values), [False]])
     edges = np.flatnonzero(np.diff(good.astype(int)))
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
+
+
+def hexadecimal(colour: Colour) -> str:
+    """``#rrggbb``."""
+    return "#" + "".join(f"{channel:02x}" for channel in colour)
+
+
+SIDE_COLOURS = {side: hexadecimal(colour) for side, colour in ESTIMATE_COLOURS.items()}
+TRUTH = hexadecimal(TRUTH_COLOUR)
+
+
+def wearer_mark(index: int, of: int) -> str:
+    """What marks a wearer's curves: of one alone the trunk's grey."""
+    return SIDE_COLOURS[Side.MIDDLE] if of == 1 else hexadecimal(wearer_colour(index))
+
+
+def sides_of(index: int, of: int) -> dict[Side, str]:
+    """Of a body in the 3D view: by side of one wearer alone, else all in the wearer's own."""
+    return SIDE_COLOURS if of == 1 else {side: hexadecimal(one) for side, one in body_colours(index).items()}

@@ -16,8 +16,7 @@ from vip_factors.sensors.camera_path import CameraPath, move_motion, move_path, 
 from vip_factors.sensors.detections import Detections, keypoints_in_image, reprojection_error
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene, Video
-from vip_factors.viz.compare import check_frames, common_frames, known_truth, position_error_mm
-from vip_factors.viz.set_apart import moved, set_apart
+from vip_factors.viz.compare import check_frames, common_frames, known_truth, moved, position_error_mm, set_apart
 
 NOBODY = -1
 
@@ -143,7 +142,7 @@ def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
             f"estimate of {len(estimate.wearers)} wearers for a scene of {len(scene.wearers)}: expected the same; is "
             "it the estimate of this scene?"
         )
-    wearers = _side_by_side(scene, estimate)
+    wearers = _wearers_of(scene, estimate)
     true_path = scene.truth.camera if scene is not None and scene.truth is not None else None
     if true_path is None and scene is not None and scene.camera is not None:
         true_path = scene.camera.known_path
@@ -191,7 +190,7 @@ def _further(scene: Scene | None) -> tuple[DrawnCamera, ...]:
     )
 
 
-def _side_by_side(scene: Scene | None, estimate: Estimate | None) -> list[DrawnWearer]:
+def _wearers_of(scene: Scene | None, estimate: Estimate | None) -> list[DrawnWearer]:
     count = len(scene.wearers) if scene is not None else len(estimate.wearers) if estimate is not None else 0
     wearers = []
     for index in range(count):

@@ -113,7 +113,7 @@ def simulate(
     if motion is None:
         motion = gestures(seconds)
     elif not isinstance(motion, Motion):
-        from vip_factors.io.motions.files import read_motion
+        from vip_factors.io.motions import read_motion
 
         motion = read_motion(Path(motion))
     motion = with_initial_pose(motion, "n-pose", seed=seed)

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import exp, rotation_x
+from vip_factors.io.motions import motion_files, read_motion
 from vip_factors.io.motions.amass import read_amass
-from vip_factors.io.motions.files import motion_files, read_motion
 
 
 def write_amass(path: Path, width: int = 156, **changed: object) -> Path:

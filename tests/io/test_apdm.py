@@ -9,7 +9,7 @@ from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.io.importers import apdm
-from vip_factors.io.importers.inertial_frame import mean_force_inertial
+from vip_factors.io.importers.shared import mean_force_inertial
 
 GRAVITY = np.array([0.0, 0.0, 9.81])
 R_DOWN = np.diag([1.0, -1.0, -1.0])

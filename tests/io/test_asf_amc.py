@@ -10,8 +10,7 @@ from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.poses import align_rigid
 from vip_factors.geometry.rotations import angle_between, exp, rotation_x, rotation_z
-from vip_factors.io.motions.asf import rotation_in_order
-from vip_factors.io.motions.asf_amc import read_amc
+from vip_factors.io.motions.asf_amc import read_amc, rotation_in_order
 from vip_factors.io.motions.bvh import read_bvh
 
 # name: (parent, direction at rest, length in metres, axis in degrees, dof). Legs are spread by 20° at rest, as CMU's.

@@ -10,9 +10,16 @@ from board_images import CAMERA, SQUARE_M, lying, poses, rays, render
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z
-from vip_factors.io.calibrate_camera import CameraCalibrationSettings, calibrate, chosen_views, find_views, floor_pose
+from vip_factors.io.calibrate_camera import (
+    CameraCalibrationSettings,
+    calibrate,
+    calibration_images,
+    chosen_views,
+    find_views,
+    floor_pose,
+    one_image,
+)
 from vip_factors.io.calibrate_camera_board import BoardView, Charuco, Checkerboard
-from vip_factors.io.calibrate_camera_images import calibration_images, one_image
 from vip_factors.sensors.camera_model import CameraModel
 
 SIZE = (CAMERA.width, CAMERA.height)

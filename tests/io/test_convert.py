@@ -13,7 +13,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import exp
 from vip_factors.io.convert import ImportOptions, detect_format, import_recording, placement_from_file, recording_of_log
-from vip_factors.io.imported import ImportedLog
+from vip_factors.io.importers.shared import ImportedLog
 from vip_factors.sensors.calibration import CARELESS_MOUNTING_SIGMA, SITES, Placement, place
 from vip_factors.sensors.imu_stream import ImuStream
 

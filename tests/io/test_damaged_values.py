@@ -21,7 +21,7 @@ from vip_factors.io.importers.mvnx_document import read_document
 from vip_factors.io.mcap_messages import set_timestamp
 from vip_factors.io.mcap_reader import CHANNEL, RECORD_HEAD, McapWarning, read_contents
 from vip_factors.io.motions.amass import read_amass
-from vip_factors.io.motions.asf import read_asf
+from vip_factors.io.motions.asf_amc import read_asf
 from vip_factors.io.motions.bvh import read_bvh
 from vip_factors.io.placement_file import placement_from_file
 from vip_factors.sensors.camera_model import VideoClock

@@ -10,7 +10,7 @@ from scene_samples import filmed_walk
 
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.io.mcap_recording import read_scene, write_scene
-from vip_factors.io.torso_colour import COLOURS, torso_colour, with_torso_colours
+from vip_factors.io.video import COLOURS, torso_colour, with_torso_colours
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Video
 

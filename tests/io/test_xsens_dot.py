@@ -9,7 +9,7 @@ from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.io.importers import xsens_dot, xsens_txt
-from vip_factors.io.importers.site_names import site_of_name
+from vip_factors.io.importers.shared import site_of_name
 
 PREAMBLE = (
     "sep=,\nDeviceTag:,abc\nFirmwareVersion:,2.0.0\nSyncStatus:,Synced\nOutputRate:,60Hz\n"

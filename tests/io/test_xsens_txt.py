@@ -12,7 +12,7 @@ from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_y, rotation_z
 from vip_factors.io.importers import xsens_txt
-from vip_factors.io.importers.inertial_frame import mean_force_inertial
+from vip_factors.io.importers.shared import mean_force_inertial
 
 GRAVITY = np.array([0.0, 0.0, 9.81])
 MATRIX = [f"Mat[{row}][{column}]" for column in (1, 2, 3) for row in (1, 2, 3)]  # column-major, as exports have it

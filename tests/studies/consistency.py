@@ -17,7 +17,7 @@ from vip_factors.errors import InputError, SolveError
 from vip_factors.evaluate.calibration import nees
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.geometry.rotations import Array, log, transpose, wrap_angle
-from vip_factors.io.motions.files import read_motion
+from vip_factors.io.motions import read_motion
 from vip_factors.pipeline import smooth_scene
 from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.layout import ROOT, Owner, OwnerId

@@ -20,7 +20,7 @@ from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError, RecordingError, SolveError
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.evaluate.scene_metrics import AssociationScore, association_score
-from vip_factors.io.motions.files import read_motion
+from vip_factors.io.motions import read_motion
 from vip_factors.pipeline import smooth_scene
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams

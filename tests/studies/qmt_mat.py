@@ -14,10 +14,7 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order
 from vip_factors.geometry.rotations import Array, angle_between, log, nearest_rotation, transpose
-from vip_factors.io.imported import ImportedLog
-from vip_factors.io.importers.inertial_frame import GRAVITY, tilt_of_up, z_up
-from vip_factors.io.importers.sensor_files import merge_notes
-from vip_factors.io.importers.site_names import default_sites
+from vip_factors.io.importers.shared import GRAVITY, ImportedLog, default_sites, merge_notes, tilt_of_up, z_up
 from vip_factors.io.importers.xsens_channels import rotations_or_nan
 from vip_factors.sensors.calibration import (
     CARELESS_MOUNTING_SIGMA,

@@ -16,7 +16,7 @@ from vip_factors.evaluate.calibration import ENDS
 from vip_factors.evaluate.metrics import resample as resample_motion
 from vip_factors.geometry.rotations import Array, angle_between, rotation_z, transpose, wrap_angle
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration
-from vip_factors.io.motions.files import motion_files, read_motion
+from vip_factors.io.motions import motion_files, read_motion
 from vip_factors.sensors.calibration import SensorCalibration, preset
 from vip_factors.sensors.frames import resample
 from vip_factors.sensors.recording import Recording, Truth

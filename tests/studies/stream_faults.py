@@ -23,7 +23,7 @@ from tests.studies.stream_run import (
 from tests.studies.study import Study, Tell, cell, group, table
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
-from vip_factors.io.motions.files import read_motion
+from vip_factors.io.motions import read_motion
 from vip_factors.live.settings import LiveSettings, RecalibrationSettings
 from vip_factors.sensors.live import LiveSetup, live_samples
 from vip_factors.sensors.scene import Scene

@@ -12,8 +12,7 @@ from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import angle_between, rotation_x, rotation_z, wrap_angle
-from vip_factors.io.importers.totalcapture import SENSOR_SITES
-from vip_factors.io.importers.totalcapture_body import BONE_JOINTS
+from vip_factors.io.importers.totalcapture import BONE_JOINTS, SENSOR_SITES
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.recording import Recording
 from vip_factors.simulate.gestures import gestures

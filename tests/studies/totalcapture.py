@@ -19,9 +19,9 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, nearest_rotation, transpose, yaw_of
 from vip_factors.io.detections.read import read_detections
-from vip_factors.io.imported import ImportedLog
 from vip_factors.io.importers import totalcapture
-from vip_factors.io.importers.totalcapture_body import R_WORLD_VICON
+from vip_factors.io.importers.shared import ImportedLog
+from vip_factors.io.importers.totalcapture import R_WORLD_VICON
 from vip_factors.io.importers.totalcapture_files import sensors_file
 from vip_factors.sensors.calibration import CARELESS_MOUNTING_SIGMA, SensorCalibration
 from vip_factors.sensors.camera_model import CameraModel

@@ -33,7 +33,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Output
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.motions.files import motion_files, read_motion
+from vip_factors.io.motions import motion_files, read_motion
 from vip_factors.ranges import NotNegativeInt
 
 RIDGE = 1e-3  # of the standardised weights: a feature that adds nothing stays near zero

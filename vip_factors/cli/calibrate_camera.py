@@ -11,9 +11,8 @@ import tyro
 from vip_factors.cli.options import Flag, Output, parse
 
 if TYPE_CHECKING:
-    from vip_factors.io.calibrate_camera import CameraCalibration
+    from vip_factors.io.calibrate_camera import CalibrationImage, CameraCalibration
     from vip_factors.io.calibrate_camera_board import Board, BoardView
-    from vip_factors.io.calibrate_camera_images import CalibrationImage
     from vip_factors.sensors.camera_model import CameraModel
 
 
@@ -159,8 +158,7 @@ def _floor(
     import numpy as np
 
     from vip_factors.errors import InputError
-    from vip_factors.io.calibrate_camera import floor_pose
-    from vip_factors.io.calibrate_camera_images import image_file, one_image
+    from vip_factors.io.calibrate_camera import floor_pose, image_file, one_image
 
     if options.floor_image is not None:
         image = image_file(options.floor_image)

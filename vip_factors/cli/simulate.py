@@ -205,7 +205,7 @@ def _scene_settings(options: SimulateOptions) -> "SceneSettings":
 
 def _motion(source: str, options: SimulateOptions, number: int) -> "Motion":
     """A motion file, or the package's own motion, out of step with that of others."""
-    from vip_factors.io.motions.files import read_motion
+    from vip_factors.io.motions import read_motion
     from vip_factors.simulate.gestures import gestures
     from vip_factors.simulate.staging import from_time
 

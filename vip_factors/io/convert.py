@@ -14,11 +14,10 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.io.body_file import read_body_file, subject_with, with_body
 from vip_factors.io.held_pose import LEAD_S, after_pose, held_orientations, later, pose_source, without_sample
 from vip_factors.io.import_notes import check_leaps, coverage_notes
-from vip_factors.io.import_placement import place_sensors
-from vip_factors.io.imported import ImportedLog
+from vip_factors.io.importers.shared import ImportedLog
 from vip_factors.io.log_parts import log_in_parts
 from vip_factors.io.mcap_reader import MAGIC
-from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, placement_from_file
+from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, place_sensors, placement_from_file
 from vip_factors.io.toml_values import nearest
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.parts import joined_in_memory
@@ -159,7 +158,7 @@ def read_log(path: str | Path, format_name: str | None = None, columns: str | Pa
     if format_name == "table":
         return _read_table(path, columns)
     if format_name == "ros2":
-        from vip_factors.io.importers.site_names import default_sites
+        from vip_factors.io.importers.shared import default_sites
         from vip_factors.io.ros2 import read_ros2_recording
         from vip_factors.sensors.calibration import Placement
 

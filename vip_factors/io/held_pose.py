@@ -9,7 +9,7 @@ import numpy as np
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, mean_rotation
-from vip_factors.io.importers.inertial_frame import GRAVITY, UP
+from vip_factors.io.importers.shared import GRAVITY, UP
 from vip_factors.io.toml_values import nearest
 from vip_factors.sensors.imu_stream import ImuStream
 

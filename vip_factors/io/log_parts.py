@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from vip_factors.io.imported import ImportedLog
+from vip_factors.io.importers.shared import ImportedLog
 from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.parts import joined_in_memory
 from vip_factors.sensors.recording import Recording, Subject

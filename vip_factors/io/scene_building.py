@@ -15,8 +15,7 @@ from vip_factors.io.convert import ImportOptions, detect_format, import_recordin
 from vip_factors.io.detections.read import read_detections
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.io.toml_values import nearest
-from vip_factors.io.torso_colour import with_torso_colours
-from vip_factors.io.video import check_video, embed_video, video_facts
+from vip_factors.io.video import check_video, embed_video, video_facts, with_torso_colours
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections

@@ -73,10 +73,10 @@ def small_cases() -> list[Case]:
 
 
 def _motions() -> list[Case]:
-    from vip_factors.io.export.amass import write_amass
     from vip_factors.io.export.bvh import write_bvh
     from vip_factors.io.export.settings import ExportSettings
-    from vip_factors.io.motions.files import read_motion
+    from vip_factors.io.export.smpl import write_amass
+    from vip_factors.io.motions import read_motion
 
     def read(folder: Path, name: str) -> None:
         motion_text(read_motion(folder / name))

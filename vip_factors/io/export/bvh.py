@@ -10,9 +10,7 @@ from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Skeleton
 from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array, continuous, sequence_of_rotation
-from vip_factors.io.export.axes import R_YUP_WORLD
-from vip_factors.io.export.bone_names import bone_names
-from vip_factors.io.export.settings import ExportSettings, UpAxis
+from vip_factors.io.export.settings import R_YUP_WORLD, ExportSettings, UpAxis, bone_names
 
 TURNS = "Zrotation Xrotation Yrotation"
 NUMBER = "%.6f"  # of metres or degrees: together they move no joint by more than a hundredth of a millimetre

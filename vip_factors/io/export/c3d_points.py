@@ -9,8 +9,8 @@ import numpy as np
 from vip_factors.body.joint_angles import JointAngles, joint_angles
 from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.export.markers import markers
 from vip_factors.io.export.settings import ExportSettings
+from vip_factors.io.export.tables import markers
 
 MILLIMETRES = 1000.0
 # The header counts frames with 16 bits. Longer files state their length in POINT:LONG_FRAMES, which not all readers

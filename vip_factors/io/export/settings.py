@@ -1,9 +1,11 @@
-"""What may be chosen of an exported file, whatever its format."""
+"""What may be chosen of an exported file, whatever its format; names of bones, and the turn to a world with Y up."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
+from vip_factors.body.joint_angles import R_WORLD_ISB
+from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.ranges import MaybeRate
 
 
@@ -59,3 +61,26 @@ class ExportSettings:
     """Names of the bones in .bvh and .glb: smpl (pelvis, left_hip, …), those of all other files of this package, or
     humanik (Hips, LeftUpLeg, …) which MotionBuilder, Mixamo, Unity and retargeting add-ons map by themselves."""
     bvh: BvhSettings = field(default_factory=BvhSettings)
+
+
+R_YUP_WORLD = R_WORLD_ISB.T
+"""x stays, z becomes y, y becomes -z: what Blender and glTF do. At rest a body then faces z, its left along x."""
+
+
+_HUMANIK_MIDDLE = {
+    "pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck", "head": "Head",
+}  # fmt: skip
+_HUMANIK_LIMBS = {
+    "hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "foot": "ToeBase", "collar": "Shoulder", "shoulder": "Arm",
+    "elbow": "ForeArm", "wrist": "Hand", "hand": "HandMiddle1",
+}  # fmt: skip
+
+
+def bone_names(names: BoneNames) -> tuple[str, ...]:
+    """Of the 24 bones, in the order of the joints."""
+    return JOINT_NAMES if names is BoneNames.SMPL else tuple(map(_humanik, JOINT_NAMES))
+
+
+def _humanik(joint: str) -> str:
+    side, _, bone = joint.partition("_")
+    return f"{side.capitalize()}{_HUMANIK_LIMBS[bone]}" if bone else _HUMANIK_MIDDLE[joint]

@@ -9,11 +9,8 @@ import numpy as np
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.imported import ImportedLog
-from vip_factors.io.importers.inertial_frame import GRAVITY, z_up
-from vip_factors.io.importers.sensor_files import candidates, merge_notes
 from vip_factors.io.importers.sensor_table import peek
-from vip_factors.io.importers.site_names import default_sites
+from vip_factors.io.importers.shared import GRAVITY, ImportedLog, candidates, default_sites, merge_notes, z_up
 from vip_factors.io.importers.xsens_channels import rotations_or_nan
 from vip_factors.sensors.imu_stream import ImuStream
 

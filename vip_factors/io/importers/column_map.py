@@ -32,7 +32,7 @@ from typing import Any
 
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import Order
-from vip_factors.io.importers.inertial_frame import GRAVITY
+from vip_factors.io.importers.shared import GRAVITY
 from vip_factors.io.importers.text_table import SEPARATORS, Dialect
 from vip_factors.io.toml_values import known_keys, nearest, number_at, read_toml, table_at, text_at
 

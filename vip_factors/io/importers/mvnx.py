@@ -2,21 +2,191 @@
 
 Sensor orientations are global (w first, Z up). Version 3 gives the sensors' specific force itself, version 4 their
 acceleration in the world without gravity, from which it follows.
+
+MVN's segment axes are x forward, y left, z up on a person in the T-pose, with every orientation the identity there.
+Older files (MVN Studio 4) follow the ISB instead and turn the arms' axes; the pose of the calibration in which the
+bones are straight then says how. Which convention a file follows is not written in it, so it is found: under the
+right one, the points that two segments share coincide in every frame.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, ancestors
+from vip_factors.body.anthropometry import STATURE_RANGE_M, skeleton_from_stature
+from vip_factors.body.kinematics import Motion, local_rotations
+from vip_factors.body.lengths import HAND_KNUCKLES, LEGS
+from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, Landmark, Skeleton, ancestors, joint_index
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
-from vip_factors.geometry.rotations import Array, mean_rotation, transpose
-from vip_factors.io.imported import ImportedLog
-from vip_factors.io.importers.mvnx_body import SANE_CLOSURE_M, MvnBody, body_of
+from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, transpose
 from vip_factors.io.importers.mvnx_document import MvnxDocument, read_document
+from vip_factors.io.importers.shared import ImportedLog
 from vip_factors.sensors.calibration import Placement, SensorSite, place
 from vip_factors.sensors.imu_stream import ImuStream
+
+# Our bone axes in MVN's: x left, y up, z forward.
+R_segment_bone = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+SEGMENT_PARENTS = {
+    "L5": "Pelvis", "L3": "L5", "T12": "L3", "T8": "T12", "Neck": "T8", "Head": "Neck",
+} | {
+    f"{side}{child}": (f"{side}{parent}" if parent not in ("T8", "Pelvis") else parent)
+    for side in ("Right", "Left")
+    for child, parent in {
+        "Shoulder": "T8", "UpperArm": "Shoulder", "ForeArm": "UpperArm", "Hand": "ForeArm",
+        "UpperLeg": "Pelvis", "LowerLeg": "UpperLeg", "Foot": "LowerLeg", "Toe": "Foot",
+    }.items()
+}  # fmt: skip
+# Our bones and the segment whose turning they take; L3 shares spine1 with L5, see _bone_rotations.
+BONE_SEGMENTS = {
+    "pelvis": "Pelvis", "spine1": "L5", "spine2": "T12", "spine3": "T8", "neck": "Neck", "head": "Head",
+} | {
+    f"{side.lower()}_{bone}": f"{side}{segment}"
+    for side in ("Left", "Right")
+    for bone, segment in {
+        "collar": "Shoulder", "shoulder": "UpperArm", "elbow": "ForeArm", "wrist": "Hand", "hand": "Hand",
+        "hip": "UpperLeg", "knee": "LowerLeg", "ankle": "Foot", "foot": "Toe",
+    }.items()
+}  # fmt: skip
+
+STRAIGHT_POSES = ("identity", "npose", "tpose")  # poses of the calibration that show the zero pose, the best first
+SANE_CLOSURE_M = 0.03  # joints of a right convention meet within millimetres; the arms of a wrong one miss by 0.3 m
+
+
+@dataclass(frozen=True)
+class MvnBody:
+    """What MVN says of the wearer.
+
+    Attributes:
+        motion: in our skeleton.
+        convention: which zero pose the segments' orientations refer to.
+        closure_m: mean distance of the points that should coincide.
+        joint_error_m: mean distance between our joints and MVN's: what merging L3 away costs.
+        has_landmarks: whether head top and heels, and so the stature, are from the file.
+    """
+
+    motion: Motion
+    convention: str
+    closure_m: float
+    joint_error_m: float
+    has_landmarks: bool
+
+
+def body_of(document: MvnxDocument, time: Array) -> MvnBody | str:
+    """The wearer's motion, or a sentence saying why there is none."""
+    quaternions, positions = document.channel("orientation"), document.channel("position")
+    missing = sorted({"Pelvis", *SEGMENT_PARENTS} - set(document.segments))
+    if missing:
+        return f"no motion of MVN's own: segment {missing[0]} is missing"
+    if quaternions is None or positions is None:
+        return "no motion of MVN's own: the frames hold no segment orientations and positions"
+    whole = np.all(np.isfinite(quaternions), axis=(1, 2)) & np.all(np.isfinite(positions), axis=(1, 2))
+    if not np.all(whole) or np.any(np.abs(np.diff(time) * document.frame_rate - 1) > 0.1):
+        return "no motion of MVN's own: some frames are missing"
+    offsets = _offsets(document)
+    if offsets is None:
+        return "no motion of MVN's own: neither the segments' points nor a pose of the calibration is in the file"
+    try:
+        R_world_segment = matrix_from_quaternion(quaternions, Order.WXYZ)
+        R_zero, convention, closure = _zero_pose(document, offsets, R_world_segment, positions)
+    except ValueError as error:
+        raise FileFormatError(f"{document.path}: segment orientations: {error}") from error
+    R_world_segment = R_world_segment @ transpose(R_zero)
+    skeleton, has_landmarks = _skeleton(document, offsets)
+    R_world_bone = _bone_rotations(document, offsets, R_world_segment)
+    pelvis = document.segments.index("Pelvis")
+    start = float(time[0])
+    motion = Motion(
+        skeleton, local_rotations(R_world_bone), positions[:, pelvis], document.frame_rate, start, "Xsens MVN"
+    )
+    rows = [document.segments.index(BONE_SEGMENTS[name]) for name in JOINT_NAMES]
+    miss = np.linalg.norm(motion.state.p_world_joint - positions[:, rows], axis=-1)[:, :-2]  # knuckles have no twin
+    return MvnBody(motion, convention, closure, float(miss.mean()), has_landmarks)
+
+
+def _offsets(document: MvnxDocument) -> dict[str, Array] | None:
+    """Origin of each segment from its parent's origin, in MVN's axes in the T-pose."""
+    offsets = {
+        child: document.points[parent, label] - document.points[child, own]
+        for (parent, label), (child, own) in document.joints
+        if {(parent, label), (child, own)} <= set(document.points) and SEGMENT_PARENTS.get(child) == parent
+    }
+    if set(offsets) == set(SEGMENT_PARENTS):
+        return offsets
+    for kind in STRAIGHT_POSES:
+        for pose in document.calibration_poses:
+            if pose.attributes.get("type") == kind and "position" in pose.channels:
+                at = dict(zip(document.segments, pose.channels["position"], strict=True))
+                return {child: at[child] - at[parent] for child, parent in SEGMENT_PARENTS.items()}
+    return None
+
+
+def _zero_pose(
+    document: MvnxDocument, offsets: dict[str, Array], R_world_segment: Array, positions: Array
+) -> tuple[Array, str, float]:
+    """The orientations of the segments in the straight T-pose, what they were taken from, and how well joints meet."""
+    row = document.segments.index
+    candidates = [("all segments at identity", np.broadcast_to(np.eye(3), (len(document.segments), 3, 3)))]
+    for pose in document.calibration_poses:
+        if "orientation" in pose.channels:
+            kind = pose.attributes.get("type", "?")
+            candidates.append((f"its {kind} frame", matrix_from_quaternion(pose.channels["orientation"], Order.WXYZ)))
+    found = []
+    for label, R_zero in candidates:
+        R = R_world_segment @ transpose(R_zero)
+        misses = [
+            np.linalg.norm(positions[:, row(parent)] + R[:, row(parent)] @ offset - positions[:, row(child)], axis=1)
+            for child, offset in offsets.items()
+            for parent in [SEGMENT_PARENTS[child]]
+        ]
+        found.append((R_zero, label, float(np.mean(misses))))
+    return min(found, key=lambda candidate: candidate[2])
+
+
+def _bone_rotations(document: MvnxDocument, offsets: dict[str, Array], R_world_segment: Array) -> Array:
+    at = {name: R_world_segment[:, row] for row, name in enumerate(document.segments)}
+    # spine1 spans L5 and L3: it turns as they do on average, by length, so that spine2 stays where MVN has it.
+    lengths = np.linalg.norm(offsets["L3"]), np.linalg.norm(offsets["T12"])  # of L5, of L3
+    share = float(lengths[1] / (lengths[0] + lengths[1]))
+    spine1 = at["L5"] @ exp(share * log(transpose(at["L5"]) @ at["L3"]))
+    bones = [spine1 if name == "spine1" else at[BONE_SEGMENTS[name]] for name in JOINT_NAMES]
+    return np.stack(bones, axis=1) @ R_segment_bone
+
+
+def _skeleton(document: MvnxDocument, offsets: dict[str, Array]) -> tuple[Skeleton, bool]:
+    """Our skeleton with MVN's lengths; what the file does not tell of hands and feet follows from the leg's length."""
+    legs = np.linalg.norm(offsets["LeftLowerLeg"]) + np.linalg.norm(offsets["LeftFoot"])
+    usual = skeleton_from_stature(float(np.clip(legs / LEGS, *STATURE_RANGE_M)))
+    p_parent_joint = usual.p_parent_joint.copy()
+    for name in JOINT_NAMES[1:]:
+        segment = BONE_SEGMENTS[name]
+        offset = offsets["L3"] + offsets["T12"] if name == "spine2" else offsets[segment]
+        if not name.endswith("_hand"):
+            p_parent_joint[joint_index(name)] = offset @ R_segment_bone
+    landmarks, known = dict(usual.landmarks), True
+    for name, (segment, point) in _landmark_points().items():
+        if (segment, point) not in document.points:
+            known = False
+            continue
+        p_bone_point = document.points[segment, point] @ R_segment_bone
+        if name.endswith("_fingertip"):  # given from the wrist: part of the way is our hand joint
+            joint = joint_index(name.replace("fingertip", "hand"))
+            p_parent_joint[joint] = HAND_KNUCKLES * p_bone_point
+            p_bone_point = (1 - HAND_KNUCKLES) * p_bone_point
+        landmarks[name] = Landmark(usual.landmarks[name].bone, p_bone_point)
+    return Skeleton(p_parent_joint, landmarks, f"Xsens MVN {document.software}, {document.path.name}"), known
+
+
+def _landmark_points() -> dict[str, tuple[str, str]]:
+    points = {"head_top": ("Head", "pTopOfHead")}
+    for side in ("Left", "Right"):
+        points[f"{side.lower()}_heel"] = (f"{side}Foot", f"p{side}HeelFoot")
+        points[f"{side.lower()}_toe_tip"] = (f"{side}Toe", f"p{side}Toe")
+        points[f"{side.lower()}_fingertip"] = (f"{side}Hand", f"p{side}TopOfHand")
+    return points
+
 
 FORMAT = "mvnx"
 FULL_BODY = "FullBody"  # MVN's configuration in which every limb carries a sensor

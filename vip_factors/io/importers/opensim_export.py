@@ -10,10 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from vip_factors.errors import FileFormatError
-from vip_factors.io.imported import ImportedLog
 from vip_factors.io.importers import table
 from vip_factors.io.importers.column_map import QUANTITIES, ColumnMap, Columns, SensorColumns
-from vip_factors.io.importers.sensor_files import candidates
+from vip_factors.io.importers.shared import ImportedLog, candidates
 from vip_factors.io.importers.text_table import COMPONENTS, TextTable, read_text_table
 
 FORMAT = "opensim_export"

@@ -10,7 +10,6 @@ import numpy as np
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order
 from vip_factors.geometry.rotations import Array, transpose
-from vip_factors.io.imported import ImportedLog
 from vip_factors.io.importers.column_map import (
     ACCELERATION_UNITS,
     ANGULAR_RATE_UNITS,
@@ -22,9 +21,15 @@ from vip_factors.io.importers.column_map import (
     Columns,
     SensorColumns,
 )
-from vip_factors.io.importers.inertial_frame import GRAVITY, TILT_LIMIT_DEG, tilt_of_up
-from vip_factors.io.importers.sensor_files import candidates, merge_notes
-from vip_factors.io.importers.site_names import default_sites
+from vip_factors.io.importers.shared import (
+    GRAVITY,
+    TILT_LIMIT_DEG,
+    ImportedLog,
+    candidates,
+    default_sites,
+    merge_notes,
+    tilt_of_up,
+)
 from vip_factors.io.importers.text_table import SUFFIXES, TextTable, read_text_table
 from vip_factors.io.importers.xsens_channels import rotations_or_nan
 from vip_factors.io.toml_values import nearest

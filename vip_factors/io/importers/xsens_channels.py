@@ -7,8 +7,8 @@ import numpy as np
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array, nearest_rotation, rotation_x, rotation_y, rotation_z, transpose
-from vip_factors.io.importers.inertial_frame import GRAVITY, UP, z_up
 from vip_factors.io.importers.sensor_table import SensorTable
+from vip_factors.io.importers.shared import GRAVITY, UP, z_up
 
 QUATERNIONS = (
     ("Quat_q0", "Quat_q1", "Quat_q2", "Quat_q3"),

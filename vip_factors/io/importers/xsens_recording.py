@@ -6,7 +6,6 @@ import numpy as np
 
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.imported import ImportedLog
 from vip_factors.io.importers.packet_clock import (
     CLOCK_MODULUS,
     COUNTER_MODULUS,
@@ -18,9 +17,8 @@ from vip_factors.io.importers.packet_clock import (
     order_packets,
     unwrap,
 )
-from vip_factors.io.importers.sensor_files import merge_notes
 from vip_factors.io.importers.sensor_table import SensorTable, read_table
-from vip_factors.io.importers.site_names import default_sites
+from vip_factors.io.importers.shared import ImportedLog, default_sites, merge_notes
 from vip_factors.io.importers.xsens_channels import channels
 from vip_factors.sensors.imu_stream import ImuStream
 

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from vip_factors.io.imported import ImportedLog
-from vip_factors.io.importers.sensor_files import candidates, sensor_files
 from vip_factors.io.importers.sensor_table import find_header, peek
+from vip_factors.io.importers.shared import ImportedLog, candidates, sensor_files
 from vip_factors.io.importers.xsens_recording import import_tables
 
 FORMAT = "xsens_txt"

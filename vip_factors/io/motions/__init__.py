@@ -1,8 +1,35 @@
-"""Motion files of other people, brought onto our skeleton: BVH, ASF/AMC, AMASS."""
+"""Motion files of other people, brought onto our skeleton: BVH, ASF/AMC, AMASS. One door to them, by their suffix."""
 
+from collections.abc import Callable
+from pathlib import Path
+
+from vip_factors.body.kinematics import Motion
+from vip_factors.errors import InputError
 from vip_factors.io.motions.amass import read_amass
 from vip_factors.io.motions.asf_amc import read_amc
 from vip_factors.io.motions.bvh import read_bvh
-from vip_factors.io.motions.files import MOTION_SUFFIXES, motion_files, read_motion
 
 __all__ = ["MOTION_SUFFIXES", "motion_files", "read_amass", "read_amc", "read_bvh", "read_motion"]
+
+READERS: dict[str, Callable[[Path], Motion]] = {".bvh": read_bvh, ".amc": read_amc, ".npz": read_amass}
+MOTION_SUFFIXES = tuple(READERS)
+
+
+def read_motion(path: str | Path) -> Motion:
+    """A motion file of any known kind on our skeleton, Z up, metres.
+
+    Raises:
+        InputError: for an unknown suffix.
+        FileFormatError: for a malformed file.
+    """
+    path = Path(path)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(f"{path}: expected a motion file that ends in {', '.join(MOTION_SUFFIXES)}")
+    return reader(path)
+
+
+def motion_files(folder: str | Path) -> list[Path]:
+    """All motion files in a folder and below, sorted; AMASS's files of a shape without a motion are not among them."""
+    found = (path for path in Path(folder).rglob("*") if path.suffix.lower() in MOTION_SUFFIXES)
+    return sorted(path for path in found if not (path.suffix == ".npz" and path.stem.endswith(("shape", "stagei"))))

@@ -10,8 +10,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z
 from vip_factors.io.motions.retarget import retarget, without_rest_frames
-from vip_factors.io.motions.skeleton_maps import SkeletonMap
-from vip_factors.io.motions.source_clip import SourceClip, rest_positions, source_kinematics
+from vip_factors.io.motions.skeleton_maps import SkeletonMap, SourceClip, rest_positions, source_kinematics
 
 TURNS = {"xrotation": rotation_x, "yrotation": rotation_y, "zrotation": rotation_z}
 SHIFTS = {"xposition": 0, "yposition": 1, "zposition": 2}

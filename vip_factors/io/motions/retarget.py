@@ -15,8 +15,7 @@ from vip_factors.body.kinematics import Motion, local_rotations
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, angle_between, exp, rotation_x, transpose
-from vip_factors.io.motions.skeleton_maps import SkeletonMap, find_map
-from vip_factors.io.motions.source_clip import SourceClip
+from vip_factors.io.motions.skeleton_maps import SkeletonMap, SourceClip, find_map
 
 # Units that files use, in metres, and the statures that tell them apart: the ranges do not overlap.
 UNITS_M = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254}

@@ -1,7 +1,7 @@
-"""3DPW-style pickle: SMPL poses of all wearers, the camera, and what a detector saw, frame by frame of the video.
+"""Poses as SMPL's users know them: AMASS-style npz (Z up, hands at rest) and 3DPW-style pickle (all wearers, camera).
 
-Layout: readme of the 3DPW data set (von Marcard et al., ECCV 2018). Its world has Y up; ``cam_poses`` take it to the
-camera, whose axes are OpenCV's.
+Layout of the pickle, frame by frame of the video: readme of the 3DPW data set (von Marcard et al., ECCV 2018). Its
+world has Y up; ``cam_poses`` take it to the camera, whose axes are OpenCV's.
 """
 
 import pickle
@@ -15,15 +15,44 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array, log, transpose
-from vip_factors.io.export.axes import R_YUP_WORLD
-from vip_factors.io.export.resample import poses_at
-from vip_factors.io.export.settings import ExportSettings
-from vip_factors.io.motions.amass import P_MODEL_PELVIS
+from vip_factors.io.export.files import poses_at
+from vip_factors.io.export.settings import R_YUP_WORLD, ExportSettings
+from vip_factors.io.motions.amass import BODY_JOINTS, P_MODEL_PELVIS
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 
+POSE_WIDTH = 156  # of SMPL-H: 22 joints of the body and 30 of the hands, three numbers each
+AMASS_BETAS, AMASS_DMPLS = 16, 8
+RATE_DIGITS = 6  # a rate of 59.999999999 Hz is read as 59 by programs that count in whole frames
+
+
+def write_amass(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
+    """Write one wearer's motion as ``poses`` ``(T, 156)`` rad, ``trans`` ``(T, 3)`` m, ``betas``, ``gender`` and rate.
+
+    The body itself is not SMPL's: ``betas`` are zero, of the mean shape, whose pelvis joint ``trans`` is counted from;
+    ``joint_offsets`` ``(24, 3)`` m, which are no part of AMASS, are the wearer's own, each joint in its parent's frame.
+    Turns of the two hand bones of SMPL have no place among those of SMPL-H. Soft tissue (``dmpls``) is at rest.
+    """
+    motion = estimate.wearers[0].motion
+    poses = np.zeros((len(motion), POSE_WIDTH))
+    poses[:, : 3 * BODY_JOINTS] = log(motion.R_parent_child[:, :BODY_JOINTS]).reshape(len(motion), -1)
+    rate = round(motion.rate, RATE_DIGITS)
+    with path.open("wb") as file:
+        np.savez_compressed(
+            file,
+            poses=poses,
+            trans=motion.p_world_pelvis - P_MODEL_PELVIS,
+            betas=np.zeros(AMASS_BETAS),
+            dmpls=np.zeros((len(motion), AMASS_DMPLS)),
+            gender=np.array("neutral"),
+            mocap_framerate=np.array(rate),
+            mocap_frame_rate=np.array(rate),
+            joint_offsets=motion.skeleton.p_parent_joint,
+        )
+
+
 VIDEO_RATE, IMU_RATE = 30.0, 60.0  # of 3DPW: the fields without a rate in their name, and those of "60Hz"
-BETAS = 10
+THREE_DPW_BETAS = 10
 PROTOCOL = 2  # the newest that Python 2 reads
 COCO18 = (
     "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",
@@ -50,7 +79,7 @@ def write_three_dpw(estimate: Estimate, path: Path, settings: ExportSettings) ->
     sexes = {} if scene is None else {one.subject.name: one.subject.sex for one in scene.wearers}
     content: dict[str, Any] = {
         "sequence": estimate.name,
-        "betas": [np.zeros(BETAS) for _ in people],
+        "betas": [np.zeros(THREE_DPW_BETAS) for _ in people],
         "genders": [(sexes.get(one.name) or "neutral")[0] for one in estimate.wearers],
         **{key: [person[key] for person in people] for key in people[0]},
         "poses2d": poses2d,

@@ -1,0 +1,152 @@
+"""Tables of numbers: for spreadsheets and pandas (.csv), and for OpenSim markers (.trc), coordinates of the model
+Rajagopal2016 (.mot) and orientations of segments (.sto).
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.body.joint_angles import R_WORLD_ISB, joint_angle_sigmas, joint_angles, segment_orientations
+from vip_factors.body.keypoints import KeypointSet
+from vip_factors.body.kinematics import Motion
+from vip_factors.body.skeleton import JOINT_NAMES, joint_index
+from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.export.opensim_coordinates import opensim_coordinates
+from vip_factors.io.export.settings import ExportSettings
+
+TABLES = ("positions", "angles")
+
+
+def write_csv(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
+    """Write one wearer's table: of ``walk.positions.csv`` or ``walk.angles.csv`` what its name says, else both in one.
+
+    Positions are in the world, z up. Standard deviations (``…_sd_deg``, ``…_sd_m``) follow where the estimate has them.
+    """
+    wearer = estimate.wearers[0]
+    # The file's temporary name has the words of the one that it will get.
+    named = [table for table in TABLES if table in path.name.lower().split(".")] or TABLES
+    columns: dict[str, Array] = {"time_s": wearer.motion.time}
+    if "positions" in named:
+        columns |= _positions(wearer)
+    if "angles" in named:
+        columns |= _angles(wearer)
+    digits = [4 if name.endswith("_deg") else 6 for name in columns]
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(",".join(columns) + "\n")
+        np.savetxt(file, np.column_stack(list(columns.values())), [f"%.{number}f" for number in digits], ",")
+
+
+def _positions(wearer: WearerEstimate) -> Mapping[str, Array]:
+    p = wearer.motion.state.p_world_joint
+    columns = {f"{name}_{axis}_m": p[:, j, k] for j, name in enumerate(JOINT_NAMES) for k, axis in enumerate("xyz")}
+    if wearer.covariance is not None:  # of the other joints' positions it is not known how errors go together
+        sigma = np.sqrt(np.diagonal(wearer.covariance.root, axis1=1, axis2=2))
+        columns |= {f"{JOINT_NAMES[0]}_{axis}_sd_m": sigma[:, k] for k, axis in enumerate("xyz")}
+    return columns
+
+
+def _angles(wearer: WearerEstimate) -> Mapping[str, Array]:
+    angles = joint_angles(wearer.motion)
+    columns = {f"{name}_deg": one for name, one in zip(angles.names, angles.degrees.T, strict=True)}
+    if wearer.covariance is not None:
+        sigmas = joint_angle_sigmas(wearer.motion, wearer.covariance.joints).T
+        columns |= {
+            f"{name}_sd_deg": one for name, one in zip(angles.names, sigmas, strict=True) if np.isfinite(one).all()
+        }
+    return columns
+
+
+_SIDES = {
+    "Eye": "eye", "Ear": "ear", "Shoulder": "shoulder", "Elbow": "elbow", "Wrist": "wrist", "Hip": "hip",
+    "Knee": "knee", "Ankle": "ankle", "Heel": "heel", "BigToe": "big_toe", "SmallToe": "small_toe",
+}  # fmt: skip
+KEYPOINT_MARKERS = {"Nose": "nose", "Head": "head_top", "Neck": "neck", "Hip": "mid_hip"} | {
+    f"{side[0].upper()}{marker}": f"{side}_{keypoint}"
+    for side in ("right", "left")
+    for marker, keypoint in _SIDES.items()
+}
+"""Keypoints by the names that Pose2Sim's models and set-ups have for them, of COCO, BODY_25, BODY_25B and HALPE_26."""
+
+
+def markers(motion: Motion) -> Mapping[str, Array]:
+    """Points ``(T, 3)`` in metres, world with z up: joint centres by the skeleton's names, keypoints by Pose2Sim's.
+
+    Toes, heels and the top of the head are left out of a skeleton that does not know them.
+    """
+    found = dict(zip(JOINT_NAMES, np.moveaxis(motion.state.p_world_joint, 1, 0), strict=True))
+    places = KeypointSet("markers", tuple(KEYPOINT_MARKERS.values())).on_body(motion.skeleton)
+    for name, place in zip(KEYPOINT_MARKERS, places, strict=True):
+        if place is not None:
+            found[name] = motion.state.point(place.bone, place.p_bone_point)
+    return found
+
+
+def write_opensim_table(path: Path, header: Iterable[str], columns: Sequence[str], rows: Iterable[str]) -> None:
+    """Write a table; ``rows`` have their cells separated by tabs, time first."""
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        for line in (*header, "endheader", "\t".join(("time", *columns)), *rows):
+            file.write(f"{line}\n")
+
+
+def write_trc(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
+    """Write one wearer's points in metres, in OpenSim's ground (y up)."""
+    motion = estimate.wearers[0].motion
+    points = markers(motion)
+    table = np.column_stack([p_world_point @ R_WORLD_ISB for p_world_point in points.values()])
+    axes = (f"{axis}{number}" for number in range(1, len(points) + 1) for axis in "XYZ")
+    stated = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
+              "OrigNumFrames")  # fmt: skip
+    rate, frames = f"{motion.rate:.6f}", str(len(motion))
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{estimate.name}.trc",
+        "\t".join(stated),
+        "\t".join((rate, rate, frames, str(len(points)), "m", rate, "1", frames)),
+        "\t".join(("Frame#", "Time", *("\t\t".join((name, "")) for name in points))),
+        "\t".join(("", "", *axes)),
+        "",
+    ]
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write("\n".join(lines) + "\n")
+        for number, (time, row) in enumerate(zip(motion.time, table, strict=True), 1):
+            file.write("\t".join((str(number), f"{time:.6f}", *(f"{cell:.6f}" for cell in row))) + "\n")
+
+
+def write_mot(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
+    """Write one wearer's motion in degrees and metres, in OpenSim's ground (y up)."""
+    motion = estimate.wearers[0].motion
+    coordinates = opensim_coordinates(motion)
+    table = np.column_stack([motion.time, *coordinates.values()])
+    header = (
+        "Coordinates", "version=1", f"nRows={len(table)}", f"nColumns={table.shape[1]}", "inDegrees=yes", "",
+        "Coordinates of the model Rajagopal2016: degrees, and metres of pelvis_tx, pelvis_ty, pelvis_tz.", "",
+    )  # fmt: skip
+    write_opensim_table(path, header, tuple(coordinates), ("\t".join(f"{cell:.8f}" for cell in row) for row in table))
+
+
+_SIDE = {
+    "femur": "hip", "tibia": "knee", "calcn": "ankle", "toes": "foot", "humerus": "shoulder", "radius": "elbow",
+    "hand": "wrist",
+}  # fmt: skip
+# Bodies of OpenSim's full-body models, and our bones.
+BODIES = {"pelvis": "pelvis", "torso": "spine3", "head": "head"} | {
+    f"{body}_{side[0]}": f"{side}_{bone}" for side in ("right", "left") for body, bone in _SIDE.items()
+}
+
+
+def write_opensense(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
+    """Write one wearer's segments as if each had a sensor along its anatomical axes: ``femur_r_imu`` and its like.
+
+    In OpenSim's ground (y up): no further rotation of the sensors' space into OpenSim's is needed.
+    """
+    motion = estimate.wearers[0].motion
+    bones = [joint_index(bone) for bone in BODIES.values()]
+    quaternions = quaternion_from_matrix(segment_orientations(motion)[:, bones], Order.WXYZ)
+    header = (f"DataRate={motion.rate:.6f}", "DataType=Quaternion", "version=3", "OpenSimVersion=4.6")
+    rows = (
+        "\t".join([f"{time:.6f}", *(",".join(f"{part:.9f}" for part in one) for one in row)])
+        for time, row in zip(motion.time, np.asarray(quaternions), strict=True)
+    )
+    write_opensim_table(path, header, [f"{body}_imu" for body in BODIES], rows)

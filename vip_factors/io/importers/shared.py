@@ -1,0 +1,211 @@
+"""What the readers of foreign sensor logs share.
+
+That is what they hand back, which files belong together, which site a sensor's name tells (pelvis_imu, femur_r, LTibia,
+Right Ankle), and which way is up in a sensor's inertial frame.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.body.kinematics import Motion
+from vip_factors.errors import FileFormatError
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.calibration import Placement
+from vip_factors.sensors.imu_stream import ImuStream
+
+
+def candidates(path: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    """Files with one of the suffixes at a file, in a folder, or beginning with a prefix (``folder/Walk-1``), sorted."""
+    if path.is_file():
+        return [path] if path.suffix.lower() in suffixes else []
+    if path.is_dir():
+        inside = sorted(path.iterdir())
+        return [file for file in inside if file.suffix.lower() in suffixes and not file.name.startswith(".")]
+    if path.name and path.parent.is_dir():
+        return [file for file in candidates(path.parent, suffixes) if file.name.startswith(path.name)]
+    return []
+
+
+def sensor_files(
+    path: Path,
+    suffixes: tuple[str, ...],
+    is_ours: Callable[[Path], bool],
+    split: Callable[[str], tuple[str, str]],
+) -> dict[str, Path]:
+    """Sensor name → file, for the files of the one recording at ``path``.
+
+    Args:
+        path: a file, a folder or a prefix.
+        suffixes: of the files, lower case with the dot.
+        is_ours: whether a file is of the format, by content.
+        split: of a file's stem into recording and sensor name.
+
+    Raises:
+        FileFormatError: if there is none, several recordings, or two files of one sensor.
+    """
+    found = candidates(path, suffixes)
+    files = [file for file in found if is_ours(file)]
+    if not files:
+        kind = " or ".join(suffixes)
+        what = f"none of its {len(found)} {kind} files is of this format" if found else f"no {kind} file there"
+        raise FileFormatError(f"{path}: {what}")
+    recordings: dict[str, dict[str, Path]] = {}
+    for file in files:
+        recording, sensor = split(file.stem)
+        sensors = recordings.setdefault(recording, {})
+        if sensor in sensors:
+            raise FileFormatError(
+                f"{path}: {sensors[sensor].name} and {file.name} are both of sensor '{sensor}': expected one file per "
+                "sensor; keep each recording in a folder of its own"
+            )
+        sensors[sensor] = file
+    if len(recordings) > 1:
+        folder = path if path.is_dir() else path.parent
+        raise FileFormatError(
+            f"{path}: holds files of {len(recordings)} recordings ({', '.join(list(recordings)[:4])} …); "
+            f"name the one you mean, such as {folder / next(iter(recordings))}"
+        )
+    return next(iter(recordings.values()))
+
+
+def merge_notes(notes: list[str]) -> tuple[str, ...]:
+    """Notes of the form ``file: what`` that say the same of several files, as one note each."""
+    said: dict[str, list[str]] = {}
+    for note in notes:
+        name, _, what = note.partition(": ")
+        said.setdefault(what, []).append(name)
+    return tuple(
+        f"{names[0] if len(names) == 1 else f'{len(names)} sensors ({names[0]} …)'}: {what}" if what else names[0]
+        for what, names in said.items()
+    )
+
+
+_IGNORED = ("", "imu", "sensor", "offset")  # as in OpenSim's torso_imu_offset_imu
+_SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
+_MIDLINE = {
+    "pelvis": "pelvis", "hip": "pelvis", "hips": "pelvis", "sacrum": "pelvis", "sacral": "pelvis",
+    "lumbar": "lower_back", "lowerback": "lower_back", "sternum": "sternum", "torso": "sternum", "chest": "sternum",
+    "thorax": "sternum", "head": "head", "skull": "head", "trunk": "sternum", "upperback": "upper_back",
+    "belly": "belly", "abdomen": "belly", "stomach": "belly", "waist": "pelvis",
+}  # fmt: skip
+_LIMBS = {
+    "femur": "thigh", "thigh": "thigh", "upperleg": "thigh", "upleg": "thigh",
+    "tibia": "shank", "shank": "shank", "lowerleg": "shank", "lowleg": "shank",
+    "ankle": "ankle", "calcn": "foot", "foot": "foot", "toe": "foot", "toes": "foot", "shin": "shank",
+    "instep": "foot",
+    "humerus": "upper_arm", "upperarm": "upper_arm", "uparm": "upper_arm",
+    "radius": "forearm", "ulna": "forearm", "forearm": "forearm", "lowerarm": "forearm", "lowarm": "forearm",
+    "wrist": "forearm", "hand": "hand", "handback": "hand", "backofhand": "hand",
+    "backhand": "hand", "shoulder": "shoulder", "scapula": "shoulder", "clavicle": "shoulder",
+}  # fmt: skip
+
+
+def site_of_name(name: str) -> str | None:
+    """The site of :data:`~vip_factors.sensors.calibration.SITES` that a sensor's name tells, or None."""
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[LR])(?=[A-Z][a-z])", " ", name)
+    words = [word for word in re.split(r"[^a-z]+", spaced.lower()) if word not in _IGNORED]
+    sides = {_SIDES[word] for word in words if word in _SIDES}
+    segment = "".join(word for word in words if word not in _SIDES)
+    if not sides:
+        return _MIDLINE.get(segment)
+    if len(sides) == 1 and segment in _LIMBS:
+        return f"{sides.pop()}_{_LIMBS[segment]}"
+    return None
+
+
+def default_sites(names: list[str]) -> dict[str, str]:
+    """Sites of the sensors whose names tell one; none where two names tell the same."""
+    told = {name: site for name in names if (site := site_of_name(name))}
+    return {name: site for name, site in told.items() if list(told.values()).count(site) == 1}
+
+
+# Two or three letters, as loggers' labels have them. Too short to be believed, but a guess that somebody will look at.
+_SHORT_LIMBS = {
+    "F": "foot", "FT": "foot", "S": "shank", "SH": "shank", "LL": "shank", "T": "thigh", "TH": "thigh", "UL": "thigh",
+    "UA": "upper_arm", "FA": "forearm", "LA": "forearm", "W": "forearm", "H": "hand", "A": "ankle",
+}  # fmt: skip
+_SHORT_MIDLINE = {
+    "SA": "pelvis", "PE": "pelvis", "P": "pelvis", "TR": "sternum", "ST": "sternum", "CH": "sternum", "HE": "head",
+    "HD": "head", "LB": "lower_back", "BACK": "upper_back",
+}  # fmt: skip
+
+
+def likely_sites(names: list[str]) -> dict[str, str]:
+    """Sites as :func:`default_sites` has them, and for the other names what their letters suggest: LF, RUA, TR."""
+    told = default_sites(names)
+    for name in names:
+        letters = re.sub(r"^[a-z]+(?=[A-Z])", "", name).upper()
+        site = _SHORT_MIDLINE.get(letters)
+        if site is None and letters[:1] in ("L", "R") and letters[1:] in _SHORT_LIMBS:
+            site = f"{_SIDES[letters[0].lower()]}_{_SHORT_LIMBS[letters[1:]]}"
+        if site is not None and name not in told and site not in told.values():
+            told[name] = site
+    return told
+
+
+GRAVITY = 9.80665  # m/s², standard; what vendors subtract
+UP = np.array([0.0, 0.0, 1.0])
+# Averaged over a file, specific force points up to within a few degrees in every recording looked at.
+TILT_LIMIT_DEG = 30.0
+# Half a turn about x: the fixed rotation that puts a z-down frame upright.
+R_UP_DOWN = np.diag([1.0, -1.0, -1.0])
+
+
+def mean_force_inertial(R_inertial_sensor: Array, specific_force: Array) -> Array:
+    """Average specific force ``(3,)`` m/s² in the inertial frame over the samples that are finite."""
+    force = np.einsum("nij,nj->ni", R_inertial_sensor, specific_force)
+    force = force[np.all(np.isfinite(force), axis=1)]
+    return force.mean(axis=0) if len(force) else np.full(3, np.nan)
+
+
+def tilt_of_up(R_inertial_sensor: Array, specific_force: Array) -> float:
+    """Angle in degrees between the inertial frame's z axis and the average specific force; NaN if unknown."""
+    force = mean_force_inertial(R_inertial_sensor, specific_force)
+    length = np.linalg.norm(force)
+    return float(np.rad2deg(np.arccos(np.clip(force[2] / length, -1, 1)))) if length > 0 else float("nan")
+
+
+def z_up(name: str, R_inertial_sensor: Array, specific_force: Array) -> tuple[Array, list[str]]:
+    """The orientations in a frame whose z is up, turned over if specific force says that z was down; and notes."""
+    tilt = tilt_of_up(R_inertial_sensor, specific_force)
+    if tilt > 180 - TILT_LIMIT_DEG:
+        return R_UP_DOWN @ R_inertial_sensor, [f"{name}: its inertial frame had z down; turned by 180° about x"]
+    if tilt > TILT_LIMIT_DEG:
+        return R_inertial_sensor, [
+            f"{name}: averaged specific force stands {tilt:.0f}° off the z axis of the orientation's frame: expected "
+            "gravity along z; check that acceleration and orientation belong to the same sensor axes"
+        ]
+    return R_inertial_sensor, []
+
+
+@dataclass(frozen=True)
+class ImportedLog:
+    """The content of a foreign sensor log, in the package's units and frames.
+
+    Attributes:
+        format: name of the format, the reader's ``FORMAT``.
+        imus: one stream per sensor, by sensor name; one time base, seconds from the log's start.
+        default_sites: sensor name → one of :data:`~vip_factors.sensors.calibration.SITES`, where the log itself tells.
+        placement: sites that only positions and mountings can say; it wins over ``default_sites``.
+        truth_motion: the wearer's motion as the log's own system estimated or measured it.
+        truth_bones: names of the bones of which that motion knows anything; None: all.
+        stature_m: the wearer's height, if the log knows it.
+        start_ns: absolute time of t = 0 in nanoseconds, 0 if unknown.
+        clock_s: what the log's own clock said at t = 0, where it does not begin anew with each log; None if unknown.
+        notes: one sentence each: what was assumed, dropped, or looked odd.
+    """
+
+    format: str
+    imus: Mapping[str, ImuStream]
+    default_sites: Mapping[str, str] = field(default_factory=dict)
+    placement: Placement | None = None
+    truth_motion: Motion | None = None
+    truth_bones: frozenset[str] | None = None
+    stature_m: float | None = None
+    start_ns: int = 0
+    clock_s: float | None = None
+    notes: tuple[str, ...] = ()

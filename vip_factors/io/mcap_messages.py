@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 LATEST_NS = 2**63  # 2262: what a signed number of 64 bits holds
 PACKAGE = "vip_factors."  # of our schemas
+PROTOBUF = "protobuf"
 M = TypeVar("M", bound="Message")
 
 
@@ -81,7 +82,7 @@ def is_ours(channel: McapChannel, message_class: "type[Message] | None" = None) 
     """Whether a channel carries this message, or any of package ``vip_factors``."""
     name = message_class.DESCRIPTOR.full_name if message_class else None
     ours = channel.schema_name == name if name else channel.schema_name.startswith(PACKAGE)
-    return ours and channel.encoding == "protobuf" and channel.schema_encoding == "protobuf"
+    return ours and channel.encoding == channel.schema_encoding == PROTOBUF
 
 
 def decode(path: Path, messages: McapMessages, message_class: type[M]) -> list[M]:

@@ -1,10 +1,10 @@
-"""The messages of an MCAP file, by channel; of a truncated or damaged file, everything that is still whole.
+"""The messages of an MCAP file: all of them, or those between two instants; and the walk that a growing file shares.
 
 The library's readers need the index at the end of the file, or fail at the first short record; this one walks the
-records (https://mcap.dev/spec) from the start, and decompresses what there is of a chunk that was cut.
+records (https://mcap.dev/spec) from the start. Of a truncated or damaged file it gives everything that is still whole,
+and decompresses what there is of a chunk that was cut.
 """
 
-import mmap
 import os
 import struct
 import warnings
@@ -13,23 +13,28 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import IO
-
-import numpy as np
+from typing import TYPE_CHECKING, BinaryIO
 
 from vip_factors.errors import FileFormatError, InputError
+
+if TYPE_CHECKING:
+    from mcap.records import Channel, Schema
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+CHUNK_HEAD = struct.Struct("<QQQI")  # start and end log time, uncompressed size, CRC of the content
+FOOTER_BYTES = 20
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x09, 0x0C
 DATA_END = 0x0F
-
-View = bytes | memoryview
 
 
 class McapWarning(UserWarning):
     """Something in a file was left out or could not be read, and what it was."""
+
+
+class RecordError(Exception):
+    """A record that cannot be read; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -55,12 +60,37 @@ class McapMessages:
     sequences: list[int] = field(default_factory=list)
     data: list[bytes] = field(default_factory=list)
 
-    def add(self, log_time: int, publish_time: int, sequence: int, data: View) -> None:
+    def add(self, log_time: int, publish_time: int, sequence: int, data: bytes) -> None:
         """One more."""
         self.log_times.append(log_time)
         self.publish_times.append(publish_time)
         self.sequences.append(sequence)
-        self.data.append(bytes(data))
+        self.data.append(data)
+
+    def between(self, first: int, last: int) -> "McapMessages":
+        """Those with log times from ``first`` to ``last``, nanoseconds."""
+        rows = [row for row, time in enumerate(self.log_times) if first <= time <= last]
+        log_times, publish_times, sequences = (
+            [values[row] for row in rows] for values in (self.log_times, self.publish_times, self.sequences)
+        )
+        return McapMessages(self.channel, log_times, publish_times, sequences, [self.data[row] for row in rows])
+
+
+class _Ends(McapMessages):
+    """Of the messages of a channel the first and the last one alone, by log time."""
+
+    def add(self, log_time: int, publish_time: int, sequence: int, data: bytes) -> None:
+        times = self.log_times
+        if len(times) < 2:
+            super().add(log_time, publish_time, sequence, data)
+            if times[-1] < times[0]:
+                for values in (times, self.publish_times, self.sequences, self.data):
+                    values.reverse()
+            return
+        place = 0 if log_time < times[0] else 1 if log_time > times[1] else None
+        if place is not None:
+            times[place], self.publish_times[place], self.sequences[place] = log_time, publish_time, sequence
+            self.data[place] = data
 
 
 @dataclass
@@ -98,15 +128,222 @@ def read_contents(path: str | os.PathLike[str], wanted: Callable[[McapChannel], 
         InputError: if there is no such file.
         FileFormatError: if it is empty or not an MCAP file.
     """
-    path = Path(path)
-    check_file(path)
-    with open(path, "rb") as file:
-        check_magic(path, file.read(len(MAGIC)))
-        walk = RecordWalk(McapContents(path), wanted or (lambda channel: True))
-        walk.file(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)))
-    for sentence in walk.contents.damage:
-        warnings.warn(McapWarning(f"{path}: {sentence}"), stacklevel=2)
+
+    def keep(channel: McapChannel) -> McapMessages | None:
+        return McapMessages(channel) if wanted is None or wanted(channel) else None
+
+    walk = _Walk(Path(path), keep)
+    walk.file()
     return walk.contents
+
+
+class McapByTime:
+    """An MCAP file larger than memory, of which as much is in memory as is asked for.
+
+    The file is passed over once: what comes once is kept, of samples the first and the last, and of every chunk where
+    it lies and which times it holds. Chunks are then read as they are asked for.
+
+    Attributes:
+        contents: what comes once, and of every sampled channel the first and the last message.
+        chunked: False if messages stand outside of chunks: these are not found by time.
+
+    Args:
+        path: of the file.
+        wanted: channels whose messages are few.
+        sampled: those whose messages are many.
+
+    Raises:
+        InputError: if there is no such file.
+        FileFormatError: if it is empty or not an MCAP file.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        wanted: Callable[[McapChannel], bool],
+        sampled: Callable[[McapChannel], bool],
+    ) -> None:
+        def keep(channel: McapChannel) -> McapMessages | None:
+            return _Ends(channel) if sampled(channel) else McapMessages(channel) if wanted(channel) else None
+
+        self.path, self._sampled = Path(path), sampled
+        walk = _Walk(self.path, keep)
+        walk.file()
+        self.contents, self._chunks, self.chunked = walk.contents, walk.chunks, walk.chunked
+
+    def between(self, first: int, last: int) -> McapContents:
+        """The messages of sampled channels with log times from ``first`` to ``last``, nanoseconds, in file order."""
+        walk = _Walk(self.path, lambda channel: None)
+        for number, one in self.contents.messages.items():
+            walk.contents.messages[number] = McapMessages(one.channel)
+            if self._sampled(one.channel):
+                walk.kept[number] = walk.contents.messages[number]
+        with open(self.path, "rb") as file:
+            for chunk in self._chunks:
+                if chunk.first <= last and chunk.last >= first:
+                    file.seek(chunk.offset)
+                    walk.chunk(file.read(chunk.length), chunk.whole)
+        for number, one in walk.kept.items():
+            walk.contents.messages[number] = one.between(first, last)
+        return walk.contents
+
+
+@dataclass(frozen=True)
+class _ChunkPlace:
+    """Where a chunk's content lies in the file, and the log times in it."""
+
+    offset: int
+    length: int
+    whole: bool
+    first: int
+    last: int
+
+
+class RecordFile:
+    """The records of an open MCAP file, one after the other, up to its footer or to what is not whole.
+
+    Attributes:
+        at: byte at which the first record begins that was not given.
+        ended: opcode of the record at which the walk ended; None if the file ended before.
+        last: opcodes of the records that end the walk.
+    """
+
+    last: tuple[int, ...] = (0, FOOTER)  # 0 is no opcode: padding of a file system after a crash
+
+    def __init__(self, path: Path, file: BinaryIO) -> None:
+        self.path, self.file, self.at = path, file, 0
+        self.ended: int | None = None
+        self.size = os.fstat(file.fileno()).st_size
+
+    def reaches(self, end: int) -> bool:
+        """Whether the file has this many bytes."""
+        return self.size >= end
+
+    def skips(self, opcode: int, length: int) -> bool:
+        """Whether a record is passed over unread."""
+        return False
+
+    def records(self) -> Iterator[tuple[int, int, bytes]]:
+        """Opcode, byte at which the content begins, and content, of all records that do not stand in chunks.
+
+        Raises:
+            FileFormatError: if it is no MCAP file.
+        """
+        self.reaches(len(MAGIC))
+        check_magic(self.path, self.file.read(len(MAGIC)))
+        self.at = len(MAGIC)
+        while self.reaches(self.at + RECORD_HEAD.size):
+            opcode, length = RECORD_HEAD.unpack(self.file.read(RECORD_HEAD.size))
+            start = self.at + RECORD_HEAD.size
+            if opcode in self.last:
+                self.ended = opcode
+                return
+            skipped = self.skips(opcode, length)
+            if not self.reaches(start + length):
+                return
+            if skipped:
+                self.file.seek(length, os.SEEK_CUR)
+            else:
+                yield opcode, start, self.file.read(length)
+            self.at = start + length
+
+
+class _Walk:
+    """One pass over the records of a file.
+
+    Args:
+        path: of the file.
+        keep: where the messages of a channel are kept; None for those that are not wanted.
+    """
+
+    def __init__(self, path: Path, keep: Callable[[McapChannel], McapMessages | None]) -> None:
+        self.contents = McapContents(path)
+        self.kept: dict[int, McapMessages] = {}
+        self.chunks: list[_ChunkPlace] = []
+        self.chunked = True  # whether all messages stand in chunks
+        self._keep = keep
+        self._schemas: dict[int, Schema] = {}
+        self._nameless = 0  # messages of channels that the file never describes
+
+    def file(self) -> None:
+        """The whole file; what could not be read is told as a warning."""
+        path, damage = self.contents.path, self.contents.damage
+        check_file(path)
+        with open(path, "rb") as file:
+            records = RecordFile(path, file)
+            for opcode, start, content in records.records():
+                if opcode == CHUNK:
+                    self._indexed_chunk(start, content)
+                elif opcode == ATTACHMENT:
+                    self.contents.attachments.append(content)
+                elif opcode == METADATA:
+                    self.contents.metadata.append(content)
+                else:
+                    self.chunked = self.chunked and opcode != MESSAGE
+                    self._record(opcode, content, 0, len(content))
+            if records.ended != FOOTER or not file.read()[FOOTER_BYTES:].startswith(MAGIC):
+                self._tail(records)
+        if self._nameless:
+            damage.append(f"{self._nameless} messages belong to no channel of the file: left out")
+        for sentence in damage:
+            warnings.warn(McapWarning(f"{path}: {sentence}"), stacklevel=4)
+
+    def _tail(self, records: RecordFile) -> None:
+        """A file without its footer: the chunk that was cut, and what to say of it."""
+        at, size, file = records.at, records.size, records.file
+        file.seek(at)
+        rest = file.read()
+        if len(rest) > RECORD_HEAD.size and rest[0] == CHUNK:
+            self._indexed_chunk(at + RECORD_HEAD.size, rest[RECORD_HEAD.size :], whole=False)
+        last = self.contents.last_log_time
+        upto = "no message is left" if last is None else f"read up to log time {last / 1e9:.3f} s"
+        damaged = rest.endswith(MAGIC) and len(rest) > len(MAGIC)
+        where = f"damaged at byte {at}" if damaged else f"cut off at byte {size}"
+        self.contents.damage.insert(0, f"the file is {where} ({upto}); what follows is lost")
+
+    def _indexed_chunk(self, start: int, content: bytes, whole: bool = True) -> None:
+        if len(content) >= CHUNK_HEAD.size:
+            first, last, _, _ = CHUNK_HEAD.unpack_from(content)
+            self.chunks.append(_ChunkPlace(start, len(content), whole, first, last))
+        self.chunk(content, whole)
+
+    def chunk(self, content: bytes, whole: bool = True) -> None:
+        """A chunk, or as much as there is of it."""
+        try:
+            data = read_chunk(content, whole)
+        except RecordError as error:
+            self.contents.damage.append(f"{error}: its messages are left out")
+            return
+        for opcode, start, end in records_of(data):
+            self._record(opcode, data, start, end)
+
+    def _record(self, opcode: int, data: bytes, start: int, end: int) -> None:
+        """A record that may stand in a chunk."""
+        if opcode == MESSAGE and end - start >= MESSAGE_HEAD.size:
+            number, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(data, start)
+            self.contents.last_log_time = log_time
+            messages = self.kept.get(number)
+            if messages is not None:
+                messages.add(log_time, publish_time, sequence, data[start + MESSAGE_HEAD.size : end])
+            elif number not in self.contents.messages:
+                self._nameless += 1
+        elif opcode in (SCHEMA, CHANNEL):
+            try:
+                self._describe(description(opcode, data[start:end]))
+            except RecordError:
+                self.contents.damage.append("the description of a channel is malformed: its messages are left out")
+
+    def _describe(self, read: "Schema | Channel") -> None:
+        from mcap.records import Schema
+
+        if isinstance(read, Schema):
+            self._schemas.setdefault(read.id, read)
+        elif read.id not in self.contents.messages:  # channels are repeated in the summary at the end
+            channel = channel_of(read, self._schemas.get(read.schema_id))
+            messages = self._keep(channel)
+            self.contents.messages[read.id] = McapMessages(channel) if messages is None else messages
+            if messages is not None:
+                self.kept[read.id] = messages
 
 
 def check_file(path: Path) -> None:
@@ -139,131 +376,42 @@ def check_magic(path: Path, start: bytes) -> None:
         raise FileFormatError(f"{path} was cut after {len(start)} bytes: no message of the MCAP file is left")
 
 
-class RecordWalk:
-    """One pass over the records of a file."""
+def description(opcode: int, content: bytes) -> "Schema | Channel":
+    """The schema or the channel that a record describes.
 
-    def __init__(self, contents: McapContents, wanted: Callable[[McapChannel], bool]) -> None:
-        self.contents = contents
-        self.wanted = wanted
-        self.schemas: dict[int, tuple[str, str, bytes]] = {}
-        self.kept: dict[int, McapMessages] = {}  # of the wanted channels only
-        self.nameless = 0  # messages of channels that the file never describes
+    Raises:
+        RecordError: if it is malformed.
+    """
+    from mcap.data_stream import ReadDataStream
+    from mcap.exceptions import McapError
+    from mcap.records import Channel, Schema
 
-    def file(self, view: memoryview) -> None:
-        """All records after the magic, up to the footer or the cut."""
-        end = len(MAGIC)
-        whole = False
-        for opcode, start, stop in records_of(view, end):
-            end, whole = stop, opcode == FOOTER
-            if whole:
-                break
-            self.record(opcode, view[start:end])
-        if not whole:
-            if end + RECORD_HEAD.size < len(view) and view[end] == CHUNK:
-                self.chunk(view[end + RECORD_HEAD.size :], whole=False)
-            self._tell_end(view, end)
-        elif bytes(view[end : end + len(MAGIC)]) != MAGIC:
-            self._tell_end(view, end)
-        if self.nameless:
-            self.contents.damage.append(f"{self.nameless} messages belong to no channel of the file: left out")
-
-    def record(self, opcode: int, content: View) -> None:
-        """One whole record of the file's top level."""
-        if opcode == CHUNK:
-            self.chunk(content)
-        elif opcode == ATTACHMENT:
-            self.contents.attachments.append(bytes(content))
-        elif opcode == METADATA:
-            self.contents.metadata.append(bytes(content))
-        else:
-            self._inner(opcode, content)
-
-    def _inner(self, opcode: int, content: View) -> None:
-        """A record that may also stand in a chunk."""
-        if opcode == MESSAGE and len(content) >= MESSAGE_HEAD.size:
-            channel_id, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(content)
-            self.contents.last_log_time = log_time
-            messages = self.kept.get(channel_id)
-            if messages is not None:
-                messages.add(log_time, publish_time, sequence, content[MESSAGE_HEAD.size :])
-            elif channel_id not in self.contents.messages:
-                self.nameless += 1
-        elif opcode in (SCHEMA, CHANNEL):
-            self._description(opcode, bytes(content))
-
-    def _description(self, opcode: int, content: bytes) -> None:
-        from mcap.exceptions import McapError
-
-        try:
-            (self._schema if opcode == SCHEMA else self._channel)(content)
-        except (struct.error, UnicodeDecodeError, McapError):
-            self.contents.damage.append("the description of a channel is malformed: its messages are left out")
-
-    def _schema(self, content: bytes) -> None:
-        from mcap.data_stream import ReadDataStream
-        from mcap.records import Schema
-
-        schema = Schema.read(ReadDataStream(BytesIO(content)))
-        self.schemas.setdefault(schema.id, (schema.name, schema.encoding, schema.data))
-
-    def _channel(self, content: bytes) -> None:
-        from mcap.data_stream import ReadDataStream
-        from mcap.records import Channel
-
-        read = Channel.read(ReadDataStream(BytesIO(content)))
-        if read.id in self.contents.messages:
-            return  # channels are repeated in the summary at the end
-        schema = self.schemas.get(read.schema_id, ("", "", b""))
-        channel = McapChannel(read.id, read.topic, read.message_encoding, *schema, metadata=dict(read.metadata))
-        messages = self.messages_of(channel)
-        self.contents.messages[read.id] = messages
-        if self.wanted(channel):
-            self.kept[read.id] = messages
-
-    def messages_of(self, channel: McapChannel) -> McapMessages:
-        """Where the messages of a channel are kept."""
-        return McapMessages(channel)
-
-    def chunk(self, content: View, whole: bool = True) -> None:
-        """A chunk, or as much as there is of it."""
-        try:
-            data = read_chunk(content, whole)
-        except ChunkError as error:
-            self.contents.damage.append(f"{error}: its messages are left out")
-            return
-        for opcode, start, end in records_of(data, 0):
-            self._inner(opcode, data[start:end])
-
-    def _tell_end(self, view: memoryview, end: int) -> None:
-        last = self.contents.last_log_time
-        upto = "no message is left" if last is None else f"read up to log time {last / 1e9:.3f} s"
-        if bytes(view[-len(MAGIC) :]) == MAGIC and len(view) > end + len(MAGIC):
-            self.contents.damage.insert(0, f"the file is damaged at byte {end} ({upto}); what follows is lost")
-        else:
-            self.contents.damage.insert(0, f"the file is cut off at byte {len(view)} ({upto}); what follows is lost")
+    try:
+        return (Schema if opcode == SCHEMA else Channel).read(ReadDataStream(BytesIO(content)))
+    except (struct.error, EOFError, ValueError, McapError) as error:  # of text too: UnicodeDecodeError
+        raise RecordError("the description of a channel is malformed") from error
 
 
-def records_of(data: View, start: int) -> Iterator[tuple[int, int, int]]:
-    """Opcode, start and end of the content of every whole record."""
-    size = len(data)
+def channel_of(read: "Channel", schema: "Schema | None") -> McapChannel:
+    """A channel with the schema of its messages, if it has one."""
+    described = ("", "", b"") if schema is None else (schema.name, schema.encoding, schema.data)
+    return McapChannel(read.id, read.topic, read.message_encoding, *described, metadata=dict(read.metadata))
+
+
+def records_of(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Opcode, start and end of the content of every whole record of a chunk."""
+    size, start = len(data), 0
     unpack = RECORD_HEAD.unpack_from
     while start + RECORD_HEAD.size <= size:
         opcode, length = unpack(data, start)
         start += RECORD_HEAD.size
-        if opcode == 0 or start + length > size:  # 0 is no opcode: padding of a file system after a crash
+        if opcode == 0 or start + length > size:
             return
         yield opcode, start, start + length
         start += length
 
 
-CHUNK_HEAD = struct.Struct("<QQQI")  # start and end log time, uncompressed size, CRC of the content
-
-
-class ChunkError(Exception):
-    """A chunk that cannot be read; the message says why."""
-
-
-def read_chunk(content: bytes | memoryview, whole: bool = True) -> bytes:
+def read_chunk(content: bytes, whole: bool = True) -> bytes:
     """The records of a chunk, decompressed.
 
     Args:
@@ -272,31 +420,24 @@ def read_chunk(content: bytes | memoryview, whole: bool = True) -> bytes:
             that was written completely (zstd and lz4 compress in blocks of at most 128 KiB and 4 MiB).
 
     Raises:
-        ChunkError: for an unknown compression, or data that does not match its size or checksum.
+        RecordError: for an unknown compression, or data that does not match its size or checksum.
     """
     try:
         _, _, size, crc = CHUNK_HEAD.unpack_from(content)
-        compression, start = _prefixed_string(content, CHUNK_HEAD.size)
+        (length,) = struct.unpack_from("<I", content, CHUNK_HEAD.size)
+        start = CHUNK_HEAD.size + 4 + length
+        compression = str(content[start - length : start], "utf-8")
         (length,) = struct.unpack_from("<Q", content, start)
     except (struct.error, UnicodeDecodeError) as error:
         if not whole:
             return b""
-        raise ChunkError("a chunk's head is malformed") from error
-    packed = bytes(content[start + 8 : start + 8 + length])
-    data = _decompress(compression, packed, size, whole)
+        raise RecordError("a chunk's head is malformed") from error
+    data = _decompress(compression, content[start + 8 : start + 8 + length], size, whole)
     if whole and len(data) != size:
-        raise ChunkError(f"a chunk holds {len(data)} bytes where its head says {size}")
+        raise RecordError(f"a chunk holds {len(data)} bytes where its head says {size}")
     if whole and crc and zlib.crc32(data) != crc:
-        raise ChunkError("a chunk does not match its checksum")
+        raise RecordError("a chunk does not match its checksum")
     return data
-
-
-def _prefixed_string(content: bytes | memoryview, start: int) -> tuple[str, int]:
-    (length,) = struct.unpack_from("<I", content, start)
-    end = start + 4 + length
-    if end > len(content):
-        raise struct.error("string beyond the end")
-    return str(content[start + 4 : end], "utf-8"), end
 
 
 def _decompress(compression: str, packed: bytes, size: int, whole: bool) -> bytes:
@@ -312,129 +453,10 @@ def _decompress(compression: str, packed: bytes, size: int, whole: bool) -> byte
 
         decompress, failure = lz4.frame.LZ4FrameDecompressor().decompress, RuntimeError
     else:
-        raise ChunkError(f"a chunk is compressed with '{compression}' (known: zstd, lz4)")
+        raise RecordError(f"a chunk is compressed with '{compression}' (known: zstd, lz4)")
     try:
         return decompress(packed)
     except failure as error:
         if not whole:
             return b""
-        raise ChunkError(f"a chunk of {size} bytes does not decompress ({error})") from error
-
-
-class _Ends(McapMessages):
-    """Of the messages of a channel the first and the last one alone, by log time."""
-
-    def add(self, log_time: int, publish_time: int, sequence: int, data: View) -> None:
-        """One more, in the place of the one that it is before or after."""
-        times = self.log_times
-        if times and min(times) <= log_time <= max(times) and len(times) > 1:
-            return
-        super().add(log_time, publish_time, sequence, data)
-        if len(times) > 2:
-            order = np.argsort(times, kind="stable").tolist()
-            for values in (times, self.publish_times, self.sequences, self.data):
-                values[:] = [values[order[0]], values[order[-1]]]
-
-
-class _FirstPass(RecordWalk):
-    """Keeps the messages of wanted channels, and of the sampled ones the ends."""
-
-    def __init__(
-        self, contents: McapContents, wanted: Callable[[McapChannel], bool], sampled: Callable[[McapChannel], bool]
-    ) -> None:
-        super().__init__(contents, lambda channel: wanted(channel) or sampled(channel))
-        self._sampled = sampled
-
-    def messages_of(self, channel: McapChannel) -> McapMessages:
-        return _Ends(channel) if self._sampled(channel) else McapMessages(channel)
-
-
-@dataclass(frozen=True)
-class _ChunkPlace:
-    """Where a chunk's content lies in the file, and the log times in it."""
-
-    offset: int
-    length: int
-    first: int
-    last: int
-
-
-class McapByTime:
-    """An MCAP file of which as much is in memory as is asked for.
-
-    Attributes:
-        contents: what comes once, and of every sampled channel the first and the last message.
-        chunked: False if messages stand outside of chunks: these are not found by time.
-
-    Args:
-        path: of the file.
-        wanted: channels whose messages are few.
-        sampled: those whose messages are many.
-
-    Raises:
-        InputError: if there is no such file.
-        FileFormatError: if it is empty or not an MCAP file.
-    """
-
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        wanted: Callable[[McapChannel], bool],
-        sampled: Callable[[McapChannel], bool],
-    ) -> None:
-        self.path, self._sampled, self.chunked = Path(path), sampled, True
-        check_file(self.path)
-        self.contents = McapContents(self.path)
-        self._chunks: list[_ChunkPlace] = []
-        walk = _FirstPass(self.contents, wanted, sampled)
-        with open(self.path, "rb") as file:
-            check_magic(self.path, file.read(len(MAGIC)))
-            self._pass_over(file, walk)
-        for sentence in self.contents.damage:
-            warnings.warn(McapWarning(f"{path}: {sentence}"), stacklevel=2)
-
-    def _pass_over(self, file: IO[bytes], walk: RecordWalk) -> None:
-        size, offset = self.path.stat().st_size, len(MAGIC)
-        while offset + RECORD_HEAD.size <= size:
-            opcode, length = RECORD_HEAD.unpack(file.read(RECORD_HEAD.size))
-            offset += RECORD_HEAD.size
-            if opcode == FOOTER:
-                return
-            if opcode == 0 or offset + length > size:
-                break
-            content = file.read(length)
-            if opcode == CHUNK and length >= CHUNK_HEAD.size:
-                first, last, _, _ = CHUNK_HEAD.unpack_from(content)
-                self._chunks.append(_ChunkPlace(offset, length, first, last))
-            elif opcode == MESSAGE and length >= MESSAGE_HEAD.size:
-                self.chunked = False
-            walk.record(opcode, content)
-            offset += length
-        self.contents.damage.insert(0, f"the file is cut off or damaged at byte {offset}; what follows is lost")
-
-    def between(self, first: int, last: int) -> McapContents:
-        """The messages of sampled channels with log times from ``first`` to ``last``, nanoseconds, in file order."""
-        found = McapContents(self.path)
-        walk = RecordWalk(found, self._sampled)
-        for number, one in self.contents.messages.items():
-            found.messages[number] = McapMessages(one.channel)
-            if self._sampled(one.channel):
-                walk.kept[number] = _Inside(one.channel, between=(first, last))
-                found.messages[number] = walk.kept[number]
-        with open(self.path, "rb") as file:
-            for chunk in self._chunks:
-                if chunk.first <= last and chunk.last >= first:
-                    file.seek(chunk.offset)
-                    walk.chunk(file.read(chunk.length))
-        return found
-
-
-@dataclass
-class _Inside(McapMessages):
-    """The messages of a channel within some log times."""
-
-    between: tuple[int, int] = (0, 0)
-
-    def add(self, log_time: int, publish_time: int, sequence: int, data: View) -> None:
-        if self.between[0] <= log_time <= self.between[1]:
-            super().add(log_time, publish_time, sequence, data)
+        raise RecordError(f"a chunk of {size} bytes does not decompress ({error})") from error

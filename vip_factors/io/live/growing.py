@@ -5,17 +5,28 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vip_factors.errors import FileFormatError
-from vip_factors.io.live.growing_channels import Channels, Route
-from vip_factors.io.live.growing_file import GrowingFile
-from vip_factors.io.live.growing_setup import SAMPLES, GatheredSetup
-from vip_factors.io.live.messages import imu_sample_of, video_frame_of
+from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
+from vip_factors.io.live.growing_file import CAMERA, Channels, GrowingFile, OnFinding, Route, open_when_it_comes
+from vip_factors.io.live.messages import camera_of, imu_sample_of, video_frame_of, wearer_of
 from vip_factors.io.live.session import Throttle
 from vip_factors.io.live.source import DEFAULT, LiveSource, LiveSourceSettings
-from vip_factors.io.mcap_messages import naming
+from vip_factors.io.mcap_messages import naming, time_ns_of
+from vip_factors.io.mcap_writer import NS_PER_S
+from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
+from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
+from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
 from vip_factors.sensors.camera_model import VideoClock
-from vip_factors.sensors.live import LiveFinding, LiveSample, LiveSetup
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.live import LiveCamera, LiveFinding, LiveSample, LiveSetup
+
+SAMPLES = (ImuSample, Detections2D)
+# What comes once, by the names of the messages.
+INFO, SUBJECT, PLACEMENT = "RecordingInfo", "Subject", "SensorPlacement"
+CAMERA_INFO, CALIBRATION, POSE = "CameraInfo", "CameraCalibration", "PoseInFrame"
 
 
 class GrowingFileSource(LiveSource):
@@ -38,84 +49,161 @@ class GrowingFileSource(LiveSource):
     def _read(self) -> None:
         throttle = Throttle(self._put)
 
-        def tell(kind: str, sentence: str) -> None:
+        def on_finding(kind: str, sentence: str) -> None:
             throttle.tell(kind, f"{self._path}: {sentence}")
 
-        file = GrowingFile(self._path, self._settings, self._stop, tell)
-        reader = _SceneReader(tell)
-        for route, message in Channels(tell).messages(file.records()):
-            throttle.flush()
-            if self._stop.is_set():
-                return
-            if reader.setup_known:
-                self._sample(reader, route, message)
-            else:
-                reader.gather(route, message)
-                if reader.whole or reader.held > self._settings.queue_limit:
-                    self._begin(reader)
+        setup: LiveSetup | None = None
+        head, early = _Head(), list[tuple[Route, Any]]()  # samples before the set-up is whole
+        reader = _SampleReader(head, on_finding)
+        with open_when_it_comes(self._path, self._settings, self._stop) as file:
+            records = GrowingFile(self._path, file, self._settings, self._stop, on_finding).contents()
+            for route, message in Channels(on_finding).messages(records):
+                throttle.flush()
+                if self._stop.is_set():
+                    return
+                if setup is not None:
+                    self._put_samples(reader, [(route, message)])
+                    continue
+                head.take(route, message)
+                if route.kind in SAMPLES:
+                    early.append((route, message))
+                if head.whole or len(early) > self._settings.queue_limit:
+                    setup = self._begin(head, reader, on_finding)
+                    self._put_samples(reader, early)
+                    early = []
         throttle.flush(every=True)
-        if not reader.setup_known and not self._stop.is_set():
-            self._begin(reader)
+        if setup is None and not self._stop.is_set():
+            self._begin(head, reader, on_finding)
+            self._put_samples(reader, early)
 
-    def _begin(self, reader: "_SceneReader") -> None:
+    def _begin(self, head: "_Head", reader: "_SampleReader", on_finding: OnFinding) -> LiveSetup:
         with naming(self._path):
-            self._announce(reader.begin())
-        for route, message in reader.release():
-            self._sample(reader, route, message)
+            setup = head.setup()
+            for sentence in head.findings():
+                on_finding(sentence, sentence)
+            reader.begin(setup)
+            self._announce(setup)
+        return setup
 
-    def _sample(self, reader: "_SceneReader", route: Route, message: Any) -> None:
-        sample = reader.sample(route, message)
-        if sample is not None:
-            self._put(sample)
+    def _put_samples(self, reader: "_SampleReader", messages: list[tuple[Route, Any]]) -> None:
+        for route, message in messages:
+            sample = reader.sample(route, message)
+            if sample is not None:
+                self._put(sample)
 
 
-class _SceneReader:
-    """Turns the messages of a file into a set-up and samples."""
+class _Head:
+    """Takes the messages that come once, and says when the set-up is whole."""
 
-    def __init__(self, tell: Callable[[str, str], None]) -> None:
-        self._tell = tell
-        self._gathered = GatheredSetup()
-        self._held: list[tuple[Route, Any]] = []
-        self._names: dict[str, str] = {}
-        self._clocks: dict[str, VideoClock] = {}
-        self._keypoints: dict[str, int] = {}
-        self._mounts: dict[str, str] = {}
-        self._start_ns = 0
-        self.setup_known = False
+    def __init__(self) -> None:
+        self._scene: SceneInfo | None = None
+        self._of: dict[str, dict[str, Any]] = {}  # by owner, then by the message's name; the first pose of a camera
+        self._samples = False
+
+    def take(self, route: Route, message: Any) -> None:
+        """One message, a sample's too."""
+        if route.kind is SceneInfo:
+            self._scene = message
+        elif route.kind in SAMPLES:
+            self._samples = True
+            self._of.setdefault(route.owner, {})
+        else:
+            self._of.setdefault(route.owner, {}).setdefault(route.kind.DESCRIPTOR.name, message)
 
     @property
-    def held(self) -> int:
-        """Samples that came before the set-up was whole."""
-        return len(self._held)
+    def missing(self) -> list[str]:
+        """What a set-up needs still, in words; without a SceneInfo, nobody knows before the first sample."""
+        lacks = [
+            f"{kind} of {owner or 'the wearer'}"
+            for owner in self.wearers
+            for kind in (INFO, SUBJECT, PLACEMENT)
+            if kind not in self._of.get(owner, {})
+        ]
+        lacks += [
+            f"{kind} on {owner}"
+            for owner in self.cameras
+            for kind in (CAMERA_INFO, CALIBRATION)
+            if kind not in self._of.get(owner, {})
+        ]
+        if not lacks and self._scene is None and not self._samples:
+            lacks.append("SceneInfo, or a sample")
+        return lacks
 
     @property
     def whole(self) -> bool:
-        """Whether nothing is missing of the set-up."""
-        return not self._gathered.missing and not self._gathered.awaits_poses
+        """Whether nothing is missing, nor the known pose of a camera that stands still yet to come."""
+        if self.missing:
+            return False
+        return all(POSE in self._of[owner] for owner, info in self.camera_infos.items() if _stands_known(info))
 
-    def gather(self, route: Route, message: Any) -> None:
-        """A message before the set-up is known."""
-        self._gathered.take(route, message)
-        if route.kind in SAMPLES:
-            self._held.append((route, message))
+    def setup(self) -> LiveSetup:
+        """The set-up.
 
-    def begin(self) -> LiveSetup:
-        """The set-up; samples can be read from now on."""
-        setup = self._gathered.setup()
-        for sentence in self._gathered.findings():
-            self._tell(sentence, sentence)
+        Raises:
+            InputError: for what no wearer or camera can be, or if something is missing.
+        """
+        if self.missing:
+            raise FileFormatError(f"expected a recording or a scene; there is no {', no '.join(self.missing)}")
+        parts = [self._of[owner] for owner in self.wearers]
+        wearers = tuple(wearer_of(one[SUBJECT], one[PLACEMENT], one[INFO].initial_pose) for one in parts)
+        name = self._scene.name if self._scene is not None else parts[0][INFO].name
+        start_ns = time_ns_of(parts[0][INFO].start)
+        return LiveSetup(name, wearers, tuple(self._camera(owner, start_ns) for owner in self.cameras), start_ns)
+
+    def findings(self) -> list[str]:
+        """What of the file's cameras cannot be used ahead of time."""
+        return [
+            f"camera '{info.name}' is said to move on a known path, which a growing file does not hold yet: its poses "
+            "are estimated instead"
+            for info in self.camera_infos.values()
+            if info.moving and info.known_poses
+        ]
+
+    @property
+    def wearers(self) -> list[str]:
+        """What the topics of each wearer begin with."""
+        if self._scene is not None and self._scene.wearer_topics:
+            return list(self._scene.wearer_topics)
+        return [owner for owner in self._of if not owner.startswith(CAMERA)] or [""]
+
+    @property
+    def cameras(self) -> list[str]:
+        """What the topics of each camera begin with."""
+        if self._scene is not None:
+            return [*([CAMERA] if self._scene.has_camera else []), *self._scene.further_camera_topics]
+        found = [owner for owner in self._of if owner.startswith(CAMERA)]
+        return sorted(found, key=lambda owner: owner != CAMERA)  # the first camera first, then as they came
+
+    @property
+    def camera_infos(self) -> dict[str, CameraInfo]:
+        """Of the cameras of which it has come."""
+        found = {owner: self._of.get(owner, {}).get(CAMERA_INFO) for owner in self.cameras}
+        return {owner: info for owner, info in found.items() if info is not None}
+
+    def _camera(self, owner: str, start_ns: int) -> LiveCamera:
+        of = self._of[owner]
+        pose = of.get(POSE) if _stands_known(of[CAMERA_INFO]) else None
+        return camera_of(of[CAMERA_INFO], of[CALIBRATION], None if pose is None else _standing(pose, start_ns))
+
+
+class _SampleReader:
+    """Turns messages into samples, as the head of the file says."""
+
+    def __init__(self, head: _Head, on_finding: OnFinding) -> None:
+        self._head, self._on_finding = head, on_finding
+        self._names: dict[str, str] = {}  # by what the topics begin with
+        self._clocks: dict[str, VideoClock] = {}
+        self._cameras: dict[str, LiveCamera] = {}
+        self._start_ns = 0
+
+    def begin(self, setup: LiveSetup) -> None:
+        """The set-up is known."""
+        names = [*(one.name for one in setup.wearers), *(one.name for one in setup.cameras)]
+        self._names = dict(zip(self._head.wearers + self._head.cameras, names, strict=True))
+        infos = self._head.camera_infos
+        self._clocks = {owner: VideoClock(info.time_offset_s, info.time_drift) for owner, info in infos.items()}
+        self._cameras = {camera.name: camera for camera in setup.cameras}
         self._start_ns = setup.start_ns
-        self._names = self._gathered.names(setup)
-        self._clocks = self._gathered.clocks()
-        self._keypoints = {camera.name: len(camera.keypoints) for camera in setup.cameras}
-        self._mounts = {camera.name: camera.mount.sensor for camera in setup.cameras if camera.mount is not None}
-        self.setup_known = True
-        return setup
-
-    def release(self) -> list[tuple[Route, Any]]:
-        """The samples that were held."""
-        held, self._held = self._held, []
-        return held
 
     def sample(self, route: Route, message: Any) -> LiveSample | None:
         """A sample; None for other messages, and for one that cannot be used, which is told."""
@@ -123,18 +211,33 @@ class _SceneReader:
             return None
         name = self._names.get(route.owner)
         if name is None:
-            self._tell(
+            self._on_finding(
                 f"owner {route.owner}",
                 f"{route.channel.topic} belongs to nobody whom the file's beginning describes: its messages are left "
                 "out",
             )
             return None
+        camera = self._cameras.get(name) if route.owner.startswith(CAMERA) else None
         try:
             if route.kind is ImuSample:
-                sensor = self._mounts.get(name) or route.channel.topic.rpartition("/")[2]
+                mount = camera.mount if camera is not None else None
+                sensor = mount.sensor if mount is not None else route.channel.topic.rpartition("/")[2]
                 return imu_sample_of(message, name, self._start_ns, sensor)
-            clock = self._clocks.get(route.owner)
-            return video_frame_of(message, name, self._start_ns, self._keypoints.get(name), clock)
+            keypoints = None if camera is None else len(camera.keypoints)
+            return video_frame_of(message, name, self._start_ns, keypoints, self._clocks.get(route.owner))
         except FileFormatError as error:
-            self._tell(route.kind.DESCRIPTOR.name, str(error))
+            self._on_finding(route.kind.DESCRIPTOR.name, str(error))
             return None
+
+
+def _stands_known(info: CameraInfo) -> bool:
+    """Whether a camera stands still at a pose that the file tells."""
+    return info.known_poses == 1 and not info.moving
+
+
+def _standing(pose: Any, start_ns: int) -> CameraPath:
+    """A ``foxglove.PoseInFrame`` as the path of a camera that stands still."""
+    at, q = pose.pose.position, pose.pose.orientation
+    R_world_camera = matrix_from_quaternion([q.x, q.y, q.z, q.w], Order.XYZW)
+    time = (time_ns_of(pose.timestamp) - start_ns) / NS_PER_S
+    return CameraPath(np.array([time]), R_world_camera[None], np.array([[at.x, at.y, at.z]]))

@@ -6,9 +6,8 @@ from enum import StrEnum
 from typing import Any
 
 from vip_factors.associate.settings import AssociationSettings
-from vip_factors.initialise.accelerometers import AccelerometerSettings
-from vip_factors.initialise.sensor_delays import SensorClockSettings
-from vip_factors.initialise.suppositions import StartSettings
+from vip_factors.initialise.sensor_faults import AccelerometerSettings, SensorClockSettings
+from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.problem.scene import CameraFactorSettings
 from vip_factors.problem.wearer import FactorSettings
 from vip_factors.ranges import NotNegative, NotNegativeInt, RangeError, Rate, check_ranges

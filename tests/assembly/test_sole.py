@@ -10,7 +10,7 @@ from small_problems import small_model
 from vip_factors.assembly.objective import SceneObjective, WearerObjective
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.geometry.rotations import exp
-from vip_factors.initialise.root_path import contact_points
+from vip_factors.initialise.pose import contact_points
 from vip_factors.problem.points import BodyPoint
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem

@@ -15,7 +15,7 @@ from vip_factors import pipeline
 from vip_factors.cli.main import main
 from vip_factors.estimate import CameraEstimate, Estimate, LongSceneEstimate, PoseCovariance, ScenePart
 from vip_factors.geometry.rotations import angle_between, rotation_z
-from vip_factors.initialise.suppositions import StartSettings
+from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.io.mcap_recording import write_scene
 from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.pipeline import smooth_scene

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vip_factors.errors import RecordingError
-from vip_factors.initialise.sensor_delays import SensorClockSettings, fewest_delays
+from vip_factors.initialise.sensor_faults import SensorClockSettings, fewest_delays
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.imu_stream import ImuStream

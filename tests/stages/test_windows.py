@@ -13,8 +13,8 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.estimate import LongEstimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.rotations import angle_between, exp
-from vip_factors.initialise.sensor_delays import SensorClockSettings
-from vip_factors.initialise.suppositions import StartSettings
+from vip_factors.initialise.sensor_faults import SensorClockSettings
+from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.problem.state import WearerState
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import in_stretches, resample, resample_streams

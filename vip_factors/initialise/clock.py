@@ -20,8 +20,7 @@ from vip_factors.initialise.clock_events import (
     match_events,
     stamps_in_image,
 )
-from vip_factors.initialise.clock_signals import Smoothing
-from vip_factors.initialise.clock_tracks import ImageTrack, TrackSettings, simple_tracks
+from vip_factors.initialise.clock_signals import ImageTrack, Smoothing, TrackSettings, simple_tracks
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.recording import Recording

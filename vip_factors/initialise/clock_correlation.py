@@ -14,6 +14,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.clock_signals import (
+    ImageTrack,
     Signal,
     Smoothing,
     camera_rotation,
@@ -24,7 +25,6 @@ from vip_factors.initialise.clock_signals import (
     rate_of,
     smoothed,
 )
-from vip_factors.initialise.clock_tracks import ImageTrack
 from vip_factors.sensors.scene import Camera, Scene
 
 LEAST_SECONDS = 2.0  # of common time that a limb must show

@@ -13,8 +13,7 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.clock_correlation import correlation_curve, peak_vertex
-from vip_factors.initialise.clock_signals import Smoothing
-from vip_factors.initialise.clock_tracks import ImageTrack
+from vip_factors.initialise.clock_signals import ImageTrack, Smoothing
 from vip_factors.sensors.scene import Camera, Scene
 
 OFFSETS_S = 0.35  # either side of the offset that was found for the whole
@@ -33,8 +32,8 @@ class DriftSettings:
         least_stretches: that make a line.
         most: seconds a second; a rate told as 30 for 29.97 Hz is half of it, quartz clocks are a hundred times better.
         least_gain: nats of a stretch that counts.
-        told: seconds from the video's start to its end, from which on a drift matters.
-        sure: standard deviations of one that is told.
+        least_drift: seconds from the video's start to its end, from which on a drift matters.
+        sure: standard deviations of one that is reported.
     """
 
     use: bool = True
@@ -42,7 +41,7 @@ class DriftSettings:
     least_stretches: int = 3
     most: float = 2e-3
     least_gain: float = 10.0
-    told: float = 0.010
+    least_drift: float = 0.010
     sure: float = 4.0
 
 
@@ -56,7 +55,7 @@ class ClockDrift:
         middle: of the video's times, where the line has the offset ``seconds``.
         seconds: to add there to the video's times to get the sensors'.
         duration: of the video, seconds.
-        stretches: that told.
+        stretches: how many of them tell it.
     """
 
     per_second: float
@@ -69,7 +68,7 @@ class ClockDrift:
     def matters(self, settings: DriftSettings) -> bool:
         """Whether it is larger than what is worth telling, and surely there."""
         is_sure = abs(self.per_second) > settings.sure * self.sigma
-        return is_sure and abs(self.per_second) * self.duration > settings.told
+        return is_sure and abs(self.per_second) * self.duration > settings.least_drift
 
 
 def find_drift(

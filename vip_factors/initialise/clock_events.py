@@ -14,7 +14,7 @@ from scipy.signal import find_peaks
 
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.geometry.rotations import Array
-from vip_factors.initialise.clock_tracks import ImageTrack
+from vip_factors.initialise.clock_signals import ImageTrack
 from vip_factors.ranges import NotNegativeInt
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording

@@ -1,11 +1,107 @@
-"""Which headings and mountings a start is chosen from."""
+"""Headings and mountings that a start is chosen from, and how likely each is under what is supposed.
 
+Between those of the grid, diverse particles with max-product on a tree (Pacheco, Zuffi, Black and Sudderth, "Preserving
+modes and messages via diverse particle selection", ICML 2014): every sensor keeps its likeliest candidates that differ,
+each with the others at their best; each round adds small turns of them, and the tree's minimum over all is exact.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.geometry.rotations import Array, exp, rotation_y, rotation_z, transpose
+from vip_factors.geometry.rotations import Array, angle_between, exp, rotation_y, rotation_z, transpose, wrap_angle
 from vip_factors.initialise.calibration import InitialCalibration
+from vip_factors.ranges import RangeError, Share
+
+# Of the mean lean of trunk, thighs and shanks over a recording: walkers' and standers' are within 10°, sitters' not.
+UPRIGHT_SIGMA = np.deg2rad(15.0)
+UPRIGHT_FREEDOM = 4.0  # of a Student t: some sit
+
+
+@dataclass(frozen=True)
+class StartSettings:
+    """How the first headings and mountings are looked for."""
+
+    search: bool = True  # off: the straps and the low-passed motion alone, as in the papers
+    # Degrees, how well the inertial frames of sensors that were started together agree (where they do at all), unless
+    # factors.agreeing_headings states it. Thirteen of one make lay within −10° to +4°, one of them at −33°.
+    agree_deg: float = 15.0
+    strange_strap: Share = 0.1  # chance of a sensor that was strapped on anyhow: three of thirteen were
+    strange_frame: Share = 0.05  # chance of a sensor that was started elsewhere: one of thirteen was
+    # Nats by which a start has to be more likely than the next that differs, to be taken for settled: 20 to 1.
+    settled: float = 3.0
+    stretch_s: float = 30.0  # of the recording that is looked at
+    rate: float = 10.0  # Hz: steps and swings are slower
+    bone_sigma_deg: float = 10.0  # of a mounting about the bone that carries it, soft tissue included
+
+    def __post_init__(self) -> None:
+        for name in ("agree_deg", "stretch_s", "rate", "bone_sigma_deg"):
+            if not getattr(self, name) > 0:
+                raise RangeError(f"calibration.start.{name}", f"is {getattr(self, name):g}: expected a number above 0")
+        for name in ("strange_strap", "strange_frame"):
+            if not 0 < getattr(self, name) < 1:
+                message = f"is {getattr(self, name):g}: expected a share between 0 and 1"
+                raise RangeError(f"calibration.start.{name}", message)
+
+
+@dataclass(frozen=True)
+class InitialisationHypothesis:
+    """What is taken for granted.
+
+    Attributes:
+        name: in words, for people.
+        straps: whether sensors sit roughly as placed.
+        frames: whether their inertial frames agree.
+    """
+
+    name: str
+    straps: bool
+    frames: bool
+
+
+HYPOTHESES = (
+    InitialisationHypothesis("sensors sit as placed and their inertial frames agree", straps=True, frames=True),
+    InitialisationHypothesis("sensors sit as placed", straps=True, frames=False),
+    InitialisationHypothesis("inertial frames agree", straps=False, frames=True),
+    InitialisationHypothesis("joints and accelerations alone tell", straps=False, frames=False),
+)
+
+
+def strap_cost(R_bone_sensor: Array, R_placed: Array, sigma: float, strange: float) -> Array:
+    """How unlikely mountings ``(..., 3, 3)`` are where sensors sit as placed, in nats against any mounting at all.
+
+    A mixture of a Gaussian of ``sigma`` radians about each axis and, for a share ``strange``, no rule.
+    """
+    density = (
+        np.sqrt(8 * np.pi) / sigma**3
+    )  # of the Gaussian at its middle, over that of all rotations: 8π² / (2πσ²)^1.5
+    off = angle_between(R_placed, R_bone_sensor) / sigma
+    return -np.log((1 - strange) * density * np.exp(-0.5 * off**2) + strange)
+
+
+def frame_cost(headings: Array, common: float | Array, sigma: float, strange: float) -> Array:
+    """How unlikely headings are where inertial frames agree on a ``common`` one, in nats against any heading."""
+    density = np.sqrt(2 * np.pi) / sigma
+    return -np.log((1 - strange) * density * np.exp(-0.5 * (wrap_angle(headings - common) / sigma) ** 2) + strange)
+
+
+def common_cost(sensors: int, sigma: float) -> float:
+    """What not knowing the common heading costs, in nats: the width of the circle over that of what sensors leave."""
+    return float(np.log(max(np.sqrt(2 * np.pi * sensors) / sigma, 1.0)))
+
+
+def upright_cost(R_bone_sensor: Array, up_sensor: Array) -> Array:
+    """How unlikely mountings ``(..., 3, 3)`` are on a bone that is upright on the whole, in nats; nought of others.
+
+    ``up_sensor`` ``(3,)`` is the mean vertical in the sensor's axes; NaN where the bone is not.
+    """
+    if not np.all(np.isfinite(up_sensor)):
+        return np.zeros(R_bone_sensor.shape[:-2])
+    up_bone = R_bone_sensor @ (up_sensor / np.linalg.norm(up_sensor))
+    lean = np.arccos(np.clip(up_bone[..., 1], -1.0, 1.0)) / UPRIGHT_SIGMA
+    return (UPRIGHT_FREEDOM + 1) / 2 * np.log1p(lean**2 / UPRIGHT_FREEDOM)
+
 
 GRID = 24  # headings 15° apart: costs are smooth over that
 TURNS = 8  # about its limb, of a sensor that cannot sit as placed
@@ -112,3 +208,103 @@ def _righted(R_bone_sensor: Array, up_sensor: Array) -> Array:
     if length < 1e-9:
         axis, length = np.array([1.0, 0.0, 0.0]), 1.0
     return exp(float(_lean(R_bone_sensor, up_sensor)) * axis / length) @ R_bone_sensor
+
+
+# Nearer candidates move into the same valley and would crowd out others. 60°, but less than four steps of the grid.
+DISTINCT = np.deg2rad(59.9)
+KEPT, ADDED = 12, 30  # candidates of each sensor, and turns of them in each round
+ROUNDS = np.deg2rad([25, 25, 20, 20, 15, 15, 15, 10, 10, 10, 7, 7, 5, 5, 3, 3])  # sizes of the turns, about each axis
+TIED = 6  # decimals of nats: what rounding errors tell apart is alike, however the world is turned
+SLACK = 50.0  # nats: a candidate that is less likely than the best by more wanders no further
+NEAR = np.deg2rad([-20, -15, -10, -5, 5, 10, 15, 20])  # of the best heading, to see how sharp it is
+
+
+@dataclass(frozen=True)
+class Particles:
+    """Some headings and mountings of each sensor.
+
+    Attributes:
+        headings: ``(S, N)`` radians.
+        R_bone_sensor: ``(S, N, 3, 3)``.
+    """
+
+    headings: Array
+    R_bone_sensor: Array
+
+    def candidates(self) -> Candidates:
+        """One mounting with each heading."""
+        return Candidates(self.headings, tuple(self.R_bone_sensor[:, :, None]))
+
+    def and_starts(self, starts: Sequence[InitialCalibration]) -> "Particles":
+        """With those of some starts besides."""
+        headings = np.stack([one.headings for one in starts], axis=1)
+        mountings = np.stack([one.R_bone_sensor for one in starts], axis=1)
+        return _together(self, Particles(headings, mountings))
+
+
+def likely_particles(candidates: Candidates, costs: Sequence[Array], kept: int = KEPT) -> Particles:
+    """The likeliest candidates of each sensor that differ, likeliest first; where there are few, the first again.
+
+    ``costs`` by sensor ``(K, M)`` are least costs with each candidate.
+    """
+    chosen = [_distinct(candidates, s, cost, kept) for s, cost in enumerate(costs)]
+    return Particles(
+        np.stack([candidates.headings[s, one[:, 0]] for s, one in enumerate(chosen)]),
+        np.stack([candidates.R_bone_sensor[s][one[:, 0], one[:, 1]] for s, one in enumerate(chosen)]),
+    )
+
+
+def _distinct(candidates: Candidates, s: int, cost: Array, kept: int) -> np.ndarray:
+    left, chosen = np.round(cost, TIED), list[tuple[int, int]]()
+    headings, mountings = candidates.headings[s], candidates.R_bone_sensor[s]
+    rows = mountings.reshape(*mountings.shape[:2], 9)
+    worst = float(cost.min()) + SLACK
+    while len(chosen) < kept and float(left.min()) < worst:
+        k, m = np.unravel_index(int(left.argmin()), left.shape)
+        # The trace of the rotation between two, of which one plus twice its angle's cosine is made.
+        alike = rows @ rows[k, m] > 1 + 2 * np.cos(DISTINCT)
+        left[alike & (np.abs(wrap_angle(headings - headings[k])) < DISTINCT)[:, None]] = np.inf
+        chosen.append((int(k), int(m)))
+    return np.array([*chosen, *[chosen[0]] * (kept - len(chosen))])
+
+
+def perturbed(particles: Particles, size: float, root: int, random: np.random.Generator) -> Particles:
+    """The particles, and turns of them by ``size`` radians about each axis of the bone, and about the vertical.
+
+    The heading of the sensor ``root`` stays: the world turns with it.
+    """
+    S, N = particles.headings.shape
+    of = np.tile(np.arange(N), -(-ADDED // N))[:ADDED]
+    about = size * random.standard_normal((S, ADDED))
+    about[root] = 0.0
+    turns = exp(size * random.standard_normal((S, ADDED, 3)))
+    return _together(particles, Particles(particles.headings[:, of] + about, turns @ particles.R_bone_sensor[:, of]))
+
+
+def refine_particles(particles: Particles, costs: Callable[[Candidates], Sequence[Array]], root: int) -> Particles:
+    """The particles after all rounds; ``costs`` tells the least cost with each candidate of each sensor."""
+    random = np.random.default_rng(0)
+    for size in ROUNDS:
+        several = perturbed(particles, float(size), root, random).candidates()
+        particles = likely_particles(several, costs(several))
+    return particles
+
+
+def about_best(particles: Particles, root: int) -> Candidates:
+    """The particles, and the first of each sensor with other headings near by: what those cost tells its scatter.
+
+    The bone may turn with the heading, or stay as it is: as long as it is upright, the mounting then turns back.
+    """
+    offsets = np.tile(NEAR, (len(particles.headings), 1))
+    offsets[root] = 0.0
+    headings = particles.headings[:, :1] + offsets
+    kept = particles.R_bone_sensor[:, :1]
+    near = Particles(headings, np.repeat(kept, len(NEAR), axis=1)), Particles(headings, rotation_y(offsets) @ kept)
+    return _together(particles, *near).candidates()
+
+
+def _together(*several: Particles) -> Particles:
+    return Particles(
+        np.concatenate([one.headings for one in several], axis=1),
+        np.concatenate([one.R_bone_sensor for one in several], axis=1),
+    )

@@ -1,4 +1,4 @@
-"""The likeliest start of headings and mountings: every sensor's taken together, under several suppositions."""
+"""The likeliest start of headings and mountings: every sensor's taken together, under several hypotheses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,26 +7,24 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array, angle_between, rotation_z, transpose, wrap_angle
 from vip_factors.initialise.calibration import InitialCalibration
-from vip_factors.initialise.link_costs import meeting_cost, posture_cost
-from vip_factors.initialise.sensor_tree import Link
+from vip_factors.initialise.sensor_tree import Link, TreeMinimum, acceleration_cost, least_cost, posture_cost
 from vip_factors.initialise.start_candidates import (
     GRID,
+    HYPOTHESES,
     Candidates,
-    declared_candidates,
-    heading_candidates,
-    placed_candidates,
-)
-from vip_factors.initialise.start_particles import about_best, likely_particles, wander
-from vip_factors.initialise.suppositions import (
-    SUPPOSITIONS,
+    InitialisationHypothesis,
     StartSettings,
-    Supposition,
+    about_best,
     common_cost,
+    declared_candidates,
     frame_cost,
+    heading_candidates,
+    likely_particles,
+    placed_candidates,
+    refine_particles,
     strap_cost,
     upright_cost,
 )
-from vip_factors.initialise.tree_search import TreeMinimum, least_cost
 from vip_factors.sensors.frames import ImuFrames
 
 FINER = np.deg2rad([-10.0, -5.0, 0.0, 5.0, 10.0])  # about the best of the grid; the solve finds what is left
@@ -60,12 +58,12 @@ class Start:
     """One start.
 
     Attributes:
-        supposition: in words.
+        hypothesis: in words.
         calibration: headings and mountings.
         cost: nats; a start that is less likely by a factor of e costs one more.
     """
 
-    supposition: str
+    hypothesis: str
     calibration: InitialCalibration
     cost: float
 
@@ -76,7 +74,7 @@ class Starts:
 
     Attributes:
         best: the likeliest.
-        rival: what the likeliest start that turns a sensor by more than 60° against it supposes.
+        rival: hypothesis of the likeliest start that turns a sensor by more than 60° against it.
         margin: by how many nats it is less likely; infinite where there is none.
         doubtful: numbers of the sensors that starts turn which are less likely by ``settled`` nats at most.
         tilted: numbers of the sensors that cannot sit as placed, nor by a quarter turn otherwise: their bones would
@@ -123,12 +121,12 @@ class StartSearch:
         else:
             return self._undeclared(usual, others)
         pairs = self._pairs(grid)
-        found = [(one.name, self._minimum(grid, pairs, one)) for one in SUPPOSITIONS]
+        found = [(one.name, self._minimum(grid, pairs, one)) for one in HYPOTHESES]
         starts = [Start(name, _chosen(grid, one, usual), one.cost) for name, one in found]
         starts = [self._refined(one) for one in starts] + [self._refined(one) for one in self._usual(usual)]
         best = min(starts, key=lambda start: start.cost)
         minima = dict(found)
-        own = minima.get(best.supposition) or min(minima.values(), key=lambda one: one.cost)
+        own = minima.get(best.hypothesis) or min(minima.values(), key=lambda one: one.cost)
         return self._compared(best, starts, grid, own)
 
     def _undeclared(self, usual: InitialCalibration, others: Sequence[InitialCalibration]) -> Starts:
@@ -137,19 +135,19 @@ class StartSearch:
         grid, tilted = placed_candidates(usual.R_bone_sensor, self.prior.limbs, up, facing)
         particles = likely_particles(grid, self._least(grid))
         starts = [replace(one, headings=one.headings + facing - one.headings[root]) for one in (usual, *others)]
-        particles = wander(particles.and_starts(starts), self._least, root)
+        particles = refine_particles(particles.and_starts(starts), self._least, root)
         candidates = about_best(likely_particles(particles.candidates(), self._least(particles.candidates())), root)
         pairs = self._pairs(candidates)
-        found = {one.name: self._minimum(candidates, pairs, one) for one in SUPPOSITIONS}
+        found = {one.name: self._minimum(candidates, pairs, one) for one in HYPOTHESES}
         name, own = min(found.items(), key=lambda one: one[1].cost)
         best = Start(name, replace(_chosen(candidates, own, usual), R_world_bone=None), own.cost)
         rivals = [Start(other, _chosen(candidates, one, usual), one.cost) for other, one in found.items()]
         return replace(self._compared(best, rivals, candidates, own), tilted=tilted)
 
     def _least(self, candidates: Candidates) -> list[Array]:
-        """By sensor ``(K, M)``, the least cost with each candidate, whatever is supposed."""
+        """By sensor ``(K, M)``, the least cost with each candidate, whatever is hypothesis."""
         pairs = self._pairs(candidates)
-        found = [self._minimum(candidates, pairs, one).marginals for one in SUPPOSITIONS]
+        found = [self._minimum(candidates, pairs, one).marginals for one in HYPOTHESES]
         return [np.min(costs, axis=0) for costs in zip(*found, strict=True)]
 
     def _up_sensor(self) -> Array:
@@ -166,12 +164,14 @@ class StartSearch:
 
     def _pairs(self, candidates: Candidates) -> dict[int, Array]:
         return {
-            link.child: posture_cost(link, candidates, self.frames) + meeting_cost(link, candidates, self.frames)
+            link.child: posture_cost(link, candidates, self.frames) + acceleration_cost(link, candidates, self.frames)
             for link in self.prior.links
         }
 
-    def _minimum(self, candidates: Candidates, pairs: dict[int, Array], supposed: Supposition) -> TreeMinimum:
-        unaries = self._unaries(candidates, supposed)
+    def _minimum(
+        self, candidates: Candidates, pairs: dict[int, Array], hypothesis: InitialisationHypothesis
+    ) -> TreeMinimum:
+        unaries = self._unaries(candidates, hypothesis)
         some = max(AT_ONCE // max((one.size for one in pairs.values()), default=1), 1)
         found = [
             least_cost([one[begin : begin + some] for one in unaries], self.prior.links, pairs)
@@ -180,13 +180,13 @@ class StartSearch:
         marginals = tuple(np.min(costs, axis=0) for costs in zip(*(one.marginals for one in found), strict=True))
         return replace(min(found, key=lambda one: one.cost), marginals=marginals)
 
-    def _unaries(self, candidates: Candidates, supposed: Supposition) -> list[Array]:
+    def _unaries(self, candidates: Candidates, hypothesis: InitialisationHypothesis) -> list[Array]:
         """Costs ``(C, K, M)`` of sensors by themselves, for every heading that their frames may have in common."""
         settings, prior = self.settings, self.prior
         S = len(prior.R_placed)
         straps = [
             strap_cost(R, prior.R_placed[s], prior.sigma[s], settings.strange_strap)
-            if supposed.straps
+            if hypothesis.straps
             else np.zeros(R.shape[:2])
             for s, R in enumerate(candidates.R_bone_sensor)
         ]
@@ -199,7 +199,7 @@ class StartSearch:
         if candidates.relative:  # the world may turn as it likes: one heading holds it
             root = prior.links[0].parent if prior.links else 0
             straps[root] = straps[root] + np.where(np.arange(GRID) == 0, 0.0, np.inf)[:, None]
-        if not supposed.frames:
+        if not hypothesis.frames:
             return [one[None] for one in straps]
         sigma = np.deg2rad(settings.agree_deg)
         common = candidates.headings[0, 0] + np.linspace(0, 2 * np.pi, GRID, endpoint=False)[:, None, None]
@@ -207,13 +207,13 @@ class StartSearch:
         return [one + agreed[:, s, :, None] for s, one in enumerate(straps)]
 
     def _usual(self, usual: InitialCalibration) -> list[Start]:
-        """The usual start, whichever way the wearer faced: as likely as under the supposition that suits it best."""
+        """The usual start, whichever way the wearer faced: as likely as under the hypothesis that suits it best."""
         turned = [usual.facing(float(angle)) for angle in (FACINGS if usual.R_world_bone is not None else FACINGS[:1])]
         starts = [Start("straps and slow motion tell", one, 0.0) for one in turned]
         return [min((self._refined(one, np.zeros(1)) for one in starts), key=lambda one: one.cost)]
 
     def _refined(self, start: Start, offsets: Array = FINER) -> Start:
-        """The start with headings better than the grid's, under the supposition that suits it best."""
+        """The start with headings better than the grid's, under the hypothesis that suits it best."""
         own = start.calibration
         headings = own.headings[:, None] + offsets
         mountings = np.repeat(own.R_bone_sensor[:, None], len(offsets), axis=1)
@@ -222,11 +222,11 @@ class StartSearch:
             mountings = transpose(bones) @ rotation_z(np.broadcast_to(offsets, headings.shape)) @ bones @ mountings
         candidates = Candidates(headings, tuple(mountings[:, :, None]), declared=True)
         pairs = self._pairs(candidates)
-        best = min((self._minimum(candidates, pairs, one) for one in SUPPOSITIONS), key=lambda one: one.cost)
+        best = min((self._minimum(candidates, pairs, one) for one in HYPOTHESES), key=lambda one: one.cost)
         return replace(start, calibration=_chosen(candidates, best, own), cost=best.cost)
 
     def _compared(self, best: Start, starts: Sequence[Start], grid: Candidates, own: TreeMinimum) -> Starts:
-        """The best start and what is nearly as likely: another supposition's, or its own with some sensors turned."""
+        """The best start and what is nearly as likely: another hypothesis's, or its own with some sensors turned."""
         doubtful: set[int] = set()
         rival, margin = "", np.inf
         for other in starts:
@@ -234,14 +234,14 @@ class StartSearch:
             if len(turned):
                 behind = other.cost - best.cost
                 doubtful |= set(turned.tolist()) if behind < self.settings.settled else set()
-                rival, margin = (other.supposition, behind) if behind < margin else (rival, margin)
+                rival, margin = (other.hypothesis, behind) if behind < margin else (rival, margin)
         for s, costs in enumerate(own.marginals):
             heading, mounting = own.choice[s]
             off = _turned(grid, s, heading, mounting)
             behind = float(np.min(costs[off > DIFFERENT], initial=np.inf)) - own.cost
             if behind < self.settings.settled:
                 doubtful.add(s)
-            rival, margin = (best.supposition, behind) if behind < margin else (rival, margin)
+            rival, margin = (best.hypothesis, behind) if behind < margin else (rival, margin)
         sure = replace(best.calibration, heading_sigma=_heading_sigma(grid, own))
         best = replace(best, calibration=sure)
         return Starts(best, rival, float(max(margin, 0.0)), tuple(sorted(doubtful)))

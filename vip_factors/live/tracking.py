@@ -10,7 +10,7 @@ from vip_factors.assembly.view_terms import reprojection_residuals
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.geometry.rotations import Array
-from vip_factors.initialise.root_path import contact_confidence
+from vip_factors.initialise.pose import contact_confidence
 from vip_factors.live.camera_observer import CameraObserver, FrameBelief, standing_feet
 from vip_factors.live.measurement import FrameMeasurement
 from vip_factors.live.prediction import predicted

@@ -103,7 +103,7 @@ def start_choice(sensors: tuple[str, ...], starts: Starts | None) -> StartChoice
     """What an estimate tells of its start."""
     if starts is None:
         return None
-    return StartChoice(starts.best.supposition, starts.rival, starts.margin, tuple(sensors[s] for s in starts.doubtful))
+    return StartChoice(starts.best.hypothesis, starts.rival, starts.margin, tuple(sensors[s] for s in starts.doubtful))
 
 
 def start_findings(who: str, sensors: tuple[str, ...], starts: Starts | None) -> Iterator[str]:
@@ -115,7 +115,7 @@ def start_findings(who: str, sensors: tuple[str, ...], starts: Starts | None) ->
         better = "more and brisker motion" if declared else "a T- or N-pose held at the start and declared"
         yield (
             f"{who}: the recording does not settle how {names} sat and which way the inertial frames point: the start "
-            f"supposes that {starts.best.supposition}, and another, turned by more than 60° (it supposes that "
+            f"supposes that {starts.best.hypothesis}, and another, turned by more than 60° (it supposes that "
             f"{starts.rival}), is only {np.exp(starts.margin):.1f} times less likely: {better}, or the straps as they "
             "really sat, would tell"
         )

@@ -11,6 +11,7 @@ from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, transpose, yaw_of
 from vip_factors.initialise.camera import (
     Sightings,
+    camera_mounting,
     carried_camera,
     filmed_path,
     moving_camera,
@@ -19,7 +20,6 @@ from vip_factors.initialise.camera import (
     together,
     world_turn,
 )
-from vip_factors.initialise.camera_mounting import camera_mounting
 from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.problem.scene import CameraProblem, Viewpoint
 from vip_factors.problem.state import CameraState, DetectorState, SceneState

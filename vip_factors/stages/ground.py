@@ -8,7 +8,7 @@ from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.geometry.rotations import Array
-from vip_factors.initialise.root_path import contact_confidence, contact_points
+from vip_factors.initialise.pose import contact_confidence, contact_points
 from vip_factors.problem.points import BodyPoint
 from vip_factors.problem.scene import GroundView, KeypointView
 from vip_factors.problem.state import SceneState, WearerState

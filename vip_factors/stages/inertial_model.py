@@ -10,7 +10,7 @@ from vip_factors.body.lengths import BodyVariation
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.errors import InputError
 from vip_factors.initialise.calibration import InitialCalibration
-from vip_factors.initialise.root_path import contact_confidence, contact_points, standing_path
+from vip_factors.initialise.pose import contact_confidence, contact_points, standing_path
 from vip_factors.problem.points import BodyPoint
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import InitialPose, WearerProblem

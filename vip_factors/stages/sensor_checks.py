@@ -8,13 +8,15 @@ import numpy as np
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.errors import RecordingError
-from vip_factors.initialise.accelerometers import (
+from vip_factors.initialise.sensor_faults import (
     AccelerometerSettings,
+    SensorClockSettings,
+    SensorDelay,
     accelerometer_scale,
     clipped_samples,
     range_ends,
+    sensor_delays,
 )
-from vip_factors.initialise.sensor_delays import SensorClockSettings, SensorDelay, sensor_delays
 from vip_factors.initialise.sensor_tree import sensor_tree
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording

@@ -4,8 +4,7 @@ from itertools import product
 
 import numpy as np
 
-from vip_factors.initialise.sensor_tree import Link
-from vip_factors.initialise.tree_search import least_cost
+from vip_factors.initialise.sensor_tree import Link, least_cost
 
 
 def link(parent: int, child: int) -> Link:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vip_factors.initialise.accelerometers import AccelerometerSettings, accelerometer_scale
+from vip_factors.initialise.sensor_faults import AccelerometerSettings, accelerometer_scale
 from vip_factors.io.convert import read_log
 
 ORDER = ("torso", "pelvis", "tibia_r", "femur_r", "tibia_l", "femur_l", "toes_r", "toes_l")

@@ -1,0 +1,350 @@
+"""Sensors whose clocks are off their fellows', and accelerometers of wrong scale or exceeded range.
+
+How late one sensor is against its neighbour: the joint between their bones is accelerated once, not twice. The joint's
+acceleration is told by either sensor: its own, and the turning of its bone times the arm from it to the joint (Seel,
+Raisch & Schauer, Sensors 14, 2014). Where the joint lies from either sensor, how their headings differ and how late one
+is are found together, so nothing of mountings, headings or the body is supposed. Rates of turn would need less, but in
+walking thigh and shank do not turn in step. The fewest delays that explain what neighbours say are taken.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.geometry.rotations import Array, rotation_z
+from vip_factors.initialise.sensor_tree import Link
+from vip_factors.ranges import NotNegative, NotNegativeInt
+from vip_factors.sensors.frames import coarser, resample_streams
+from vip_factors.sensors.imu_stream import ImuStream
+
+STEP = 1 / 30  # s: what is quicker are foot strikes, which ring straps and reach one sensor after the other
+FINE = 4  # instants in a step at which accelerations are known; splines give them in between
+ARM_SIGMA, MISFIT = 0.2, 1.5  # m from sensor to joint; m/s² by which bodies that are not rigid miss
+STARTS = np.arange(-0.12, 0.121, 0.02)  # s, delays looked at: the misfit's valley is a quarter of a swing wide
+HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 30.0))
+STRONG = 15.0  # m/s², from which on an acceleration counts less at the start
+ROUNDS = 12
+BLOCK = 1.0  # s: misfits within a swing belong together
+LEAST_BLOCKS = 8
+# Of the joint's mean square acceleration, misfit that is left: knees and ankles leave 0.05–0.4, hips to 0.7; a loose
+# sensor on a thigh 0.9 to its shank and 2.6 to its pelvis, and 85 ms where there were none.
+POOR = 0.75
+GRAVITY = np.array([0.0, 0.0, 9.81])
+_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+
+
+@dataclass(frozen=True)
+class LinkDelay:
+    """How late the child's samples are against the parent's, and its standard deviation, in seconds."""
+
+    seconds: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class JointSignal:
+    """What a sensor says of the acceleration of points of its bone, over time.
+
+    Attributes:
+        time: ``(T,)`` seconds.
+        known: ``(T,)`` whether all samples around are there.
+        spline: of ``(3, 4)``: the sensor's acceleration in its inertial frame in m/s², and what the arm ``(3,)`` in the
+            sensor's frame is to be multiplied with to get that of a point.
+    """
+
+    time: Array
+    known: np.ndarray
+    spline: BSpline
+
+
+def joint_signal(stream: ImuStream) -> JointSignal | None:
+    """None of a stream without orientation or specific force, or one that is too short."""
+    if stream.R_inertial_sensor is None or stream.specific_force is None:
+        return None
+    if stream.time[-1] - stream.time[0] < LEAST_BLOCKS * BLOCK:
+        return None
+    # Coarse frames, FINE times, each a part of a step later than before.
+    time = np.arange(stream.time[0], stream.time[-1], STEP / FINE)
+    phases = [coarser(resample_streams([stream], time[phase:]), FINE) for phase in range(FINE)]
+    count = min(len(one) for one in phases) - 2
+    values, known = np.zeros((count, FINE, 3, 4)), np.zeros((count, FINE), bool)
+    for phase, frames in enumerate(phases):
+        R, seen = frames.R_inertial_sensor[: count + 2, 0], frames.orientation_valid[: count + 2, 0]
+        values[:, phase, :, 0] = frames.specific_force_inertial[1 : count + 1, 0] - GRAVITY
+        values[:, phase, :, 1:] = (R[:-2] - 2 * R[1:-1] + R[2:]) / STEP**2
+        known[:, phase] = seen[:-2] & seen[1:-1] & seen[2:] & frames.acceleration_valid[1 : count + 1, 0]
+    flat = known.ravel()
+    filled = np.where(flat[:, None, None], values.reshape(-1, 3, 4), 0.0)
+    time = time[FINE : FINE + count * FINE]
+    return JointSignal(time, flat, make_interp_spline(time, filled, k=3))
+
+
+def link_delay(parent: JointSignal, child: JointSignal) -> LinkDelay | None:
+    """None where the two share too little time, or no delay in reach makes them tell the same."""
+    margin = float(STARTS[-1]) + 2 * STEP
+    time = np.arange(
+        max(parent.time[0], child.time[0]) + margin, min(parent.time[-1], child.time[-1]) - margin, STEP
+    )  # fmt: skip
+    time = time[_known(parent, time, STEP) & _known(child, time, margin)] if len(time) else time
+    if len(time) * STEP < LEAST_BLOCKS * BLOCK:
+        return None
+    above = parent.spline(time)
+    start = min((_start(above, child.spline(time + seconds), seconds) for seconds in STARTS), key=lambda one: one[0])
+    return _refined(above, child.spline, time, start[1], start[2])
+
+
+def _known(signal: JointSignal, time: Array, reach: float) -> np.ndarray:
+    """Whether nothing is missing within the reach of each of the times."""
+    missing = np.r_[0, np.cumsum(~signal.known)]
+    first, last = (np.searchsorted(signal.time, time + sign * reach) for sign in (-1, 1))
+    return missing[last] == missing[first]
+
+
+def _start(above: Array, below: Array, seconds: float) -> tuple[float, float, float]:
+    """Least cost over headings, the delay, and that heading; arms are eliminated."""
+    strength = np.sum(above[:, :, 0] ** 2 + below[:, :, 0] ** 2, axis=1)
+    weight = 1 / (1 + strength / STRONG**2)
+    own = [np.einsum("tik,t,til->kl", one, weight, one) for one in (above, below)]
+    cross = np.einsum("tik,t,tjl->ijkl", above, weight, below)
+    best = (np.inf, seconds, 0.0)
+    for heading in HEADINGS:
+        shared = np.einsum("ij,ijkl->kl", rotation_z(heading), cross)
+        gram = np.block([[own[0], -shared], [-shared.T, own[1]]])
+        # The first column of either side is what both accelerations are; the rest are multiplied with the arms.
+        fixed, arms = np.array([1.0, 0, 0, 0, 1.0, 0, 0, 0]), [1, 2, 3, 5, 6, 7]
+        linear, square = gram[arms] @ fixed, gram[np.ix_(arms, arms)] + (MISFIT / ARM_SIGMA) ** 2 * np.eye(6)
+        cost = float(fixed @ gram @ fixed - linear @ np.linalg.solve(square, linear))
+        best = min(best, (cost, seconds, float(heading)))
+    return best
+
+
+def _refined(above: Array, below: BSpline, time: Array, seconds: float, heading: float) -> LinkDelay | None:
+    """Gauss–Newton over delay, heading and both arms, Cauchy weights; a sigma from blocks as independent as swings."""
+    arms, rate = np.zeros(6), below.derivative()
+    for _ in range(ROUNDS):
+        turned = rotation_z(heading) @ below(time + seconds)
+        by_arms = np.concatenate([above[:, :, 1:], -turned[:, :, 1:]], axis=2)
+        misfit = above[:, :, 0] - turned[:, :, 0] + by_arms @ arms
+        at = np.concatenate([[1.0], arms[3:]])
+        by_seconds, by_heading = -(rotation_z(heading) @ rate(time + seconds)) @ at, -(turned @ at) @ _TURN.T
+        slopes = np.concatenate([by_seconds[..., None], by_heading[..., None], by_arms], axis=2)
+        square = np.sum(misfit**2, axis=1)
+        scale = max(float(np.median(square)) / 2.37, 0.05)  # 2.37: the median of chi square with three degrees
+        weight = 1 / (1 + square / (4 * scale))
+        prior = np.r_[0, 0, np.full(6, scale / ARM_SIGMA**2)]
+        hessian = np.einsum("tik,t,til->kl", slopes, weight, slopes) + np.diag(prior + 1e-9)
+        scores = np.einsum("tik,t,ti->tk", slopes, weight, misfit)
+        step = -np.linalg.solve(hessian, scores.sum(axis=0) + prior * np.r_[0, 0, arms])
+        seconds += float(np.clip(step[0], -0.03, 0.03))
+        heading, arms = heading + float(step[1]), arms + step[2:]
+        if abs(seconds) > STARTS[-1] + STEP:
+            return None
+    block = ((time - time[0]) / BLOCK).astype(int)
+    sums = np.stack([np.bincount(block, column) for column in scores.T], axis=1)
+    spread = np.linalg.solve(hessian, sums.T)[0]
+    joint = np.sum((above[:, :, 0] + above[:, :, 1:] @ arms[:3]) ** 2, axis=1)
+    if weight @ square > POOR * (weight @ joint):
+        return None
+    return LinkDelay(seconds, float(np.linalg.norm(spread)))
+
+
+LIMBS = ("knee", "ankle", "foot", "elbow", "wrist", "hand")  # what the lower bone of a link within a limb is called
+
+
+@dataclass(frozen=True)
+class SensorClockSettings:
+    """How sensors whose clocks are off their fellows' are looked for, and what is done about them."""
+
+    check: bool = True  # off: clocks agree, whatever the motion says
+    correct: bool = True  # off: delays are told, and left
+    least: float = 0.024  # s: as much as sensors in step have seemed apart, for soft tissue follows the bone
+    deviations: NotNegative = 4.0  # standard deviations that a delay is off nought by
+    # s, of what skin and muscle delay: sensors in step (MTw) seem up to 10 ms apart across knees, ankles and elbows …
+    limb_sigma: float = 0.0055
+    trunk_sigma: float = 0.009  # … and up to 23 ms across hips, shoulders and the spine.
+    seconds: float = 40.0  # looked at, from the middle: some twenty strides
+
+
+@dataclass(frozen=True)
+class SensorDelay:
+    """A sensor whose samples are late (early if below nought).
+
+    Attributes:
+        sensor: its number.
+        seconds, sigma: how late.
+        rival: another one that may be the one off instead, by as much the other way; None if there is none.
+    """
+
+    sensor: int
+    seconds: float
+    sigma: float
+    rival: int | None = None
+
+
+def sensor_delays(
+    streams: Sequence[ImuStream], bones: Sequence[int], links: Sequence[Link], settings: SensorClockSettings
+) -> tuple[SensorDelay, ...]:
+    """The sensors that are off; fewer than half of all, since most are taken to be right.
+
+    Args:
+        streams: of ``S`` sensors.
+        bones: ``S`` numbers.
+        links: of the sensor tree; those between sensors with a free limb in between say nothing.
+        settings: of the search.
+    """
+    start, end = max(one.time[0] for one in streams), min(one.time[-1] for one in streams)
+    spare = max(end - start - settings.seconds, 0.0) / 2
+    signals = [joint_signal(one.cut(start + spare, end - spare)) if end > start else None for one in streams]
+    ends, delay, sigma = [], [], []
+    for link in links:
+        parent, child = signals[link.parent], signals[link.child]
+        if link.p_parent is None or parent is None or child is None:
+            continue
+        found = link_delay(parent, child)
+        if found is not None:
+            ends.append((link.parent, link.child))
+            delay.append(found.seconds)
+            limb = JOINT_NAMES[bones[link.child]].endswith(LIMBS)
+            sigma.append(np.hypot(found.sigma, settings.limb_sigma if limb else settings.trunk_sigma))
+    return fewest_delays(len(streams), ends, np.array(delay), np.array(sigma), settings)
+
+
+def fewest_delays(
+    sensors: int, ends: Sequence[tuple[int, int]], delay: Array, sigma: Array, settings: SensorClockSettings
+) -> tuple[SensorDelay, ...]:
+    """One sensor after the other is let off, that which explains most, as long as it explains enough.
+
+    Args:
+        sensors: how many there are.
+        ends: parent and child of ``L`` links.
+        delay, sigma: ``(L,)`` seconds, of the child against the parent.
+        settings: of the search.
+    """
+    if not len(delay):
+        return ()
+    rows = np.zeros((len(ends), sensors))
+    for row, (parent, child) in enumerate(ends):
+        rows[row, [parent, child]] = -1, 1
+    rows, wanted, enough = rows / sigma[:, None], delay / sigma, settings.deviations**2
+    late: list[int] = []
+    rivals: dict[int, int | None] = {}
+    while len(late) + 1 < sensors / 2 or (sensors == 2 and not late):
+        cost = {s: _cost(rows[:, [*late, s]], wanted) for s in range(sensors) if s not in late and np.any(rows[:, s])}
+        if not cost:
+            break
+        best, *others = sorted(cost, key=lambda s: cost[s])
+        if _cost(rows[:, late], wanted) - cost[best] < enough:
+            break
+        late.append(best)
+        rivals[best] = next((s for s in others[:1] if cost[s] - cost[best] < enough / 4), None)
+    return _significant_delays(late, rivals, rows, wanted, settings)
+
+
+def _significant_delays(
+    late: Sequence[int], rivals: Mapping[int, int | None], rows: Array, wanted: Array, settings: SensorClockSettings
+) -> tuple[SensorDelay, ...]:
+    if not late:
+        return ()
+    information = rows[:, late].T @ rows[:, late]
+    seconds = np.linalg.solve(information, rows[:, late].T @ wanted)
+    sigma = np.sqrt(np.diag(np.linalg.inv(information)))
+    found = (SensorDelay(s, float(a), float(b), rivals[s]) for s, a, b in zip(late, seconds, sigma, strict=True))
+    return tuple(
+        one for one in found if abs(one.seconds) > max(settings.least, settings.deviations * one.sigma)
+    )  # fmt: skip
+
+
+def _cost(rows: Array, wanted: Array) -> float:
+    if rows.shape[1] == 0:
+        return float(wanted @ wanted)
+    solution = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+    return float(np.sum((wanted - rows @ solution) ** 2))
+
+
+STANDARD_GRAVITY = 9.81
+STILL_TURN, STILL_CHANGE, STILL_S = 0.3, 0.5, 0.5  # rad/s; m/s² about the mean; s on end
+LEAST_RANGE = 15.0  # m/s²: accelerometers of bodies measure 2 g at least, and what rests at 1 g is constant too
+SAME = 1e-3  # of the range: a clipped axis repeats one number; converting from its own unit rounds the last digit
+
+
+@dataclass(frozen=True)
+class AccelerometerSettings:
+    """What accelerometers are looked over for, and what is done."""
+
+    check: bool = True  # off: they are taken as they are
+    # Of gravity, told from here on and corrected: sound ones are off by up to 1.5 %, some by 3 where nobody calibrated.
+    scale_error: float = 0.04
+    deviations: NotNegative = 4.0  # standard deviations that a scale is off one by
+    # m/s that a sensor's vertical speed may differ between start and end: with it gravity is weighed in motion, over
+    # the whole recording.
+    speed_change: float = 2.0
+    # Of gravity, least standard deviation: zero offsets are as much, and no scale.
+    least_sigma: float = 0.005
+    clipped_samples: int = 2  # on end at either end of the range, which no motion does by itself
+    clipped_runs: NotNegativeInt = 2  # of those: once may be chance
+
+
+@dataclass(frozen=True)
+class AccelerometerScale:
+    """What gravity measures, of what it is, and the standard deviation of that."""
+
+    scale: float
+    sigma: float
+
+
+def accelerometer_scale(stream: ImuStream, settings: AccelerometerSettings) -> AccelerometerScale | None:
+    """From the mean specific force along the vertical: over a long time nobody accelerates.
+
+    Up and down cancel out, so no rest is needed: on a treadmill there may be none. None without orientation.
+    """
+    if stream.specific_force is None or stream.R_inertial_sensor is None or len(stream) < 2:
+        return None
+    vertical = np.einsum("nj,nj->n", stream.R_inertial_sensor[:, 2], stream.specific_force)
+    step = np.diff(stream.time)
+    measured = step < 2 / stream.rate  # lost samples say nothing
+    seconds = float(step[measured].sum())
+    if seconds <= 0:
+        return None
+    mean = float(np.sum((step * (vertical[1:] + vertical[:-1]) / 2)[measured]) / seconds)
+    return AccelerometerScale(
+        mean / STANDARD_GRAVITY,
+        float(np.hypot(settings.speed_change / (seconds * STANDARD_GRAVITY), settings.least_sigma)),
+    )
+
+
+def range_ends(stream: ImuStream, settings: AccelerometerSettings) -> tuple[tuple[int, float], ...]:
+    """Axes and values at which an accelerometer's range ends: extremes that repeat themselves, time and again."""
+    if stream.specific_force is None:
+        return ()
+    largest = float(np.max(np.abs(stream.specific_force)))
+    return tuple(
+        (number, end)
+        for number, axis in enumerate(stream.specific_force.T)
+        for end in sorted({float(axis.max()), float(axis.min())})
+        if abs(end) > LEAST_RANGE
+        and abs(end) > 0.9 * largest
+        and len(_runs(axis, end, settings)) >= settings.clipped_runs
+    )
+
+
+def clipped_samples(
+    stream: ImuStream, ends: Sequence[tuple[int, float]], settings: AccelerometerSettings
+) -> np.ndarray:
+    """Which samples ``(N,)`` stand at one of the ends of the range for as long as no motion does by itself."""
+    clipped = np.zeros(len(stream), bool)
+    if stream.specific_force is None:
+        return clipped
+    for number, end in ends:
+        for first, last in _runs(stream.specific_force[:, number], end, settings):
+            clipped[first:last] = True
+    return clipped
+
+
+def _runs(axis: Array, end: float, settings: AccelerometerSettings) -> list[tuple[int, int]]:
+    """First sample and the one after the last of each run at an end of the range."""
+    at_end = np.abs(axis - end) < SAME * abs(end)
+    edges = np.flatnonzero(np.diff(np.r_[0, at_end.astype(int), 0]))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= settings.clipped_samples]

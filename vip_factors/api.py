@@ -43,9 +43,9 @@ def read_estimate(path: StrPath) -> Estimate:
     Raises:
         InputError, FileFormatError, OSError: if it cannot be read.
     """
-    from vip_factors.io.mcap_scene_estimate import read_scene_estimate
+    from vip_factors.io import mcap_estimate
 
-    return read_scene_estimate(path)
+    return mcap_estimate.read_estimate(path)
 
 
 def write(content: Recording | Scene | WearerEstimate | Estimate, path: StrPath, overwrite: bool = False) -> Path:
@@ -57,13 +57,13 @@ def write(content: Recording | Scene | WearerEstimate | Estimate, path: StrPath,
     Raises:
         InputError: if the file exists and may not be replaced.
     """
+    from vip_factors.io.mcap_estimate_writer import write_estimate
     from vip_factors.io.mcap_recording import write_scene
-    from vip_factors.io.mcap_scene_estimate import write_scene_estimate
 
     if isinstance(content, Recording | Scene):
         write_scene(_scene(content), path, overwrite=overwrite)
     else:
-        write_scene_estimate(_scene_estimate(content), path, overwrite=overwrite)
+        write_estimate(_estimate(content), path, overwrite=overwrite)
     return Path(path)
 
 
@@ -155,7 +155,7 @@ def evaluate(estimate: WearerEstimate | Estimate, truth: Recording | Scene) -> S
     """
     from vip_factors.evaluate.evaluation import evaluate_scene
 
-    return evaluate_scene(_scene_estimate(estimate), _scene(truth))
+    return evaluate_scene(_estimate(estimate), _scene(truth))
 
 
 def export(
@@ -180,14 +180,12 @@ def export(
     """
     from vip_factors.io.export.files import export as export_file
 
-    return export_file(_scene_estimate(estimate), Path(path), settings or ExportSettings(), overwrite)
+    return export_file(_estimate(estimate), Path(path), settings or ExportSettings(), overwrite)
 
 
 def _scene(recording: Recording | Scene) -> Scene:
     return recording if isinstance(recording, Scene) else Scene(recording.name, (recording,))
 
 
-def _scene_estimate(estimate: WearerEstimate | Estimate) -> Estimate:
-    if isinstance(estimate, Estimate):
-        return estimate
-    return Estimate(estimate.name, estimate.method, (estimate,), findings=estimate.findings, settings=estimate.settings)
+def _estimate(estimate: WearerEstimate | Estimate) -> Estimate:
+    return estimate if isinstance(estimate, Estimate) else Estimate.of_one(estimate)

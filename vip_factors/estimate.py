@@ -1,13 +1,14 @@
 """What the estimators return: motion, calibration, how sure they are, and how the solve went. Plain data."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from vip_factors.body.hinges import HingeEstimate
 from vip_factors.body.kinematics import Motion
+from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.camera_model import CameraModel, VideoClock
@@ -55,6 +56,10 @@ class PoseCovariance:
 
     joints: Array
     root: Array
+
+    def frames(self, which: slice | np.ndarray) -> "PoseCovariance":
+        """The covariance at some frames."""
+        return PoseCovariance(self.joints[which], self.root[which])
 
     @property
     def joint_sigma(self) -> Array:
@@ -149,7 +154,7 @@ class StartChoice:
 
 @dataclass(frozen=True)
 class WearerEstimate:
-    """A reconstructed recording.
+    """What was reconstructed of one wearer.
 
     Attributes:
         name: of the recording it was made from.
@@ -182,57 +187,14 @@ class WearerEstimate:
     findings: tuple[str, ...] = ()
     start: StartChoice | None = None
 
-
-@dataclass(frozen=True)
-class EstimatePart:
-    """Some consecutive frames of an estimate that is made part by part.
-
-    Attributes:
-        first: number of the first of them.
-        motion, covariance, residuals: as of a :class:`WearerEstimate`.
-        reports: of the solves that made them.
-    """
-
-    first: int
-    motion: Motion
-    covariance: PoseCovariance | None = None
-    residuals: Mapping[str, Array] = field(default_factory=dict)
-    reports: tuple[SolveReport, ...] = ()
-
-
-@dataclass(frozen=True)
-class LongEstimate:
-    """An estimate that need not be in memory at once.
-
-    Attributes:
-        head: all but the frames: its motion has none, its residuals no rows.
-        frames: how many there will be.
-        parts: in the order of time, made as they are asked for, once.
-    """
-
-    head: WearerEstimate
-    frames: int
-    parts: Iterator[EstimatePart]
-
-    def whole(self) -> WearerEstimate:
-        """All parts together, in memory."""
-        parts = list(self.parts)
-        R, p = (np.concatenate([getattr(one.motion, name) for one in parts]) for name in _POSES)
-        covariances = [one.covariance for one in parts if one.covariance is not None]
+    def frames(self, which: slice) -> "WearerEstimate":
+        """The estimate of some consecutive frames; what all frames share is as it was."""
         return replace(
-            self.head,
-            motion=replace(self.head.motion, R_parent_child=R, p_world_pelvis=p),
-            covariance=PoseCovariance(
-                np.concatenate([one.joints for one in covariances]), np.concatenate([one.root for one in covariances])
-            )
-            if len(covariances) == len(parts)
-            else None,
-            residuals={kind: np.concatenate([one.residuals[kind] for one in parts]) for kind in self.head.residuals},
-            reports=(*self.head.reports, *(report for one in parts for report in one.reports)),
+            self,
+            motion=self.motion.frames(which),
+            covariance=None if self.covariance is None else self.covariance.frames(which),
+            residuals={kind: values[which] for kind, values in self.residuals.items()},
         )
-
-
-_POSES = ("R_parent_child", "p_world_pelvis")
 
 
 @dataclass(frozen=True)
@@ -262,6 +224,24 @@ class CameraEstimate:
     time_drift: float = 0.0
     clock_sigma: tuple[float, float] | None = None
 
+    def frames(self, which: slice) -> "CameraEstimate":
+        """The estimate at some consecutive frames; a camera that stands still has its one pose."""
+        path, covariance, residual = self.path, self.covariance, self.residual_px
+        moves = len(path) > 1
+        return replace(
+            self,
+            path=path.frames(which) if moves else path,
+            covariance=covariance[which] if moves and covariance is not None else covariance,
+            residual_px=None if residual is None else residual[which],
+        )
+
+    @property
+    def start(self) -> "CameraEstimate":
+        """The estimate without its frames: the path's first pose."""
+        residual = self.residual_px
+        none = None if residual is None else residual[:0]
+        return replace(self, path=self.path.frames(slice(0, 1)), covariance=None, residual_px=none)
+
     @property
     def clock(self) -> VideoClock:
         """What lies between the video's clock and the IMUs'."""
@@ -270,13 +250,13 @@ class CameraEstimate:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A reconstructed scene: all wearers in one world.
+    """What was reconstructed of one wearer or several, in one world if a camera saw them.
 
     Attributes:
-        name: of the scene.
+        name: of the recording.
         method: name of the variant (``"VIP"``, ``"SIP"`` …).
-        wearers: one estimate each, in the scene's order.
-        camera: if the scene had one.
+        wearers: one estimate each, in the recording's order.
+        camera: if there was one.
         wearer_of_detection: ``(N,)`` index of the wearer that each detection was given to, −1 for nobody.
         reports: of the solves over all wearers, in order.
         findings: sentences about what is odd or not determined: to be shown to the user.
@@ -296,69 +276,110 @@ class Estimate:
     detector: DetectorEstimate | None = None
     association: tuple[str, ...] = ()
 
+    @classmethod
+    def of_one(cls, wearer: WearerEstimate) -> "Estimate":
+        """The estimate of one wearer whom no camera saw."""
+        return cls(wearer.name, wearer.method, (wearer,), findings=wearer.findings, settings=wearer.settings)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it says nothing beyond the estimate of its only wearer."""
+        if len(self.wearers) != 1 or self.camera is not None or self.detector is not None:
+            return False
+        own, plain = (
+            (one.name, one.method, one.findings, dict(one.settings)) for one in (self, Estimate.of_one(self.wearers[0]))
+        )
+        return own == plain and not (self.reports or self.association or len(self.wearer_of_detection))
+
+    @property
+    def only_wearer(self) -> WearerEstimate:
+        """The wearer's estimate.
+
+        Raises:
+            InputError: if there are several.
+        """
+        if len(self.wearers) != 1:
+            names = ", ".join(f"'{one.motion.name}'" for one in self.wearers) or "none"
+            raise InputError(f"estimate '{self.name}' has {len(self.wearers)} wearers ({names}): expected one")
+        return self.wearers[0]
+
 
 @dataclass(frozen=True)
-class ScenePart:
-    """Some consecutive frames of a scene's estimate that is made part by part.
-
-    Attributes:
-        first: number of the first of them.
-        wearers: of each, in the scene's order.
-        camera: at these frames; of one that stands still, with its one pose. None if it is nowhere.
-        wearer_of_detection: ``(N,)`` of the detections that follow those of the part before.
-        reports: of the solves that made them.
-    """
-
-    first: int
-    wearers: tuple[EstimatePart, ...]
-    camera: CameraEstimate | None
-    wearer_of_detection: np.ndarray
-    reports: tuple[SolveReport, ...] = ()
-
-
-@dataclass(frozen=True)
-class LongSceneEstimate:
-    """The estimate of a filmed scene that need not be in memory at once.
+class EstimateChunks:
+    """An estimate of any length, which need not be in memory at once.
 
     Attributes:
         head: all but the frames: its wearers' motions have none, and its camera's path is the first pose.
-        camera_moves: whether the camera has a pose for each frame.
-        frames: how many there will be.
-        parts: in the order of time, made as they are asked for, once.
-        closed: the head, with what is known of the whole once all parts were made: findings, headings over time, who is
-            who.
+        frames: how many each wearer will have.
+        camera_poses: how many the camera will have: one if it stands still.
+        chunks: estimates of consecutive frames in the order of time, made as they are asked for, once. Their reports
+            are of the solves that made them; their detections follow those of the chunk before.
+        closed: makes the head with what is known of the whole once all chunks were made (findings, headings over time,
+            who is who); None if the head has that already.
     """
 
     head: Estimate
-    camera_moves: bool
-    frames: int
-    parts: Iterator[ScenePart]
-    closed: Callable[[], Estimate]
+    frames: tuple[int, ...]
+    chunks: Iterator[Estimate]
+    camera_poses: int = 1
+    closed: Callable[[], Estimate] | None = None
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> "EstimateChunks":
+        """A whole estimate as one chunk."""
+        wearers, camera, none = estimate.wearers, estimate.camera, slice(0, 0)
+        without = tuple(replace(one, reports=()) for one in wearers)
+        return cls(
+            replace(
+                estimate,
+                wearers=tuple(one.frames(none) for one in wearers),
+                camera=None if camera is None else camera.start,
+            ),
+            tuple(len(one.motion) for one in wearers),
+            iter([replace(estimate, wearers=without, reports=())]),
+            1 if camera is None else len(camera.path),
+        )
 
     def whole(self) -> Estimate:
-        """All parts together, in memory."""
-        parts = list(self.parts)
-        head = self.closed()
-        wearers = tuple(
-            LongEstimate(one, self.frames, iter([part.wearers[number] for part in parts])).whole()
-            for number, one in enumerate(head.wearers)
+        """All chunks together, in memory."""
+        chunks = list(self.chunks)
+        head = self.closed() if self.closed is not None else self.head
+        cameras = [one.camera for one in chunks if one.camera is not None]
+        return replace(
+            head,
+            wearers=tuple(
+                _joined_wearer(*own) for own in zip(head.wearers, *(one.wearers for one in chunks), strict=True)
+            ),
+            camera=None if head.camera is None else _joined_camera(head.camera, cameras),
+            reports=(*head.reports, *(report for one in chunks for report in one.reports)),
         )
-        reports = (*head.reports, *(report for part in parts for report in part.reports))
-        cameras = [part.camera for part in parts if part.camera is not None]
-        camera = _whole_camera(cameras) if len(cameras) == len(parts) else None
-        return replace(head, wearers=wearers, camera=camera, reports=reports)
 
 
-def _whole_camera(parts: list[CameraEstimate]) -> CameraEstimate:
-    first = parts[0]
-    paths, covariances = [one.path for one in parts], [one.covariance for one in parts if one.covariance is not None]
-    moves = any(len(one) > 1 for one in paths)
-    residuals = [one.residual_px for one in parts if one.residual_px is not None]
+def _joined_wearer(head: WearerEstimate, *chunks: WearerEstimate) -> WearerEstimate:
+    R, p = (
+        np.concatenate([getattr(one.motion, name) for one in chunks]) for name in ("R_parent_child", "p_world_pelvis")
+    )
+    covariances = [one.covariance for one in chunks if one.covariance is not None]
+    known = len(covariances) == len(chunks)
+    joints, root = ([getattr(one, name) for one in covariances] for name in ("joints", "root"))
     return replace(
-        first,
-        path=CameraPath(
-            *(np.concatenate([getattr(one, name) for one in paths]) for name in vars(first.path))
-        ) if moves else first.path,
-        covariance=np.concatenate(covariances) if moves and len(covariances) == len(parts) else first.covariance,
-        residual_px=np.concatenate(residuals) if len(residuals) == len(parts) else None,
-    )  # fmt: skip
+        head,
+        motion=replace(head.motion, R_parent_child=R, p_world_pelvis=p),
+        covariance=PoseCovariance(np.concatenate(joints), np.concatenate(root)) if known else None,
+        residuals={kind: np.concatenate([one.residuals[kind] for one in chunks]) for kind in head.residuals},
+        reports=(*head.reports, *(report for one in chunks for report in one.reports)),
+    )
+
+
+def _joined_camera(head: CameraEstimate, chunks: Sequence[CameraEstimate]) -> CameraEstimate:
+    paths = [one.path for one in chunks]
+    covariances = [one.covariance for one in chunks if one.covariance is not None]
+    residuals = [one.residual_px for one in chunks if one.residual_px is not None]
+    moves = any(len(one) > 1 for one in paths)
+    together = [np.concatenate([getattr(one, name) for one in paths]) for name in vars(head.path)]
+    return replace(
+        head,
+        path=CameraPath(*together) if moves else paths[0],
+        covariance=np.concatenate(covariances) if moves and len(covariances) == len(chunks) else chunks[0].covariance,
+        residual_px=np.concatenate(residuals) if len(residuals) == len(chunks) else None,
+    )

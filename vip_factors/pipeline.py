@@ -5,12 +5,13 @@ And with cameras: scene → inertial trackers → association → video-inertial
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import zip_longest
 
 from threadpoolctl import threadpool_limits
 
 from vip_factors.assembly.objective import WearerObjective
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, LongEstimate, LongSceneEstimate, PoseCovariance, WearerEstimate
+from vip_factors.estimate import Estimate, EstimateChunks, PoseCovariance, WearerEstimate
 from vip_factors.factor_graph.extra import ExtraFactors, UserTerms
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
@@ -81,9 +82,7 @@ def smooth(
         SolveError: if the problem is not determined.
     """
     if extra_factors is None and recording.placed and is_long(RecordingInMemory(recording).interval, settings):
-        return smooth_windows(
-            RecordingInMemory(recording), settings, progress or (lambda stage, fraction: None)
-        ).whole()
+        return smooth_long(recording.name, [RecordingInMemory(recording)], settings, progress).whole().only_wearer
     solver = _solver(settings, settings.solve, progress, extra_factors)
     coarse = settings.coarse_factor if settings.acceleration else 1
     recording, about_sensors = checked(recording, settings)
@@ -163,10 +162,10 @@ def smooth_scene(
 
 def smooth_long(
     name: str, wearers: Sequence[SampledRecording], settings: Settings = DEFAULT, progress: Progress | None = None
-) -> tuple[Estimate, tuple[LongEstimate, ...]]:
+) -> EstimateChunks:
     """Reconstruct wearers whom no camera sees, whose recordings need not fit into memory.
 
-    Every wearer's calibration is found now; windows are solved as the parts of the estimates are asked for.
+    Every wearer's calibration is found now; windows are solved as the chunks of the estimate are asked for.
 
     Args:
         name: of the scene.
@@ -174,28 +173,39 @@ def smooth_long(
         settings: of all rooms.
         progress: called with the name of the stage and the fraction of it done.
 
-    Returns:
-        The scene without its wearers, and the wearers' estimates.
-
     Raises:
         InputError, RecordingError: for recordings that cannot be used.
         SolveError: if the problem is not determined.
     """
     tell = progress or (lambda stage, fraction: None)
-    estimates = tuple(smooth_windows(one, settings, tell) for one in wearers)
-    findings = tuple(sentence for one in estimates for sentence in one.head.findings)
-    if len(estimates) > 1:
-        findings = (*findings, UNPLACED)
-    method = estimates[0].head.method
-    return Estimate(name, method, (), findings=findings, settings=flatten(settings)), estimates
+    return _side_by_side(name, [smooth_windows(one, settings, tell) for one in wearers])
+
+
+def _side_by_side(name: str, each: Sequence[EstimateChunks]) -> EstimateChunks:
+    """Estimates of wearers who have no world in common, as one."""
+    heads = [one.head.only_wearer for one in each]
+    head = replace(each[0].head, name=name, wearers=tuple(heads), findings=_unplaced(heads))
+    ended = [Estimate.of_one(replace(one, reports=())) for one in heads]
+
+    def chunks() -> Iterator[Estimate]:
+        for own in zip_longest(*(one.chunks for one in each)):
+            wearers = [(chunk or last).only_wearer for chunk, last in zip(own, ended, strict=True)]
+            yield replace(head, wearers=tuple(wearers))
+
+    return EstimateChunks(head, tuple(one.frames[0] for one in each), chunks())
+
+
+def _unplaced(wearers: Sequence[WearerEstimate]) -> tuple[str, ...]:
+    """Findings on wearers who have no world in common."""
+    return (*(sentence for one in wearers for sentence in one.findings), *([UNPLACED] if len(wearers) > 1 else []))
 
 
 def smooth_long_scene(
     source: LongScene, settings: Settings = DEFAULT, progress: Progress | None = None
-) -> LongSceneEstimate | None:
+) -> EstimateChunks | None:
     """Reconstruct a scene with a camera that need not fit into memory, window by window.
 
-    What all frames share is found now; windows are solved as the parts of the estimate are asked for.
+    What all frames share is found now; windows are solved as the chunks of the estimate are asked for.
 
     Args:
         source: the scene.
@@ -239,9 +249,7 @@ def _inertial(
             "extra factors among several wearers need a camera that sees them: else each is in a world of its own"
         )
     estimates = tuple(smooth(wearer, settings, progress, extra_factors) for wearer in scene.wearers)
-    findings = (*findings, *(sentence for one in estimates for sentence in one.findings))
-    if len(estimates) > 1:
-        findings = (*findings, UNPLACED)
+    findings = (*findings, *_unplaced(estimates))
     return Estimate(scene.name, estimates[0].method, estimates, findings=findings, settings=flatten(settings))
 
 

@@ -31,7 +31,7 @@ def test_simulated_recording_is_what_was_asked_for(files) -> None:
 
 
 def test_smooth_writes_beside_the_recording_with_its_settings(files) -> None:
-    estimate = read_estimate(files.estimate)
+    estimate = read_estimate(files.estimate).only_wearer
     assert estimate.motion.rate == pytest.approx(20.0)
     assert estimate.settings["solve.max_iterations"] == "3"
     assert set(estimate.calibration) == set(estimate.sensors)
@@ -71,7 +71,7 @@ def test_settings_file_and_options_over_it(run, files, tmp_path: Path) -> None:
         "smooth", files.recording, "--out", tmp_path / "e.mcap", "--settings", settings, "--solve.max-iterations", "1"
     )
     assert told.code == 0, told.err
-    estimate = read_estimate(tmp_path / "e.mcap")
+    estimate = read_estimate(tmp_path / "e.mcap").only_wearer
     assert estimate.method == "SOP"
     assert estimate.motion.rate == pytest.approx(10.0)
     assert estimate.settings["solve.max_iterations"] == "1"

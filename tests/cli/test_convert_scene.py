@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from vip_factors.body.keypoints import KEYPOINT_SETS
+from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_recording import read_recording, read_scene, write_recording
-from vip_factors.io.mcap_scene_estimate import write_scene_estimate
 
 
 @pytest.fixture
@@ -82,14 +82,14 @@ def test_info_on_the_estimate_of_a_scene(run, files, tmp_path: Path) -> None:
     from vip_factors.sensors.camera_model import CameraModel
     from vip_factors.sensors.camera_path import CameraPath
 
-    one = read_estimate(files.estimate)
+    one = read_estimate(files.estimate).only_wearer
     T = len(one.motion)
     path = CameraPath(one.motion.time, np.tile(np.eye(3), (T, 1, 1)), np.linspace(0, 1, T)[:, None] * [3.0, 0, 0])
     model = CameraModel(640, 480, (500.0, 500.0), (320.0, 240.0))
     covariance = np.tile(np.eye(6) * 1e-4, (T, 1, 1))
     camera = CameraEstimate("phone", model, path, None, covariance, np.full((T, 1), 2.5))
     estimate = Estimate("walk", "VIP", (one,), camera, np.array([0, 0, -1]), (), ("the floor is wet",))
-    write_scene_estimate(estimate, tmp_path / "e.mcap")
+    write_estimate(estimate, tmp_path / "e.mcap")
     told = run("info", tmp_path / "e.mcap")
     assert told.code == 0, told.err
     for words in (

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from scene_sample import estimate_of, scene_sample
 
+from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_recording import write_scene
-from vip_factors.io.mcap_scene_estimate import write_scene_estimate
 from vip_factors.io.motions.bvh import read_bvh
 
 
@@ -16,7 +16,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """With a recording and its estimate."""
     folder, scene = tmp_path_factory.mktemp("export"), scene_sample(0.2)
     write_scene(scene, folder / "scene.mcap")
-    write_scene_estimate(estimate_of(scene), folder / "scene.estimate.mcap")
+    write_estimate(estimate_of(scene), folder / "scene.estimate.mcap")
     return folder
 
 

@@ -29,7 +29,7 @@ def test_windows_make_one_estimate(run, files, tmp_path: Path) -> None:
     out = tmp_path / "e.mcap"
     told = run("smooth", files.recording, "--out", out, *WINDOWS)
     assert told.code == 0, told.err
-    estimate, recording = read_estimate(out), read_recording(files.recording)
+    estimate, recording = read_estimate(out).only_wearer, read_recording(files.recording)
     windows = {one.stage for one in estimate.reports if one.stage.startswith("sparse inertial poser")}
     assert windows == {f"sparse inertial poser, window {number}" for number in (1, 2, 3, 4)}
     first, last = RecordingInMemory(recording).interval
@@ -102,7 +102,7 @@ def test_a_session_in_two_files_is_one_recording(run, files, tmp_path: Path) -> 
     told = run("smooth", paths[1], paths[0], "--out", tmp_path / "e.mcap", *settings)
     assert told.code == 0, told.err
     first, last = RecordingInMemory(recording).interval
-    estimate = read_estimate(tmp_path / "e.mcap")
+    estimate = read_estimate(tmp_path / "e.mcap").only_wearer
     assert estimate.motion.start == first
     assert len(estimate.motion) == int((last - first) * 20 + 1e-6) + 1
     told = run("convert", paths[0], tmp_path / "all.mcap", "--then", paths[1])

@@ -78,7 +78,7 @@ def test_info_tells_sites_and_mountings_with_their_sigmas(run, files) -> None:
 
 def test_calibrations_without_bones_are_read(files) -> None:
     """As files of older versions have them."""
-    calibration = read_estimate(files.estimate).calibration
+    calibration = read_estimate(files.estimate).only_wearer.calibration
     assert {one.bone for one in calibration.values()} > {"head", "pelvis"}
     message = calibration_message(calibration)
     for one in message.sensors:
@@ -133,4 +133,4 @@ def test_smooth_says_what_to_do_next_to_a_person_alone(
 def test_the_same_readers_still_read(files) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert read_estimate(files.estimate).name == read_recording(files.recording).name == "walk"
+        assert read_estimate(files.estimate).only_wearer.name == read_recording(files.recording).name == "walk"

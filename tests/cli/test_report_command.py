@@ -6,8 +6,8 @@ import pytest
 from scene_sample import estimate_of, scene_sample
 
 from vip_factors.cli.main import main
+from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_recording import write_scene
-from vip_factors.io.mcap_scene_estimate import write_scene_estimate
 
 
 @pytest.fixture(scope="module")
@@ -16,8 +16,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
     scene = scene_sample(0.2)
     write_scene(scene, folder / "scene.mcap")
-    write_scene_estimate(estimate_of(scene), folder / "scene.estimate.mcap")
-    write_scene_estimate(estimate_of(scene), folder / "both.mcap", append_to=folder / "scene.mcap")
+    write_estimate(estimate_of(scene), folder / "scene.estimate.mcap")
+    write_estimate(estimate_of(scene), folder / "both.mcap", append_to=folder / "scene.mcap")
     return folder
 
 

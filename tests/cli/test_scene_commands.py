@@ -9,8 +9,8 @@ import pytest
 from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.cli.files import open_one
+from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_recording import write_scene
-from vip_factors.io.mcap_scene_estimate import write_scene_estimate
 from vip_factors.sensors.scene import Scene
 
 
@@ -20,7 +20,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = scene_sample(0.5)
     write_scene(scene, folder / "scene.mcap")
     for name, error in (("vip", Injected(yaw=1.0, apart_m=0.05)), ("other", Injected(heading=0.3))):
-        write_scene_estimate(estimate_of(scene, error), folder / f"{name}.mcap")
+        write_estimate(estimate_of(scene, error), folder / f"{name}.mcap")
     bare = replace(scene, truth=None, wearers=tuple(replace(one, truth=None) for one in scene.wearers))
     write_scene(bare, folder / "bare.mcap")
     write_scene(Scene("alone", scene.wearers[:1]), folder / "alone.mcap")
@@ -90,7 +90,7 @@ def test_a_scene_of_one_wearer_without_a_camera_is_a_recording(folder: Path) -> 
 def test_one_wearer_without_a_camera_goes_all_ways(run: Callable, folder: Path, tmp_path: Path) -> None:
     whole = estimate_of(scene_sample(0.5))
     single = replace(whole, wearers=whole.wearers[:1], camera=None, wearer_of_detection=whole.wearer_of_detection[:0])
-    write_scene_estimate(single, tmp_path / "single.mcap")
+    write_estimate(single, tmp_path / "single.mcap")
     done = run("evaluate", tmp_path / "single.mcap", "--truth", folder / "alone.mcap")
     assert done.code == 0, done.err
     assert "| heading_error_feet_hands |" in done.out

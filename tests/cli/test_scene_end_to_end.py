@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from vip_factors.cli.main import main
+from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_recording import read_scene, write_scene
-from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.sensors.scene import Scene
 
 QUICK = ("--frame-rate", "15", "--fusion.rounds", "1", "--solve.max-iterations", "3")
@@ -58,7 +58,7 @@ def test_the_camera_can_be_left_out(run: Callable, filmed: Path, tmp_path: Path)
     told = run("smooth", filmed, "--out", made, "--fusion.no-use-camera", *QUICK)
     assert told.code == 0, told.err
     assert "SIP, " in told.out
-    assert read_scene_estimate(made).camera is None
+    assert read_estimate(made).camera is None
 
 
 def test_findings_are_told_as_notes(run: Callable, filmed: Path, tmp_path: Path) -> None:

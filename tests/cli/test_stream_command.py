@@ -20,9 +20,9 @@ from vip_factors.cli.main import main
 from vip_factors.cli.stream_session import Interrupts, Session, status, summary
 from vip_factors.cli.terminal import StatusLine
 from vip_factors.evaluate.evaluation import evaluate_scene
+from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_scene
-from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveLoss, live_samples
 from vip_factors.viz.live_rerun import LiveRerunSink
@@ -54,7 +54,7 @@ def test_a_recording_is_played_into_all_sinks(run: Callable, scene: Path, tmp_pa
     assert f"{FRAMES} frames; update: median 5.0 ms" in told[1]
     assert told[2:] == [str(out), str(rrd)]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["e.mcap", "e.rrd"]
-    estimate = read_scene_estimate(out)
+    estimate = read_estimate(out)
     assert estimate.settings["lag_s"] == "0.25"
     assert len(estimate.wearers) == 2
     evaluation = run("evaluate", out, "--truth", scene)
@@ -92,7 +92,7 @@ def test_settings_come_from_a_file_and_options_win(run: Callable, scene: Path, t
     out = tmp_path / "e.mcap"
     done = run("stream", scene, "--settings", tmp_path / "s.toml", "--lag", "0.1", "--out", out)
     assert done.code == 0, done.err
-    settings = read_scene_estimate(out).settings
+    settings = read_estimate(out).settings
     assert (settings["lag_s"], settings["start_s"], settings["walk.heading_deg"]) == ("0.1", "2.0", "0.7")
     (tmp_path / "bad.toml").write_text("lagg_s = 0.5\n")
     done = run("stream", scene, "--settings", tmp_path / "bad.toml")
@@ -146,7 +146,7 @@ def test_what_goes_wrong_within_leaves_a_partial_file(
         run("stream", scene, "--out", tmp_path / "e.mcap")
     assert (tmp_path / "e.partial.mcap").exists()
     assert not (tmp_path / "e.mcap").exists()
-    assert len(read_scene_estimate(tmp_path / "e.partial.mcap").wearers) == 2
+    assert len(read_estimate(tmp_path / "e.partial.mcap").wearers) == 2
 
 
 def start(scene: Path, *arguments: object) -> subprocess.Popen:
@@ -169,7 +169,7 @@ def test_ctrl_c_and_sigterm_end_the_stream_in_order(tmp_path: Path, number: sign
     assert len(lines) < 250
     assert "frames; update" in told
     assert "Traceback" not in told
-    estimate = read_scene_estimate(out)
+    estimate = read_estimate(out)
     assert len(estimate.wearers[0].motion) == len(lines) - 15
     assert sorted(path.name for path in tmp_path.iterdir()) == ["e.mcap", "e.rrd", "scene.mcap"]
 
@@ -184,7 +184,7 @@ def test_nobody_reads_the_lines_any_more(tmp_path: Path) -> None:
     assert process.wait(60) == 0, told
     assert "Traceback" not in told
     assert "Exception ignored" not in told
-    assert len(read_scene_estimate(tmp_path / "e.mcap").wearers) == 2
+    assert len(read_estimate(tmp_path / "e.mcap").wearers) == 2
 
 
 def test_a_killed_stream_leaves_what_it_had(tmp_path: Path) -> None:
@@ -195,7 +195,7 @@ def test_a_killed_stream_leaves_what_it_had(tmp_path: Path) -> None:
     process.kill()
     process.communicate()
     with pytest.warns(McapWarning, match="cut off"):
-        estimate = read_scene_estimate(tmp_path / "e.partial.mcap")
+        estimate = read_estimate(tmp_path / "e.partial.mcap")
     assert len(estimate.wearers[0].motion) >= 90 - 15 - 32
 
 
@@ -231,7 +231,7 @@ def test_a_full_disk_is_told_with_the_file(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "e.mcap").exists()
     with pytest.warns(McapWarning, match="cut off"):
-        assert len(read_scene_estimate(partial).wearers) == 2
+        assert len(read_estimate(partial).wearers) == 2
 
 
 @pytest.mark.usefixtures("stubbed")
@@ -355,7 +355,7 @@ def test_the_real_tracker_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert [line["frame"] for line in lines] == list(range(len(lines)))
     assert len(lines) > 3 * 30
     assert lines[-1]["wearers"][0]["smoothed"] is not None
-    estimate, scene = read_scene_estimate(out), read_scene(recording)
+    estimate, scene = read_estimate(out), read_scene(recording)
     assert len(estimate.wearers[0].motion) > 2.7 * 30
     metrics = evaluate_scene(estimate, scene).wearers[scene.wearers[0].subject.name].metrics
     assert metrics["mpjpe"].value < 150.0

@@ -11,7 +11,7 @@ from scene_sample import estimate_of, scene_sample
 from vip_factors.errors import InputError
 from vip_factors.io.calibration_history import read_calibration_history
 from vip_factors.io.live_mcap import LiveMcapSink
-from vip_factors.io.mcap_scene_estimate import write_scene_estimate
+from vip_factors.io.mcap_estimate_writer import write_estimate
 
 
 def test_headings_come_back_with_the_times_at_which_they_were_believed(tmp_path: Path) -> None:
@@ -35,7 +35,7 @@ def test_headings_come_back_with_the_times_at_which_they_were_believed(tmp_path:
 
 def test_an_estimate_of_the_whole_has_one_entry(tmp_path: Path) -> None:
     scene = scene_sample(0.2)
-    write_scene_estimate(estimate_of(scene), tmp_path / "e.mcap")
+    write_estimate(estimate_of(scene), tmp_path / "e.mcap")
     histories = read_calibration_history(tmp_path / "e.mcap")
     assert [len(times) for times, _ in histories] == [1, 1]
     with pytest.raises(InputError):

@@ -19,7 +19,6 @@ from vip_factors.io.live_mcap import LIVE_CAMERA, LIVE_UPDATE, LiveMcapSink
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_messages import of_topic
 from vip_factors.io.mcap_reader import McapWarning, read_contents
-from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraPose
 from vip_factors.io.schemas.live_update_pb2 import LiveUpdate
@@ -43,7 +42,7 @@ def test_the_smoothed_poses_are_an_estimate_of_the_scene(tmp_path: Path) -> None
     assert [path.name for path in tmp_path.iterdir()] == ["e.mcap"]
     with warnings.catch_warnings():
         warnings.simplefilter("error", McapWarning)
-        read = read_scene_estimate(tmp_path / "e.mcap")
+        read = read_estimate(tmp_path / "e.mcap")
     assert read.name == scene.name
     assert read.settings == {"live.lag": "0.25"}
     assert read.findings == ("the stream has begun",)
@@ -82,10 +81,10 @@ def test_one_wearer_is_read_as_a_plain_estimate_too(tmp_path: Path) -> None:
     scene = live_scene(0.6, 1, filmed=False)
     given = list(answers(scene, covariance=False))
     write(scene, tmp_path / "e.mcap", given)
-    alone = read_estimate(tmp_path / "e.mcap")
+    alone = read_estimate(tmp_path / "e.mcap").only_wearer
     assert len(alone.motion) == len(given) - LAG
     assert alone.covariance is None
-    assert read_scene_estimate(tmp_path / "e.mcap").camera is None
+    assert read_estimate(tmp_path / "e.mcap").camera is None
 
 
 WRITER = """
@@ -111,7 +110,7 @@ def test_a_killed_process_leaves_what_it_had(tmp_path: Path) -> None:
     writer.communicate()
     assert [path.name for path in tmp_path.iterdir()] == ["e.partial.mcap"]
     with pytest.warns(McapWarning, match="cut off"):
-        read = read_scene_estimate(tmp_path / "e.partial.mcap")
+        read = read_estimate(tmp_path / "e.partial.mcap")
     for one in read.wearers:  # half a second may be lost
         assert 100 - LAG - 30 <= len(one.motion) <= 101 - LAG
         assert one.calibration
@@ -131,7 +130,7 @@ def test_a_cut_anywhere_loses_only_what_follows(tmp_path: Path) -> None:
     for share in (0.6, 0.8, 0.95):
         (tmp_path / "cut.mcap").write_bytes(whole[: int(share * len(whole))])
         with pytest.warns(McapWarning):
-            lengths.append(len(read_estimate(tmp_path / "cut.mcap").motion))
+            lengths.append(len(read_estimate(tmp_path / "cut.mcap").only_wearer.motion))
     assert 0 < lengths[0] < lengths[1] < lengths[2]
 
 
@@ -162,7 +161,7 @@ def test_after_an_error_the_name_says_that_it_is_not_whole(tmp_path: Path) -> No
     with pytest.raises(ZeroDivisionError):
         broken()
     assert [path.name for path in tmp_path.iterdir()] == ["e.partial.mcap"]
-    assert len(read_scene_estimate(tmp_path / "e.partial.mcap").wearers) == 2
+    assert len(read_estimate(tmp_path / "e.partial.mcap").wearers) == 2
 
 
 def test_existing_files_stay(tmp_path: Path) -> None:
@@ -190,7 +189,7 @@ def test_a_stream_without_smoothed_poses_says_so(tmp_path: Path) -> None:
     scene = live_scene(0.1)
     write(scene, tmp_path / "e.mcap", list(answers(scene)))
     with pytest.raises(FileFormatError, match="live/update"):
-        read_scene_estimate(tmp_path / "e.mcap")
+        read_estimate(tmp_path / "e.mcap")
 
 
 def test_a_wearer_who_begins_later_or_misses_frames(tmp_path: Path) -> None:
@@ -206,14 +205,14 @@ def test_a_wearer_who_begins_later_or_misses_frames(tmp_path: Path) -> None:
             ann = replace(ann, smoothed=given[-1].wearers[0].smoothed)  # said twice
         given.append(replace(one, wearers=(ann, bob)))
     write(scene, tmp_path / "e.mcap", given)
-    ann, bob = read_scene_estimate(tmp_path / "e.mcap").wearers
+    ann, bob = read_estimate(tmp_path / "e.mcap").wearers
     assert bob.motion.start == pytest.approx(10 / 60)
     assert len(ann.motion) == len(given) - LAG
     truth = truth_of(scene, 0).p_world_pelvis
     np.testing.assert_array_equal(ann.motion.p_world_pelvis[24], truth[24])
     np.testing.assert_array_equal(ann.motion.p_world_pelvis[25:28], truth[[24] * 3])  # held
     np.testing.assert_array_equal(ann.motion.p_world_pelvis[30:], truth[30 : len(ann.motion)])
-    findings = read_scene_estimate(tmp_path / "e.mcap").findings
+    findings = read_estimate(tmp_path / "e.mcap").findings
     assert any("ann: 3 frames are missing" in one for one in findings)
 
 
@@ -223,4 +222,4 @@ def test_a_camera_known_to_stand_still_has_one_pose(tmp_path: Path) -> None:
     known = CameraPath(first.time[:1], first.R_world_camera[:1], first.p_world_camera[:1])
     scene = replace(scene, camera=replace(scene.camera, moving=False, known_path=known))
     write(scene, tmp_path / "e.mcap", list(answers(scene)))
-    assert len(read_scene_estimate(tmp_path / "e.mcap").camera.path) == 1
+    assert len(read_estimate(tmp_path / "e.mcap").camera.path) == 1

@@ -16,8 +16,9 @@ from mcap_samples import assert_same, calibration, estimates, motion, walk
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.cli.info_text import estimate_text
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import SolveReport, StartChoice, WearerEstimate
-from vip_factors.io.mcap_estimate import read_estimate, write_estimate
+from vip_factors.estimate import Estimate, SolveReport, StartChoice, WearerEstimate
+from vip_factors.io.mcap_estimate import read_estimate
+from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_recording, write_recording
 
@@ -38,18 +39,18 @@ def test_round_trip_is_lossless_and_silent(tmp_path_factory: pytest.TempPathFact
     path = tmp_path_factory.mktemp("mcap") / "e.mcap"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        write_estimate(estimate, path)
-        assert_same(estimate, read_estimate(path))
+        write_estimate(Estimate.of_one(estimate), path)
+        assert_same(estimate, read_estimate(path).only_wearer)
 
 
 def test_appended_to_its_recording_both_are_whole(tmp_path: Path) -> None:
     recording, estimate = walk(), example()
     write_recording(recording, tmp_path / "r.mcap")
-    write_estimate(estimate, tmp_path / "both.mcap", append_to=tmp_path / "r.mcap")
+    write_estimate(Estimate.of_one(estimate), tmp_path / "both.mcap", append_to=tmp_path / "r.mcap")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert_same(recording, read_recording(tmp_path / "both.mcap"))
-        assert_same(estimate, read_estimate(tmp_path / "both.mcap"))
+        assert_same(estimate, read_estimate(tmp_path / "both.mcap").only_wearer)
 
 
 def test_appending_in_place_replaces_an_earlier_estimate_and_keeps_everything_else(tmp_path: Path) -> None:
@@ -63,8 +64,8 @@ def test_appending_in_place_replaces_an_earlier_estimate_and_keeps_everything_el
         writer.add_metadata("who", {"name": "Ada"})
         writer.finish()
     for method in ("IT", "SIP"):
-        write_estimate(replace(example(), method=method), path, overwrite=True, append_to=path)
-    assert_same(replace(example(), method="SIP"), read_estimate(path))
+        write_estimate(Estimate.of_one(replace(example(), method=method)), path, overwrite=True, append_to=path)
+    assert_same(replace(example(), method="SIP"), read_estimate(path).only_wearer)
     with open(path, "rb") as file:
         reader = make_reader(file)
         [(_, camera, message)] = reader.iter_messages("/camera")
@@ -84,14 +85,14 @@ def test_a_damaged_recording_is_not_replaced(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-3000])
     before = path.read_bytes()
     with pytest.warns(McapWarning, match="cut"), pytest.raises(FileFormatError, match="write to another file"):
-        write_estimate(example(), path, overwrite=True, append_to=path)
+        write_estimate(Estimate.of_one(example()), path, overwrite=True, append_to=path)
     assert path.read_bytes() == before
 
 
 def test_viewers_get_transforms_that_chain_to_every_joint(tmp_path: Path) -> None:
     pytest.importorskip("foxglove_schemas_protobuf")
     estimate = replace(example(), motion=replace(motion(np.random.default_rng(1), 8), rate=60.0))
-    write_estimate(replace(estimate, residuals={}), tmp_path / "e.mcap", scene=True)
+    write_estimate(Estimate.of_one(replace(estimate, residuals={})), tmp_path / "e.mcap", scene=True)
     with open(tmp_path / "e.mcap", "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         frames = [m for *_, m in reader.iter_decoded_messages("/estimate/tf")]
@@ -126,14 +127,14 @@ def test_a_scene_is_left_out_without_foxglove_messages_unless_it_was_asked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "foxglove_schemas_protobuf", None)
-    write_estimate(example(3), tmp_path / "e.mcap")
+    write_estimate(Estimate.of_one(example(3)), tmp_path / "e.mcap")
     with pytest.raises(InputError, match="pip install foxglove-schemas-protobuf"):
-        write_estimate(example(3), tmp_path / "scene.mcap", scene=True)
+        write_estimate(Estimate.of_one(example(3)), tmp_path / "scene.mcap", scene=True)
     assert [path.name for path in tmp_path.iterdir()] == ["e.mcap"]
 
 
 def test_without_a_scene_only_our_messages_are_written(tmp_path: Path) -> None:
-    write_estimate(example(), tmp_path / "e.mcap", scene=False)
+    write_estimate(Estimate.of_one(example()), tmp_path / "e.mcap", scene=False)
     with open(tmp_path / "e.mcap", "rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
@@ -143,11 +144,11 @@ def test_without_a_scene_only_our_messages_are_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
 def test_of_a_cut_estimate_the_first_frames_are_read(tmp_path: Path, share: float) -> None:
     path, estimate = tmp_path / "e.mcap", example(600)
-    write_estimate(estimate, path)
+    write_estimate(Estimate.of_one(estimate), path)
     data = path.read_bytes()
     path.write_bytes(data[: int(share * len(data))])
     with pytest.warns(McapWarning, match="frames are left"):
-        read = read_estimate(path)
+        read = read_estimate(path).only_wearer
     T = len(read.motion)
     assert 0.8 * share * 600 < T < 600
     np.testing.assert_array_equal(read.motion.p_world_pelvis, estimate.motion.p_world_pelvis[:T])
@@ -159,7 +160,7 @@ def test_of_a_cut_estimate_the_first_frames_are_read(tmp_path: Path, share: floa
 
 def test_a_recording_is_no_estimate_and_the_other_way_round(tmp_path: Path) -> None:
     write_recording(walk(5), tmp_path / "r.mcap")
-    write_estimate(example(3), tmp_path / "e.mcap")
+    write_estimate(Estimate.of_one(example(3)), tmp_path / "e.mcap")
     with pytest.raises(FileFormatError, match="is a recording: expected an estimate"):
         read_estimate(tmp_path / "r.mcap")
     with pytest.raises(FileFormatError, match="is an estimate: expected a recording"):
@@ -169,22 +170,22 @@ def test_a_recording_is_no_estimate_and_the_other_way_round(tmp_path: Path) -> N
 def test_residuals_of_another_shape_are_refused_before_anything_is_written(tmp_path: Path) -> None:
     wrong = replace(example(), residuals={"orientation_deg": np.zeros((60, 3))})
     with pytest.raises(InputError, match=r"orientation_deg.*\(60, 3\).*\(60, 2\)"):
-        write_estimate(wrong, tmp_path / "e.mcap")
+        write_estimate(Estimate.of_one(wrong), tmp_path / "e.mcap")
     assert not list(tmp_path.iterdir())
 
 
 def test_an_existing_file_is_refused(tmp_path: Path) -> None:
-    write_estimate(example(3), tmp_path / "e.mcap")
+    write_estimate(Estimate.of_one(example(3)), tmp_path / "e.mcap")
     with pytest.raises(InputError, match="exists already"):
-        write_estimate(example(3), tmp_path / "e.mcap")
+        write_estimate(Estimate.of_one(example(3)), tmp_path / "e.mcap")
 
 
 @pytest.mark.parametrize("margin", [1.5, np.inf])
 def test_findings_and_the_choice_of_the_start_come_back(tmp_path: Path, margin: float) -> None:
     choice = StartChoice("sensors sit as placed", "frames agree" if margin < 2 else "", margin, ("head",))
     estimate = replace(example(), findings=("one thing", "another"), start=choice)
-    write_estimate(estimate, tmp_path / "e.mcap")
-    assert_same(estimate, read_estimate(tmp_path / "e.mcap"))
+    write_estimate(Estimate.of_one(estimate), tmp_path / "e.mcap")
+    assert_same(estimate, read_estimate(tmp_path / "e.mcap").only_wearer)
     told = estimate_text(estimate)
     assert "  finding: another" in told
     assert "  start: sensors sit as placed" in told

@@ -13,11 +13,11 @@ from scene_sample import estimate_of, scene_sample
 
 from vip_factors import pipeline
 from vip_factors.cli.main import main
-from vip_factors.estimate import CameraEstimate, Estimate, LongSceneEstimate, PoseCovariance, ScenePart
+from vip_factors.estimate import CameraEstimate, Estimate, EstimateChunks, PoseCovariance
 from vip_factors.geometry.rotations import angle_between, rotation_z
 from vip_factors.initialise.start_candidates import StartSettings
+from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_recording import write_scene
-from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.pipeline import smooth_scene
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.sensors.camera_path import CameraPath
@@ -26,7 +26,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CalibrationSettings, FusionSettings, Settings, WindowSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.scene_calibration import Headings
-from vip_factors.stages.scene_window_join import moved, parts_of
+from vip_factors.stages.scene_window_join import chunks_of, moved
 from vip_factors.stages.scene_window_solve import SceneWindow
 from vip_factors.stages.scene_windowed import GatheredFindings, smooth_scene_windows
 from vip_factors.stages.solver import Progress
@@ -84,7 +84,7 @@ def test_a_carried_camera_that_loses_everybody_from_file_to_file(
     recording, out = tmp_path / "scene.mcap", tmp_path / "estimate.mcap"
     write_scene(scene, recording)
     assert main(["smooth", str(recording), "--out", str(out), *OPTIONS]) == 0
-    estimate = read_scene_estimate(out)
+    estimate = read_estimate(out)
     assert f"VIP, anna: {len(estimate.wearers[0].motion)} frames at 5 Hz" in capsys.readouterr().out
     assert [one.name for one in estimate.wearers] == ["anna", "ben"]
     assert estimate.camera is not None
@@ -110,19 +110,19 @@ def at_10_hz(scene: Scene) -> Scene:
     return replace(scene, camera=replace(camera, detections=detections), truth=truth)
 
 
-def lightly(source: LongScene, settings: Settings, progress: Progress) -> LongSceneEstimate | None:
-    """Windows, of which no more is in memory while parts are made than a few solutions, and no problem."""
+def lightly(source: LongScene, settings: Settings, progress: Progress) -> EstimateChunks | None:
+    """Windows, of which no more is in memory while chunks are made than a few solutions, and no problem."""
 
-    def watched(parts: Iterator[ScenePart]) -> Iterator[ScenePart]:
+    def watched(chunks: Iterator[Estimate]) -> Iterator[Estimate]:
         others = Counter(type(one) for one in gc.get_objects())
-        for part in parts:
+        for chunk in chunks:
             kinds = Counter(type(one) for one in gc.get_objects())
             assert kinds[SceneWindow] <= others[SceneWindow] + 4
             assert kinds[SceneProblem] <= others[SceneProblem] + 2
-            yield part
+            yield chunk
 
     estimate = smooth_scene_windows(source, settings, progress)
-    return None if estimate is None else replace(estimate, parts=watched(estimate.parts))
+    return None if estimate is None else replace(estimate, chunks=watched(estimate.chunks))
 
 
 def root_relative(estimate: Estimate, scene: Scene) -> np.ndarray:
@@ -155,22 +155,20 @@ def test_worlds_are_joined_exactly() -> None:
         yaw, shift = 0.7 * number, np.array([3.0 * number, -number, 0.0])
         window = window_of(truth, span, path, yaw, shift)
         windows.append(window if not windows else moved(window, windows[-1], True))
-    parts = list(parts_of(iter(windows)))
-    assert [part.first for part in parts] == [0, *np.cumsum([len(part.wearers[0].motion) for part in parts])[:-1]]
+    chunks = list(chunks_of(iter(windows), truth))
+    first = [0, *np.cumsum([len(chunk.wearers[0].motion) for chunk in chunks])[:-1]]
     for number, motion in enumerate(motions):
-        found = [part.wearers[number].motion for part in parts]
+        found = [chunk.wearers[number].motion for chunk in chunks]
         for name in ("R_parent_child", "p_world_pelvis"):
             together = np.concatenate([getattr(one, name) for one in found])
             np.testing.assert_allclose(together, getattr(motion, name), atol=1e-9)
-        assert [one.start for one in found] == pytest.approx(
-            [motion.start + part.first / motion.rate for part in parts]
-        )
-    cameras = [part.camera for part in parts]
+        assert [one.start for one in found] == pytest.approx([motion.start + one / motion.rate for one in first])
+    cameras = [chunk.camera for chunk in chunks]
     np.testing.assert_allclose(
         np.concatenate([one.path.p_world_camera for one in cameras if one]), path.p_world_camera, atol=1e-9
     )
-    np.testing.assert_array_equal(np.concatenate([part.wearer_of_detection for part in parts]), np.arange(T) % 3 - 1)
-    root = np.concatenate([part.wearers[0].covariance.root[:, 0, 0] for part in parts])
+    np.testing.assert_array_equal(np.concatenate([chunk.wearer_of_detection for chunk in chunks]), np.arange(T) % 3 - 1)
+    root = np.concatenate([chunk.wearers[0].covariance.root[:, 0, 0] for chunk in chunks])
     assert np.all(np.diff(root) >= -1e-12)  # as unsure as the windows before were
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, RecordingError
-from vip_factors.estimate import LongEstimate, PoseCovariance, WearerEstimate
+from vip_factors.estimate import Estimate, EstimateChunks, PoseCovariance, WearerEstimate
 from vip_factors.geometry.rotations import angle_between, exp
 from vip_factors.initialise.sensor_faults import SensorClockSettings
 from vip_factors.initialise.start_candidates import StartSettings
@@ -67,10 +67,8 @@ def test_windows_agree_with_one_window_of_all(recording: Recording) -> None:
                 found, source, WindowPlan.of(source.interval, one), one, lambda number: Solver(settings.solve, tell)
             )
         )
-        head = motion_of(found.model, found.state).frames(slice(0, 0))
-        parts = list(joined(iter(windows), found.model, head))
-        assert [part.first for part in parts] == [0, *np.cumsum([len(part.motion) for part in parts])[:-1]]
-        solved.append(LongEstimate(empty(head), plan.frames, iter(parts)).whole())
+        head = empty(motion_of(found.model, found.state).frames(slice(0, 0)))
+        solved.append(together(head, list(joined(iter(windows), found.model, head))))
     whole, estimate = solved
     assert len(estimate.motion) == len(whole.motion) == plan.frames
     off = np.rad2deg(angle_between(estimate.motion.R_parent_child, whole.motion.R_parent_child))
@@ -105,18 +103,23 @@ def test_what_is_joined_is_where_it_was_and_as_sure() -> None:
         covariance = PoseCovariance(np.ones((len(own), 24, 3, 3)), own * walked + height)
         residuals = {"orientation_deg": np.arange(span.start, span.stop, dtype=float)[:, None]}
         windows.append(SolvedWindow(span, state, covariance, residuals))
-    head = Motion(skeleton, np.zeros((0, 24, 3, 3)), np.zeros((0, 3)), 10.0, start=2.0)
+    motion = Motion(skeleton, np.zeros((0, 24, 3, 3)), np.zeros((0, 3)), 10.0, start=2.0)
+    head = WearerEstimate("e", "SIP", motion, {}, residuals={"orientation_deg": np.zeros(0)})
     model = SimpleNamespace(has_floor=True)
-    parts = list(joined(iter(windows), model, head))  # type: ignore[arg-type]
-    assert [part.motion.start for part in parts] == pytest.approx([2.0 + part.first / 10 for part in parts])
-    whole = LongEstimate(
-        WearerEstimate("e", "SIP", head, {}, residuals={"orientation_deg": np.zeros(0)}), T, iter(parts)
-    ).whole()
+    chunks = list(joined(iter(windows), model, head))  # type: ignore[arg-type]
+    first = [0, *np.cumsum([len(chunk.motion) for chunk in chunks])[:-1]]
+    assert [chunk.motion.start for chunk in chunks] == pytest.approx([2.0 + one / 10 for one in first])
+    whole = together(head, chunks)
     np.testing.assert_allclose(whole.motion.R_parent_child, truth.R_parent_child, atol=1e-12)
     np.testing.assert_allclose(whole.motion.p_world_pelvis, truth.p_world_pelvis, atol=1e-12)
     np.testing.assert_array_equal(whole.residuals["orientation_deg"][:, 0], np.arange(T))
     assert whole.covariance is not None
     np.testing.assert_allclose(whole.covariance.root, np.arange(T)[:, None, None] * walked + height, atol=1e-9)
+
+
+def together(head: WearerEstimate, chunks: list[WearerEstimate]) -> WearerEstimate:
+    frames = sum(len(chunk.motion) for chunk in chunks)
+    return EstimateChunks(Estimate.of_one(head), (frames,), map(Estimate.of_one, chunks)).whole().only_wearer
 
 
 def empty(head: Motion) -> WearerEstimate:
@@ -126,11 +129,12 @@ def empty(head: Motion) -> WearerEstimate:
 
 
 def peak_of(recording: Recording, settings: Settings) -> tuple[int, int]:
-    """Bytes that Python held at most while the parts of an estimate were made and dropped, and their frames."""
+    """Bytes that Python held at most while the chunks of an estimate were made and dropped, and their frames."""
     gc.collect()
     tracemalloc.start()
     try:
-        frames = sum(len(part.motion) for part in smooth_windows(RecordingInMemory(recording), settings, tell).parts)
+        chunks = smooth_windows(RecordingInMemory(recording), settings, tell).chunks
+        frames = sum(len(chunk.only_wearer.motion) for chunk in chunks)
         return tracemalloc.get_traced_memory()[1], frames
     finally:
         tracemalloc.stop()
@@ -219,7 +223,7 @@ def test_a_pause_of_all_sensors_and_headings_that_drift() -> None:
     motion = gestures(14.0)
     recording = simulate_recording(motion, preset("sip6", motion.skeleton))
     imus = {name: _without(stream, 4.0, 10.5) for name, stream in recording.imus.items()}
-    estimate = smooth_windows(RecordingInMemory(replace(recording, imus=imus)), settings, tell).whole()
+    estimate = smooth_windows(RecordingInMemory(replace(recording, imus=imus)), settings, tell).whole().only_wearer
     assert np.all(np.isfinite(estimate.motion.R_parent_child))
     assert np.linalg.norm(np.diff(estimate.motion.p_world_pelvis, axis=0), axis=1).max() < 0.5
     silent = np.isnan(estimate.residuals["orientation_deg"]).all(axis=1)

@@ -16,7 +16,7 @@ from tests.studies.study import MB, Study, Tell, table
 from vip_factors.atomic import atomic_open
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import exp
-from vip_factors.io.mcap_long_estimate import write_long_estimate
+from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_recording import IMU, recording_messages
 from vip_factors.io.mcap_sampled import open_sampled
 from vip_factors.io.mcap_samples import sample_messages
@@ -128,8 +128,8 @@ def smoothed(recording: Path, estimate: Path) -> LongRun:
     before, begin, cpu = peak_memory(), perf_counter(), process_time()
     sampled = open_sampled(recording)
     assert sampled is not None
-    scene, estimates = smooth_long(sampled.name, sampled.wearers)
-    write_long_estimate(scene, estimates, estimate)
+    chunks = smooth_long(sampled.name, sampled.wearers)
+    write_estimate(chunks, estimate)
     seconds, cpu_seconds = perf_counter() - begin, process_time() - cpu
     sizes = (path.stat().st_size for path in (recording, estimate))
-    return LongRun(estimates[0].frames, seconds, cpu_seconds, before, peak_memory(), *sizes)
+    return LongRun(chunks.frames[0], seconds, cpu_seconds, before, peak_memory(), *sizes)

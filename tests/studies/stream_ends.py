@@ -20,9 +20,9 @@ from tests.studies.study import Fixed, Study, Tell, bullets
 from vip_factors.atomic import partial_path
 from vip_factors.body.kinematics import Motion
 from vip_factors.io.live_mcap import FLUSH_S, LiveMcapSink
+from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import write_scene
-from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.live import LiveSetup
@@ -173,7 +173,7 @@ def _readable_until(path: Path) -> float | None:
 def _readable(path: Path) -> Motion:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", McapWarning)  # that it was cut off: it was
-        return read_scene_estimate(path).wearers[0].motion
+        return read_estimate(path).wearers[0].motion
 
 
 @dataclass(frozen=True, kw_only=True)

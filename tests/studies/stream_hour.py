@@ -22,7 +22,7 @@ from tests.studies.study import MB, NAN, Tell, bullets, table
 from vip_factors.atomic import partial_path
 from vip_factors.cli.options import Flag
 from vip_factors.errors import RecordingError
-from vip_factors.io.mcap_scene_estimate import read_scene_estimate
+from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.sensors.live import LiveSample, LiveSetup
@@ -169,7 +169,7 @@ def whole_stream(
             code = program.end()
             if watch.has_answers:
                 yield watch.end_part(trials.seconds, folder)
-        estimate = read_scene_estimate(folder / ESTIMATE).wearers[0].motion
+        estimate = read_estimate(folder / ESTIMATE).wearers[0].motion
         duration, rerun = (len(estimate) - 1) / estimate.rate, is_whole(folder / RERUN)
         yield WholeEnd(program.latest_s, code, duration, rerun, tuple(watch.said))
 

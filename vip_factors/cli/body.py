@@ -63,10 +63,10 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 
 
 def _wearer(options: BodyOptions) -> "WearerEstimate":
-    from vip_factors.io.mcap_scene_estimate import read_scene_estimate
+    from vip_factors.io.mcap_estimate import read_estimate
     from vip_factors.io.toml_values import nearest
 
-    wearers = {one.motion.name: one for one in read_scene_estimate(options.estimate).wearers}
+    wearers = {one.motion.name: one for one in read_estimate(options.estimate).wearers}
     if options.wearer is None and len(wearers) > 1:
         raise InputError(f"{options.estimate} holds {', '.join(wearers)}: say whose body is wanted with --wearer")
     name = next(iter(wearers)) if options.wearer is None else options.wearer

@@ -39,14 +39,14 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.cli.options import keep_inputs
     from vip_factors.cli.terminal import waiting
     from vip_factors.io.export.files import export, export_format
-    from vip_factors.io.mcap_scene_estimate import read_scene_estimate
+    from vip_factors.io.mcap_estimate import read_estimate
 
     source, *targets = options.files
     keep_inputs([source], targets)
     for target in targets:
         export_format(target)
     with waiting(f"reading {source.name}"):
-        estimate = read_scene_estimate(source)
+        estimate = read_estimate(source)
     for target in targets:
         with waiting(f"writing {target.name}"):
             written = export(estimate, target, options.settings, options.overwrite)

@@ -111,7 +111,7 @@ def _open_mcap(path: Path) -> Opened:
     if not estimated:
         return Opened(recording=read_recording(path))
     recording = read_recording(path) if "/recording/info" in measured else None
-    return Opened(recording=recording, estimate=read_estimate(path))
+    return Opened(recording=recording, estimate=read_estimate(path).only_wearer)
 
 
 # What only scenes and their estimates have among their topics.
@@ -120,10 +120,10 @@ _SCENE = ("/scene/", "/camera/", "/estimate/scene/")
 
 def _open_scene(path: Path, measured: bool, estimated: bool) -> Opened:
     """A scene of one wearer without a camera is opened as the plain recording that it is."""
+    from vip_factors.io.mcap_estimate import read_estimate
     from vip_factors.io.mcap_recording import read_scene
-    from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 
-    estimate = read_scene_estimate(path) if estimated else None
+    estimate = read_estimate(path) if estimated else None
     scene = read_scene(path) if measured else None
     if scene is not None and scene.camera is None and len(scene.wearers) == 1:
         return Opened(recording=scene.wearers[0], scene_estimate=estimate)

@@ -47,11 +47,11 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{out}: expected a name that ends in .html")
     check_target(out, options.overwrite)
-    from vip_factors.io.mcap_scene_estimate import read_scene_estimate
+    from vip_factors.io.mcap_estimate import read_estimate
 
     with progress_bar() as tell:
         tell("reading", 0.0)
-        estimate = read_scene_estimate(options.estimate)
+        estimate = read_estimate(options.estimate)
         scene = _scene(options.recording) if options.recording is not None else _own_scene(options.estimate)
         truth = _scene(options.truth) if options.truth is not None else None
         from vip_factors.report.page import write_report  # late: what cannot be read is told at once

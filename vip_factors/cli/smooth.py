@@ -17,7 +17,7 @@ from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
-    from vip_factors.estimate import Estimate, EstimatePart, LongEstimate, ScenePart
+    from vip_factors.estimate import Estimate, EstimateChunks
     from vip_factors.io.mcap_sampled import SampledScene
     from vip_factors.settings import Settings
 
@@ -67,13 +67,12 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     if sampled is not None and _smooth_filmed_windows(sampled, options, settings, out):
         return
     scene = read_scenes(options.recording)
+    from vip_factors.estimate import EstimateChunks
     from vip_factors.pipeline import smooth_scene
 
     with progress_bar() as tell:
         estimate = smooth_scene(scene, settings, tell)
-    _write(estimate, out, options.overwrite, scene.wearers[0].start_ns)
-    _tell(estimate)
-    _tell_file(out, options)
+    _write(EstimateChunks.of(estimate), scene.wearers[0].start_ns, options, out)
 
 
 def _in_windows(paths: Sequence[Path], settings: "Settings") -> "SampledScene | None":
@@ -97,98 +96,61 @@ def _smooth_windows(
 ) -> None:
     """Each wearer by the sensors alone; ``findings`` are told beside those of the estimates."""
     from vip_factors.cli.terminal import progress_bar
-    from vip_factors.io.mcap_long_estimate import write_long_estimate
     from vip_factors.pipeline import smooth_long
 
     with progress_bar() as tell:
-        scene, estimates = smooth_long(sampled.name, sampled.wearers, settings, tell)
-        counted = [_Counted(one) for one in estimates]
-        longs = [one.estimate for one in counted]
-        scene = replace(scene, findings=(*findings, *scene.findings))
-        write_long_estimate(scene, longs, out, options.overwrite, sampled.wearers[0].head.start_ns)
-    for one in counted:
-        head = one.estimate.head
-        print(
-            f"{head.method}, {head.name}: {one.estimate.frames} frames at {head.motion.rate:g} Hz from "
-            f"{len(head.sensors)} sensors"
-        )
-    print(f"{sum(one.seconds for one in counted):.1f} s of solving")
-    for finding in scene.findings:
-        print(f"note: {finding}")
-    _tell_file(out, options)
+        estimate = smooth_long(sampled.name, sampled.wearers, settings, tell)
+        head = replace(estimate.head, findings=(*findings, *estimate.head.findings))
+        _write(replace(estimate, head=head), sampled.wearers[0].head.start_ns, options, out)
 
 
 def _smooth_filmed_windows(sampled: "SampledScene", options: SmoothOptions, settings: "Settings", out: Path) -> bool:
     """Whether it was done: what cannot be read by time, or is short, is to be read at once."""
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.io.mcap_long_scene import filmed_scene
-    from vip_factors.io.mcap_long_scene_estimate import write_long_scene_estimate
     from vip_factors.pipeline import UNSEEN, covered, is_long, smooth_long_scene
 
-    source, seconds = filmed_scene(sampled), list[float]()
+    source = filmed_scene(sampled)
     if source is None or not is_long(covered(source), settings):
         return False
     with progress_bar() as tell:
         estimate = smooth_long_scene(source, settings, tell)
         if estimate is not None:
-            estimate = replace(estimate, parts=_timed(estimate.parts, seconds))
-            write_long_scene_estimate(estimate, out, options.overwrite, sampled.wearers[0].head.start_ns)
+            _write(estimate, sampled.wearers[0].head.start_ns, options, out)
     if estimate is None:
         _smooth_windows(sampled, options, settings, out, (UNSEEN,))
-    else:
-        _tell(estimate.closed(), estimate.frames, sum(seconds))
-        _tell_file(out, options)
     return True
 
 
-def _timed(parts: "Iterator[ScenePart]", seconds: list[float]) -> "Iterator[ScenePart]":
-    """The parts, and seconds of the solves that made them."""
-    for part in parts:
-        seconds.append(sum(report.seconds for report in part.reports))
-        yield part
+def _write(estimate: "EstimateChunks", start_ns: int, options: SmoothOptions, out: Path) -> None:
+    """The file, chunk by chunk as they are solved; then what it holds, for people, and where it is, for scripts."""
+    from vip_factors.io.mcap_estimate_writer import write_estimate
 
+    seconds = list[float]()
 
-class _Counted:
-    """An estimate whose parts are counted as they go by."""
+    def timed() -> "Iterator[Estimate]":
+        for chunk in estimate.chunks:
+            seconds.append(_solving(chunk))
+            yield chunk
 
-    def __init__(self, estimate: "LongEstimate") -> None:
-        self.seconds = sum(report.seconds for report in estimate.head.reports)
-        self.estimate = replace(estimate, parts=self._passing(estimate.parts))
-
-    def _passing(self, parts: "Iterator[EstimatePart]") -> "Iterator[EstimatePart]":
-        for part in parts:
-            self.seconds += sum(report.seconds for report in part.reports)
-            yield part
-
-
-def _write(estimate: "Estimate", out: Path, overwrite: bool, start_ns: int) -> None:
-    """One wearer without a camera is written as a plain estimate, which more programs know."""
-    from vip_factors.io.mcap_estimate import write_estimate
-    from vip_factors.io.mcap_scene_estimate import write_scene_estimate
-
-    if estimate.camera is None and len(estimate.wearers) == 1:
-        alone = replace(estimate.wearers[0], settings=estimate.settings)
-        write_estimate(alone, out, overwrite=overwrite, start_ns=start_ns)
-    else:
-        write_scene_estimate(estimate, out, overwrite=overwrite, start_ns=start_ns)
-
-
-def _tell(estimate: "Estimate", frames: int | None = None, seconds: float = 0.0) -> None:
-    """Of an estimate, or of one whose ``frames`` are not here and were solved in so many ``seconds`` more."""
-    reports = [*estimate.reports, *(report for wearer in estimate.wearers for report in wearer.reports)]
-    seconds += sum(report.seconds for report in reports)
-    for wearer in estimate.wearers:
-        motion = wearer.motion
-        count = len(motion) if frames is None else frames
-        print(
-            f"{wearer.method}, {wearer.name}: {count} frames at {motion.rate:g} Hz from {len(wearer.sensors)} sensors"
-        )
-    if estimate.camera is not None:
-        given = int((estimate.wearer_of_detection >= 0).sum())
-        print(f"camera: {given} of {len(estimate.wearer_of_detection)} detections are of wearers")
-    print(f"{seconds:.1f} s of solving")
-    for finding in estimate.findings:
+    write_estimate(replace(estimate, chunks=timed()), out, options.overwrite, start_ns=start_ns)
+    head = estimate.head if estimate.closed is None else estimate.closed()
+    for wearer, frames in zip(head.wearers, estimate.frames, strict=True):
+        rate, count = wearer.motion.rate, len(wearer.sensors)
+        print(f"{wearer.method}, {wearer.name}: {frames} frames at {rate:g} Hz from {count} sensors")
+    if head.camera is not None:
+        given = int((head.wearer_of_detection >= 0).sum())
+        print(f"camera: {given} of {len(head.wearer_of_detection)} detections are of wearers")
+    print(f"{_solving(head) + sum(seconds):.1f} s of solving")
+    for finding in head.findings:
         print(f"note: {finding}")
+    _tell_file(out, options)
+
+
+def _solving(estimate: "Estimate") -> float:
+    """Seconds of all its solves."""
+    reports = (*estimate.reports, *(report for wearer in estimate.wearers for report in wearer.reports))
+    return sum(report.seconds for report in reports)
 
 
 def _tell_file(out: Path, options: SmoothOptions) -> None:

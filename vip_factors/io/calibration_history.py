@@ -5,10 +5,9 @@ import os
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.mcap_estimate import CALIBRATION, ESTIMATE, MOTION, POSE, SINGLE
+from vip_factors.io.mcap_estimate import CALIBRATION, ESTIMATE, MOTION, POSE, SCENE_INFO, SINGLE
 from vip_factors.io.mcap_messages import calibration_of, of_topic
 from vip_factors.io.mcap_reader import read_contents
-from vip_factors.io.mcap_scene_estimate import INFO
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
 from vip_factors.io.schemas.scene_estimate_pb2 import SceneEstimateInfo
@@ -24,12 +23,12 @@ def read_calibration_history(path: str | os.PathLike[str]) -> list[CalibrationHi
     Raises:
         InputError, FileFormatError: if the file cannot be read.
     """
-    wanted = (CALIBRATION, POSE, MOTION, INFO)
+    wanted = (CALIBRATION, POSE, MOTION, SCENE_INFO)
     contents = read_contents(
         path, lambda channel: channel.topic.startswith(ESTIMATE) and channel.topic.endswith(wanted)
     )
     messages = {one.channel.topic: one for one in contents.messages.values() if one.data}
-    infos = of_topic(contents.path, list(messages.values()), INFO, SceneEstimateInfo)
+    infos = of_topic(contents.path, list(messages.values()), SCENE_INFO, SceneEstimateInfo)
     histories: list[CalibrationHistory] = []
     for topic in list(infos[-1].wearer_topics) if infos else [SINGLE]:
         said, poses = messages.get(topic + CALIBRATION), messages.get(topic + POSE)

@@ -22,28 +22,24 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.io.mcap_camera import intrinsics_message, path_messages
 from vip_factors.io.mcap_estimate import (
     CALIBRATION,
+    CAMERA_INFO,
+    CAMERA_PATH,
+    CAMERA_POSE,
     INFO,
+    INTRINSICS,
     MOTION,
     POINTS,
     POSE,
     SCENE,
+    SCENE_INFO,
     SINGLE,
     TRANSFORMS,
-    info_message,
+    WEARER,
 )
+from vip_factors.io.mcap_estimate_writer import camera_pose_messages, info_message, scene_info_message
 from vip_factors.io.mcap_messages import calibration_message, motion_message, pose_messages, set_timestamp
 from vip_factors.io.mcap_recording import wearer_topics
 from vip_factors.io.mcap_scene import MODEST_FRAMES, point_messages, scene_wanted, skeleton_scene, transform_messages
-from vip_factors.io.mcap_scene_estimate import (
-    CAMERA_INFO,
-    CAMERA_PATH,
-    CAMERA_POSE,
-    INTRINSICS,
-    WEARER,
-    camera_pose_messages,
-    scene_info_message,
-)
-from vip_factors.io.mcap_scene_estimate import INFO as SCENE_INFO
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo
 from vip_factors.io.schemas.live_update_pb2 import LiveUpdate

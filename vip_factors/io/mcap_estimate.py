@@ -1,162 +1,94 @@
-"""An estimate as an MCAP file of its own, or together with the recording that it was made from."""
+"""An estimate in an MCAP file: what its topics and messages are, and how it is read.
+
+Every wearer has the same topics, below a prefix of their own where there are several. What the estimate is as a whole,
+the camera's and who is who stand beside them; an estimate of one wearer whom no camera saw needs none of that.
+"""
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from vip_factors.atomic import atomic_open, check_target
-from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import Iteration, SolveReport, StartChoice, WearerEstimate
+from vip_factors.errors import FileFormatError
+from vip_factors.estimate import CameraEstimate, Estimate, Iteration, SolveReport, StartChoice, WearerEstimate
+from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
+from vip_factors.io.mcap_camera import intrinsics_of
 from vip_factors.io.mcap_messages import (
-    body_message,
     body_of,
-    calibration_message,
     calibration_of,
+    detector_of,
     is_ours,
-    motion_message,
     motion_of,
     naming,
     of_topic,
-    pose_messages,
-    sensor_places_message,
     sensor_places_of,
-    set_timestamp,
     tell_lost_frames,
     time_ns_of,
+    warn,
 )
 from vip_factors.io.mcap_reader import McapContents, McapMessages, read_contents
-from vip_factors.io.mcap_scene import point_messages, scene_wanted, skeleton_scene, transform_messages
-from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.body_estimate_pb2 import BodyEstimate as BodyEstimateMessage
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
+from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose, CameraResiduals
 from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo
-from vip_factors.io.schemas.estimate_info_pb2 import StartChoice as StartChoiceMessage
+from vip_factors.io.schemas.place_estimates_pb2 import DetectorEstimate as DetectorEstimateMessage
 from vip_factors.io.schemas.place_estimates_pb2 import SensorPlaceEstimates
-from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
 from vip_factors.io.schemas.residuals_pb2 import Residuals
+from vip_factors.io.schemas.scene_estimate_pb2 import SceneEstimateInfo
 from vip_factors.io.schemas.solve_report_pb2 import SolveReport as SolveReportMessage
+from vip_factors.sensors.camera_path import CameraPath
 
 ESTIMATE = "/estimate/"
 SINGLE = "/estimate"  # what the topics of one wearer's estimate begin with, if there is but one
+WEARER = "/estimate/wearer/"  # and if there are several; a name follows
+# Below each wearer's prefix.
 INFO, CALIBRATION, REPORT, MOTION, POSE = "/info", "/calibration", "/report", "/motion", "/pose"
 BODY, SENSOR_PLACES, RESIDUALS = "/body", "/sensor_places", "/residuals"
 TRANSFORMS, SCENE, POINTS = "/tf", "/skeleton", "/points"
+# Of the whole.
+SCENE_INFO, SCENE_REPORT, DETECTOR = "/estimate/scene/info", "/estimate/scene/report", "/estimate/detector"
+CAMERA_INFO, INTRINSICS = "/estimate/camera/info", "/estimate/camera/intrinsics"
+CAMERA_CALIBRATION, CAMERA_RESIDUALS = "/estimate/camera/calibration", "/estimate/camera/residuals"
+CAMERA_POSE = "/estimate/camera/pose"
+CAMERA_PATH = "/estimate/camera/path"  # the same for viewers; never read back
 RECORDING_INFO = "/recording/info"
+MOST_RESIDUALS = 20_000_000  # nine hours at 60 Hz, of ten wearers
 
 
-def write_estimate(
-    estimate: WearerEstimate,
-    path: str | os.PathLike[str],
-    overwrite: bool = False,
-    append_to: str | os.PathLike[str] | None = None,
-    scene: bool | None = None,
-    start_ns: int = 0,
-) -> None:
-    """Write an estimate; rotations become quaternions, everything else is kept to the bit.
+def read_estimate(path: str | os.PathLike[str]) -> Estimate:
+    """Read an estimate, from a file of its own or from one that also holds the recording.
 
-    Args:
-        estimate: what to write.
-        path: of the new file.
-        overwrite: whether an existing file may be replaced.
-        append_to: an MCAP recording: the new file then holds everything in it, and the estimate after it (in place of
-            an earlier one). It may be ``path`` itself, with ``overwrite``.
-        scene: whether to add the moving skeleton as Foxglove's messages; None: if it is small.
-        start_ns: absolute time of t = 0; taken from the recording with ``append_to``.
+    Of a file that was cut off, every whole frame before the cut is read, and a
+    :class:`~vip_factors.io.mcap_reader.McapWarning` says so.
 
     Raises:
-        InputError: if the file exists and may not be overwritten, cannot be written there, or the residuals do not
-            have one column per sensor.
-        FileFormatError: if the recording to append to is no MCAP file, or is cut off and would be replaced.
+        InputError: if there is no such file.
+        FileFormatError: if it is no MCAP file or holds no estimate.
     """
-    check_residuals(estimate)
-    with estimate_file(path, overwrite, append_to, start_ns) as (writer, start_ns):
-        streams = estimate_messages(writer, estimate, start_ns, scene)
-        writer.flush()
-        writer.add_in_order(*streams)
-
-
-@contextmanager
-def estimate_file(
-    path: str | os.PathLike[str], overwrite: bool, append_to: str | os.PathLike[str] | None, start_ns: int
-) -> Iterator[tuple[MessageWriter, int]]:
-    """A file to write an estimate into, with the recording in it already; and the absolute time of t = 0.
-
-    Raises:
-        InputError, FileFormatError: as :func:`write_estimate`.
-    """
-    target = check_target(path, overwrite)
-    recording = read_contents(append_to) if append_to is not None else None
-    if recording is not None:
-        start_ns = _start_of(recording)
-        if recording.damage and Path(os.path.realpath(recording.path)) == target:
-            raise FileFormatError(
-                f"{recording.path} is damaged ({recording.damage[0]}): it is not replaced; write to another file"
-            )
-    with atomic_open(path, "wb", overwrite) as file, MessageWriter(file) as writer:
-        if recording is not None:
-            writer.copy(recording, without=(ESTIMATE,))
-        yield writer, start_ns
-
-
-def estimate_messages(
-    writer: MessageWriter, estimate: WearerEstimate, start_ns: int, scene: bool | None = None, prefix: str = SINGLE
-) -> list[Iterable[TimedMessage]]:
-    """Write what comes once; what comes with every frame is returned as streams, to be interleaved with others.
-
-    Args:
-        writer: of the file.
-        estimate: of one wearer.
-        start_ns: absolute time of t = 0.
-        scene: as of :func:`write_estimate`.
-        prefix: what the topics begin with.
-    """
-    motion = estimate.motion
-    writer.write(prefix + INFO, info_message(estimate, start_ns), start_ns)
-    writer.write(prefix + MOTION, motion_message(motion), start_ns)
-    writer.write(prefix + CALIBRATION, calibration_message(estimate.calibration), start_ns)
-    if estimate.body is not None:
-        writer.write(prefix + BODY, body_message(estimate.body), start_ns)
-    if estimate.sensor_places:
-        writer.write(prefix + SENSOR_PLACES, sensor_places_message(estimate.sensor_places), start_ns)
-    for report in estimate.reports:
-        writer.write(prefix + REPORT, report_message(report), start_ns)
-    streams: list[Iterable[TimedMessage]] = [
-        pose_messages(writer, prefix + POSE, motion, start_ns, estimate.covariance)
-    ]
-    if estimate.residuals:
-        streams.append(residual_messages(writer, prefix + RESIDUALS, motion.time, estimate.residuals, start_ns))
-    if scene_wanted(scene, motion):
-        # Viewers tell frames apart by name only: two wearers' skeletons need names of their own.
-        shown = motion if prefix == SINGLE else replace(motion, name=prefix.rpartition("/")[2])
-        writer.write(prefix + SCENE, skeleton_scene(shown), start_ns)
-        streams.append(transform_messages(writer, prefix + TRANSFORMS, shown, start_ns))
-        streams.append(point_messages(writer, prefix + POINTS, shown, start_ns))
-    return streams
-
-
-def check_residuals(estimate: WearerEstimate) -> None:
-    """Refuse residuals of a shape that cannot be written.
-
-    Raises:
-        InputError: naming the kind.
-    """
-    expected = (len(estimate.motion), len(estimate.sensors))
-    for kind, values in estimate.residuals.items():
-        if values.shape != expected:
-            raise InputError(f"residuals '{kind}' have shape {values.shape}: expected (frames, sensors) = {expected}")
-
-
-def _start_of(recording: McapContents) -> int:
-    messages = list(recording.messages.values())
-    topics = [topic for topic in recording.topics if topic.endswith(RECORDING_INFO)]  # of a scene, one per wearer
-    infos = [info for topic in topics[:1] for info in of_topic(recording.path, messages, topic, RecordingInfo)]
-    return time_ns_of(infos[-1].start) if infos else 0
+    contents = read_contents(path, lambda channel: channel.topic.startswith(ESTIMATE))
+    messages = [one for one in contents.messages.values() if one.channel.topic.startswith(ESTIMATE) and one.data]
+    infos = of_topic(contents.path, messages, SCENE_INFO, SceneEstimateInfo)
+    with naming(contents.path):
+        if not infos:
+            return Estimate.of_one(_wearer_of(contents, messages))
+        info = infos[-1]
+        reports = of_topic(contents.path, messages, SCENE_REPORT, SolveReportMessage)
+        detectors = of_topic(contents.path, messages, DETECTOR, DetectorEstimateMessage)
+        return Estimate(
+            name=info.name,
+            method=info.method,
+            wearers=tuple(_wearer_of(contents, messages, one) for one in info.wearer_topics),
+            camera=_camera(contents, messages),
+            wearer_of_detection=np.array(info.wearer_of_detection, dtype=int),
+            association=tuple(info.association),
+            reports=tuple(report_of(one) for one in reports),
+            findings=tuple(info.findings),
+            settings=dict(info.settings),
+            detector=detector_of(detectors[-1]) if detectors else None,
+        )
 
 
 def read_start(path: str | os.PathLike[str]) -> int:
@@ -173,70 +105,7 @@ def read_start(path: str | os.PathLike[str]) -> int:
     return time_ns_of(infos[0].start) if infos else 0
 
 
-def info_message(estimate: WearerEstimate, start_ns: int) -> EstimateInfo:
-    """What an estimate is."""
-    message = EstimateInfo(
-        name=estimate.name,
-        method=estimate.method,
-        sensors=estimate.sensors,
-        settings=dict(estimate.settings),
-        residual_kinds=list(estimate.residuals),
-        findings=estimate.findings,
-    )
-    if estimate.start is not None:
-        one = estimate.start
-        message.start_choice.CopyFrom(
-            StartChoiceMessage(supposition=one.supposition, rival=one.rival, margin=one.margin, doubtful=one.doubtful)
-        )
-    set_timestamp(message.start, start_ns)
-    return message
-
-
-def report_message(report: SolveReport) -> SolveReportMessage:
-    """How one solve went."""
-    message = SolveReportMessage(
-        stage=report.stage,
-        initial_cost=dict(report.initial_cost),
-        final_cost=dict(report.final_cost),
-        converged=report.converged,
-        seconds=report.seconds,
-    )
-    for one in report.iterations:
-        message.iterations.add(cost=one.cost, damping=one.damping, accepted=one.accepted, seconds=dict(one.seconds))
-    return message
-
-
-def residual_messages(
-    writer: MessageWriter, topic: str, time: Array, residuals: Mapping[str, Array], start_ns: int, first: int = 0
-) -> Iterator[TimedMessage]:
-    """The residuals of frames at ``time`` ``(T,)``, serialised; the first of them has the number ``first``."""
-    channel = writer.channel(topic, Residuals)
-    for row, time_ns in enumerate(nanoseconds(time, start_ns)):
-        message = Residuals(frame=first + row)
-        set_timestamp(message.timestamp, time_ns)
-        for kind, values in residuals.items():
-            message.kinds.add(name=kind, values=values[row])
-        yield time_ns, channel, message.SerializeToString()
-
-
-def read_estimate(path: str | os.PathLike[str]) -> WearerEstimate:
-    """Read an estimate, from a file of its own or from one that also holds the recording.
-
-    Of the estimate of a scene with one wearer, it is that wearer's.
-
-    Of a file that was cut off, every whole frame before the cut is read, and a
-    :class:`~vip_factors.io.mcap_reader.McapWarning` says so.
-
-    Raises:
-        InputError: if there is no such file.
-        FileFormatError: if it is no MCAP file, holds no estimate, or several wearers'.
-    """
-    contents = read_contents(path, lambda channel: channel.topic.startswith(ESTIMATE) and is_ours(channel))
-    with naming(contents.path):
-        return estimate_of(contents, contents.messages.values())
-
-
-def estimate_of(contents: McapContents, messages: Iterable[McapMessages], prefix: str = SINGLE) -> WearerEstimate:
+def _wearer_of(contents: McapContents, messages: Sequence[McapMessages], prefix: str = SINGLE) -> WearerEstimate:
     """One wearer's estimate, of the messages below the topic ``prefix``.
 
     Raises:
@@ -253,11 +122,9 @@ def estimate_of(contents: McapContents, messages: Iterable[McapMessages], prefix
             )
         topics = ", ".join(contents.topics) or "none"
         damage = f" ({contents.damage[0]})" if contents.damage else ""
-        several = any(topic.startswith(f"{SINGLE}/wearer/") for topic in contents.topics) and prefix == SINGLE
-        advice = "; it holds several wearers: read it as a scene's (read_scene_estimate)" if several else ""
         raise FileFormatError(
             f"{path}: expected an estimate, with topics {prefix + INFO} and {prefix + MOTION}; "
-            f"found topics {topics}{damage}{advice}"
+            f"found topics {topics}{damage}"
         )
     info = infos[-1]
     motion, covariance = motion_of(motions[-1], of_topic(path, ours, prefix + POSE, BodyPose))
@@ -271,7 +138,7 @@ def estimate_of(contents: McapContents, messages: Iterable[McapMessages], prefix
         motion=motion,
         calibration=calibration_of(calibrations[-1]) if calibrations else {},
         covariance=covariance,
-        residuals=_residuals(info, of_topic(path, ours, prefix + RESIDUALS, Residuals), len(motion)),
+        residuals=_wearer_residuals(info, of_topic(path, ours, prefix + RESIDUALS, Residuals), len(motion)),
         sensors=tuple(info.sensors),
         reports=tuple(report_of(one) for one in of_topic(path, ours, prefix + REPORT, SolveReportMessage)),
         settings=dict(info.settings),
@@ -289,7 +156,7 @@ def _start_choice(info: EstimateInfo) -> StartChoice | None:
     return StartChoice(one.supposition, one.rival, one.margin, tuple(one.doubtful))
 
 
-def _residuals(info: EstimateInfo, messages: Sequence[Residuals], frames: int) -> dict[str, Array]:
+def _wearer_residuals(info: EstimateInfo, messages: Sequence[Residuals], frames: int) -> dict[str, Array]:
     """By kind ``(frames, sensors)``; NaN where a frame's message is lost."""
     residuals = {kind: np.full((frames, len(info.sensors)), np.nan) for kind in info.residual_kinds}
     for message in messages:
@@ -315,3 +182,69 @@ def report_of(message: SolveReportMessage) -> SolveReport:
         message.converged,
         message.seconds,
     )
+
+
+def _camera(contents: McapContents, messages: Sequence[McapMessages]) -> CameraEstimate | None:
+    from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+
+    path = contents.path
+    infos = of_topic(path, messages, CAMERA_INFO, CameraEstimateInfo)
+    if not infos:
+        return None
+    info = infos[-1]
+    intrinsics = of_topic(path, messages, INTRINSICS, CameraCalibration)
+    poses = of_topic(path, messages, CAMERA_POSE, CameraPose)
+    if not intrinsics or not poses:
+        warn(path, f"camera '{info.name}' is left out: nothing on {CAMERA_POSE if intrinsics else INTRINSICS}")
+        return None
+    if len(poses) < info.poses:
+        warn(path, f"camera '{info.name}': {len(poses)} of {info.poses} poses are left")
+    calibrations = of_topic(path, messages, CAMERA_CALIBRATION, CalibrationEstimate)
+    return CameraEstimate(
+        name=info.name,
+        model=intrinsics_of(intrinsics[-1]),
+        path=_path(poses),
+        calibration=next(iter(calibration_of(calibrations[-1]).values()), None) if calibrations else None,
+        covariance=_covariance(poses),
+        residual_px=_camera_residuals(path, info, of_topic(path, messages, CAMERA_RESIDUALS, CameraResiduals)),
+        time_offset=info.time_offset_s,
+        time_drift=info.time_drift,
+        clock_sigma=(info.clock_sigma[0], info.clock_sigma[1]) if len(info.clock_sigma) == 2 else None,
+    )
+
+
+def _path(poses: Sequence[CameraPose]) -> CameraPath:
+    turns = [one.rotation_wxyz for one in poses]
+    places = [one.p_world_camera for one in poses]
+    return CameraPath(
+        np.array([one.seconds for one in poses]),
+        matrix_from_quaternion([(q.w, q.x, q.y, q.z) for q in turns], Order.WXYZ),
+        np.array([(p.x, p.y, p.z) for p in places]),
+    )
+
+
+def _covariance(poses: Sequence[CameraPose]) -> Array | None:
+    """``(T, 6, 6)`` if all poses have one."""
+    if not all(len(one.covariance) == 36 for one in poses):
+        return None
+    return np.array([one.covariance for one in poses]).reshape(-1, 6, 6)
+
+
+def _camera_residuals(path: Path, info: CameraEstimateInfo, messages: Sequence[CameraResiduals]) -> Array | None:
+    """``(T, wearers)``; NaN where a frame's message is lost."""
+    if not info.has_residuals:
+        return None
+    if info.residual_frames * info.wearers > MOST_RESIDUALS:
+        raise FileFormatError(
+            f"{path}: tells of reprojection errors in {info.residual_frames} frames of {info.wearers} wearers: "
+            f"expected {MOST_RESIDUALS:,} at most; the file is damaged, copy it again"
+        )
+    residual = np.full((info.residual_frames, info.wearers), np.nan)
+    for message in messages:
+        if len(message.pixels) != info.wearers or message.frame >= len(residual):
+            raise FileFormatError(
+                f"{path}: frame {message.frame} has {len(message.pixels)} reprojection errors: expected "
+                f"{info.wearers}, in frames 0 to {len(residual) - 1}"
+            )
+        residual[message.frame] = message.pixels
+    return residual

@@ -37,6 +37,10 @@ class CameraPath:
     def __len__(self) -> int:
         return len(self.time)
 
+    def frames(self, which: slice) -> "CameraPath":
+        """The path at some consecutive instants, one at least."""
+        return CameraPath(self.time[which], self.R_world_camera[which], self.p_world_camera[which])
+
     def at(self, time: Array) -> "CameraPath":
         """Interpolated at other instants ``(N,)``; before the first and after the last, those are kept."""
         time = np.asarray(time, dtype=float)

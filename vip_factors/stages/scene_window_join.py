@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.estimate import CameraEstimate, EstimatePart, PoseCovariance, ScenePart, WearerEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, yaw_of
 from vip_factors.initialise.camera import robust_mean_angle
 from vip_factors.sensors.camera_path import CameraPath
@@ -54,16 +54,16 @@ def moved(window: SceneWindow, before: SceneWindow, has_floor: bool) -> SceneWin
     return replace(window, wearers=wearers, camera=camera, headings=headings)
 
 
-def parts_of(windows: Iterator[SceneWindow]) -> Iterator[ScenePart]:
-    """The estimate part by part, of windows in one world that overlap, in the order of time."""
+def chunks_of(windows: Iterator[SceneWindow], head: Estimate) -> Iterator[Estimate]:
+    """The estimate chunk by chunk, of windows in one world that overlap, in the order of time."""
     done, before, told = 0, next(windows), -np.inf
     for window in windows:
         meeting = meeting_of(before, window)
         boundary = float(np.mean(window.wearers[0].motion.time[[meeting.start - window.frames.start]]))
-        yield _part(_within(before, slice(done, meeting.start)), told, boundary)
-        yield _part(_between(_within(before, meeting), _within(window, meeting)), boundary, boundary)
+        yield _chunk(_within(before, slice(done, meeting.start)), told, boundary, head)
+        yield _chunk(_between(_within(before, meeting), _within(window, meeting)), boundary, boundary, head)
         done, before, told = meeting.stop, window, boundary
-    yield _part(_within(before, slice(done, before.frames.stop)), told, np.inf)
+    yield _chunk(_within(before, slice(done, before.frames.stop)), told, np.inf, head)
 
 
 def _pairs(one: SceneWindow, other: SceneWindow) -> Iterator[tuple[WearerEstimate, WearerEstimate]]:
@@ -73,28 +73,8 @@ def _pairs(one: SceneWindow, other: SceneWindow) -> Iterator[tuple[WearerEstimat
 def _within(window: SceneWindow, frames: slice) -> SceneWindow:
     """Some of a window's frames; who is who is still of all."""
     own = slice(frames.start - window.frames.start, frames.stop - window.frames.start)
-    wearers = tuple(
-        replace(
-            one,
-            motion=one.motion.frames(own),
-            covariance=None
-            if one.covariance is None
-            else PoseCovariance(one.covariance.joints[own], one.covariance.root[own]),
-            residuals={kind: values[own] for kind, values in one.residuals.items()},
-        )
-        for one in window.wearers
-    )
-    camera, path = window.camera, window.camera.path
-    if len(path) > 1:
-        path = CameraPath(path.time[own], path.R_world_camera[own], path.p_world_camera[own])
-    covariance, residual = camera.covariance, camera.residual_px
-    camera = replace(
-        camera,
-        path=path,
-        covariance=covariance if covariance is None or len(covariance) == 1 else covariance[own],
-        residual_px=None if residual is None else residual[own],
-    )
-    return replace(window, frames=frames, wearers=wearers, camera=camera)
+    wearers = tuple(one.frames(own) for one in window.wearers)
+    return replace(window, frames=frames, wearers=wearers, camera=window.camera.frames(own))
 
 
 def _between(one: SceneWindow, other: SceneWindow) -> SceneWindow:
@@ -172,10 +152,10 @@ def _unsureness(before: WearerEstimate, own: WearerEstimate, middle: int, has_fl
     return added
 
 
-def _part(window: SceneWindow, start: float, end: float) -> ScenePart:
+def _chunk(window: SceneWindow, start: float, end: float, head: Estimate) -> Estimate:
     """Of all its frames; who is who in the video from one instant to another."""
     shown = (window.detected_at >= start) & (window.detected_at < end)
-    wearers = tuple(
-        EstimatePart(window.frames.start, one.motion, one.covariance, one.residuals) for one in window.wearers
-    )
-    return ScenePart(window.frames.start, wearers, window.camera, window.wearer[shown], window.reports)
+    return replace(
+        head, wearers=window.wearers, camera=None if head.camera is None else window.camera,
+        wearer_of_detection=window.wearer[shown], reports=window.reports,
+    )  # fmt: skip

@@ -8,16 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from vip_factors.body.skeleton import JOINT_COUNT
-from vip_factors.estimate import CameraEstimate, Estimate, LongSceneEstimate, PoseCovariance, ScenePart, WearerEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, EstimateChunks, WearerEstimate
 from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.sensors.calibration import SensorCalibration
-from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.long_scene import LongScene
 from vip_factors.settings import Settings
 from vip_factors.stages.drift import CLOCK, clock_findings, drift_findings
 from vip_factors.stages.scene_calibration import Headings, SceneCalibration, calibrate_scene, stiff
-from vip_factors.stages.scene_window_join import moved, parts_of
+from vip_factors.stages.scene_window_join import chunks_of, moved
 from vip_factors.stages.scene_window_solve import SceneWindow, solve_scene_window
 from vip_factors.stages.solver import Progress, Solver
 from vip_factors.stages.windowed import WINDOWS
@@ -78,13 +76,13 @@ def covered(source: LongScene) -> tuple[float, float]:
     return max(one[0] for one in intervals), min(one[1] for one in intervals)
 
 
-def smooth_scene_windows(source: LongScene, settings: Settings, progress: Progress) -> LongSceneEstimate | None:
-    """The estimate of a scene with a camera; calibrated now, and solved as its parts are asked for.
+def smooth_scene_windows(source: LongScene, settings: Settings, progress: Progress) -> EstimateChunks | None:
+    """The estimate of a scene with a camera; calibrated now, and solved as its chunks are asked for.
 
     None if no wearer is found in the video, wherever it is looked for.
 
     Raises:
-        InputError, RecordingError: for a scene that cannot be used; for samples, as parts are asked for.
+        InputError, RecordingError: for a scene that cannot be used; for samples, as chunks are asked for.
         SolveError: if the problem is not determined; likewise.
     """
     plan = scene_plan(source, settings)
@@ -98,12 +96,12 @@ def smooth_scene_windows(source: LongScene, settings: Settings, progress: Progre
     known = [one for one in stretch.findings if one not in drift and not one.startswith(CLOCK)]
     gathered = _Gathered(GatheredFindings(known), [[] for _ in source.wearers])
     head = _head(source, stretch, plan)
-    parts = _parts(source, calibration, plan, settings, progress, gathered, head.camera is not None)
+    chunks = _chunks(source, calibration, plan, settings, progress, gathered, head)
 
     def closed() -> Estimate:
         return _closed(head, source, plan, gathered)
 
-    return LongSceneEstimate(head, moves, plan.frames, parts, closed)
+    return EstimateChunks(head, (plan.frames,) * len(head.wearers), chunks, plan.frames if moves else 1, closed)
 
 
 def scene_plan(source: LongScene, settings: Settings) -> WindowPlan:
@@ -122,16 +120,16 @@ def scene_plan(source: LongScene, settings: Settings) -> WindowPlan:
     return WindowPlan(first, rate, count, factor, window, overlap, 1, stretch)
 
 
-def _parts(
+def _chunks(
     source: LongScene, calibration: SceneCalibration, plan: WindowPlan, settings: Settings, progress: Progress,
-    gathered: _Gathered, has_camera: bool,
-) -> Iterator[ScenePart]:  # fmt: skip
+    gathered: _Gathered, head: Estimate,
+) -> Iterator[Estimate]:  # fmt: skip
     progress(WINDOWS, 0.0)
     with threadpool_limits(limits=1, user_api="blas"):
         windows = _windows(source, calibration, plan, settings, progress, gathered)
-        for part in parts_of(windows):
-            gathered.wearer.append(part.wearer_of_detection)
-            yield part if has_camera else replace(part, camera=None)
+        for chunk in chunks_of(windows, head):
+            gathered.wearer.append(chunk.wearer_of_detection)
+            yield chunk
 
 
 def _windows(
@@ -164,19 +162,14 @@ def _head(source: LongScene, stretch: Estimate, plan: WindowPlan) -> Estimate:
         stretch,
         name=source.head.name,
         wearers=tuple(_without_frames(one, plan) for one in stretch.wearers),
-        camera=_first_pose(stretch),
+        camera=None if stretch.camera is None else stretch.camera.start,
         wearer_of_detection=np.zeros(0, int),
     )
 
 
 def _without_frames(one: WearerEstimate, plan: WindowPlan) -> WearerEstimate:
-    none = replace(
-        one.motion, R_parent_child=one.motion.R_parent_child[:0], p_world_pelvis=one.motion.p_world_pelvis[:0],
-        rate=plan.rate, start=plan.start,
-    )  # fmt: skip
-    empty = None if one.covariance is None else PoseCovariance(np.zeros((0, JOINT_COUNT, 3, 3)), np.zeros((0, 3, 3)))
-    residuals = {kind: values[:0] for kind, values in one.residuals.items()}
-    return replace(one, motion=none, covariance=empty, residuals=residuals)
+    none = one.frames(slice(0, 0))
+    return replace(none, motion=replace(none.motion, rate=plan.rate, start=plan.start))
 
 
 def _closed(head: Estimate, source: LongScene, plan: WindowPlan, gathered: _Gathered) -> Estimate:
@@ -216,15 +209,6 @@ def _with_clock(camera: CameraEstimate | None, clocks: Sequence[tuple[float, flo
 def _drifts(wearers: Sequence[WearerEstimate]) -> Iterator[str]:
     for one in wearers:
         yield from drift_findings(f"wearer '{one.motion.name}'", one.calibration)
-
-
-def _first_pose(stretch: Estimate) -> CameraEstimate | None:
-    camera = stretch.camera
-    if camera is None:
-        return None
-    path, residual = camera.path, camera.residual_px
-    path = CameraPath(path.time[:1], path.R_world_camera[:1], path.p_world_camera[:1])
-    return replace(camera, path=path, covariance=None, residual_px=None if residual is None else residual[:0])
 
 
 def _calibration(one: WearerEstimate, headings: Sequence[Headings]) -> dict[str, SensorCalibration]:

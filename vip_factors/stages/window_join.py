@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.body.kinematics import Motion
-from vip_factors.estimate import EstimatePart, PoseCovariance
+from vip_factors.estimate import PoseCovariance, WearerEstimate
 from vip_factors.geometry.rotations import Array, exp, log, transpose
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
@@ -19,13 +18,13 @@ from vip_factors.stages.window_solve import SolvedWindow
 SETTLING = 0.4  # of an overlap, at either end, is left to a window to settle; in between they meet
 
 
-def joined(windows: Iterator[SolvedWindow], model: WearerProblem, head: Motion) -> Iterator[EstimatePart]:
-    """The motion part by part; each ends where the next window takes over.
+def joined(windows: Iterator[SolvedWindow], model: WearerProblem, head: WearerEstimate) -> Iterator[WearerEstimate]:
+    """The estimate chunk by chunk; each ends where the next window takes over.
 
     Args:
         windows: overlapping, in the order of time.
         model: of the wearer.
-        head: the motion without its frames.
+        head: the estimate without its frames.
     """
     axes = slice(0, 2 if model.has_floor else 3)  # in which a window does not know where it is
     done, before = 0, next(windows)
@@ -34,9 +33,9 @@ def joined(windows: Iterator[SolvedWindow], model: WearerProblem, head: Motion) 
         settled = int((last - first) * SETTLING)
         meeting = slice(first + settled, last - settled)
         window = _moved(window, before, meeting, axes)
-        yield _part(_passing_over(before, window, meeting), slice(done, meeting.stop), head)
+        yield _chunk(_passing_over(before, window, meeting), slice(done, meeting.stop), head)
         done, before = meeting.stop, window
-    yield _part(before, slice(done, before.frames.stop), head)
+    yield _chunk(before, slice(done, before.frames.stop), head)
 
 
 def _moved(window: SolvedWindow, before: SolvedWindow, meeting: slice, axes: slice) -> SolvedWindow:
@@ -111,9 +110,9 @@ def _within(window: SolvedWindow, frames: slice) -> SolvedWindow:
     )
 
 
-def _part(window: SolvedWindow, frames: slice, head: Motion) -> EstimatePart:
-    own = _within(window, frames)
+def _chunk(window: SolvedWindow, frames: slice, head: WearerEstimate) -> WearerEstimate:
+    own, motion = _within(window, frames), head.motion
     R, p_world = own.state.R_parent_child, own.state.p_world_pelvis
-    start = head.start + frames.start / head.rate
-    motion = replace(head, R_parent_child=R, p_world_pelvis=p_world, start=start)
-    return EstimatePart(frames.start, motion, own.covariance, own.residuals, window.reports)
+    start = motion.start + frames.start / motion.rate
+    motion = replace(motion, R_parent_child=R, p_world_pelvis=p_world, start=start)
+    return replace(head, motion=motion, covariance=own.covariance, residuals=own.residuals, reports=window.reports)

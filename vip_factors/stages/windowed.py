@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT
-from vip_factors.estimate import EstimatePart, LongEstimate, PoseCovariance, WearerEstimate
+from vip_factors.estimate import Estimate, EstimateChunks, PoseCovariance, WearerEstimate
 from vip_factors.sensors.sampled import SampledRecording
 from vip_factors.settings import Settings, flatten
 from vip_factors.stages.calibration_start import start_choice, start_findings
@@ -30,14 +29,14 @@ def is_long(interval: tuple[float, float], settings: Settings) -> bool:
     return settings.windows.use and interval[1] - interval[0] > settings.windows.above_s
 
 
-def smooth_windows(recording: SampledRecording, settings: Settings, progress: Progress) -> LongEstimate:
-    """The estimate of a recording; calibrated now, and solved as its parts are asked for.
+def smooth_windows(recording: SampledRecording, settings: Settings, progress: Progress) -> EstimateChunks:
+    """The estimate of a recording; calibrated now, and solved as its chunks are asked for.
 
     Findings on accelerometers and on the wearer's posture are of the frames that calibrate, which are spread over the
     recording; clocks are compared in its middle.
 
     Raises:
-        InputError, RecordingError: for a recording that cannot be used; for samples, as parts are asked for.
+        InputError, RecordingError: for a recording that cannot be used; for samples, as chunks are asked for.
         SolveError: if the problem is not determined; likewise.
     """
     plan = WindowPlan.of(recording.interval, settings)
@@ -49,12 +48,14 @@ def smooth_windows(recording: SampledRecording, settings: Settings, progress: Pr
         if settings.acceleration:
             head = with_calibration_sigmas(head, found, settings.calibration)
     head = replace(head, reports=tuple(solver.reports), findings=(*about_sensors, *head.findings))
-    return LongEstimate(head, plan.frames, _parts(recording, found, plan, settings, head.motion, progress))
+    chunks = _chunks(recording, found, plan, settings, head, progress)
+    return EstimateChunks(Estimate.of_one(head), (plan.frames,), map(Estimate.of_one, chunks))
 
 
-def _parts(
-    recording: SampledRecording, found: Tracked, plan: WindowPlan, settings: Settings, head: Motion, progress: Progress
-) -> Iterator[EstimatePart]:
+def _chunks(
+    recording: SampledRecording, found: Tracked, plan: WindowPlan, settings: Settings, head: WearerEstimate,
+    progress: Progress,
+) -> Iterator[WearerEstimate]:  # fmt: skip
     count = len(plan.windows())
 
     def solver(window: int) -> Solver:

@@ -91,9 +91,8 @@ def small_estimate(scene: Scene) -> Estimate:
 def scene_files() -> dict[str, bytes]:
     """A scene and one wearer alone, estimates of both, and the scene as live messages, with a token."""
     from vip_factors.io.live.open import write_messages
-    from vip_factors.io.mcap_estimate import write_estimate
+    from vip_factors.io.mcap_estimate_writer import write_estimate
     from vip_factors.io.mcap_recording import write_recording, write_scene
-    from vip_factors.io.mcap_scene_estimate import write_scene_estimate
 
     scene = small_scene()
     estimate = small_estimate(scene)
@@ -101,8 +100,8 @@ def scene_files() -> dict[str, bytes]:
         folder = Path(name)
         write_scene(scene, folder / "scene.mcap")
         write_recording(scene.wearers[0], folder / "plain.mcap")
-        write_scene_estimate(estimate, folder / "scene.estimate.mcap")
-        write_estimate(estimate.wearers[0], folder / "plain.estimate.mcap")
+        write_estimate(estimate, folder / "scene.estimate.mcap")
+        write_estimate(Estimate.of_one(estimate.wearers[0]), folder / "plain.estimate.mcap")
         with open(folder / "a.messages", "wb") as file:
             write_messages(scene, file, token=TOKEN)
         return files_below(folder)
@@ -155,12 +154,12 @@ def _estimate(folder: Path, name: str) -> None:
     """As ``info``, ``evaluate`` and ``body`` do."""
     from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
     from vip_factors.io.calibration_history import read_calibration_history
+    from vip_factors.io.mcap_estimate import read_estimate
     from vip_factors.io.mcap_recording import read_scene
-    from vip_factors.io.mcap_scene_estimate import read_scene_estimate
 
     path = folder / f"{name}.estimate.mcap"
     file_text(path)
-    estimate, scene = read_scene_estimate(path), read_scene(folder / f"{name}.mcap")
+    estimate, scene = read_estimate(path), read_scene(folder / f"{name}.mcap")
     read_calibration_history(path)
     wearer = scene.wearers[0]
     if name == "plain" and len(estimate.wearers) == 1 and wearer.truth is not None:

@@ -15,18 +15,17 @@ from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import exp
-from vip_factors.problem.points import BodyPoint
-from vip_factors.problem.scene import CameraProblem, GroundView, KeypointView, SceneProblem, Viewpoint
-from vip_factors.problem.state import CameraState, DetectorState, SceneState, WearerState
-from vip_factors.problem.wearer import InitialPose, WearerProblem
+from vip_factors.problem.scene import CameraProblem, Foot, GroundView, KeypointView, SceneProblem, Viewpoint
+from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState
+from vip_factors.problem.wearer import BodyPoint, InitialPose, WearerProblem
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames, resample
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.terms.camera_pose import CameraPoses
-from vip_factors.terms.ground_contact import Foot, pixel_rays
+from vip_factors.terms.ground_contact import pixel_rays
+from vip_factors.terms.registry import CameraFactorSettings, FactorSettings
 
 T, S = 5, 6
 
@@ -54,6 +53,7 @@ def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerPr
         motion.skeleton, load_pose_prior(), load_joint_limits(), frames,
         tuple(BodyPoint(site.bone_index, site.p_bone_sensor) for site in sites),
         np.zeros(S), np.full(S, 0.3), np.stack([site.R_bone_sensor for site in sites]), np.full(S, 0.5),
+        FactorSettings(),
         initial_pose=InitialPose(held_pose("n-pose"), 2),
         contacts=(BodyPoint(ankle, np.array([0, -0.05, 0.1])),),
         contact_confidence=random.uniform(0, 1, (T, 1)),
@@ -98,7 +98,7 @@ def small_scene(kind: str, silent: Sequence[int] = ()) -> tuple[SceneProblem, Sc
     camera = CameraProblem(
         lens, kind != "standing", kind != "known path", None if kind == "no IMU" else imu,
         np.array([0.02, 0.03, -0.01]), 0.3, exp([0.1, 0.2, -0.1]), free_clock=True,
-        clock_middle=0.05,
+        clock_middle=0.05, settings=CameraFactorSettings(),
     )  # fmt: skip
     views = []
     for number, wearer in enumerate((state, other)):
@@ -147,7 +147,7 @@ def known_camera(lens: CameraModel, views: list[KeypointView], random: np.random
     moved = tuple(
         replace(view, pixels=view.pixels + 5, seen=random.uniform(size=view.seen.shape) < 0.7) for view in views
     )
-    problem = CameraProblem(lens, moving=False, free_pose=False)
+    problem = CameraProblem(lens, moving=False, free_pose=False, settings=CameraFactorSettings())
     return Viewpoint(problem, CameraState(CameraPoses(R_WORLD_CAMERA[None], position)), moved)
 
 

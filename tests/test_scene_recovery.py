@@ -12,7 +12,6 @@ from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.evaluate.metrics import common_frames, mpjpe
 from vip_factors.geometry.rotations import Array, angle_between, transpose
 from vip_factors.pipeline import smooth_scene
-from vip_factors.problem.scene import CameraFactorSettings
 from vip_factors.sensors.calibration import Placement, SensorSite
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CalibrationSettings, Settings
@@ -22,6 +21,7 @@ from vip_factors.simulate.settings import SceneSettings, SimulateSettings
 from vip_factors.terms.camera_acceleration import CameraAccelerationSettings
 from vip_factors.terms.camera_orientation import CameraOrientationSettings
 from vip_factors.terms.camera_velocity import CameraVelocitySettings
+from vip_factors.terms.registry import CameraFactorSettings
 from vip_factors.terms.reprojection import ReprojectionSettings
 from vip_factors.terms.robust import RobustLoss
 

@@ -71,12 +71,11 @@ def cauchy_of(weight: float, unit: float, orientation_sigma: float) -> "tuple[fl
 
 
 def _kaichi(own: Tree, weighted: bool = True, contact: bool = True, camera: bool = True) -> Tree:
-    from vip_factors.terms.adaptive_biweight import AdaptiveBiweightSettings
     from vip_factors.terms.ground_contact import ContactFrom, GroundContactSettings, Weighing
     from vip_factors.terms.joint_limit import JointLimitSettings
     from vip_factors.terms.orientation import OrientationSettings
     from vip_factors.terms.pose_prior import PosePriorSettings
-    from vip_factors.terms.reprojection import ReprojectionSettings
+    from vip_factors.terms.reprojection import AdaptiveBiweightSettings, ReprojectionSettings
     from vip_factors.terms.robust import Loss, RobustLoss
     from vip_factors.terms.sole import SoleSettings
 

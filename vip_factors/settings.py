@@ -8,10 +8,9 @@ from typing import Any
 from vip_factors.associate.settings import AssociationSettings
 from vip_factors.initialise.sensor_faults import AccelerometerSettings, SensorClockSettings
 from vip_factors.initialise.start_candidates import StartSettings
-from vip_factors.problem.scene import CameraFactorSettings
-from vip_factors.problem.wearer import FactorSettings
 from vip_factors.ranges import NotNegative, NotNegativeInt, RangeError, Rate, check_ranges
 from vip_factors.solve.levenberg_marquardt import SolveSettings
+from vip_factors.terms.registry import CameraFactorSettings, FactorSettings
 
 LEAST_OVERLAPS = 2  # to a window: one at each end
 

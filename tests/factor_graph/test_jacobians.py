@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 from small_problems import S, small_scene, walking_scene
 
-from vip_factors.assembly.camera_terms import CAMERA_TERMS
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.assembly.view_terms import VIEW_TERMS
-from vip_factors.assembly.wearer_terms import WEARER_TERMS
 from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
 from vip_factors.factor_graph.term_factors import TermFactor
 from vip_factors.geometry.rotations import exp
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
+from vip_factors.terms.registry import CAMERA_TERMS, VIEW_TERMS, WEARER_TERMS
 from vip_factors.terms.robust import SQUARE, RobustLoss
 
 KINDS = [term.kind for term in (*WEARER_TERMS, *VIEW_TERMS, *CAMERA_TERMS)]

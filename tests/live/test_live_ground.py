@@ -23,8 +23,8 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.settings import SceneSettings
 from vip_factors.simulate.staging import placed
-from vip_factors.terms.adaptive_biweight import AdaptiveBiweightSettings
 from vip_factors.terms.ground_contact import ContactFrom
+from vip_factors.terms.reprojection import AdaptiveBiweightSettings
 
 
 def with_ground(settings: LiveSettings, **changes: Any) -> LiveSettings:

@@ -11,15 +11,14 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.body.skeleton import joint_index
-from vip_factors.problem.points import BodyPoint
 from vip_factors.problem.scene import KeypointView
-from vip_factors.problem.state import WearerState
-from vip_factors.problem.wearer import WearerProblem
+from vip_factors.problem.state import CameraPoses, WearerState
+from vip_factors.problem.wearer import BodyPoint, WearerProblem
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.stages.ground import ground_view, seen_feet, standing_confidence
-from vip_factors.terms.camera_pose import CameraPoses
 from vip_factors.terms.ground_contact import ContactFrom, GroundContactSettings
+from vip_factors.terms.registry import FactorSettings
 
 T, STEP, SOLE = 30, 1 / 60, 0.01
 SKELETON, COCO = skeleton_from_stature(1.75), keypoint_set("coco17")
@@ -45,6 +44,7 @@ def standing_then_jumping() -> tuple[WearerProblem, WearerState]:
     model = WearerProblem(
         SKELETON, load_pose_prior(), load_joint_limits(), frames,
         (BodyPoint(joint_index("right_ankle"), np.zeros(3)),), np.zeros(1), np.ones(1), np.eye(3)[None], np.ones(1),
+        FactorSettings(),
     )  # fmt: skip
     return model, WearerState(R, p, np.zeros(1), np.eye(3)[None], np.zeros(69))
 

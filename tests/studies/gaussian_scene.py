@@ -14,15 +14,15 @@ from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.pose_prior import POSE_SIZE, load_pose_prior
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton
 from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_z, transpose
-from vip_factors.problem.points import BodyPoint
-from vip_factors.problem.scene import CameraFactorSettings, CameraProblem, KeypointView, SceneProblem
-from vip_factors.problem.state import CameraState, SceneState, WearerState
-from vip_factors.problem.wearer import FactorSettings, WearerProblem
+from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem
+from vip_factors.problem.state import CameraPoses, CameraState, SceneState, WearerState
+from vip_factors.problem.wearer import BodyPoint, WearerProblem
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.terms.acceleration import GRAVITY
-from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.terms.heading_prior import heading_sigmas
+from vip_factors.terms.registry import CameraFactorSettings, FactorSettings
 from vip_factors.terms.robust import RobustLoss
 
 SQUARE = RobustLoss()
@@ -118,7 +118,7 @@ def _wearer(
         gauge_sensor=[site.bone for site in placement.sites].index("pelvis"),
     )  # fmt: skip
     gauge = model.settings.gauge_prior.position_sigma * random.standard_normal(3)
-    headings = truth.headings + model.heading_sigmas * random.standard_normal(S)
+    headings = truth.headings + heading_sigmas(model) * random.standard_normal(S)
     return replace(model, prior_headings=headings, p_world_start=p[0] + gauge), truth
 
 

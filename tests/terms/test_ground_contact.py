@@ -9,10 +9,10 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import exp, rotation_z, transpose
+from vip_factors.problem.scene import Foot
+from vip_factors.problem.state import CameraPoses
 from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.terms.camera_pose import CameraPoses
 from vip_factors.terms.ground_contact import (
-    Foot,
     GroundContactSettings,
     Weighing,
     acceleration_confidence,

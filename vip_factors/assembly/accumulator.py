@@ -14,21 +14,21 @@ import numpy as np
 
 from vip_factors.assembly.bone_blocks import BoneBlocks
 from vip_factors.assembly.charts import Charts
-from vip_factors.assembly.equations import (
+from vip_factors.assembly.joint_blocks import add_joints
+from vip_factors.body.kinematics import BodyState
+from vip_factors.geometry.rotations import Array
+from vip_factors.problem.layout import STATIC, Layout, OwnerId, Place
+from vip_factors.terms.equations import (
     AT_THE_FIRST_KNOT,
     BoneEquations,
     DenseEquations,
     DifferenceEquations,
     Equations,
+    JacobianBlock,
     JointEquations,
     KnotEquations,
-    Part,
     Residuals,
 )
-from vip_factors.assembly.joint_blocks import add_joints
-from vip_factors.body.kinematics import BodyState
-from vip_factors.geometry.rotations import Array
-from vip_factors.problem.layout import STATIC, Layout, OwnerId, Place
 
 Slot: TypeAlias = tuple[int, int]
 
@@ -37,7 +37,7 @@ Slot: TypeAlias = tuple[int, int]
 class PlacedPart:
     """A part whose block moves, in charted columns."""
 
-    part: Part
+    part: JacobianBlock
     place: Place
     jacobian: Array
 
@@ -127,7 +127,7 @@ class Accumulator(ABC):
             case JointEquations():
                 add_joints(self, equations)
             case DenseEquations():
-                parts = self.placed(equations.parts(), equations)
+                parts = self.placed(equations.blocks(), equations)
                 self._add_parts(parts, equations)
             case KnotEquations():
                 self.add_knots(equations)
@@ -141,7 +141,7 @@ class Accumulator(ABC):
         for part, blocks in self._bones.items():
             blocks.expand(self, part, bodies[self.layout.parts[part].owner.number])
 
-    def placed(self, parts: Sequence[Part], at: Residuals) -> list[PlacedPart]:
+    def placed(self, parts: Sequence[JacobianBlock], at: Residuals) -> list[PlacedPart]:
         """Those parts whose blocks move."""
         found = []
         for part in parts:
@@ -182,7 +182,7 @@ class Accumulator(ABC):
             start = stop
 
     def _add_differences(self, eq: DifferenceEquations) -> None:
-        placed, own = self.placed(eq.parts, eq), self.bones_of(eq.owner)
+        placed, own = self.placed(eq.blocks(), eq), self.bones_of(eq.owner)
         weight = eq.weight
         if own is not None:
             own[1].add_differences(self, eq, weight, placed)
@@ -248,6 +248,6 @@ class Accumulator(ABC):
         self.add_static_gradient(one.columns, vector if one.part.each else vector.sum(axis=1, keepdims=True), at)
 
 
-def at_an_instant(part: Part) -> bool:
+def at_an_instant(part: JacobianBlock) -> bool:
     """Whether factors see a block that may walk as it is at a frame."""
     return part.ahead != AT_THE_FIRST_KNOT

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vip_factors.assembly import twist
-from vip_factors.assembly.equations import BoneEquations, DifferenceEquations
 from vip_factors.body.kinematics import BodyState, twists_at
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import STATIC, Place
+from vip_factors.terms.equations import BoneEquations, DifferenceEquations
 
 if TYPE_CHECKING:
     from vip_factors.assembly.accumulator import Accumulator, PlacedPart

@@ -3,10 +3,10 @@
 import numpy as np
 
 from vip_factors.assembly.accumulator import Accumulator, PlacedPart, Slot, at_an_instant
-from vip_factors.assembly.equations import KnotEquations, Residuals
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import STATIC, Layout, Place
 from vip_factors.solve.chain_system import ChainSystem
+from vip_factors.terms.equations import KnotEquations, Residuals
 
 
 class ChainAccumulator(Accumulator):

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.assembly.equations import Part
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, joint_index
 from vip_factors.geometry.poses import pose_right_jacobian
 from vip_factors.geometry.rotations import Array, right_jacobian
 from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
+from vip_factors.terms.equations import JacobianBlock
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Charts:
             return static[item]
         return self.poses[frame] if block == "poses" and self.poses is not None else None
 
-    def part(self, part: Part, first: int) -> Array:
+    def part(self, part: JacobianBlock, first: int) -> Array:
         """A part's derivative ``(t, n, m, c)`` by the coordinates."""
         frames = slice(first + part.ahead, first + part.ahead + len(part.jacobian))
         static = self.static.get((part.owner, part.block))

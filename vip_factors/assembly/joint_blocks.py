@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vip_factors.assembly.equations import JointEquations
 from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.problem.layout import ROOT
+from vip_factors.terms.equations import JointEquations
 
 if TYPE_CHECKING:
     from vip_factors.assembly.accumulator import Accumulator

@@ -7,25 +7,22 @@ from typing import Protocol
 import numpy as np
 
 from vip_factors.assembly.accumulator import Accumulator
-from vip_factors.assembly.camera_terms import CAMERA_TERMS
 from vip_factors.assembly.chain import ChainAccumulator
 from vip_factors.assembly.charts import Charts
-from vip_factors.assembly.equations import Equations
-from vip_factors.assembly.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
 from vip_factors.assembly.parallel import side_by_side
 from vip_factors.assembly.slices import SliceAccumulator
-from vip_factors.assembly.view_terms import VIEW_TERMS
-from vip_factors.assembly.wearer_terms import WEARER_TERMS
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.blocks import STEP_ANGLE, scene_layout
-from vip_factors.problem.extra import ExtraTerms
 from vip_factors.problem.layout import Layout, Owner, OwnerId
-from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.solve.chain_system import ChainPart, ChainSystem, StaticGroup, frame_keys, knot_key, static_key
 from vip_factors.solve.knots import KnotSystem
 from vip_factors.solve.slices import Slices
+from vip_factors.terms.equations import Equations
+from vip_factors.terms.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
+from vip_factors.terms.registry import CAMERA_TERMS, VIEW_TERMS, WEARER_TERMS
 
 CHUNK = 32  # frames evaluated together: enough to amortise NumPy's calls, few enough to stay in a processor's cache
 
@@ -57,38 +54,38 @@ class SceneEvaluation:
         self._viewpoints = problem.viewpoints(state.camera)
         self._wearers_move = wearers_move
 
-    def equations(self, frames: slice) -> Iterator[Equations]:
-        """Of all factors that see any frame of a stretch."""
+    def equations(self, frames: slice) -> Iterator[tuple[str, Equations]]:
+        """Of all factors that see any frame of a stretch, with their kinds."""
         yield from self.of_bodies(frames)
         yield from self.of_camera(frames)
 
-    def of_bodies(self, frames: slice) -> Iterator[Equations]:
+    def of_bodies(self, frames: slice) -> Iterator[tuple[str, Equations]]:
         """Of those that see a wearer."""
         for number, wearer in enumerate(self.wearers):
             at = wearer.apart()
             if self._wearers_move:
                 for term in WEARER_TERMS:
-                    yield from term.within(at, frames)
+                    yield from ((term.kind, one) for one in term.within(at, frames))
             for camera, one in enumerate(self._viewpoints):
                 owner = OwnerId(Owner.CAMERA, camera)
                 view = ViewEvaluation(at, owner, one.problem, one.state, one.views[number], *self._offsets)
                 for seen in VIEW_TERMS:
-                    yield from seen.within(view, frames)
+                    yield from ((seen.kind, each) for each in seen.within(view, frames))
 
-    def of_camera(self, frames: slice) -> Iterator[Equations]:
+    def of_camera(self, frames: slice) -> Iterator[tuple[str, Equations]]:
         """Of those that see the camera alone."""
         for term in CAMERA_TERMS:
-            yield from term.within(self.camera, frames)
+            yield from ((term.kind, one) for one in term.within(self.camera, frames))
 
     def add_bodies_to(self, sums: Accumulator) -> None:
         """Sum the equations of an accumulator's stretch that see a wearer."""
-        for equations in self.of_bodies(sums.stretch):
+        for _, equations in self.of_bodies(sums.stretch):
             sums.add(equations)
         sums.finish(self.bodies)
 
     def add_camera_to(self, sums: Accumulator) -> None:
         """Sum those that see the camera alone; they are small, and one stretch of all frames is the fastest."""
-        for equations in self.of_camera(sums.stretch):
+        for _, equations in self.of_camera(sums.stretch):
             sums.add(equations)
 
 
@@ -121,8 +118,8 @@ class SceneObjective:
         """Half the sum of squared whitened residuals, losses applied, by kind of factor."""
         costs: dict[str, float] = {}
         everything = slice(0, self.problem.frames)
-        for equations in SceneEvaluation(self.problem, state, self._wearers_move).equations(everything):
-            costs[equations.kind] = costs.get(equations.kind, 0.0) + equations.cost
+        for kind, equations in SceneEvaluation(self.problem, state, self._wearers_move).equations(everything):
+            costs[kind] = costs.get(kind, 0.0) + equations.cost
         if self.problem.extra is not None:
             costs["extra"] = self.problem.extra.cost(self.problem, state)
         return costs

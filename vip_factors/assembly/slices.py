@@ -11,11 +11,11 @@ import numpy as np
 
 from vip_factors.assembly.accumulator import Accumulator, Slot
 from vip_factors.assembly.charts import Charts
-from vip_factors.assembly.equations import Residuals
 from vip_factors.body.kinematics import BodyState
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.problem.layout import Layout
 from vip_factors.solve.slices import REACH, Slices
+from vip_factors.terms.equations import Residuals
 
 
 class SliceAccumulator(Accumulator):

@@ -112,7 +112,7 @@ class UserTerms:
         return self._made[1]
 
     def cost(self, problem: SceneProblem, state: SceneState) -> float:
-        """See :class:`~vip_factors.problem.extra.ExtraTerms`."""
+        """See :class:`~vip_factors.problem.scene.ExtraTerms`."""
         graph = self.factors(problem)
         variables = {int(key): _known(int(key), state, 0) for key in list(graph.keyVector())}
         return float(graph.error(values_of(state, variables.values())))
@@ -120,7 +120,7 @@ class UserTerms:
     def linearised(
         self, problem: SceneProblem, layout: Layout, state: SceneState
     ) -> Iterator[tuple[int, gtsam.GaussianFactor]]:
-        """See :class:`~vip_factors.problem.extra.ExtraTerms`."""
+        """See :class:`~vip_factors.problem.scene.ExtraTerms`."""
         graph, places = self.factors(problem), _ChainPlaces(layout, problem.frames)
         for index in range(graph.size()):
             linear = LinearFactor.at(graph.at(index), state)

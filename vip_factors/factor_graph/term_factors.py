@@ -7,21 +7,6 @@ from functools import partial
 import gtsam
 import numpy as np
 
-from vip_factors.assembly.camera_terms import CAMERA_TERMS
-from vip_factors.assembly.equations import (
-    AT_THE_FIRST_KNOT,
-    BoneEquations,
-    DenseEquations,
-    DifferenceEquations,
-    Equations,
-    JointEquations,
-    KnotEquations,
-    Part,
-)
-from vip_factors.assembly.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
-from vip_factors.assembly.registry import Term
-from vip_factors.assembly.view_terms import VIEW_TERMS
-from vip_factors.assembly.wearer_terms import WEARER_TERMS
 from vip_factors.body.kinematics import twists_at
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, ancestors, joint_index
 from vip_factors.factor_graph.adapter import custom_factor
@@ -30,6 +15,19 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
+from vip_factors.terms.equations import (
+    AT_THE_FIRST_KNOT,
+    BoneEquations,
+    DenseEquations,
+    DifferenceEquations,
+    Equations,
+    JacobianBlock,
+    JointEquations,
+    KnotEquations,
+    Term,
+)
+from vip_factors.terms.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
+from vip_factors.terms.registry import CAMERA_TERMS, VIEW_TERMS, WEARER_TERMS
 from vip_factors.terms.robust import Loss, RobustLoss
 
 Evaluation = WearerEvaluation | ViewEvaluation | CameraEvaluation
@@ -158,11 +156,11 @@ class _Window:
                 for ahead, c in enumerate(eq.coefficients):
                     arm = eq.arms[row + ahead, n]
                     blocks += self._by_bone(eq, at, c * twists_at(arm), eq.bones[n] if arm.any() else None, ahead)
-                return [*blocks, *self._by_parts(eq.parts, row, n)]
+                return [*blocks, *self._by_parts(eq.blocks(), row, n)]
             case JointEquations():
                 return self._by_joints(eq, row, n)
             case DenseEquations():
-                return self._by_parts(eq.parts(), row, n)
+                return self._by_parts(eq.blocks(), row, n)
             case KnotEquations():
                 wearer, root = eq.owner.number, eq.root[row, n].reshape(1, 1)
                 signs = ((row, -root), (row + 1, root))
@@ -203,14 +201,14 @@ class _Window:
             blocks.append((Variable(KINDS[eq.mean], number), -eq.whitening))
         return blocks
 
-    def _by_parts(self, parts: Sequence[Part], row: int, n: int) -> Blocks:
+    def _by_parts(self, parts: Sequence[JacobianBlock], row: int, n: int) -> Blocks:
         blocks: Blocks = []
         for part in parts:
             if self.layout.place(part.owner, part.block) is not None:
                 blocks += self._by_part(part, part.jacobian[row, n], n)
         return blocks
 
-    def _by_part(self, part: Part, jacobian: Array, n: int) -> Blocks:
+    def _by_part(self, part: JacobianBlock, jacobian: Array, n: int) -> Blocks:
         number = part.owner.number if part.owner.kind is Owner.WEARER else 0
         frame = self.begin + self.first.start + max(part.ahead, 0)
         if part.block in JOINT_NAMES:
@@ -229,7 +227,7 @@ class _Window:
                 blocks.append((Variable(kind, number, 0, item, knot), weight * own))
         return blocks
 
-    def _knots(self, part: Part) -> list[tuple[int, float]]:
+    def _knots(self, part: JacobianBlock) -> list[tuple[int, float]]:
         """The knots that a block is seen through, and what each counts."""
         if part.block != "headings" or part.ahead == AT_THE_FIRST_KNOT:
             return [(0, 1.0)]

@@ -15,8 +15,7 @@ from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.factor_graph import keys
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout, Owner, OwnerId
-from vip_factors.problem.state import DetectorState, SceneState, WearerState
-from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.problem.state import CameraPoses, DetectorState, SceneState, WearerState
 
 
 class Kind(StrEnum):

@@ -11,7 +11,8 @@ from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.association import NOBODY, CameraPose, OnlineAssociation, OnlineAssociationSettings
 from vip_factors.live.problem import LagFrame
-from vip_factors.problem.scene import CameraFactorSettings, KeypointView
+from vip_factors.problem.scene import Foot, KeypointView
+from vip_factors.problem.state import CameraPoses
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.live import LiveCamera, VideoFrame
 from vip_factors.stages.ground import (
@@ -22,9 +23,9 @@ from vip_factors.stages.ground import (
     seen_feet,
 )
 from vip_factors.stages.views import AREA_OF_HEIGHT, pixel_sigma, points_on_body, scatter
-from vip_factors.terms.adaptive_biweight import adaptive_biweight
-from vip_factors.terms.camera_pose import CameraPoses
-from vip_factors.terms.ground_contact import ContactFrom, Foot, GroundContactSettings
+from vip_factors.terms.ground_contact import ContactFrom, GroundContactSettings
+from vip_factors.terms.registry import CameraFactorSettings
+from vip_factors.terms.reprojection import adaptive_biweight
 
 ACCELERATION_HOLDS = 3  # frames: that of the newest frame is measured by the next one, so the last known one counts
 

@@ -11,10 +11,9 @@ from vip_factors.live.settings import LiveSettings
 from vip_factors.problem.blocks import scene_layout
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem, Viewpoint
-from vip_factors.problem.state import SceneState
+from vip_factors.problem.state import CameraPoses, SceneState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.terms.camera_pose import CameraPoses
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from vip_factors.live.measurement import MeasuredStretch
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem, lag_frame, without_frames
 from vip_factors.live.settings import LiveSettings
 from vip_factors.problem.scene import KeypointView, SceneProblem
-from vip_factors.problem.state import SceneState
+from vip_factors.problem.state import CameraPoses, SceneState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.frames import coarser
@@ -27,7 +27,6 @@ from vip_factors.stages.fusion import Fused, at_full_rate, fuse_in_rounds
 from vip_factors.stages.inertial import Tracked, at_frames, first_calibration, inertial_tracker
 from vip_factors.stages.inertial_model import kept, with_contacts
 from vip_factors.stages.solver import Solver
-from vip_factors.terms.camera_pose import CameraPoses
 
 UNKNOWN_HEADING = np.pi  # radians: of a sensor that comes late, before it has been seen to move
 

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.assembly.evaluation import ViewEvaluation, WearerEvaluation
-from vip_factors.assembly.view_terms import reprojection_residuals
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.geometry.rotations import Array
@@ -22,6 +20,8 @@ from vip_factors.live.start import Started
 from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.sensors.live import LiveSetup, VideoFrame
+from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
+from vip_factors.terms.reprojection import whitened_reprojections
 
 SURE_ROOT = 0.04 * np.eye(3)  # m², of where a wearer is when tracking goes on from a calibration found anew
 CALIBRATION = 4  # columns of a sensor's heading and mounting
@@ -321,5 +321,5 @@ class Tracking:
                 view = one.views[number]
                 if view.seen.any():
                     at = WearerEvaluation(number, wearer, own, body)
-                    residual = reprojection_residuals(ViewEvaluation(at, CAMERA, one.problem, one.state, view))
+                    residual = whitened_reprojections(ViewEvaluation(at, CAMERA, one.problem, one.state, view))
                     observer.learn_spread(number, residual, view, self._settings.spread_share)

@@ -95,7 +95,7 @@ class StaticBlock:
 
         Vectors are ``(items,)`` or, a single one, a number; points ``(items, 3)``; rotations ``(items, 3, 3)`` or
         ``(3, 3)``; poses
-        :class:`~vip_factors.terms.camera_pose.CameraPoses`.
+        :class:`~vip_factors.problem.state.CameraPoses`.
         """
         each = step.reshape(self.items, self.item_width)
         if self.manifold.is_flat:

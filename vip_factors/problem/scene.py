@@ -1,41 +1,20 @@
 """Everything that defines the cost of a filmed scene: the wearers' own problems, the camera's, and what it saw."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 
 from vip_factors.body.keypoints import KeypointOffsets, offset_of
-from vip_factors.geometry.rotations import Array
-from vip_factors.problem.extra import ExtraTerms
-from vip_factors.problem.points import BodyPoint, BodyPoints
-from vip_factors.problem.state import CameraState
-from vip_factors.problem.wearer import WearerProblem
+from vip_factors.body.kinematics import BodyState
+from vip_factors.geometry.rotations import Array, hat
+from vip_factors.problem.layout import Layout
+from vip_factors.problem.state import CameraState, SceneState
+from vip_factors.problem.wearer import BodyPoint, BodyPoints, WearerProblem, sole_shift
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.terms.camera_acceleration import CameraAccelerationSettings
-from vip_factors.terms.camera_orientation import CameraOrientationSettings
-from vip_factors.terms.camera_velocity import CameraVelocitySettings
-from vip_factors.terms.ground_contact import Foot, GroundContactSettings
-from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
-from vip_factors.terms.reprojection import ReprojectionSettings
-from vip_factors.terms.video_clock import VideoClockSettings
-
-
-@dataclass(frozen=True)
-class CameraFactorSettings:
-    """The settings of every factor kind that touches the camera."""
-
-    reprojection: ReprojectionSettings = field(default_factory=ReprojectionSettings)
-    orientation: CameraOrientationSettings = field(default_factory=CameraOrientationSettings)
-    acceleration: CameraAccelerationSettings = field(default_factory=CameraAccelerationSettings)
-    velocity: CameraVelocitySettings = field(default_factory=CameraVelocitySettings)
-    ground_contact: GroundContactSettings = field(default_factory=GroundContactSettings)
-    keypoint_offset: KeypointOffsetSettings = field(default_factory=KeypointOffsetSettings)
-    clock: VideoClockSettings = field(default_factory=VideoClockSettings)
-    correlation_s: float = 0.35  # s, of what the camera's own sensor says, as factors.correlation_s
-    heading_sigma_deg: float = 45.0  # of the camera IMU's heading, which nothing but the picture tells
 
 
 @dataclass(frozen=True)
@@ -53,7 +32,7 @@ class CameraProblem:
         free_clock: whether the offset and the drift of the video's clock move.
         clock_middle: seconds, the instant at which the offset is that.
         is_beginning: False for a stretch of something longer, whose beginning holds the priors.
-        settings: of the factors.
+        settings: of the terms (:class:`~vip_factors.terms.registry.CameraFactorSettings`); None where none runs.
         learned_offsets: of the detector's keypoints, where they were learnt.
     """
 
@@ -68,7 +47,7 @@ class CameraProblem:
     free_clock: bool = False
     clock_middle: float = 0.0
     is_beginning: bool = True
-    settings: CameraFactorSettings = field(default_factory=CameraFactorSettings)
+    settings: Any = None
     learned_offsets: KeypointOffsets | None = None
 
     @cached_property
@@ -92,6 +71,48 @@ class CameraProblem:
 
 # Where there is no camera: it sees nobody, and nothing of it moves.
 NO_CAMERA = CameraProblem(CameraModel(640, 480, (500.0, 500.0), (320.0, 240.0)), moving=False, free_pose=False)
+
+
+@dataclass(frozen=True)
+class Foot:
+    """One foot.
+
+    Attributes:
+        bone: it is on.
+        p_bone_ankle: ``(3,)`` metres.
+        p_bone_sole: ``(n, 3)``, points of its skin that may touch the ground, or a shoe's sole there.
+    """
+
+    bone: int
+    p_bone_ankle: Array
+    p_bone_sole: Array
+
+    def lowest(self, body: BodyState) -> Array:
+        """Which of the sole's points is the lowest, ``(T,)``."""
+        down = np.einsum("tk,nk->tn", body.R_world_bone[:, self.bone, 2], self.p_bone_sole)
+        return np.argmin(down, axis=1)
+
+    def ankle(self, body: BodyState, sole: float) -> tuple[Array, Array]:
+        """World positions ``(T, 3)`` of the ankle, and the height ``(T,)`` that it has where the foot stands.
+
+        ``sole`` is the shoe's thickness in metres.
+        """
+        height = np.einsum("tk,tk->t", body.R_world_bone[:, self.bone, 2], self._arm(body, sole))
+        return body.point(self.bone, self.p_bone_ankle), height
+
+    def height_by_sole(self, body: BodyState) -> Array:
+        """Derivative ``(T,)`` of that height by the thickness."""
+        return -body.R_world_bone[:, self.bone, 2] @ sole_shift(1.0)
+
+    def _arm(self, body: BodyState, sole: float) -> Array:
+        """From what touches the ground to the ankle, ``(T, 3)`` in bone axes."""
+        return self.p_bone_ankle - self.p_bone_sole[self.lowest(body)] - sole_shift(sole)
+
+    def height_by_turn(self, body: BodyState, sole: float) -> Array:
+        """Derivative ``(T, 3)`` of that height by a turn of the foot in the world: ``−hat(R arm)``, its last row."""
+        arm = self._arm(body, sole)
+        turned = np.einsum("tij,tj->ti", body.R_world_bone[:, self.bone], arm)
+        return -hat(turned)[:, 2]
 
 
 @dataclass(frozen=True)
@@ -223,6 +244,18 @@ class Viewpoint:
     problem: CameraProblem
     state: CameraState
     views: tuple[KeypointView, ...]
+
+
+class ExtraTerms(Protocol):
+    """Terms of a user's own, on the variables of a scene."""
+
+    def cost(self, problem: "SceneProblem", state: "SceneState") -> float:
+        """Half the sum of their squared whitened residuals, losses applied."""
+        ...
+
+    def linearised(self, problem: "SceneProblem", layout: Layout, state: "SceneState") -> Iterable[tuple[int, Any]]:
+        """Their linear factors, on the vectors of the chain, each with the first frame that it sees."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,37 @@ from vip_factors.body.hinges import HINGE_VARIABLES
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.skeleton import JOINT_COUNT
-from vip_factors.geometry.rotations import Array, exp, rotation_z
+from vip_factors.geometry.poses import retract_pose
+from vip_factors.geometry.rotations import Array, exp, hat, rotation_z
 from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
-from vip_factors.terms.camera_pose import CameraPoses
+
+
+@dataclass(frozen=True)
+class CameraPoses:
+    """Poses at ``T`` frames: ``R_world_camera`` ``(T, 3, 3)`` and ``p_world_camera`` ``(T, 3)`` in metres.
+
+    The tangent is ``(ω, v)``, rotation first, both in the camera's axes: ``T ← T Exp(ω, v)``, that is ``R ← R Exp(ω)``
+    and ``p ← p + R J_l(ω) v``, which to first order is ``p + R v``.
+    """
+
+    R_world_camera: Array
+    p_world_camera: Array
+
+    def __len__(self) -> int:
+        return len(self.p_world_camera)
+
+    def point(self, p_camera_point: Array) -> Array:
+        """World positions ``(T, 3)`` of a point fixed to the camera."""
+        return self.p_world_camera + self.R_world_camera @ p_camera_point
+
+    def point_jacobian(self, p_camera_point: Array) -> Array:
+        """Derivative ``(T, 3, 6)`` of :meth:`point` by the tangent."""
+        R = self.R_world_camera
+        return np.concatenate([-R @ hat(p_camera_point), R], axis=2)
+
+    def retract(self, steps: Array) -> "CameraPoses":
+        """Moved by tangent steps ``(T, 6)``, as ``Pose3`` moves: the translation turns along."""
+        return CameraPoses(*retract_pose(self.R_world_camera, self.p_world_camera, steps))
 
 
 @dataclass(frozen=True)
@@ -184,3 +212,8 @@ class SceneState:
         for part, columns in zip(layout.parts, layout.part_columns, strict=True):
             changed[part.owner] = self.of(part.owner).retract_frames(steps[:, columns])
         return self.replaced(changed)
+
+
+def seconds_late(offset: float, drift: float, time: Array, middle: float) -> Array:
+    """Seconds by which the video's clock is to be put forward at instants ``time``, of any shape."""
+    return offset + drift * (time - middle)

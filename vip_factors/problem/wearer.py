@@ -1,63 +1,66 @@
 """Everything that defines one wearer's cost: measurements, body, priors and settings."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from vip_factors.body.calibration_pose import HeldPose
 from vip_factors.body.hinges import HingePrior
 from vip_factors.body.joint_limits import JointLimits
+from vip_factors.body.kinematics import BodyState
 from vip_factors.body.lengths import BodyVariation
 from vip_factors.body.pose_prior import PosePrior
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.geometry.rotations import Array
-from vip_factors.problem.points import BodyPoint, BodyPoints
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.terms.acceleration import AccelerationSettings
-from vip_factors.terms.agreeing_headings import AgreeingHeadingsSettings
-from vip_factors.terms.coasting import CoastingSettings
-from vip_factors.terms.floor_contact import FloorContactSettings
-from vip_factors.terms.foot_contact import FootContactSettings
-from vip_factors.terms.gauge_prior import GaugePriorSettings
-from vip_factors.terms.heading_knots import knot_weights
-from vip_factors.terms.heading_prior import HeadingPriorSettings
-from vip_factors.terms.heading_walk import HeadingWalkSettings
-from vip_factors.terms.hinge import HingeSettings
-from vip_factors.terms.joint_limit import JointLimitSettings
-from vip_factors.terms.orientation import OrientationSettings
-from vip_factors.terms.pose_prior import PosePriorSettings
-from vip_factors.terms.rotation_prior import InitialPoseSettings
-from vip_factors.terms.sensor_place import SensorPlaceSettings
-from vip_factors.terms.smoothness import SmoothnessSettings
-from vip_factors.terms.sole import SoleSettings
 
 
 @dataclass(frozen=True)
-class FactorSettings:
-    """The settings of every factor kind."""
+class BodyPoint:
+    """A point fixed to a bone."""
 
-    orientation: OrientationSettings = field(default_factory=OrientationSettings)
-    acceleration: AccelerationSettings = field(default_factory=AccelerationSettings)
-    pose_prior: PosePriorSettings = field(default_factory=PosePriorSettings)
-    joint_limit: JointLimitSettings = field(default_factory=JointLimitSettings)
-    heading_prior: HeadingPriorSettings = field(default_factory=HeadingPriorSettings)
-    agreeing_headings: AgreeingHeadingsSettings = field(default_factory=AgreeingHeadingsSettings)
-    sensor_place: SensorPlaceSettings = field(default_factory=SensorPlaceSettings)
-    heading_walk: HeadingWalkSettings = field(default_factory=HeadingWalkSettings)
-    initial_pose: InitialPoseSettings = field(default_factory=InitialPoseSettings)
-    hinge: HingeSettings = field(default_factory=HingeSettings)
-    smoothness: SmoothnessSettings = field(default_factory=SmoothnessSettings)
-    sole: SoleSettings = field(default_factory=SoleSettings)
-    foot_contact: FootContactSettings = field(default_factory=FootContactSettings)
-    floor_contact: FloorContactSettings = field(default_factory=FloorContactSettings)
-    gauge_prior: GaugePriorSettings = field(default_factory=GaugePriorSettings)
-    coasting: CoastingSettings = field(default_factory=CoastingSettings)
-    # s. Errors of tissue, joints and detectors last as long as postures do: frames nearer than this are one statement,
-    # and each of them counts as its share of it; so the frame rate, which is nobody's evidence, changes no weight.
-    correlation_s: float = 0.35
-    # Of the prior over bodies, in sigmas: what a table calls a joint's centre is not quite what keypoints follow.
-    length_scale: float = 1.5
+    bone: int
+    p_bone_point: Array
+
+    def of(self, body: BodyState) -> Array:
+        """World positions ``(T, 3)``."""
+        return body.point(self.bone, self.p_bone_point)
+
+
+@dataclass(frozen=True)
+class BodyPoints:
+    """Points on the body, as arrays: ``bones`` they are on, and ``p_bone_point`` ``(n, 3)`` metres."""
+
+    bones: tuple[int, ...]
+    p_bone_point: Array
+
+    @classmethod
+    def of(cls, points: Sequence[BodyPoint]) -> "BodyPoints":
+        """The same points."""
+        p = np.array([point.p_bone_point for point in points]).reshape(-1, 3)
+        return cls(tuple(point.bone for point in points), p)
+
+    def on(self, body: BodyState) -> Array:
+        """World positions ``(T, n, 3)``."""
+        return body.points(np.array(self.bones, dtype=int), self.p_bone_point)
+
+
+def sole_shift(thickness: float) -> Array:
+    """From the foot's skin to what touches the ground, ``(3,)`` metres in bone axes: at rest down."""
+    return np.array([0.0, -thickness, 0.0])
+
+
+def knot_weights(knots: Array, time: Array) -> Array:
+    """What each knot of a walk counts at each instant, ``(T, K)``: linear between neighbours, constant beyond the ends.
+
+    Args:
+        knots: ``(K,)`` ascending seconds.
+        time: ``(T,)`` seconds.
+    """
+    return np.stack([np.interp(time, knots, unit) for unit in np.eye(len(knots))], axis=1)
 
 
 @dataclass(frozen=True)
@@ -88,8 +91,8 @@ class WearerProblem:
         prior_headings, heading_sigma: ``(S,)`` radians; of the first knot, where headings walk.
         prior_R_bone_sensor: ``(S, 3, 3)``.
         mounting_sigma: ``(S,)`` radians.
+        settings: of the terms (:class:`~vip_factors.terms.registry.FactorSettings`), whose rooms are above this one.
         p_world_start: root position of the first frame, metres; or ``(N, 3)``, of the first frame of each stretch.
-        settings: of the factors.
         initial_pose: declared by the wearer, or None.
         contacts: points of the feet that may bear the body.
         contact_confidence: ``(T, C)`` in [0, 1], whether each contact holds from its frame to the next.
@@ -120,8 +123,8 @@ class WearerProblem:
     heading_sigma: Array
     prior_R_bone_sensor: Array
     mounting_sigma: Array
+    settings: Any
     p_world_start: Array = field(default_factory=lambda: np.zeros(3))
-    settings: FactorSettings = field(default_factory=FactorSettings)
     initial_pose: InitialPose | None = None
     contacts: tuple[BodyPoint, ...] = ()
     contact_confidence: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -150,20 +153,6 @@ class WearerProblem:
     def contact_points(self) -> BodyPoints:
         """The contacts, as arrays."""
         return BodyPoints.of(self.contacts)
-
-    @cached_property
-    def place_whitening(self) -> Array:
-        """``(S, 3, 3)`` per metre, of the prior on the sensors' places: another sigma along limbs than across."""
-        settings, found = self.settings.sensor_place, []
-        for bone in self.sensor_points.bones:
-            limb = self.skeleton.limb(bone)
-            if limb is None:
-                found.append(np.eye(3) / settings.elsewhere)
-                continue
-            length = float(np.linalg.norm(limb))
-            along = np.outer(limb, limb) / length**2
-            found.append(along / (settings.along * length) + (np.eye(3) - along) / settings.across)
-        return np.array(found).reshape(-1, 3, 3)
 
     def frame_share(self, first: slice) -> Array:
         """What frames count ``(t, 1)``: their share of a correlation time."""
@@ -222,42 +211,6 @@ class WearerProblem:
         """Whether contacts stand on the floor at z = 0; where frames are independent, roots are free."""
         return self.use_acceleration and self.settings.floor_contact.use
 
-    @cached_property
-    def coasting(self) -> np.ndarray:
-        """``(T,)`` whether the root coasts over a frame and its neighbours: no accelerometer says how it moves there.
-
-        The first frame and the last of a stretch have one neighbour and never do.
-        """
-        coasting = np.zeros(len(self.frames), bool)
-        if self.use_acceleration and self.settings.coasting.use:
-            follows = self.frames.follows
-            coasting[1:-1] = ~np.any(self.frames.acceleration_valid[1:-1], axis=1) & follows[:-1] & follows[1:]
-        return coasting
-
-    @cached_property
-    def turning(self) -> np.ndarray:
-        """``(T − 1,)`` whether the pelvis turns unseen from a frame to the next: one has no orientation of a sensor."""
-        if not (self.use_acceleration and self.settings.coasting.use):
-            return np.zeros(max(len(self.frames) - 1, 0), bool)
-        seen = np.any(self.frames.orientation_valid, axis=1)
-        return ~(seen[:-1] & seen[1:]) & self.frames.follows
-
-    @property
-    def heading_sigmas(self) -> Array:
-        """``(S,)`` radians, as used: tight for the gauge sensor, not too tight for the others.
-
-        What the motion of a whole recording says of a heading that walks is its mean, against that of the gauge
-        sensor: a walk's mean is off its start by a third of the variance that it gathers, and here two walk.
-        """
-        prior = self.settings.heading_prior
-        sigmas = np.maximum(self.heading_sigma, prior.least_sigma)
-        if self.headings_walk:
-            whole = self._walk_sigma(self.heading_knots[-1] - self.heading_knots[0])
-            sigmas = np.hypot(sigmas, np.sqrt(2 / 3) * whole)
-        if self.is_gauge:
-            sigmas[self.gauge_sensor] = prior.gauge_sigma
-        return sigmas
-
     @property
     def headings_walk(self) -> bool:
         """Whether headings change with time."""
@@ -266,20 +219,3 @@ class WearerProblem:
     def knot_weights(self, frames: slice = slice(None)) -> Array | None:
         """What each knot counts in a stretch of frames ``(t, K)``; None where headings are constant."""
         return knot_weights(self.heading_knots, self.frames.time[frames]) if self.headings_walk else None
-
-    @property
-    def walk_sigmas(self) -> Array:
-        """``(K − 1, S)`` radians from knot to knot."""
-        return self._walk_sigma(np.diff(self.heading_knots)[:, None])
-
-    def _walk_sigma(self, seconds: Array) -> Array:
-        """Radians by which each sensor's heading walks, ``(..., S)``."""
-        walk = self.settings.heading_walk
-        unknown = np.full(len(self.sensors), walk.unknown_drift_deg)
-        return walk.sigma(seconds, self.heading_drift_deg if len(self.heading_drift_deg) else unknown)
-
-    @property
-    def initial_pose_sigma(self) -> Array:
-        """Standard deviations ``(23, 3)`` in radians for each of the initial frames, which together weigh as one."""
-        assert self.initial_pose is not None
-        return self.initial_pose.pose.sigma[1:] * self.settings.initial_pose.scale * np.sqrt(self.initial_pose.frames)

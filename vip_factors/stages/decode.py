@@ -5,9 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.assembly.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.assembly.wearer_terms import acceleration, orientation
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import CameraEstimate, PoseCovariance, SolveReport, WearerEstimate
@@ -20,6 +18,8 @@ from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.terms import acceleration, orientation
+from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.terms.reprojection import reprojection_residual
 
 
@@ -69,10 +69,10 @@ def residuals(model: WearerProblem, state: WearerState) -> dict[str, Array]:
     """Norms ``(T, S)`` of the misfit of every sensor in every frame, by kind; NaN where it measured nothing."""
     at, frames, settings = WearerEvaluation(0, model, state), model.frames, model.settings
     kinds = dict[str, Array]()
-    for one in orientation(at, slice(0, len(frames))):
+    for one in orientation.equations(at, slice(0, len(frames))):
         misfit = np.rad2deg(settings.orientation.sigma * one.norm)
         kinds["orientation_deg"] = np.where(frames.orientation_valid, misfit, np.nan)
-    for each in acceleration(at, slice(0, max(len(frames) - 2, 0))):
+    for each in acceleration.equations(at, slice(0, max(len(frames) - 2, 0))):
         misfit = np.full(frames.acceleration_valid.shape, np.nan)
         misfit[1:-1] = settings.acceleration.sigma * each.norm
         kinds["acceleration_m_s2"] = np.where(frames.acceleration_valid, misfit, np.nan)

@@ -22,7 +22,7 @@ from vip_factors.initialise.camera import (
 )
 from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.problem.scene import CameraProblem, Viewpoint
-from vip_factors.problem.state import CameraState, DetectorState, SceneState
+from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Camera
@@ -30,7 +30,6 @@ from vip_factors.settings import Settings
 from vip_factors.stages.association import AssociatedCamera, path_at
 from vip_factors.stages.drift import middle_of
 from vip_factors.stages.inertial import Tracked
-from vip_factors.terms.camera_pose import CameraPoses
 from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 
 

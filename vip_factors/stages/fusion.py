@@ -5,15 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.assembly.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.assembly.view_terms import reprojection_residuals
 from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.problem.blocks import CAMERA
-from vip_factors.problem.extra import ExtraTerms
-from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem, Viewpoint
-from vip_factors.problem.state import CameraState, DetectorState, SceneState, WearerState
+from vip_factors.problem.scene import CameraProblem, ExtraTerms, KeypointView, SceneProblem, Viewpoint
+from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState, seconds_late
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
@@ -30,8 +27,8 @@ from vip_factors.stages.inertial_model import kept, with_contacts
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.views import image_scale, keypoint_view, predicted_pixels, scatter
 from vip_factors.stages.wearer_findings import TURNED
-from vip_factors.terms.camera_pose import CameraPoses
-from vip_factors.terms.video_clock import seconds_late
+from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
+from vip_factors.terms.reprojection import whitened_reprojections
 
 TIMED = 0.01  # s: so far keypoints move nearly straight; half a video frame
 SETTLED = 1.5  # a detector believed less than this much too rough costs less than another solve
@@ -101,7 +98,7 @@ def _scatter_before(
     found = []
     for view, wearer, spread in zip(camera.views, wearers, spreads, strict=True):
         at = ViewEvaluation(wearer, CAMERA, camera.problem, camera.state, view, detector.keypoint_offsets)
-        residual = reprojection_residuals(at)
+        residual = whitened_reprojections(at)
         found.append(scatter(residual, view, spread))
     return tuple(found)
 

@@ -9,17 +9,14 @@ from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.pose import contact_confidence, contact_points
-from vip_factors.problem.points import BodyPoint
-from vip_factors.problem.scene import GroundView, KeypointView
-from vip_factors.problem.state import SceneState, WearerState
-from vip_factors.problem.wearer import WearerProblem
+from vip_factors.problem.scene import Foot, GroundView, KeypointView
+from vip_factors.problem.state import CameraPoses, SceneState, WearerState
+from vip_factors.problem.wearer import BodyPoint, WearerProblem
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.stages.inertial_model import placed_on_floor
 from vip_factors.terms.acceleration import GRAVITY
-from vip_factors.terms.camera_pose import CameraPoses
 from vip_factors.terms.ground_contact import (
     ContactFrom,
-    Foot,
     GroundContactSettings,
     Weighing,
     acceleration_confidence,

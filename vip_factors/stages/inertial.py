@@ -15,8 +15,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, known_calibration
 from vip_factors.initialise.pose import first_poses
 from vip_factors.initialise.start_search import Starts
-from vip_factors.problem.extra import ExtraTerms
-from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames, resample_streams

@@ -11,9 +11,8 @@ from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.errors import InputError
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.pose import contact_confidence, contact_points, standing_path
-from vip_factors.problem.points import BodyPoint
 from vip_factors.problem.state import WearerState
-from vip_factors.problem.wearer import InitialPose, WearerProblem
+from vip_factors.problem.wearer import BodyPoint, InitialPose, WearerProblem
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.settings import CalibrationSettings, Settings

@@ -32,6 +32,7 @@ from vip_factors.stages.decode import (
 from vip_factors.stages.drift import clock_findings
 from vip_factors.stages.findings import find_oddities, of_camera
 from vip_factors.stages.fusion import Fused
+from vip_factors.terms.sensor_position import sensor_position_whitening
 
 
 def scene_estimate(
@@ -158,7 +159,7 @@ def sensor_places(fused: Fused, number: int, marginals: Mapping[int, Array] | No
         return ()
     points, found = model.sensor_points, fused.state.wearers[number].sensor_places
     sigmas = _sigmas(fused, OwnerId(Owner.WEARER, number), "sensor_places", found.shape, marginals)
-    whitening = np.linalg.inv(model.place_whitening)
+    whitening = np.linalg.inv(sensor_position_whitening(model))
     prior_sigmas = np.sqrt(np.einsum("sij,sij->si", whitening, whitening))
     return tuple(
         SensorPlaceEstimate(sensor, JOINT_NAMES[bone], prior, prior + change, prior_sigma, sigma)

@@ -5,13 +5,17 @@ position moves with the joints is the body's (:func:`~vip_factors.body.kinematic
 force alone: ``∂(−Rz(γ) f)/∂γ = −e_z × Rz(γ) f``.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, rotation_z
+from vip_factors.terms.equations import DifferenceEquations, JacobianBlock, Term, differenced
+from vip_factors.terms.evaluation import WearerEvaluation
 from vip_factors.terms.robust import Loss, RobustLoss
 
+SECOND_DIFFERENCE = np.array([1.0, -2.0, 1.0])  # of positions before, now and after: their acceleration, times step²
 GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s², world
 _QUARTER = np.array(
     [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
@@ -50,3 +54,29 @@ def acceleration_by_heading(heading: float | Array, specific_force_inertial: Arr
 
 def _turned(heading: float | Array, specific_force_inertial: Array) -> Array:
     return (rotation_z(heading) @ specific_force_inertial[..., None])[..., 0]
+
+
+def equations(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquations]:
+    """One factor for each sensor, on where it sits in three frames and on its heading in the middle one."""
+    problem = at.problem
+    if not problem.use_acceleration:
+        return
+    settings: AccelerationSettings = problem.settings.acceleration
+    body, step = at.body.at(slice(first.start, first.stop + 2)), problem.frames.step
+    p, centre = at.sensor_points.on(body), slice(first.start + 1, first.stop + 1)
+    headings, force = at.headings(centre), problem.frames.specific_force_inertial[centre]
+    residual = acceleration_residual(p[:-2], p[1:-1], p[2:], step, headings, force) / settings.sigma
+    c = SECOND_DIFFERENCE / (step**2 * settings.sigma)
+
+    def blocks() -> tuple[JacobianBlock, ...]:
+        by_heading = acceleration_by_heading(headings, force) / settings.sigma
+        heading = JacobianBlock(at.owner, "headings", by_heading[..., None], each=True, ahead=1)
+        return heading, *differenced(at.sensor_blocks(body), c)
+
+    yield DifferenceEquations(
+        first.start, residual, problem.frames.acceleration_valid[centre], settings.loss, at.owner,
+        problem.sensor_points.bones, at.arms(p, first), c, blocks,
+    )  # fmt: skip
+
+
+ACCELERATION = Term("acceleration", 2, equations)

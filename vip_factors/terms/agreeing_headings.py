@@ -4,11 +4,14 @@ Nobody knows where their common north is, only that it is common. So each headin
 mean to nothing.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, wrap_angle
+from vip_factors.terms.equations import AT_THE_FIRST_KNOT, DenseEquations, JacobianBlock, Term, prior_equations
+from vip_factors.terms.evaluation import WearerEvaluation
 from vip_factors.terms.robust import Loss, RobustLoss
 
 
@@ -40,3 +43,16 @@ def agreeing_headings_jacobian(headings: Array) -> Array:
 
 def _mean(headings: Array) -> float:
     return float(np.arctan2(np.sin(headings).sum(), np.cos(headings).sum()))
+
+
+def equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
+    """One factor for each sensor, on the headings of all."""
+    settings: AgreeingHeadingsSettings = at.problem.settings.agreeing_headings
+    if settings.sigma is not None and at.problem.free_headings:
+        residual = agreeing_headings_residual(at.state.headings) / settings.sigma
+        by_all = (agreeing_headings_jacobian(at.state.headings) / settings.sigma)[None, :, None]
+        block = JacobianBlock(at.owner, "headings", by_all, ahead=AT_THE_FIRST_KNOT)
+        yield from prior_equations(block, residual[:, None], settings.loss)
+
+
+AGREEING_HEADINGS = Term.prior("agreeing headings", equations)

@@ -5,6 +5,7 @@ With ``E = Exp(r)`` the error: a step ``ω`` of the camera is ``R Exp(ω) R_ci S
 ``−J_r⁻¹(r) e_z``.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +17,9 @@ from vip_factors.geometry.rotations import (
     rotation_z,
     transpose,
 )
-from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.problem.state import CameraPoses
+from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term
+from vip_factors.terms.evaluation import CameraEvaluation
 from vip_factors.terms.robust import Loss, RobustLoss
 
 
@@ -49,3 +52,27 @@ def camera_orientation_jacobians(
     by_rotation = left @ camera.R_world_camera
     by_pose = np.concatenate([by_rotation, np.zeros_like(by_rotation)], axis=2)
     return by_pose, -right[:, :, 2], by_rotation @ R_camera_imu
+
+
+def equations(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor a frame."""
+    imu = at.problem.imu
+    if imu is None:
+        return
+    settings: CameraOrientationSettings = at.problem.settings.orientation
+    sigma = settings.sigma / float(np.sqrt(at.problem.orientation_weight(at.step)))
+    poses, mounting = at.poses(first), at.state.R_camera_imu
+    error = camera_orientation_residual(poses, mounting, at.state.heading, imu.R_inertial_sensor[first, 0])
+
+    def blocks() -> tuple[JacobianBlock, ...]:
+        by_pose, by_heading, by_mounting = (J / sigma for J in camera_orientation_jacobians(poses, mounting, error))
+        return (
+            JacobianBlock(at.owner, "poses", by_pose[:, None]),
+            JacobianBlock(at.owner, "heading", by_heading[:, None, :, None]),
+            JacobianBlock(at.owner, "R_camera_imu", by_mounting[:, None]),
+        )
+
+    yield DenseEquations(first.start, error[:, None] / sigma, imu.orientation_valid[first], settings.loss, blocks)
+
+
+CAMERA_ORIENTATION = Term("camera orientation", 0, equations)

@@ -1,5 +1,6 @@
 """Camera velocity: a camera in a hand neither turns nor moves fast. What bridges frames that see nobody."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +12,9 @@ from vip_factors.geometry.rotations import (
     log,
     transpose,
 )
-from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.problem.state import CameraPoses
+from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term
+from vip_factors.terms.evaluation import CameraEvaluation
 from vip_factors.terms.robust import Loss, RobustLoss
 
 
@@ -49,3 +52,22 @@ def camera_velocity_jacobians(
     by_now[:, 3:, 3:] = -np.eye(3)
     by_after[:, 3:, 3:] = transpose(now.R_world_camera) @ after.R_world_camera
     return by_now / step, by_after / step
+
+
+def equations(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor for each frame and its next."""
+    if not at.is_path:
+        return
+    settings: CameraVelocitySettings = at.problem.settings.velocity
+    now, after = at.poses(first), at.poses(slice(first.start + 1, first.stop + 1))
+    residual = camera_velocity_residual(now, after, at.step)
+
+    def blocks() -> tuple[JacobianBlock, ...]:
+        jacobians = camera_velocity_jacobians(now, after, residual, at.step)
+        whitened = (J[:, None] / settings.sigmas[:, None] for J in jacobians)
+        return tuple(JacobianBlock(at.owner, "poses", J, ahead=ahead) for ahead, J in enumerate(whitened))
+
+    yield DenseEquations(first.start, (residual / settings.sigmas)[:, None], 1.0, settings.loss, blocks)
+
+
+CAMERA_VELOCITY = Term("camera velocity", 1, equations)

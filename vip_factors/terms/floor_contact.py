@@ -3,9 +3,14 @@
 Its derivative by the point is the row ``e_zᵀ``.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from vip_factors.geometry.rotations import Array
+from vip_factors.terms.equations import BoneEquations, JacobianBlock, Term
+from vip_factors.terms.evaluation import WearerEvaluation
 from vip_factors.terms.robust import Loss, RobustLoss
 
 
@@ -21,3 +26,25 @@ class FloorContactSettings:
 def floor_contact_residual(p_world_contact: Array) -> Array:
     """Height ``(..., 1)`` in metres of a contact point, ``(..., 3)``, over the floor at z = 0."""
     return p_world_contact[..., 2:]
+
+
+def equations(at: WearerEvaluation, first: slice) -> Iterator[BoneEquations]:
+    """One factor for each contact point."""
+    problem = at.problem
+    if not (problem.has_floor and problem.contacts):
+        return
+    settings: FloorContactSettings = problem.settings.floor_contact
+    body = at.body.at(first)
+    p = at.contact_points.on(body)
+
+    def derivatives() -> tuple[Array, tuple[JacobianBlock, ...]]:
+        up = np.broadcast_to(np.array([[0.0, 0.0, 1.0]]) / settings.sigma, (*p.shape[:2], 1, 3))
+        return up @ body.point_twists(p), tuple(one.times(up) for one in at.contact_blocks(body))
+
+    yield BoneEquations(
+        first.start, floor_contact_residual(p) / settings.sigma, problem.contact_confidence[first], settings.loss,
+        at.owner, problem.contact_points.bones, derivatives,
+    )  # fmt: skip
+
+
+FLOOR_CONTACT = Term("floor contact", 0, equations)

@@ -3,9 +3,14 @@
 Linear in the two positions: derivatives ``−1/step`` and ``1/step``, each times the identity.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from vip_factors.geometry.rotations import Array
+from vip_factors.terms.equations import DifferenceEquations, Term, differenced
+from vip_factors.terms.evaluation import WearerEvaluation
 from vip_factors.terms.robust import Loss, RobustLoss
 
 
@@ -21,3 +26,21 @@ class FootContactSettings:
 def foot_contact_residual(p_now: Array, p_after: Array, step: float) -> Array:
     """Velocity of a contact point between two frames, ``(..., 3)`` m/s, from its positions ``(..., 3)`` in metres."""
     return (p_after - p_now) / step
+
+
+def equations(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquations]:
+    """One factor for each contact point, from a frame to the next."""
+    problem = at.problem
+    if not (problem.use_acceleration and problem.contacts):
+        return
+    settings: FootContactSettings = problem.settings.foot_contact
+    body, step = at.body.at(slice(first.start, first.stop + 1)), problem.frames.step
+    p, c = at.contact_points.on(body), np.array([-1.0, 1.0]) / (step * settings.sigma)
+    yield DifferenceEquations(
+        first.start, foot_contact_residual(p[:-1], p[1:], step) / settings.sigma,
+        problem.contact_confidence[first] * problem.frames.follows[first, None], settings.loss, at.owner,
+        problem.contact_points.bones, at.arms(p, first), c, lambda: differenced(at.contact_blocks(body), c),
+    )  # fmt: skip
+
+
+FOOT_CONTACT = Term("foot contact", 1, equations)

@@ -1,8 +1,13 @@
 """Gauge prior: IMUs alone see neither where the scene is nor how fast it drifts; somebody has to say."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from vip_factors.geometry.rotations import Array
+from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
+from vip_factors.terms.evaluation import WearerEvaluation
 
 
 @dataclass(frozen=True)
@@ -15,3 +20,19 @@ class GaugePriorSettings:
 def gauge_prior_residual(p_world_pelvis: Array, p_world_prior: Array) -> Array:
     """Root position less the chosen one, ``(3,)`` metres. Its derivative is the identity."""
     return p_world_pelvis - p_world_prior
+
+
+def equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor on the root of the first frame, of each stretch if there are several."""
+    problem = at.problem
+    if not (problem.use_acceleration and problem.is_gauge):
+        return
+    settings: GaugePriorSettings = problem.settings.gauge_prior
+    block = JacobianBlock(at.owner, "root", np.eye(3)[None, None] / settings.position_sigma)
+    for frame, p_world in problem.placed_starts:
+        if first.start <= frame < first.stop:
+            residual = gauge_prior_residual(at.state.p_world_pelvis[frame], p_world) / settings.position_sigma
+            yield from prior_equations(block, residual[None], first=frame)
+
+
+GAUGE_PRIOR = Term("gauge prior", 0, equations, every_frame=False)

@@ -5,6 +5,7 @@ pass through "each ankle of the solved model": one that took its height from the
 at the ankle's own height and say nothing of depth, so it must be that of a foot which stands.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -12,11 +13,14 @@ import numpy as np
 
 from vip_factors.body.kinematics import BodyState
 from vip_factors.geometry.rotations import Array, hat
+from vip_factors.problem.scene import Foot, GroundView
+from vip_factors.problem.state import CameraPoses
+from vip_factors.problem.wearer import BodyPoints
 from vip_factors.ranges import NotNegative, Share
 from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.terms.camera_pose import CameraPoses
+from vip_factors.terms.equations import BoneEquations, JacobianBlock, Term
+from vip_factors.terms.evaluation import ViewEvaluation
 from vip_factors.terms.robust import Loss, RobustLoss
-from vip_factors.terms.sole import sole_shift
 
 
 class ContactFrom(StrEnum):
@@ -53,48 +57,6 @@ class GroundContactSettings:
     least_grazing_deg: NotNegative = 3.0  # a flatter ray meets the floor anywhere: a pixel is metres
     farthest: float = 20.0  # m along the ray
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # a foot on a step must let go
-
-
-@dataclass(frozen=True)
-class Foot:
-    """One foot.
-
-    Attributes:
-        bone: it is on.
-        p_bone_ankle: ``(3,)`` metres.
-        p_bone_sole: ``(n, 3)``, points of its skin that may touch the ground, or a shoe's sole there.
-    """
-
-    bone: int
-    p_bone_ankle: Array
-    p_bone_sole: Array
-
-    def lowest(self, body: BodyState) -> Array:
-        """Which of the sole's points is the lowest, ``(T,)``."""
-        down = np.einsum("tk,nk->tn", body.R_world_bone[:, self.bone, 2], self.p_bone_sole)
-        return np.argmin(down, axis=1)
-
-    def ankle(self, body: BodyState, sole: float) -> tuple[Array, Array]:
-        """World positions ``(T, 3)`` of the ankle, and the height ``(T,)`` that it has where the foot stands.
-
-        ``sole`` is the shoe's thickness in metres.
-        """
-        height = np.einsum("tk,tk->t", body.R_world_bone[:, self.bone, 2], self._arm(body, sole))
-        return body.point(self.bone, self.p_bone_ankle), height
-
-    def height_by_sole(self, body: BodyState) -> Array:
-        """Derivative ``(T,)`` of that height by the thickness."""
-        return -body.R_world_bone[:, self.bone, 2] @ sole_shift(1.0)
-
-    def _arm(self, body: BodyState, sole: float) -> Array:
-        """From what touches the ground to the ankle, ``(T, 3)`` in bone axes."""
-        return self.p_bone_ankle - self.p_bone_sole[self.lowest(body)] - sole_shift(sole)
-
-    def height_by_turn(self, body: BodyState, sole: float) -> Array:
-        """Derivative ``(T, 3)`` of that height by a turn of the foot in the world: ``−hat(R arm)``, its last row."""
-        arm = self._arm(body, sole)
-        turned = np.einsum("tij,tj->ti", body.R_world_bone[:, self.bone], arm)
-        return -hat(turned)[:, 2]
 
 
 def pixel_rays(model: CameraModel, pixels: Array) -> Array:
@@ -180,3 +142,75 @@ def acceleration_confidence(acceleration: Array, lowest: Array, settings: Ground
     """
     still = np.minimum(1.0, settings.acceleration_scale / (acceleration + 1e-6))
     return (lowest == lowest.min(axis=1, keepdims=True)) + np.nan_to_num(still)
+
+
+def equations(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
+    """One factor for each foot that was seen to stand."""
+    ground = at.view.ground
+    if ground is None or not ground.stands[first].any():
+        return
+    settings: GroundContactSettings = at.camera.settings.ground_contact
+    stands, bones = ground.stands[first], tuple(foot.bone for foot in ground.feet)
+    feet = [_StandingFoot.of(at, g, np.flatnonzero(stands[:, g]), first) for g in range(len(bones))]
+    residual = np.zeros((*stands.shape, 3))
+    for g, foot in enumerate(feet):
+        residual[foot.frames, g] = foot.residual
+
+    def derivatives() -> tuple[Array, tuple[JacobianBlock, ...]]:
+        by_twist, by_camera = np.zeros((2, *stands.shape, 3, 6))
+        by_sole = np.zeros((*stands.shape, 3, 1))
+        for g, foot in enumerate(feet):
+            by_twist[foot.frames, g], by_camera[foot.frames, g], by_sole[foot.frames, g] = foot.derivatives()
+        ankles = BodyPoints(bones, np.stack([foot.p_bone_ankle for foot in ground.feet]))
+        of_body = at.wearer.body_blocks(at.wearer.body.at(first), ankles, _whitening(ground, first))
+        of_sole = (JacobianBlock(at.wearer.owner, "sole", by_sole),) if at.wearer.problem.free_sole else ()
+        return by_twist, (JacobianBlock(at.owner, "poses", by_camera), *of_body, *of_sole)
+
+    yield BoneEquations(first.start, residual, stands, settings.loss, at.wearer.owner, bones, derivatives)
+
+
+def _whitening(ground: GroundView, first: slice) -> Array:
+    """Derivative ``(t, G, 3, 3)`` by the ankles where they stand; the height of a standing one is its foot's alone."""
+    return np.where(ground.stands[first, :, None, None], ground.whitening[first], 0.0)
+
+
+@dataclass(frozen=True)
+class _StandingFoot:
+    """One foot in the ``n`` frames in which it stands, by their number in the stretch."""
+
+    frames: np.ndarray
+    foot: Foot
+    sole: float
+    ray: Array
+    whitening: Array
+    body: BodyState
+    camera: CameraPoses
+    p_world_ankle: Array
+    height: Array
+
+    @classmethod
+    def of(cls, at: ViewEvaluation, number: int, frames: np.ndarray, first: slice) -> "_StandingFoot":
+        assert at.view.ground is not None
+        foot, all_frames, poses = at.view.ground.feet[number], first.start + frames, at.state.at_frames(first)
+        body = BodyState(at.wearer.body.R_world_bone[all_frames], at.wearer.body.p_world_joint[all_frames])
+        camera = CameraPoses(poses.R_world_camera[frames], poses.p_world_camera[frames])
+        ray, whitening = at.view.ground.rays[all_frames, number], at.view.ground.whitening[all_frames, number]
+        sole = at.wearer.sole
+        return cls(frames, foot, sole, ray, whitening, body, camera, *foot.ankle(body, sole))
+
+    @property
+    def residual(self) -> Array:
+        """``(n, 3)``, whitened."""
+        residual = ground_contact_residual(self.p_world_ankle, self.height, self.camera, self.ray)
+        return np.asarray((self.whitening @ residual[..., None])[..., 0])
+
+    def derivatives(self) -> tuple[Array, Array, Array]:
+        """By the twist of the foot, the camera's pose, both ``(n, 3, 6)``, and the sole ``(n, 3, 1)``, whitened."""
+        by_height, by_camera = ground_contact_jacobians(self.height, self.camera, self.ray)
+        by_twist = self.body.point_twists(self.p_world_ankle[:, None])[:, 0]
+        by_twist[:, :, :3] += by_height[:, :, None] * self.foot.height_by_turn(self.body, self.sole)[:, None]
+        by_sole = by_height * (self.sole * self.foot.height_by_sole(self.body))[:, None]
+        return self.whitening @ by_twist, self.whitening @ by_camera, self.whitening @ by_sole[..., None]
+
+
+GROUND_CONTACT = Term("ground contact", 0, equations)

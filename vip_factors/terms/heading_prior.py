@@ -1,10 +1,15 @@
 """Heading prior: what the rough placement and the initial pose said about one sensor's heading."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, wrap_angle
+from vip_factors.problem.wearer import WearerProblem
+from vip_factors.terms.equations import AT_THE_FIRST_KNOT, DenseEquations, JacobianBlock, Term, prior_equations
+from vip_factors.terms.evaluation import CameraEvaluation, WearerEvaluation
+from vip_factors.terms.heading_walk import walk_sigma
 
 
 @dataclass(frozen=True)
@@ -28,3 +33,42 @@ class HeadingPriorSettings:
 def heading_prior_residual(heading: Array, prior_heading: Array) -> Array:
     """Heading less its prior, wrapped into [−π, π), radians; any shape. Its derivative is one."""
     return wrap_angle(heading - prior_heading)
+
+
+def heading_sigmas(problem: WearerProblem) -> Array:
+    """``(S,)`` radians, as used: tight for the gauge sensor, not too tight for the others.
+
+    What the motion of a whole recording says of a heading that walks is its mean, against that of the gauge
+    sensor: a walk's mean is off its start by a third of the variance that it gathers, and here two walk.
+    """
+    settings: HeadingPriorSettings = problem.settings.heading_prior
+    sigmas = np.maximum(problem.heading_sigma, settings.least_sigma)
+    if problem.headings_walk:
+        whole = walk_sigma(problem, problem.heading_knots[-1] - problem.heading_knots[0])
+        sigmas = np.hypot(sigmas, np.sqrt(2 / 3) * whole)
+    if problem.is_gauge:
+        sigmas[problem.gauge_sensor] = settings.gauge_sigma
+    return sigmas
+
+
+def equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
+    """One factor for each sensor: on its heading at the first knot, where it walks."""
+    if at.problem.free_headings:
+        sigmas = heading_sigmas(at.problem)
+        residual = heading_prior_residual(at.state.headings, at.problem.prior_headings) / sigmas
+        jacobian = (1 / sigmas)[None, :, None, None]
+        block = JacobianBlock(at.owner, "headings", jacobian, each=True, ahead=AT_THE_FIRST_KNOT)
+        yield from prior_equations(block, residual[:, None])
+
+
+def camera_equations(at: CameraEvaluation) -> Iterator[DenseEquations]:
+    """One factor on the heading of the camera's sensor."""
+    if at.problem.imu is not None:
+        sigma = np.deg2rad(at.problem.settings.heading_sigma_deg)
+        residual = heading_prior_residual(np.array(at.state.heading), np.array(at.problem.prior_heading)) / sigma
+        block = JacobianBlock(at.owner, "heading", np.ones((1, 1, 1, 1)) / sigma)
+        yield from prior_equations(block, residual.reshape(1, 1))
+
+
+HEADING_PRIOR = Term.prior("heading prior", equations)
+CAMERA_HEADING_PRIOR = Term.prior("camera heading prior", camera_equations)

@@ -1,10 +1,15 @@
 """Heading walk: a filter without a magnetometer forgets its north, slowly and with no memory of where it was."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
+from vip_factors.problem.wearer import WearerProblem
+from vip_factors.terms.equations import KnotEquations, Term
+from vip_factors.terms.evaluation import WearerEvaluation
+from vip_factors.terms.robust import SQUARE
 
 
 @dataclass(frozen=True)
@@ -34,3 +39,22 @@ def heading_walk_residual(before: Array, after: Array) -> Array:
     Its derivatives are −1 and 1. Not wrapped: between its knots the heading is interpolated, so it is continuous.
     """
     return after - before
+
+
+def walk_sigma(problem: WearerProblem, seconds: Array) -> Array:
+    """Radians by which each sensor's heading walks in so many seconds, ``(..., S)``."""
+    settings: HeadingWalkSettings = problem.settings.heading_walk
+    unknown = np.full(len(problem.sensors), settings.unknown_drift_deg)
+    return settings.sigma(seconds, problem.heading_drift_deg if len(problem.heading_drift_deg) else unknown)
+
+
+def equations(at: WearerEvaluation) -> Iterator[KnotEquations]:
+    """One factor for each sensor, from each knot to the next."""
+    problem, knots = at.problem, at.state.heading_knots
+    if problem.free_headings and problem.headings_walk:
+        root = 1 / walk_sigma(problem, np.diff(problem.heading_knots)[:, None])
+        residual = root * heading_walk_residual(knots[:-1], knots[1:])
+        yield KnotEquations(0, residual[..., None], 1.0, SQUARE, at.owner, "headings", root)
+
+
+HEADING_WALK = Term.prior("heading walk", equations)

@@ -8,12 +8,15 @@ in both. Elbows have one such row, along the forearm, so that it may turn about 
 By a right perturbation of the joint ``∂e/∂δ = −aᵀ R [d]×``, that is ``(Rᵀ a × d)ᵀ`` with its sign turned.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from vip_factors.body.hinges import HINGES, ROWS, TILTS
 from vip_factors.geometry.rotations import Array
+from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
+from vip_factors.terms.evaluation import WearerEvaluation
 from vip_factors.terms.robust import SQUARE, RobustLoss
 
 
@@ -69,3 +72,32 @@ def hinge_jacobians(R_parent_child: Array, variables: Array) -> tuple[tuple[Arra
         by_tilt = (R @ hinge.square).swapaxes(1, 2) @ hinge.direction_by_tilt(tilt)
         by_variables[:, hinge.rows, 2 * number : 2 * number + 2] = by_tilt
     return tuple(by_joints), by_variables
+
+
+def equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor a frame on all elbows and knees."""
+    settings: HingeSettings = at.problem.settings.hinge
+    if not settings.use:
+        return
+    R, whitening = at.state.R_parent_child[first], 1 / settings.sigmas
+
+    def blocks() -> tuple[JacobianBlock, ...]:
+        by_joints, by_variables = hinge_jacobians(R, at.state.hinges)
+        scaled = [(whitening[:, None] * J)[:, None] for J in (*by_joints, by_variables)]
+        names = [*(one.joint for one in HINGES), "hinges"]
+        return tuple(JacobianBlock(at.owner, name, J) for name, J in zip(names, scaled, strict=True))
+
+    residual = (whitening * hinge_residual(R, at.state.hinges))[:, None]
+    yield DenseEquations(first.start, residual, 1.0, settings.loss, blocks)
+
+
+def axes_equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
+    """One factor on the axes of elbows and knees: usual ones are the likeliest, or those found before; linear."""
+    if at.problem.free_hinges:
+        prior = at.problem.hinge_prior
+        residual = prior.whitening @ (at.state.hinges - prior.mean)
+        yield from prior_equations(JacobianBlock(at.owner, "hinges", prior.whitening[None, None]), residual[None])
+
+
+HINGE = Term("hinge", 0, equations)
+HINGE_PRIOR = Term.prior("hinge prior", axes_equations)

@@ -5,6 +5,7 @@ errs in its own way in every frame alike: taken for the skeleton's, that error b
 camera.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,9 @@ import numpy as np
 
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.geometry.rotations import Array
+from vip_factors.problem.blocks import DETECTOR
+from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
+from vip_factors.terms.evaluation import CameraEvaluation
 
 
 @dataclass(frozen=True)
@@ -35,3 +39,15 @@ class KeypointOffsetSettings:
         for name in ("elbow", "wrist"):
             sigmas[OFFSET_KEYPOINTS.index(name)] = self.elbow_wrist_sigma
         return sigmas
+
+
+def equations(at: CameraEvaluation) -> Iterator[DenseEquations]:
+    """One factor on all offsets of the detector's keypoints."""
+    if at.free_offsets and at.offsets is not None:
+        prior = at.problem.prior_offsets
+        sigmas = prior.sigma.ravel()
+        block = JacobianBlock(DETECTOR, "keypoint_offsets", np.diag(1 / sigmas)[None, None])
+        yield from prior_equations(block, ((at.offsets - prior.mean).ravel() / sigmas)[None])
+
+
+KEYPOINT_OFFSET_PRIOR = Term.prior("keypoint offset prior", equations)

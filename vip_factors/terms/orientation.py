@@ -1,5 +1,6 @@
 """Orientation: the sensor's own attitude estimate against the bone it is strapped to."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +12,8 @@ from vip_factors.geometry.rotations import (
     rotation_z,
     transpose,
 )
+from vip_factors.terms.equations import BoneEquations, JacobianBlock, Term
+from vip_factors.terms.evaluation import WearerEvaluation
 from vip_factors.terms.robust import Loss, RobustLoss
 
 
@@ -48,3 +51,24 @@ def orientation_jacobians(R_world_bone: Array, R_bone_sensor: Array, residual: A
     right = inverse_right_jacobian(residual)
     left = transpose(right)
     return left, left @ R_world_bone @ R_bone_sensor, -right[..., 2]
+
+
+def equations(at: WearerEvaluation, first: slice) -> Iterator[BoneEquations]:
+    """One factor for each sensor."""
+    problem, bones = at.problem, at.problem.sensor_points.bones
+    settings: OrientationSettings = problem.settings.orientation
+    R, mounting = at.body.R_world_bone[first][:, bones], at.state.R_bone_sensor
+    error = orientation_residual(R, mounting, at.headings(first), problem.frames.R_inertial_sensor[first])
+
+    def derivatives() -> tuple[Array, tuple[JacobianBlock, ...]]:
+        by_turn, by_mounting, by_heading = (J / settings.sigma for J in orientation_jacobians(R, mounting, error))
+        return by_turn, (
+            JacobianBlock(at.owner, "headings", by_heading[..., None], each=True),
+            JacobianBlock(at.owner, "R_bone_sensor", by_mounting, each=True),
+        )
+
+    seen = problem.frames.orientation_valid[first]
+    yield BoneEquations(first.start, error / settings.sigma, seen, settings.loss, at.owner, bones, derivatives)
+
+
+ORIENTATION = Term("orientation", 0, equations)

@@ -8,10 +8,14 @@ With ``x = Log(R)`` of each joint, ``∂x/∂δ = J_r⁻¹(x)`` block by block, 
 these.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from vip_factors.body.pose_prior import PosePrior
 from vip_factors.geometry.rotations import Array
+from vip_factors.terms.equations import DenseEquations, JacobianBlock, JointEquations, Term, prior_equations
+from vip_factors.terms.evaluation import WearerEvaluation
+from vip_factors.terms.robust import SQUARE
 
 
 @dataclass(frozen=True)
@@ -33,3 +37,28 @@ def pose_prior_residual(x: Array, mean: Array, prior: PosePrior, settings: PoseP
 def pose_mean_residual(mean: Array, prior: PosePrior, settings: PosePriorSettings) -> Array:
     """``mean_scale · L (m − μ)``, ``(69,)``: the recording's mean against the learnt one."""
     return settings.mean_scale * prior.whitening @ (mean - prior.mean)
+
+
+def pose_equations(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:
+    """One factor a frame."""
+    prior = at.problem.prior
+    settings: PosePriorSettings = at.problem.settings.pose_prior
+    x = at.joint_vectors(first)
+    residual = pose_prior_residual(x.reshape(len(x), -1), at.state.pose_mean, prior, settings)
+    yield JointEquations(
+        first.start, residual[:, None], 1.0, SQUARE, at.owner, lambda: (at.joint_jacobians(first),),
+        settings.scale * prior.whitening, settings.scale**2 * prior.information, "pose_mean",
+    )  # fmt: skip
+
+
+def mean_equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
+    """One factor on the recording's mean pose."""
+    if at.problem.free_pose_mean:
+        settings: PosePriorSettings = at.problem.settings.pose_prior
+        residual = pose_mean_residual(at.state.pose_mean, at.problem.prior, settings)
+        by_mean = (settings.mean_scale * at.problem.prior.whitening)[None, None]
+        yield from prior_equations(JacobianBlock(at.owner, "pose_mean", by_mean), residual[None])
+
+
+POSE_PRIOR = Term("pose prior", 0, pose_equations)
+POSE_MEAN = Term.prior("pose mean", mean_equations)

@@ -4,12 +4,14 @@ Six sensors leave thighs, upper arms and the trunk free between two poses that f
 over time, but its noise, summed twice, lets them wander; a Gaussian over their speed holds them.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from vip_factors.body.pose_prior import PosePrior
-from vip_factors.geometry.rotations import Array, inverse_right_jacobian, transpose
-
-JOINTS = range(1, 24)
+from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
+from vip_factors.terms.equations import JointEquations, Term
+from vip_factors.terms.evaluation import WearerEvaluation
+from vip_factors.terms.robust import SQUARE
 
 
 @dataclass(frozen=True)
@@ -34,3 +36,23 @@ def turn_jacobians(turn: Array) -> tuple[Array, Array]:
     """Derivatives of ``Log(R(t)ᵀ R(t+1))`` ``(..., 3)`` by the rotation now and the one after, ``(..., 3, 3)``."""
     right = inverse_right_jacobian(turn)
     return -transpose(right), right  # the left one is the transpose
+
+
+def equations(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:
+    """One factor for each frame and its next."""
+    problem, prior = at.problem, at.problem.prior
+    settings: SmoothnessSettings = problem.settings.smoothness
+    if not (problem.use_acceleration and settings.use):
+        return
+    R = at.state.R_parent_child[first.start : first.stop + 1, 1:]
+    follows, scale = problem.frames.follows[first, None, None], settings.time / problem.frames.step
+    turn = follows * log(transpose(R[:-1]) @ R[1:])
+    residual = smoothness_residual(turn, problem.frames.step, prior, settings)
+    yield JointEquations(
+        first.start, residual[:, None], 1.0, SQUARE, at.owner,
+        lambda: tuple(follows[..., None] * J for J in turn_jacobians(turn)),
+        scale * prior.whitening, scale**2 * prior.information,
+    )  # fmt: skip
+
+
+SMOOTHNESS = Term("smoothness", 1, equations)

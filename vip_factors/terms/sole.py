@@ -4,12 +4,14 @@ What touches the ground are points of the skeleton's foot, moved by ``h`` down t
 the skeleton. A thickness is never negative: the variable is ``x = ln(h / h₀)``, ``r = x``; both feet have one.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.geometry.rotations import Array
 from vip_factors.ranges import NotNegative
+from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
+from vip_factors.terms.evaluation import WearerEvaluation
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,12 @@ class SoleSettings:
         return float(self.thickness * np.exp(log_ratio))
 
 
-def sole_shift(thickness: float) -> Array:
-    """From the foot's skin to what touches the ground, ``(3,)`` metres in bone axes: at rest down."""
-    return np.array([0.0, -thickness, 0.0])
+def equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
+    """One factor on the logarithm of the thickness."""
+    if at.problem.free_sole:
+        settings: SoleSettings = at.problem.settings.sole
+        block = JacobianBlock(at.owner, "sole", np.ones((1, 1, 1, 1)) / settings.spread)
+        yield from prior_equations(block, np.full((1, 1), at.state.sole / settings.spread))
+
+
+SOLE_PRIOR = Term.prior("sole prior", equations)

@@ -6,10 +6,14 @@ at ``z − v Δ(t)``, so a reprojection's residual grows by ``v Δ(t)``: its der
 prior's residual is ``(o, d)``, in seconds and seconds a second.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from vip_factors.geometry.rotations import Array
+import numpy as np
+
 from vip_factors.ranges import NotNegative
+from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
+from vip_factors.terms.evaluation import CameraEvaluation
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,23 @@ class VideoClockSettings:
     drift_sigma: NotNegative = 1e-3
 
 
-def seconds_late(offset: float, drift: float, time: Array, middle: float) -> Array:
-    """Seconds by which the video's clock is to be put forward at instants ``time``, of any shape."""
-    return offset + drift * (time - middle)
+def offset_equations(at: CameraEvaluation) -> Iterator[DenseEquations]:
+    """One factor on the offset of the video's clock."""
+    if at.problem.free_clock:
+        yield from _number_prior(at, "clock", at.state.clock, at.problem.settings.clock.offset_sigma)
+
+
+def drift_equations(at: CameraEvaluation) -> Iterator[DenseEquations]:
+    """One factor on its drift."""
+    if at.problem.free_clock:
+        yield from _number_prior(at, "clock_drift", at.state.clock_drift, at.problem.settings.clock.drift_sigma)
+
+
+def _number_prior(at: CameraEvaluation, block: str, value: float, sigma: float) -> Iterator[DenseEquations]:
+    return prior_equations(
+        JacobianBlock(at.owner, block, np.ones((1, 1, 1, 1)) / sigma), np.full((1, 1), value / sigma)
+    )
+
+
+CLOCK_PRIOR = Term.prior("clock prior", offset_equations)
+CLOCK_DRIFT_PRIOR = Term.prior("clock drift prior", drift_equations)

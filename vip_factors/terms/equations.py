@@ -1,18 +1,19 @@
-"""What a term says, in one of a few shapes: residuals of all its factors at once, and their derivatives when asked for.
+"""What a term is, and what it says: residuals of all its factors at once, and their derivatives when asked for.
 
 A term has ``n`` factors in each of ``t`` successive frames, the first of which is ``first``. Shapes differ in what the
 factors see: bones and points of a body in one frame, points moving over frames, joints, or plain columns.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import OwnerId
-from vip_factors.terms.robust import RobustLoss
+from vip_factors.terms.robust import SQUARE, RobustLoss
 
 AT_THE_FIRST_KNOT = -1
 
@@ -22,14 +23,12 @@ class Residuals:
     """``n`` factors in each of ``t`` frames.
 
     Attributes:
-        kind: of factor.
         first: frame of the first.
         residual: ``(t, n, m)``, whitened.
         confidence: ``(t, n)``, dividing the variance; zero where the factor does not exist.
         loss: of the norm of each residual.
     """
 
-    kind: str
     first: int
     residual: Array
     confidence: np.ndarray | float
@@ -52,7 +51,7 @@ class Residuals:
 
 
 @dataclass(frozen=True)
-class Part:
+class JacobianBlock:
     """Derivative of factors by one named block of variables.
 
     Attributes:
@@ -69,6 +68,23 @@ class Part:
     each: bool = False
     ahead: int = 0
 
+    def times(self, by_block: Array) -> "JacobianBlock":
+        """Of what depends on the factors by ``(t, n, k, m)``."""
+        return replace(self, jacobian=by_block @ self.jacobian)
+
+
+def differenced(blocks: Iterable[JacobianBlock], coefficients: Array) -> tuple[JacobianBlock, ...]:
+    """Blocks of positions in successive frames as those of a linear combination ``(r + 1,)`` of each with the next."""
+    return tuple(
+        replace(
+            one,
+            jacobian=sum(
+                c * one.jacobian[i : i + len(one.jacobian) - len(coefficients) + 1] for i, c in enumerate(coefficients)
+            ),
+        )
+        for one in blocks
+    )
+
 
 @dataclass(frozen=True)
 class BoneEquations(Residuals):
@@ -78,12 +94,12 @@ class BoneEquations(Residuals):
         owner: whose body.
         bones: ``n``, of each factor.
         derivatives: ``(t, n, m, 6)`` by the twist of the bone, or ``(t, n, m, 3)`` where only its turn matters; and the
-            parts.
+            other blocks.
     """
 
     owner: OwnerId
     bones: tuple[int, ...]
-    derivatives: Callable[[], tuple[Array, tuple[Part, ...]]]
+    derivatives: Callable[[], tuple[Array, tuple[JacobianBlock, ...]]]
 
 
 @dataclass(frozen=True)
@@ -95,14 +111,14 @@ class DifferenceEquations(Residuals):
         bones: ``n``, that the points are fixed to.
         arms: ``(t + r, n, 3)`` from the root to the points, world axes, in the frames from ``first`` on.
         coefficients: ``(r + 1,)``, whitened, of the positions in successive frames.
-        parts: what else is seen.
+        blocks: what else is seen.
     """
 
     owner: OwnerId
     bones: tuple[int, ...]
     arms: Array
     coefficients: Array
-    parts: tuple[Part, ...] = ()
+    blocks: Callable[[], tuple[JacobianBlock, ...]] = tuple
 
 
 @dataclass(frozen=True)
@@ -131,7 +147,7 @@ class JointEquations(Residuals):
 class DenseEquations(Residuals):
     """Factors on few columns, each derivative written out."""
 
-    parts: Callable[[], tuple[Part, ...]]
+    blocks: Callable[[], tuple[JacobianBlock, ...]]
 
 
 @dataclass(frozen=True)
@@ -146,10 +162,89 @@ class KnotEquations(Residuals):
     root: Array
 
 
-def tempered(equations: "Equations", share: Array) -> "Equations":
+Equations = BoneEquations | DifferenceEquations | JointEquations | DenseEquations | KnotEquations
+
+
+def prior_equations(
+    block: JacobianBlock, residual: Array, loss: RobustLoss = SQUARE, first: int = 0
+) -> Iterator[DenseEquations]:
+    """The equations of a prior on what all frames share, or on one frame.
+
+    Args:
+        block: of ``(1, n, m, c)``; as many factors as it has items, or one on all of them.
+        residual: ``(n, m)``, whitened.
+        loss: of the norm of each row.
+        first: the frame with which it comes.
+    """
+    yield DenseEquations(first, residual[None], 1.0, loss, lambda: (block,))
+
+
+class Evaluation(Protocol):
+    """A part of a problem at a state, which terms look at."""
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        ...
+
+    @property
+    def is_beginning(self) -> bool:
+        """Whether its first frame is that of the whole, with which the priors on what all frames share come."""
+        ...
+
+    def frame_share(self, first: slice) -> Array:
+        """What frames count, ``(t, 1)``."""
+        ...
+
+
+At = TypeVar("At", bound=Evaluation)
+
+
+@dataclass(frozen=True)
+class Term(Generic[At]):
+    """One kind of factor.
+
+    Attributes:
+        kind: its name, in costs, messages and pictures.
+        reach: frames that a factor sees after its first one.
+        of_first: the equations of the factors whose first frame lies in a stretch of frames, at a state; nothing if
+            there are none.
+        every_frame: whether frames repeat what the term says: then each counts by the time that it stands for
+            (``frame_share`` of what the term looks at), not once.
+    """
+
+    kind: str
+    reach: int
+    of_first: Callable[[At, slice], Iterator[Equations]]
+    every_frame: bool = True
+
+    @classmethod
+    def prior(cls, kind: str, equations: Callable[[At], Iterator[Equations]]) -> "Term[At]":
+        """A term on what all frames share: it counts once, and comes with the very first frame."""
+
+        def of_first(at: At, first: slice) -> Iterator[Equations]:
+            if at.is_beginning and first.start == 0:
+                yield from equations(at)
+
+        return cls(kind, 0, of_first, every_frame=False)
+
+    def equations(self, at: At, first: slice) -> Iterator[Equations]:
+        """The equations of the factors whose first frame lies in a stretch, as much as they count."""
+        for one in self.of_first(at, first):
+            yield _tempered(one, at.frame_share(first)) if self.every_frame else one
+
+    def within(self, at: At, frames: slice) -> Iterator[Equations]:
+        """The equations of the factors that see any frame of a stretch."""
+        first = slice(max(frames.start - self.reach, 0), min(frames.stop, at.frames - self.reach))
+        if first.stop > first.start:
+            yield from self.equations(at, first)
+
+    def all(self, at: At) -> Iterator[Equations]:
+        """The equations of all factors."""
+        yield from self.within(at, slice(0, at.frames))
+
+
+def _tempered(equations: Equations, share: Array) -> Equations:
     """The same factors with ``share`` ``(t, 1)`` times their cost: what is far off is forgiven as before."""
     confidence, loss = equations.confidence * share, equations.loss.tempered(share)
     return replace(equations, confidence=confidence, loss=loss)
-
-
-Equations = BoneEquations | DifferenceEquations | JointEquations | DenseEquations | KnotEquations

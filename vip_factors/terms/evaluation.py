@@ -5,19 +5,15 @@ from functools import cached_property
 
 import numpy as np
 
-from vip_factors.assembly.equations import Part
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log
 from vip_factors.problem.blocks import DETECTOR
 from vip_factors.problem.layout import Owner, OwnerId
-from vip_factors.problem.points import BodyPoints
 from vip_factors.problem.scene import CameraProblem, KeypointView
-from vip_factors.problem.state import CameraState, WearerState
-from vip_factors.problem.wearer import WearerProblem
-from vip_factors.terms.camera_pose import CameraPoses
-from vip_factors.terms.sole import sole_shift
-from vip_factors.terms.video_clock import seconds_late
+from vip_factors.problem.state import CameraPoses, CameraState, WearerState, seconds_late
+from vip_factors.problem.wearer import BodyPoints, WearerProblem, sole_shift
+from vip_factors.terms.equations import JacobianBlock
 
 
 @dataclass(frozen=True)
@@ -52,6 +48,11 @@ class WearerEvaluation:
     def frames(self) -> int:
         """Number of frames."""
         return self.state.frames
+
+    @property
+    def is_beginning(self) -> bool:
+        """Whether its first frame is that of the whole."""
+        return self.problem.is_beginning
 
     def frame_share(self, first: slice) -> Array:
         """What frames count, ``(t, 1)``."""
@@ -101,7 +102,9 @@ class WearerEvaluation:
         points = self.points(self.problem.contact_points)
         return BodyPoints(points.bones, points.p_bone_point + sole_shift(self.sole))
 
-    def body_parts(self, body: BodyState, points: BodyPoints, by_point: Array | None = None) -> tuple[Part, ...]:
+    def body_blocks(
+        self, body: BodyState, points: BodyPoints, by_point: Array | None = None
+    ) -> tuple[JacobianBlock, ...]:
         """What factors on points ``(n,)`` see of the body's lengths, if these are variables.
 
         Args:
@@ -115,7 +118,28 @@ class WearerEvaluation:
         shift = variation.of_points(self.problem.skeleton, points.bones, points.p_bone_point)
         bones, R = list(points.bones), body.R_world_bone
         by_lengths = body.joints_by_offsets(variation.directions)[:, bones] + R[:, bones] @ shift
-        return (Part(self.owner, "body", by_lengths if by_point is None else by_point @ by_lengths),)
+        return (JacobianBlock(self.owner, "body", by_lengths if by_point is None else by_point @ by_lengths),)
+
+    def sensor_blocks(self, body: BodyState) -> tuple[JacobianBlock, ...]:
+        """World positions of the sensors in a stretch of frames by where they sit and by the body's lengths."""
+        points = self.problem.sensor_points
+        by_lengths = self.body_blocks(body, points)
+        if not self.problem.free_places:
+            return by_lengths
+        return JacobianBlock(self.owner, "sensor_places", body.R_world_bone[:, points.bones], each=True), *by_lengths
+
+    def contact_blocks(self, body: BodyState) -> tuple[JacobianBlock, ...]:
+        """World positions of what touches the ground by the body's lengths and by the logarithm of the sole."""
+        points = self.problem.contact_points
+        by_lengths = self.body_blocks(body, points)
+        if not self.problem.free_sole:
+            return by_lengths
+        by_sole = body.R_world_bone[:, points.bones] @ sole_shift(self.sole)[:, None]
+        return *by_lengths, JacobianBlock(self.owner, "sole", by_sole)
+
+    def arms(self, p_world: Array, first: slice) -> Array:
+        """From the root to points ``(t, n, 3)`` in the frames from the first of a stretch on."""
+        return p_world - self.state.p_world_pelvis[first.start : first.start + len(p_world), None]
 
     def headings(self, frames: slice) -> Array:
         """Of all sensors ``(S,)``, or ``(t, S)`` at the instants of frames where headings walk."""
@@ -136,10 +160,20 @@ class CameraEvaluation:
 
     owner = OwnerId(Owner.CAMERA)
 
+    @property
+    def is_beginning(self) -> bool:
+        """Whether its first frame is that of the whole."""
+        return self.problem.is_beginning
+
     def frame_share(self, first: slice) -> Array:
         """What frames count, ``(t, 1)``."""
         share = min(1.0, self.step / self.problem.settings.correlation_s)
         return np.full((first.stop - first.start, 1), share)
+
+    @property
+    def is_path(self) -> bool:
+        """Whether each frame has a pose of its own that moves."""
+        return self.problem.moving and self.problem.free_pose
 
     def poses(self, frames: slice) -> CameraPoses:
         """At a stretch of frames."""
@@ -186,7 +220,7 @@ class ViewEvaluation:
         shift = np.where(index[:, None] < 0, 0.0, signs * self.offsets[index])
         return BodyPoints(found.bones, found.p_bone_point + shift)
 
-    def offset_parts(self, body: BodyState, by_point: Array) -> tuple[Part, ...]:
+    def offset_blocks(self, body: BodyState, by_point: Array) -> tuple[JacobianBlock, ...]:
         """What keypoints see of the offsets; ``by_point`` ``(t, n, m, 3)`` are their derivatives, whitened."""
         if not self.free_offsets:
             return ()
@@ -195,12 +229,17 @@ class ViewEvaluation:
         for n in np.flatnonzero(index >= 0):
             spread[n, :, 3 * index[n] : 3 * index[n] + 3] = np.diag(signs[n])
         R = body.R_world_bone[:, list(self.view.body_points.bones)]
-        return (Part(DETECTOR, "keypoint_offsets", (by_point @ R) @ spread),)
+        return (JacobianBlock(DETECTOR, "keypoint_offsets", (by_point @ R) @ spread),)
 
     @property
     def frames(self) -> int:
         """Number of frames."""
         return self.wearer.frames
+
+    @property
+    def is_beginning(self) -> bool:
+        """Whether its first frame is that of the whole."""
+        return self.camera.is_beginning
 
     def frame_share(self, first: slice) -> Array:
         """What frames count that the camera saw, ``(t, 1)``."""

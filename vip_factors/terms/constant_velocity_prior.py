@@ -1,0 +1,92 @@
+"""Constant velocity: what ties a wearer's root where nothing was measured, and so bridges a silence of the sensors.
+
+The pelvis is tied to its neighbours in time by what sensors measure alone. Where no accelerometer says anything,
+nothing else says where the root is; where no sensor says how it is turned, nothing else says which way the wearer
+faces. There, and only there, two broad priors hold: a root that keeps its velocity, and a pelvis that stays turned as
+it was.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.geometry.rotations import Array, log, transpose
+from vip_factors.problem.wearer import WearerProblem
+from vip_factors.terms.acceleration import SECOND_DIFFERENCE
+from vip_factors.terms.equations import DenseEquations, DifferenceEquations, JacobianBlock, Term
+from vip_factors.terms.evaluation import WearerEvaluation
+from vip_factors.terms.robust import SQUARE
+from vip_factors.terms.smoothness import turn_jacobians
+
+
+@dataclass(frozen=True)
+class ConstantVelocitySettings:
+    """How a root goes on unseen; broad priors, which only matter where nothing was measured."""
+
+    use: bool = True  # without it, a frame in which no sensor measured has no solution
+    # m/s², each axis: the pelvis of somebody who walks peaks at 3–5 (up and down, and at every heel strike); who runs
+    # exceeds it, for a fraction of a step.
+    acceleration_sigma: float = 5.0
+    turn_sigma: float = 3.0  # rad/s, each axis: a brisk turn on the spot, half a turn in a second
+
+
+def root_acceleration_residual(p_before: Array, p_now: Array, p_after: Array, step: float) -> Array:
+    """Acceleration ``(p(t−1) − 2 p(t) + p(t+1))/step²`` of the root ``(..., 3)``, m/s², world axes.
+
+    Its derivatives are ``SECOND_DIFFERENCE / step²``, each times the identity.
+    """
+    return (p_before - 2 * p_now + p_after) / step**2
+
+
+def pelvis_turn_residual(R_world_pelvis: Array, R_world_pelvis_after: Array, step: float) -> Array:
+    """Mean angular velocity ``Log(R(t)ᵀ R(t+1))/step``, ``(..., 3)`` rad/s, in the pelvis's axes."""
+    return log(transpose(R_world_pelvis) @ R_world_pelvis_after) / step
+
+
+def pelvis_turn_jacobians(residual: Array, step: float) -> tuple[Array, Array]:
+    """Derivatives of :func:`pelvis_turn_residual` by the rotation now and the one after, ``(..., 3, 3)``."""
+    by_now, by_after = turn_jacobians(residual * step)
+    return by_now / step, by_after / step
+
+
+def _applies(problem: WearerProblem) -> bool:
+    return bool(problem.use_acceleration and problem.settings.coasting.use)
+
+
+def root_equations(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquations]:
+    """One factor on the root in three frames, where no accelerometer says how it moves."""
+    frames, centre = at.problem.frames, slice(first.start + 1, first.stop + 1)
+    unmeasured = ~np.any(frames.acceleration_valid[centre], axis=1) & frames.follows[first] & frames.follows[centre]
+    if not (_applies(at.problem) and unmeasured.any()):
+        return
+    settings: ConstantVelocitySettings = at.problem.settings.coasting
+    p, step = at.state.p_world_pelvis[first.start : first.stop + 2, None], frames.step
+    residual = root_acceleration_residual(p[:-2], p[1:-1], p[2:], step) / settings.acceleration_sigma
+    c = SECOND_DIFFERENCE / (step**2 * settings.acceleration_sigma)
+    yield DifferenceEquations(first.start, residual, unmeasured[:, None], SQUARE, at.owner, (0,), np.zeros_like(p), c)
+
+
+def pelvis_equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
+    """One factor on the pelvis in two frames, where no sensor saw it turn."""
+    frames, after = at.problem.frames, slice(first.start + 1, first.stop + 1)
+    seen = np.any(frames.orientation_valid[first], axis=1) & np.any(frames.orientation_valid[after], axis=1)
+    unmeasured = ~seen & frames.follows[first]
+    if not (_applies(at.problem) and unmeasured.any()):
+        return
+    settings: ConstantVelocitySettings = at.problem.settings.coasting
+    R, step = at.state.R_parent_child[first.start : first.stop + 1, 0], frames.step
+    rate = pelvis_turn_residual(R[:-1], R[1:], step)
+
+    def blocks() -> tuple[JacobianBlock, ...]:
+        by_both = pelvis_turn_jacobians(rate, step)
+        return tuple(
+            JacobianBlock(at.owner, "pelvis", J[:, None] / settings.turn_sigma, ahead=ahead)
+            for ahead, J in enumerate(by_both)
+        )
+
+    yield DenseEquations(first.start, rate[:, None] / settings.turn_sigma, unmeasured[:, None], SQUARE, blocks)
+
+
+ROOT_VELOCITY = Term("root coasting", 2, root_equations, every_frame=False)
+PELVIS_TURN = Term("pelvis turn", 1, pelvis_equations, every_frame=False)

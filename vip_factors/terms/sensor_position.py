@@ -1,0 +1,51 @@
+"""Sensor position: where on its bone a sensor sits, against where it was said to.
+
+``r = s − s₀`` in bone axes, metres; linear. A lever arm that is centimetres off errs in every frame alike: taken as
+known it pulls the mounting, which has the same effect on the accelerations that a limb's swing causes.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.geometry.rotations import Array
+from vip_factors.problem.wearer import WearerProblem
+from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
+from vip_factors.terms.evaluation import WearerEvaluation
+
+
+@dataclass(frozen=True)
+class SensorPositionSettings:
+    """How well it is known where sensors sit; of the sensor's distance from the joint and beside it."""
+
+    # Of the bone's length: a shank's sensor was found at half of it that was to sit at three tenths.
+    along: float = 0.05
+    across: float = 0.023  # m: limbs differ in thickness, thighs' sensors were 4–8 cm off in depth
+    elsewhere: float = 0.023  # m, on bones that are no limb: head, trunk, pelvis, feet, hands
+
+
+def sensor_position_whitening(problem: WearerProblem) -> Array:
+    """``(S, 3, 3)`` per metre: another sigma along limbs than across."""
+    settings: SensorPositionSettings = problem.settings.sensor_place
+    found = []
+    for bone in problem.sensor_points.bones:
+        limb = problem.skeleton.limb(bone)
+        if limb is None:
+            found.append(np.eye(3) / settings.elsewhere)
+            continue
+        length = float(np.linalg.norm(limb))
+        along = np.outer(limb, limb) / length**2
+        found.append(along / (settings.along * length) + (np.eye(3) - along) / settings.across)
+    return np.array(found).reshape(-1, 3, 3)
+
+
+def equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
+    """One factor for each sensor, in bone axes."""
+    if at.problem.free_places:
+        whitening = sensor_position_whitening(at.problem)
+        residual = (whitening @ at.state.sensor_places[..., None])[..., 0]
+        yield from prior_equations(JacobianBlock(at.owner, "sensor_places", whitening[None], each=True), residual)
+
+
+SENSOR_POSITION_PRIOR = Term.prior("sensor place prior", equations)

@@ -108,8 +108,10 @@ def test_broken_files(tmp_path: Path) -> None:
     path.write_text("\n".join(whole.splitlines()[:3]) + "\n")
     with pytest.raises(FileFormatError, match="no samples"):
         apdm.read(path)
-    path.write_text(whole.replace("0.200000", "red", 1))
-    with pytest.raises(FileFormatError, match=r"sample 1: .*red"):
+    lines = whole.splitlines()
+    lines[3] = lines[3].replace(",", ",red", 1)
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(FileFormatError, match=r"line 4: column 'Lumbar/acceleration/X' is 'red.*expected a number"):
         apdm.read(path)
     path.write_text("a,b\n1,2\n")
     assert not apdm.matches(path)

@@ -81,8 +81,8 @@ def test_a_time_that_no_clock_shows() -> None:
     ("text", "words"),
     [
         ("Format=7,,1,a,2,b\nTime,Accelerometer\n,X,Y,Z\n1,2,3,4\n", "lines 2 and 3"),
-        ("x\nTest,1\nNot,Time\nTime,Opal/Acceleration/X\ninf,1\n", "time"),
-        ("x\nTime,Opal/Acceleration/X\ns,m/s^2,deg/s,deg/s\nx,1\n", "sample 1"),
+        ("x\nTest,1\nNot,Time\nTime,Opal/Acceleration/X,Opal/Acceleration/Y,Opal/Acceleration/Z\ninf,1,2,3\n", "time"),
+        ("x\nTime,Opal/Acceleration/X\ns,m/s^2,deg/s,deg/s\nx,1\n", "line 4"),
     ],
 )
 def test_tables_of_opals_with_short_headers(tmp_path: Path, text: str, words: str) -> None:

@@ -82,7 +82,7 @@ def columns_of(stream: ImuStream, layout: Layout) -> dict[str, Array]:
 def write_log(folder: Path, streams: dict[str, ImuStream], layout: Layout) -> tuple[Path, Path]:
     """The log (a file, or a folder with one for each sensor) and its column map."""
     folder.mkdir(exist_ok=True)
-    separator = SEPARATORS[layout.separator]
+    separator = SEPARATORS[layout.separator] or " "
     tables: dict[str, dict[str, Array]] = {}
     text = [
         'time = "t"', f'time_unit = "{layout.time_unit}"', f'acceleration_unit = "{layout.acceleration_unit}"',

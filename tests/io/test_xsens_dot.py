@@ -8,8 +8,8 @@ import pytest
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp
-from vip_factors.io.importers import xsens_dot, xsens_txt
 from vip_factors.io.importers.shared import site_of_name
+from vip_factors.io.importers.xsens import DOT, MTW
 
 PREAMBLE = (
     "sep=,\nDeviceTag:,abc\nFirmwareVersion:,2.0.0\nSyncStatus:,Synced\nOutputRate:,60Hz\n"
@@ -50,8 +50,8 @@ def test_one_clock_over_its_wrap(tmp_path: Path, kind: str) -> None:
     write(tmp_path / "Pelvis_20210820_202113_836.csv", R, free, (begin + STEP_US * np.arange(20)) % 2**32, 836, kind)
     later = (begin + STEP_US * (np.arange(20) + 7)) % 2**32
     write(tmp_path / "RTibia_20210820_202114_001.csv", R, free, later, 839, kind)
-    assert xsens_dot.matches(tmp_path)
-    log = xsens_dot.read(tmp_path)
+    assert DOT.matches(tmp_path)
+    log = DOT.read(tmp_path)
     np.testing.assert_allclose(log.imus["RTibia"].time, STEP_US * 1e-6 * (np.arange(20) + 7), atol=1e-9)
     assert log.imus["Pelvis"].time[0] == 0
     np.testing.assert_allclose(log.imus["Pelvis"].R_inertial_sensor, R, atol=1e-5)
@@ -67,7 +67,7 @@ def test_clocks_never_set_together_fall_back_to_counters(tmp_path: Path) -> None
     R, free = sample(5)
     write(tmp_path / "A_20210820_202113_836.csv", R, free, 1000 + STEP_US * np.arange(5))
     write(tmp_path / "B_20210820_202113_836.csv", R, free, 4 * 10**9 // 2 + STEP_US * np.arange(5))
-    log = xsens_dot.read(tmp_path)
+    log = DOT.read(tmp_path)
     np.testing.assert_allclose(log.imus["B"].time, np.arange(5) / 60)
     assert any("not set together" in note for note in log.notes)
 
@@ -77,7 +77,7 @@ def test_two_files_of_one_sensor_are_an_error(tmp_path: Path) -> None:
     for second in (13, 50):
         write(tmp_path / f"Pelvis_20210820_2021{second}_836.csv", R, free, STEP_US * np.arange(5))
     with pytest.raises(FileFormatError, match="both of sensor 'Pelvis'"):
-        xsens_dot.read(tmp_path)
+        DOT.read(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_names_tell_sites(name: str, site: str | None) -> None:
 
 @pytest.mark.data
 def test_real_recording_of_five_sensors(data_folder: Path) -> None:
-    log = xsens_dot.read(data_folder / "xsens_dot" / "Original_XsensDot_Data_Realtime")
+    log = DOT.read(data_folder / "xsens_dot" / "Original_XsensDot_Data_Realtime")
     counts = {name: len(stream) for name, stream in log.imus.items()}
     assert counts == {"LFemur": 195, "LTibia": 381, "Pelvis": 382, "RFemur": 381, "RTibia": 382}
     for stream in log.imus.values():
@@ -110,8 +110,8 @@ def test_real_recording_of_five_sensors(data_folder: Path) -> None:
 @pytest.mark.data
 def test_converted_recording_is_read_and_distrusted(data_folder: Path) -> None:
     folder = data_folder / "xsens_dot" / "Transformed_XsensDot_Data_RealTime"
-    assert not xsens_dot.matches(folder)
-    log = xsens_txt.read(folder)
+    assert not DOT.matches(folder)
+    log = MTW.read(folder)
     assert len(log.imus["Pelvis"]) == 382
     assert log.imus["Pelvis"].rate == pytest.approx(60, abs=0.1)
     assert any("gravity had been removed" in note for note in log.notes)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_y, rotation_z
-from vip_factors.io.importers import xsens_txt
 from vip_factors.io.importers.shared import mean_force_inertial
+from vip_factors.io.importers.xsens import MTW
 
 GRAVITY = np.array([0.0, 0.0, 9.81])
 MATRIX = [f"Mat[{row}][{column}]" for column in (1, 2, 3) for row in (1, 2, 3)]  # column-major, as exports have it
@@ -83,8 +83,8 @@ def test_every_dialect_reads_back(
     with tempfile.TemporaryDirectory() as folder:
         counter = (first + rows) % 65536
         path = write(Path(folder) / "walk_00B40000.txt", columns, counter, separator, blank=blank, order=order)
-        assert xsens_txt.matches(path)
-        log = xsens_txt.read(path)
+        assert MTW.matches(path)
+        log = MTW.read(path)
     stream = log.imus["00B40000"]
     np.testing.assert_allclose(stream.time, (rows - rows[0]) / 100.0, atol=1e-9)
     np.testing.assert_allclose(stream.specific_force, force[rows], atol=1e-5)
@@ -101,7 +101,7 @@ def test_files_share_the_packet_counter_across_its_wrap(first: int, late: int) -
         for sensor, begin in (("AA", first), ("BB", first + late)):
             counter = (begin + np.arange(8)) % 65536
             write(Path(folder) / f"run-1_{sensor}.txt", columns_of(R, force, rate), counter)
-        log = xsens_txt.read(Path(folder) / "run-1")
+        log = MTW.read(Path(folder) / "run-1")
     starts = {name: stream.time[0] for name, stream in log.imus.items()}
     assert min(starts.values()) == 0
     assert starts["BB"] - starts["AA"] == pytest.approx(late / 100)
@@ -115,7 +115,7 @@ def test_times_follow_the_sensors_clock_where_all_files_have_it(tmp_path: Path) 
         lines = ["\t".join(["PacketCounter", *columns])]
         lines += ["\t".join([str(i + 1), *(f"{v[i]:.6f}" for v in columns.values())]) for i in range(10)]
         (tmp_path / f"run_{sensor}.txt").write_text(PREAMBLE + "\n".join(lines) + "\n")
-    log = xsens_txt.read(tmp_path)
+    log = MTW.read(tmp_path)
     np.testing.assert_allclose(log.imus["B"].time, 16667e-6 * (np.arange(10) + 3), atol=1e-9)
     assert any("100 Hz" in note and "60.00 Hz" in note for note in log.notes)
 
@@ -123,7 +123,7 @@ def test_times_follow_the_sensors_clock_where_all_files_have_it(tmp_path: Path) 
 def test_repeated_and_late_packets(tmp_path: Path) -> None:
     R, force, rate = turning(6)
     order = [0, 1, 1, 3, 2, 5]
-    log = xsens_txt.read(
+    log = MTW.read(
         write(tmp_path / "a_S.txt", columns_of(R[order], force[order], rate[order]), 65533 + np.array(order))
     )
     np.testing.assert_allclose(log.imus["S"].time, np.array([0, 1, 2, 3, 5]) / 100)
@@ -136,14 +136,14 @@ def test_a_restarted_counter_is_an_error(tmp_path: Path) -> None:
     R, force, rate = turning(4)
     path = write(tmp_path / "a_S.txt", columns_of(R, force, rate), np.array([5000, 5001, 1, 2]))
     with pytest.raises(FileFormatError, match="counter falls from 5001 to 1"):
-        xsens_txt.read(path)
+        MTW.read(path)
 
 
 def test_free_acceleration_gets_gravity_back(tmp_path: Path) -> None:
     R, _, _ = turning(5)
     free = np.tile([1.0, -2.0, 0.5], (5, 1))
     columns = columns_of(R, None, None) | {f"FreeAcc_{axis}": free[:, i] for i, axis in enumerate("XYZ")}
-    stream = xsens_txt.read(write(tmp_path / "a_S.txt", columns, np.arange(5))).imus["S"]
+    stream = MTW.read(write(tmp_path / "a_S.txt", columns, np.arange(5))).imus["S"]
     np.testing.assert_allclose(
         np.einsum("nij,nj->ni", R, stream.specific_force), free + np.array([0, 0, 9.80665]), atol=1e-4
     )
@@ -151,7 +151,7 @@ def test_free_acceleration_gets_gravity_back(tmp_path: Path) -> None:
 
 def test_acceleration_without_gravity_is_noticed(tmp_path: Path) -> None:
     R, _, rate = turning(5)
-    log = xsens_txt.read(write(tmp_path / "a_S.txt", columns_of(R, np.full((5, 3), 0.1), rate), np.arange(5)))
+    log = MTW.read(write(tmp_path / "a_S.txt", columns_of(R, np.full((5, 3), 0.1), rate), np.arange(5)))
     assert any("gravity had been removed" in note for note in log.notes)
     np.testing.assert_allclose(np.linalg.norm(log.imus["S"].specific_force, axis=1), 9.9, atol=0.1)
 
@@ -161,9 +161,7 @@ def test_a_frame_with_z_down_is_turned_over(tmp_path: Path, turn: str) -> None:
     R, force, rate = turning(5)
     R_ned_enu = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
     preamble = PREAMBLE + ("// Coordinate system: NED\n" if turn == "comment" else "")
-    log = xsens_txt.read(
-        write(tmp_path / "a_S.txt", columns_of(R_ned_enu @ R, force, rate), np.arange(5), "\t", preamble)
-    )
+    log = MTW.read(write(tmp_path / "a_S.txt", columns_of(R_ned_enu @ R, force, rate), np.arange(5), "\t", preamble))
     stream = log.imus["S"]
     assert mean_force_inertial(stream.R_inertial_sensor, stream.specific_force)[2] > 9.7
     if turn == "comment":
@@ -173,7 +171,7 @@ def test_a_frame_with_z_down_is_turned_over(tmp_path: Path, turn: str) -> None:
 
 def test_euler_angles_turn_about_z_then_y_then_x(tmp_path: Path) -> None:
     columns = {name: np.full(3, degrees) for name, degrees in (("Roll", 10.0), ("Pitch", 20.0), ("Yaw", 30.0))}
-    stream = xsens_txt.read(write(tmp_path / "a_S.txt", columns, np.arange(3))).imus["S"]
+    stream = MTW.read(write(tmp_path / "a_S.txt", columns, np.arange(3))).imus["S"]
     expected = rotation_z(np.deg2rad(30)) @ rotation_y(np.deg2rad(20)) @ rotation_x(np.deg2rad(10))
     np.testing.assert_allclose(stream.R_inertial_sensor[0], expected, atol=1e-9)
 
@@ -183,7 +181,7 @@ def test_samples_with_holes_are_dropped_and_counted(tmp_path: Path) -> None:
     columns = columns_of(R, force, rate)
     columns["Acc_X"][1] = np.nan
     columns["Quat_q0"][3], columns["Quat_q1"][3] = 0.0, 3.0
-    log = xsens_txt.read(write(tmp_path / "a_S.txt", columns, np.arange(6)))
+    log = MTW.read(write(tmp_path / "a_S.txt", columns, np.arange(6)))
     np.testing.assert_allclose(log.imus["S"].time, [0, 0.02, 0.04, 0.05])
     assert any("2 samples with missing values" in note for note in log.notes)
     assert any("not of unit length" in note for note in log.notes)
@@ -193,7 +191,7 @@ def test_samples_with_holes_are_dropped_and_counted(tmp_path: Path) -> None:
 def test_a_truncated_last_line_is_dropped(tmp_path: Path, cut: int) -> None:
     path = write(tmp_path / "a_S.txt", columns_of(*turning(6)), np.arange(6))
     path.write_text(path.read_text()[: -cut - 1])
-    log = xsens_txt.read(path)
+    log = MTW.read(path)
     assert len(log.imus["S"]) == 5
     assert any("breaks off" in note for note in log.notes)
 
@@ -201,18 +199,18 @@ def test_a_truncated_last_line_is_dropped(tmp_path: Path, cut: int) -> None:
 def test_a_last_line_without_newline_is_kept(tmp_path: Path) -> None:
     path = write(tmp_path / "a_S.txt", columns_of(*turning(6)), np.arange(6))
     path.write_text(path.read_text().rstrip("\n"))
-    assert len(xsens_txt.read(path).imus["S"]) == 6
+    assert len(MTW.read(path).imus["S"]) == 6
 
 
 def test_decimal_commas_of_a_semicolon_export(tmp_path: Path) -> None:
     R, force, rate = turning(4)
     path = write(tmp_path / "a_S.txt", columns_of(R, force, rate), np.arange(4), ";", preamble="// Rate\n")
     path.write_text(path.read_text().replace(".", ","))
-    np.testing.assert_allclose(xsens_txt.read(path).imus["S"].specific_force, force, atol=1e-5)
+    np.testing.assert_allclose(MTW.read(path).imus["S"].specific_force, force, atol=1e-5)
 
 
 def test_without_rate_100_hz_are_assumed_aloud(tmp_path: Path) -> None:
-    log = xsens_txt.read(write(tmp_path / "a_S.txt", columns_of(*turning(3)), np.arange(3), preamble="// General\n"))
+    log = MTW.read(write(tmp_path / "a_S.txt", columns_of(*turning(3)), np.arange(3), preamble="// General\n"))
     np.testing.assert_allclose(log.imus["S"].time, [0, 0.01, 0.02])
     assert any("100 Hz assumed" in note for note in log.notes)
 
@@ -222,7 +220,7 @@ def test_rates_that_disagree_are_an_error_with_both(tmp_path: Path) -> None:
         preamble = PREAMBLE.replace("100.0", rate)
         write(tmp_path / f"a_{sensor}.txt", columns_of(*turning(3)), np.arange(3), preamble=preamble)
     with pytest.raises(FileFormatError, match=r"60 Hz and a_A\.txt 100"):
-        xsens_txt.read(tmp_path)
+        MTW.read(tmp_path)
 
 
 def test_broken_files_say_what_and_where(tmp_path: Path) -> None:
@@ -230,42 +228,42 @@ def test_broken_files_say_what_and_where(tmp_path: Path) -> None:
     columns, counter = columns_of(R, force, rate), np.arange(4)
     gyro_only = {name: values for name, values in columns.items() if name.startswith("Gyr")}
     with pytest.raises(FileFormatError, match="neither orientation"):
-        xsens_txt.read(write(tmp_path / "a_S.txt", gyro_only, counter))
+        MTW.read(write(tmp_path / "a_S.txt", gyro_only, counter))
     path = write(tmp_path / "a_S.txt", columns, counter)
     whole = path.read_text()
     path.write_text(whole.replace("00002\t\t\t", "00002\t\t\tx"))
-    with pytest.raises(FileFormatError, match="line 7: Acc_X is 'x"):
-        xsens_txt.read(path)
+    with pytest.raises(FileFormatError, match="line 7: column 'Acc_X' is 'x"):
+        MTW.read(path)
     path.write_text(whole.replace("00002\t\t\t", "00002\t"))
     with pytest.raises(FileFormatError, match="line 7: 11 cells"):
-        xsens_txt.read(path)
+        MTW.read(path)
     path.write_text(whole.split("00000")[0])
     with pytest.raises(FileFormatError, match="no samples"):
-        xsens_txt.read(path)
+        MTW.read(path)
     write(tmp_path / "a_S.txt", columns | {f"Quat_q{i}": np.full(4, 2.0) for i in range(4)}, counter)
     with pytest.raises(FileFormatError, match="not of unit length"):
-        xsens_txt.read(path)
+        MTW.read(path)
 
 
 def test_two_recordings_in_a_folder_must_be_told_apart(tmp_path: Path) -> None:
     for name in ("walk-1_A", "walk-2_A"):
         write(tmp_path / f"{name}.txt", columns_of(*turning(3)), np.arange(3))
     with pytest.raises(FileFormatError, match=r"walk-1.*such as"):
-        xsens_txt.read(tmp_path)
-    assert list(xsens_txt.read(tmp_path / "walk-2").imus) == ["A"]
+        MTW.read(tmp_path)
+    assert list(MTW.read(tmp_path / "walk-2").imus) == ["A"]
 
 
 def test_other_texts_do_not_match(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("// a comment\nnothing to see\n")
     (tmp_path / "other.csv").write_text("a,b\n1,2\n")
-    assert not xsens_txt.matches(tmp_path)
+    assert not MTW.matches(tmp_path)
     with pytest.raises(FileFormatError, match="none of its 2"):
-        xsens_txt.read(tmp_path)
+        MTW.read(tmp_path)
 
 
 @pytest.mark.data
 def test_real_walk_with_eleven_sensors(data_folder: Path) -> None:
-    log = xsens_txt.read(data_folder / "xsens_vicon_walk" / "raw_mtw")
+    log = MTW.read(data_folder / "xsens_vicon_walk" / "raw_mtw")
     assert len(log.imus) == 11
     for stream in log.imus.values():
         assert len(stream) == 2503
@@ -282,7 +280,7 @@ def test_real_exports_of_every_dialect(data_folder: Path) -> None:
     folder = data_folder / "opensense" / "reader_fixtures" / "Xsens"
     counts = {}
     for path in sorted(folder.glob("*.txt")):
-        (stream,) = xsens_txt.read(path).imus.values()
+        (stream,) = MTW.read(path).imus.values()
         counts[path.stem] = len(stream)
         if stream.specific_force is not None and stream.R_inertial_sensor is not None:
             force = mean_force_inertial(stream.R_inertial_sensor, stream.specific_force)
@@ -297,8 +295,8 @@ def test_real_exports_of_every_dialect(data_folder: Path) -> None:
 def test_dialects_of_the_same_samples_agree(data_folder: Path) -> None:
     folder = data_folder / "opensense" / "reader_fixtures" / "Xsens"
     dialects = ("MAT_COMMA", "MAT_SEMICOLON", "MAT_SPACE")
-    streams = [xsens_txt.read(folder / f"MT2022_ACC_GYRO_ROT_{one}_00B42D4B.txt").imus["00B42D4B"] for one in dialects]
-    quaternions = xsens_txt.read(folder / "MT2022_ACC_GYRO_ROT_ALL_TAB_NAN_00B42D4B.txt").imus["00B42D4B"]
+    streams = [MTW.read(folder / f"MT2022_ACC_GYRO_ROT_{one}_00B42D4B.txt").imus["00B42D4B"] for one in dialects]
+    quaternions = MTW.read(folder / "MT2022_ACC_GYRO_ROT_ALL_TAB_NAN_00B42D4B.txt").imus["00B42D4B"]
     for stream in streams[1:]:
         np.testing.assert_allclose(stream.R_inertial_sensor, streams[0].R_inertial_sensor)
         np.testing.assert_allclose(stream.specific_force, streams[0].specific_force)
@@ -307,7 +305,7 @@ def test_dialects_of_the_same_samples_agree(data_folder: Path) -> None:
 
 @pytest.mark.data
 def test_real_walk_of_the_opensense_example(data_folder: Path) -> None:
-    log = xsens_txt.read(data_folder / "opensense" / "example_MT_009-001" / "IMUData")
+    log = MTW.read(data_folder / "opensense" / "example_MT_009-001" / "IMUData")
     assert {name: len(stream) for name, stream in log.imus.items()} == {
         "00B421E6": 2432, "00B421ED": 2481, "00B421EE": 2452, "00B421EF": 2469,
         "00B42268": 2496, "00B42279": 2493, "00B4227C": 2474, "00B4227D": 2505,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import angle_between, exp, log, right_jacobian, rotation_z, transpose, yaw_of
-from vip_factors.io.importers import xsens_txt
+from vip_factors.io.importers import xsens
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 
 N = 6
@@ -188,7 +188,7 @@ def test_what_cannot_be_done_is_said(stream: ImuStream, sentence: str) -> None:
 def test_real_sensors_turn_as_their_maker_says(data_folder: Path) -> None:
     """Against the on-board filter of Xsens MTw on pelvis and thigh, 25 s of walking."""
     for name in ("00B40B91", "00B40C45"):
-        stream = xsens_txt.read(data_folder / "xsens_vicon_walk" / "raw_mtw").imus[name]
+        stream = xsens.MTW.read(data_folder / "xsens_vicon_walk" / "raw_mtw").imus[name]
         assert stream.R_inertial_sensor is not None
         found = with_orientation(replace(stream, R_inertial_sensor=None))
         assert found.R_inertial_sensor is not None

@@ -14,8 +14,15 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order
 from vip_factors.geometry.rotations import Array, angle_between, log, nearest_rotation, transpose
-from vip_factors.io.importers.shared import GRAVITY, ImportedLog, default_sites, merge_notes, tilt_of_up, z_up
-from vip_factors.io.importers.xsens_channels import rotations_or_nan
+from vip_factors.io.importers.shared import (
+    GRAVITY,
+    ImportedLog,
+    default_sites,
+    merge_notes,
+    rotations_or_nan,
+    tilt_of_up,
+    z_up,
+)
 from vip_factors.sensors.calibration import (
     CARELESS_MOUNTING_SIGMA,
     STRAPPED_MOUNTING_SIGMA,

@@ -25,17 +25,17 @@ from vip_factors.sensors.recording import Recording, Subject, Truth
 
 __all__ = ["FORMATS", "ImportOptions", "detect_format", "import_recording", "placement_from_file", "read_log"]
 
-# Format → module. The first that matches wins, so formats with a signature come before tables of numbers.
+# Format → module, or module:reader. The first that matches wins: formats with a signature come before tables.
 FORMATS: dict[str, str] = {
     "recording": "vip_factors.io.mcap_recording",
     "ros2": "vip_factors.io.ros2",
     "mvnx": "vip_factors.io.importers.mvnx",
-    "opensim_export": "vip_factors.io.importers.opensim_export",
-    "opensense_sto": "vip_factors.io.importers.opensense_sto",
+    "opensim_export": "vip_factors.io.importers.opensim:EXPORT",
+    "opensense_sto": "vip_factors.io.importers.opensim:OPENSENSE",
     "totalcapture": "vip_factors.io.importers.totalcapture",
     "apdm": "vip_factors.io.importers.apdm",
-    "xsens_dot": "vip_factors.io.importers.xsens_dot",
-    "xsens_txt": "vip_factors.io.importers.xsens_txt",
+    "xsens_dot": "vip_factors.io.importers.xsens:DOT",
+    "xsens_txt": "vip_factors.io.importers.xsens:MTW",
     "table": "vip_factors.io.importers.table",
 }
 NO_POSE = (
@@ -117,11 +117,7 @@ def detect_format(path: str | Path) -> str:
         if start == MAGIC:
             return _mcap_format(path)
     for name in FORMATS:
-        if (
-            name not in (*_MCAP_FORMATS, *_TOLD_FORMATS)
-            and (module := _reader(name)) is not None
-            and module.matches(path)
-        ):
+        if name not in (*_MCAP_FORMATS, *_TOLD_FORMATS) and _reader(name).matches(path):
             return name
     raise FileFormatError(
         f"{path}: not a sensor log of a known format; known are {', '.join(FORMATS)}; of a table of another make say "
@@ -138,13 +134,9 @@ def _mcap_format(path: Path) -> str:
 
 
 def _reader(name: str) -> Any:
-    """The format's module, imported late; None if this build does not have it."""
-    try:
-        return import_module(FORMATS[name])
-    except ModuleNotFoundError as error:
-        if error.name != FORMATS[name]:
-            raise
-        return None
+    """What has ``matches`` and ``read`` of the format: its module, imported late, or what that calls so."""
+    module, _, one = FORMATS[name].partition(":")
+    return getattr(import_module(module), one) if one else import_module(module)
 
 
 def read_log(path: str | Path, format_name: str | None = None, columns: str | Path | None = None) -> ImportedLog:
@@ -164,10 +156,7 @@ def read_log(path: str | Path, format_name: str | None = None, columns: str | Pa
 
         found = read_ros2_recording(path, Subject(), Placement())
         return ImportedLog("ros2", found.imus, default_sites(list(found.imus)), start_ns=found.start_ns)
-    module = _reader(format_name)
-    if module is None:
-        raise InputError(f"{path}: the reader of format '{format_name}' is not part of this installation")
-    log: ImportedLog = module.read(path)
+    log: ImportedLog = _reader(format_name).read(path)
     return log
 
 

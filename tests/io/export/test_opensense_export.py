@@ -10,7 +10,7 @@ from vip_factors.body.joint_angles import segment_orientations
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.io.export.files import export
-from vip_factors.io.importers.opensense_sto import read
+from vip_factors.io.importers.opensim import OPENSENSE
 
 SOME = {
     "pelvis_imu": "pelvis", "torso_imu": "spine3", "head_imu": "head", "femur_l_imu": "left_hip",
@@ -22,7 +22,7 @@ def test_segments_come_back(tmp_path: Path) -> None:
     scene = sample_scene()
     motion = scene.wearers[0].motion
     path = export(scene, tmp_path / "walk.sto")[0]
-    found = read(path)
+    found = OPENSENSE.read(path)
     R = segment_orientations(motion)
     for sensor, bone in SOME.items():
         apart = angle_between(found.imus[sensor].R_inertial_sensor, R[:, joint_index(bone)])

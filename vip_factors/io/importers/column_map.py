@@ -41,6 +41,7 @@ ACCELERATION_UNITS = {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000}
 ANGULAR_RATE_UNITS = {"rad/s": 1.0, "deg/s": 0.017453292519943295}
 SENSES = ("sensor_to_world", "world_to_sensor")
 UPS = ("z", "y", "-z")
+UP_OR_DOWN = "z or -z"  # as gravity tells: of makers whose exports differ; no column map says it
 QUANTITIES = {"acceleration": 3, "angular_rate": 3, "quaternion": 4}
 _CHOICES: dict[str, tuple[str, ...]] = {
     "time_unit": tuple(TIME_UNITS),
@@ -125,7 +126,7 @@ def read_column_map(path: str | Path) -> ColumnMap:
 
 def _dialect(path: Path, content: Mapping[str, Any]) -> Dialect:
     separator = text_at(path, "separator", content["separator"]) if "separator" in content else None
-    by_character = {character: name for name, character in SEPARATORS.items()}
+    by_character = {character or " ": name for name, character in SEPARATORS.items()}
     separator = by_character.get(separator or "", separator)
     if separator is not None and separator not in SEPARATORS:
         raise InputError(f"{path}: separator '{separator}'{nearest(separator, SEPARATORS)}")

@@ -12,10 +12,20 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.body.kinematics import Motion
-from vip_factors.errors import FileFormatError
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.imu_stream import ImuStream
+
+
+@dataclass(frozen=True)
+class LogFormat:
+    """A format of sensor logs: its name, whether a path leads to a log of it, and reading one."""
+
+    name: str
+    matches: Callable[[Path], bool]
+    read: Callable[[Path], "ImportedLog"]
 
 
 def candidates(path: Path, suffixes: tuple[str, ...]) -> list[Path]:
@@ -209,3 +219,33 @@ class ImportedLog:
     start_ns: int = 0
     clock_s: float | None = None
     notes: tuple[str, ...] = ()
+
+
+def rotations_or_nan(quaternion: Array, order: Order, where: str, notes: list[str]) -> Array:
+    """Rotations ``(N, 3, 3)`` of quaternions ``(N, 4)``; NaN where a row is not of unit length.
+
+    Raises:
+        FileFormatError: if hardly any row is of unit length.
+    """
+    length = np.linalg.norm(quaternion, axis=1)
+    good = np.abs(length - 1) < UNIT_TOLERANCE
+    note_bad_rows(good, np.isfinite(length), where, "quaternions are not of unit length", notes)
+    R = np.full((len(quaternion), 3, 3), np.nan)
+    try:
+        R[good] = matrix_from_quaternion(quaternion[good], order)
+    except InputError as error:
+        raise FileFormatError(f"{where}: {error}") from error
+    return R
+
+
+def note_bad_rows(good: np.ndarray, finite: np.ndarray, where: str, what: str, notes: list[str]) -> None:
+    """A note on the finite rows that are not good.
+
+    Raises:
+        FileFormatError: if these are most.
+    """
+    bad = int(np.sum(finite & ~good))
+    if bad > np.sum(finite) / 2:
+        raise FileFormatError(f"{where}: {bad} of {np.sum(finite)} {what}; check the columns and their order")
+    if bad:
+        notes.append(f"{where}: {bad} samples dropped whose {what}")

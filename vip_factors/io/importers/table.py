@@ -16,6 +16,7 @@ from vip_factors.io.importers.column_map import (
     QUANTITIES,
     SENSES,
     TIME_UNITS,
+    UP_OR_DOWN,
     UPS,
     ColumnMap,
     Columns,
@@ -28,10 +29,11 @@ from vip_factors.io.importers.shared import (
     candidates,
     default_sites,
     merge_notes,
+    rotations_or_nan,
     tilt_of_up,
+    z_up,
 )
 from vip_factors.io.importers.text_table import SUFFIXES, TextTable, read_text_table
-from vip_factors.io.importers.xsens_channels import rotations_or_nan
 from vip_factors.io.toml_values import nearest
 from vip_factors.sensors.imu_stream import RATE_LIMIT, ImuStream
 
@@ -226,8 +228,12 @@ def _stream(
     R = None
     if quaternion is not None:
         _check_length(where, entry, quaternion)
-        R = upright_rotations(quaternion, entry.quaternion_order, entry.quaternion_sense, entry.world_up, where, notes)
-        if force is not None:
+        up = "z" if entry.world_up == UP_OR_DOWN else entry.world_up
+        R = upright_rotations(quaternion, entry.quaternion_order, entry.quaternion_sense, up, where, notes)
+        if force is not None and entry.world_up == UP_OR_DOWN:
+            R, turned = z_up(name, R, force)
+            notes += turned
+        elif force is not None:
             _check_tilt(where, entry, quaternion, R, force, notes)
     stream = ImuStream.from_samples(name, time, force, R, rate)
     if lost := len(time) - len(stream):

@@ -17,13 +17,14 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.io.toml_values import nearest
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".trc", ".sto", ".mot", ".raw", ".log")
-SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": " "}
+SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": ""}  # the last: any number of spaces
 COMMENTS = ("#", "//", "%")
 MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
 LOOKED_AT = 200  # lines, to tell the dialect: preambles of loggers are shorter
 RUN = 3  # rows of numbers in a row: a line of settings may look like one
 HEADER_LINES = 3  # names, axes and units in lines of their own; more have not been seen
 COMPONENTS = {3: "xyz", 4: "wxyz"}
+PEEK_BYTES = 16384  # the longest preamble seen is 1.5 kB; this holds it and the first rows
 
 
 @dataclass(frozen=True)
@@ -31,14 +32,16 @@ class Dialect:
     """How a file is laid out, as far as somebody told; None is found by looking.
 
     Attributes:
-        separator: one of :data:`SEPARATORS`.
+        separator: one of :data:`SEPARATORS`, or a character itself; single spaces have blank cells between them.
         comment: what lines begin with that are to be skipped.
         header: numbers of the lines with the names of the columns, the first line being 1; names are joined by ``_``.
+        same_digits: whether all cells of a column have as many decimals: a last cell with fewer breaks off.
     """
 
     separator: str | None = None
     comment: str | None = None
     header: tuple[int, ...] | None = None
+    same_digits: bool = False
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,7 @@ class TextTable:
         lines: numbers of those lines in the file.
         separator: between their cells.
         notes: what was dropped.
+        preamble: the lines above the names of the columns.
     """
 
     path: Path
@@ -60,6 +64,7 @@ class TextTable:
     lines: Sequence[int]
     separator: str
     notes: tuple[str, ...] = ()
+    preamble: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -95,11 +100,24 @@ class TextTable:
         rows = self.rows
         if self.separator != "," and any("," in row for row in rows[:LOOKED_AT]):
             rows = [row.replace(",", ".") for row in rows]  # a decimal comma
-        delimiter = None if self.separator == " " else self.separator
         try:
-            return np.loadtxt(rows, delimiter=delimiter, usecols=columns, comments=None, quotechar='"', ndmin=2)
+            return np.loadtxt(
+                rows, delimiter=self.separator or None, usecols=columns, comments=None, quotechar='"', ndmin=2
+            )
         except ValueError:
             return np.array([self._row(row, line, columns) for row, line in zip(rows, self.lines, strict=True)])
+
+    def group(self, names: Sequence[str]) -> Array | None:
+        """The columns of these names ``(N, len(names))``; None if one is missing or holds no number at all."""
+        if any(name not in self.names for name in names):
+            return None
+        values = self.numbers([self.names.index(name) for name in names])
+        return values if np.all(np.any(np.isfinite(values), axis=0)) else None
+
+    def setting(self, pattern: str) -> str | None:
+        """First group of a regular expression searched in the preamble, or None."""
+        found = (re.search(pattern, line, re.IGNORECASE) for line in self.preamble)
+        return next((one.group(1).strip() for one in found if one), None)
 
     def texts(self, column: int) -> list[str]:
         """The cells of a column."""
@@ -131,7 +149,7 @@ def number(cell: str) -> float | None:
 
 def split(row: str, separator: str) -> list[str]:
     """The cells of a line."""
-    if separator == " ":
+    if not separator:
         return row.split()
     return next(csv.reader([row], delimiter=separator), []) if '"' in row else row.split(separator)
 
@@ -144,18 +162,33 @@ def read_text_table(path: Path, dialect: Dialect | None = None) -> TextTable:
         InputError: for a header line that the file does not have.
     """
     dialect = dialect or Dialect()
-    lines = _lines(path)
-    first = lines[0] if lines else ""
-    if first.startswith("PathFileType"):
+    text = read_text(path)
+    lines = text.splitlines()
+    if text.startswith("PathFileType"):
         return _read_trc(path, lines)
     if path.suffix.lower() in (".sto", ".mot"):
         return _read_sto(path, lines)
     comments = (dialect.comment,) if dialect.comment else COMMENTS
     kept = [(i + 1, line) for i, line in enumerate(lines) if line.strip() and not line.startswith(comments)]
-    return _read_plain(path, kept, lines, dialect)
+    return _read_plain(path, kept, lines, dialect, text.endswith(("\n", "\r")))
 
 
-def _lines(path: Path) -> list[str]:
+def peek(path: Path) -> str:
+    """The beginning of a file as text; empty if it is binary or cannot be opened as a file."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(PEEK_BYTES)
+    except OSError:
+        return ""
+    return "" if b"\0" in start else start.decode("utf-8-sig", errors="replace")
+
+
+def read_text(path: Path) -> str:
+    """A file as text, UTF-8 or marked UTF-16; what is neither is replaced.
+
+    Raises:
+        FileFormatError: if it cannot be read or is no text.
+    """
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -163,20 +196,25 @@ def _lines(path: Path) -> list[str]:
     encoding = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     if encoding != "utf-16" and b"\0" in content[:4096]:
         raise FileFormatError(f"{path}: is not text: expected a table of numbers")
-    return content.decode(encoding, errors="replace").splitlines()
+    return content.decode(encoding, errors="replace")
 
 
-def _read_plain(path: Path, kept: list[tuple[int, str]], lines: list[str], dialect: Dialect) -> TextTable:
+def _read_plain(
+    path: Path, kept: list[tuple[int, str]], lines: list[str], dialect: Dialect, complete: bool
+) -> TextTable:
     """A table whose header stands right above its first row of numbers, or where it is told."""
     if dialect.header is not None:
         wrong = next((one for one in dialect.header if not 1 <= one <= len(lines)), None)
         if wrong is not None:
             raise InputError(f"{path} has no header line {wrong}: expected 1 to {len(lines)}")
         kept = [(line, row) for line, row in kept if line > max(dialect.header)]
-    told = SEPARATORS[dialect.separator] if dialect.separator else None
+        if not kept:
+            raise FileFormatError(f"{path}: no samples below the header in line {max(dialect.header)}")
+    told = SEPARATORS.get(dialect.separator, dialect.separator) if dialect.separator else None
     separator, width = _separator(path, [row for _, row in kept[:LOOKED_AT]], told)
     data = [_is_data(row, separator, width) for _, row in kept[: LOOKED_AT + RUN]]
-    start = next((i for i in range(len(data)) if all(data[i : i + RUN])), None)
+    run = 1 if dialect.header else RUN
+    start = next((i for i in range(len(data)) if all(data[i : i + run])), None)
     if start is None:
         raise FileFormatError(f"{path}: holds no row of numbers: expected a table with a line of column names above it")
     if dialect.header is not None:
@@ -184,14 +222,18 @@ def _read_plain(path: Path, kept: list[tuple[int, str]], lines: list[str], diale
     else:
         header = _header_above(kept[: start + 1], separator, width)
         header = header or _header_in_comment(lines[: kept[start][0] - 1], separator, width)
-    names = _joined(header, width)
-    return _checked(path, names, [row for _, row in kept[start:]], [line for line, _ in kept[start:]], separator)
+    preamble = lines[: kept[start][0] - 1 if dialect.header is None else min(dialect.header) - 1]
+    kept = kept[start:]
+    if dialect.same_digits and not complete and len(kept) > 1:
+        digits = [len(split(row, separator)[-1].strip().partition(".")[2]) for _, row in kept[-2:]]
+        kept = [*kept[:-1], (kept[-1][0], "")] if digits[1] < digits[0] else kept
+    return table_of_rows(path, _joined(header, width), kept, separator, preamble)
 
 
 def _separator(path: Path, rows: list[str], told: str | None) -> tuple[str, int]:
     """The separator that makes the widest rows, and their usual width."""
     best = ("", 0)
-    for separator in (told,) if told else SEPARATORS.values():
+    for separator in SEPARATORS.values() if told is None else (told,):
         widths = [
             width for row in rows if (width := len(split(row, separator))) > 1 and _is_data(row, separator, width)
         ]
@@ -200,8 +242,8 @@ def _separator(path: Path, rows: list[str], told: str | None) -> tuple[str, int]
         usual = max(set(widths), key=widths.count)
         if usual > best[1] and widths.count(usual) >= len(widths) / 2:
             best = (separator, usual)
-    if not best[0]:
-        how = "that separator" if told else "tab, semicolon, comma, bar or spaces"
+    if not best[1]:
+        how = "that separator" if told is not None else "tab, semicolon, comma, bar or spaces"
         raise FileFormatError(f"{path}: holds no row of two numbers or more between {how}: expected a table of numbers")
     return best
 
@@ -259,12 +301,15 @@ def _joined(header: list[list[str]], width: int) -> tuple[str, ...]:
     return tuple(name or str(i + 1) for i, name in enumerate(names[:width]))
 
 
-def _checked(path: Path, names: tuple[str, ...], rows: list[str], lines: list[int], separator: str) -> TextTable:
-    """The table, if every row is wide enough; a last line that breaks off is dropped.
+def table_of_rows(
+    path: Path, names: tuple[str, ...], kept: list[tuple[int, str]], separator: str, preamble: Sequence[str] = ()
+) -> TextTable:
+    """The table of numbered lines, if every one is wide enough; a last line that breaks off is dropped.
 
     Raises:
-        FileFormatError: for a row that is not.
+        FileFormatError: for a line that is not.
     """
+    lines, rows = [line for line, _ in kept], [row for _, row in kept]
     widths = [_width(row, separator) for row in rows]
     notes = []
     if len(rows) > 1 and widths[-1] < len(names):
@@ -276,11 +321,11 @@ def _checked(path: Path, names: tuple[str, ...], rows: list[str], lines: list[in
             f"{path}, line {lines[short]}: {widths[short]} cells where the header has {len(names)} columns; repair or "
             "delete the line"
         )
-    return TextTable(path, names, rows, lines, separator, tuple(notes))
+    return TextTable(path, names, rows, lines, separator, tuple(notes), tuple(preamble))
 
 
 def _width(row: str, separator: str) -> int:
-    return len(split(row, separator)) if separator == " " or '"' in row else row.count(separator) + 1
+    return len(split(row, separator)) if not separator or '"' in row else row.count(separator) + 1
 
 
 def _read_trc(path: Path, lines: list[str]) -> TextTable:
@@ -291,7 +336,7 @@ def _read_trc(path: Path, lines: list[str]) -> TextTable:
     found = [cell.strip() for cell in lines[at].split("\t") if cell.strip()]
     names = (*found[:2], *(f"{name}_{axis}" for name in found[2:] for axis in "xyz"))
     kept = [(i + 1, line) for i, line in enumerate(lines) if i > at + 1 and line.strip()]
-    return _filled(path, names, kept, lambda line: line.split("\t"))
+    return _filled(path, names, kept, lambda line: line.split("\t"), lines[:at])
 
 
 def _read_sto(path: Path, lines: list[str]) -> TextTable:
@@ -314,14 +359,18 @@ def _read_sto(path: Path, lines: list[str]) -> TextTable:
         found: list[str] = []
         for cell, count in zip(line.split("\t"), widest, strict=False):
             parts = cell.strip("()~[] ").split(",")
-            found += parts if len(parts) == count else ["nan"] * count if not cell.strip() else parts
+            found += ["nan"] * count if cell.strip().lower() in MISSING else parts
         return found
 
-    return _filled(path, tuple(names), kept, cells)
+    return _filled(path, tuple(names), kept, cells, lines[:at])
 
 
 def _filled(
-    path: Path, names: tuple[str, ...], kept: list[tuple[int, str]], cells: Callable[[str], list[str]]
+    path: Path,
+    names: tuple[str, ...],
+    kept: list[tuple[int, str]],
+    cells: Callable[[str], list[str]],
+    preamble: Sequence[str],
 ) -> TextTable:
     """A table of OpenSim's, whose lines may end in blank cells."""
     if not kept:
@@ -333,4 +382,4 @@ def _filled(
         else "\t".join(cell.strip() or "nan" for cell in cells(line)[: len(names)])
         for _, line in kept
     ]
-    return _checked(path, names, rows, [line for line, _ in kept], "\t")
+    return table_of_rows(path, names, [(line, row) for (line, _), row in zip(kept, rows, strict=True)], "\t", preamble)

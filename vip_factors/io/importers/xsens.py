@@ -1,0 +1,316 @@
+"""Xsens tables, one for each sensor: MTw / MT Manager text exports, and (Movella) DOT's csv.
+
+Of an MTw's file the device id ends the name; a DOT's is named by its tag and the time of recording. Samples are timed
+by the sensors' clock where every file has it, else by packet counter and update rate (100 Hz where none is stated);
+lost packets are gaps. ``Acc_*`` includes gravity; ``FreeAcc_*`` is global and gets gravity back. Matrices are read by
+their columns' names. DOT exports degrees per second, MTw radians.
+"""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime, timedelta, timezone
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.errors import FileFormatError
+from vip_factors.geometry.quaternions import Order
+from vip_factors.geometry.rotations import Array, nearest_rotation, rotation_x, rotation_y, rotation_z, transpose
+from vip_factors.io.importers.packet_clock import (
+    CLOCK_MODULUS,
+    COUNTER_MODULUS,
+    PLAUSIBLE_RATE_HZ,
+    SAME_RATE,
+    Packets,
+    clock_tick,
+    common_base,
+    order_packets,
+    unwrap,
+)
+from vip_factors.io.importers.shared import (
+    GRAVITY,
+    UP,
+    ImportedLog,
+    LogFormat,
+    candidates,
+    default_sites,
+    merge_notes,
+    note_bad_rows,
+    rotations_or_nan,
+    sensor_files,
+    z_up,
+)
+from vip_factors.io.importers.text_table import Dialect, TextTable, peek, read_text_table
+from vip_factors.sensors.imu_stream import ImuStream
+
+SUFFIXES = (".txt", ".csv")
+HEADER_WORDS = ("PacketCounter", "SampleTimeFine", "Acc_X", "FreeAcc_X", "FreeAcc_E", "Mat[1][1]", "Quat_")
+DOT_PREAMBLE = ("sep=", "DeviceTag", "FirmwareVersion", "OutputRate")
+QUATERNIONS = (
+    ("Quat_q0", "Quat_q1", "Quat_q2", "Quat_q3"),
+    ("Quat_W", "Quat_X", "Quat_Y", "Quat_Z"),
+    ("Quat_w", "Quat_x", "Quat_y", "Quat_z"),
+)
+MATRIX = tuple(f"Mat[{row}][{column}]" for row in (1, 2, 3) for column in (1, 2, 3))  # by name: any order in the file
+EULER = (("Roll", "Pitch", "Yaw"), ("Euler_X", "Euler_Y", "Euler_Z"), ("Euler_x", "Euler_y", "Euler_z"))
+ACCELERATION = ("Acc_X", "Acc_Y", "Acc_Z")
+FREE_ACCELERATION = (("FreeAcc_X", "FreeAcc_Y", "FreeAcc_Z"), ("FreeAcc_E", "FreeAcc_N", "FreeAcc_U"))
+ANGULAR_RATE = ("Gyr_X", "Gyr_Y", "Gyr_Z")
+
+DEFAULT_RATE_HZ = 100.0  # of an MTw Awinda with up to nine sensors, and of every export seen without a rate
+# North-east-down to east-north-up, for exports whose comment says NED.
+R_ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+# A worn sensor's specific force averages to about 9.8 m/s² over a file; a mean this short had its gravity removed.
+GRAVITY_FREE_MEAN = 3.0
+# The same tolerance as for quaternions: a matrix further off is not a rounded rotation but a mistake.
+MATRIX_TOLERANCE = 0.05
+
+
+def _is_mtw(path: Path) -> bool:
+    header, preamble = _header(path)
+    if not preamble:  # a bare table: DOT's differ in how they call the quaternion
+        return "PacketCounter" in header and "Quat_W" not in header
+    return bool(header) and all(line.startswith("//") for line in preamble)
+
+
+def _is_dot(path: Path) -> bool:
+    header, preamble = _header(path)
+    if "PacketCounter" not in header:
+        return False
+    return any(line.startswith(DOT_PREAMBLE) for line in preamble) if preamble else "Quat_W" in header
+
+
+def _header(path: Path) -> tuple[str, list[str]]:
+    """The line of column names, and those above it that say something; blank if there is none."""
+    lines = peek(path).splitlines()
+    at = find_header(lines)
+    return ("", []) if at is None else (lines[at], [line for line in lines[:at] if line.strip()])
+
+
+def find_header(lines: list[str]) -> int | None:
+    """Index of the line of column names, or None."""
+    for index, line in enumerate(lines):
+        if not line.startswith("//") and any(word in line for word in HEADER_WORDS):
+            return index
+    return None
+
+
+def _mtw_name(stem: str) -> tuple[str, str]:
+    recording, _, sensor = stem.rpartition("_")
+    return recording, sensor
+
+
+def _dot_name(stem: str) -> tuple[str, str]:
+    """``RTibia_20210820_202113_825`` is sensor RTibia; files of one recording may differ in their seconds."""
+    found = re.match(r"(?:xsens[ _]dot[ _])?(.+?)_\d{8}_\d{6}(?:_\d+)?$", stem, re.IGNORECASE)
+    return ("", found.group(1)) if found else ("", stem)
+
+
+def _matches(is_ours: Callable[[Path], bool], path: Path) -> bool:
+    return any(is_ours(file) for file in candidates(path, SUFFIXES))
+
+
+def _read_mtw(path: Path) -> ImportedLog:
+    """Read a recording: a file, a folder of one recording's files, or their common start (``folder/Walk-1-000``).
+
+    Raises:
+        FileFormatError: for files that are not such exports, that disagree on the rate, or hold nothing usable.
+    """
+    return _import_tables(path, MTW.name, sensor_files(path, SUFFIXES, _is_mtw, _mtw_name), 1.0)
+
+
+def _read_dot(path: Path) -> ImportedLog:
+    """Read a recording: a file, a folder with one file per sensor, or their common start.
+
+    Raises:
+        FileFormatError: for files that are not such exports, or hold nothing usable.
+    """
+    files = sensor_files(path, SUFFIXES, _is_dot, _dot_name)
+    log = _import_tables(path, DOT.name, files, float(np.deg2rad(1.0)))
+    starts = [start for file in files.values() if (start := _start_ns(peek(file)))]
+    unsynced = [file.name for file in files.values() if re.search(r"SyncStatus:\s*,\s*Un", peek(file), re.IGNORECASE)]
+    notes = log.notes
+    if unsynced and len(files) > 1:
+        notes += (f"{unsynced[0]}: was recorded without synchronisation: times may be off between sensors",)
+    return replace(log, start_ns=min(starts, default=0), notes=notes)
+
+
+def _start_ns(text: str) -> int | None:
+    """Absolute nanoseconds of ``StartTime: ,2021-08-20_20:21:13_839 GMT+8``."""
+    found = re.search(r"StartTime:\s*,\s*(\d{4}-\d\d-\d\d)_(\d\d:\d\d:\d\d)_(\d{1,3})(?:\s*GMT([+-]\d{1,2}))?", text)
+    if not found:
+        return None
+    date, clock, millisecond, offset = found.groups()
+    try:
+        start = datetime.fromisoformat(f"{date}T{clock}").replace(tzinfo=timezone(timedelta(hours=int(offset or 0))))
+    except ValueError:
+        return None
+    return int(start.timestamp()) * 10**9 + int(millisecond) * 10**6
+
+
+MTW = LogFormat("xsens_txt", partial(_matches, _is_mtw), _read_mtw)
+DOT = LogFormat("xsens_dot", partial(_matches, _is_dot), _read_dot)
+
+
+def _import_tables(path: Path, name: str, files: dict[str, Path], rate_unit: float) -> ImportedLog:
+    """Read one file per sensor and put all on one clock; ``rate_unit`` is the angular rate's in rad/s."""
+    tables = {sensor: _read_table(file) for sensor, file in files.items()}
+    packets = {sensor: _packets(table) for sensor, table in tables.items()}
+    notes = [note for table in tables.values() for note in table.notes]
+    notes += [note for one in packets.values() for note in one.notes]
+    times = _times(path, tables, packets, notes)
+    imus = {}
+    for sensor, table in tables.items():
+        rows = packets[sensor].rows
+        force, R, rate = (None if values is None else values[rows] for values in _channels(table, rate_unit, notes))
+        imus[sensor] = ImuStream.from_samples(sensor, times[sensor], force, R, rate)
+        if lost := len(rows) - len(imus[sensor]):
+            notes.append(f"{table.path.name}: {lost} samples with missing values dropped")
+    return ImportedLog(name, imus, default_sites(list(imus)), notes=merge_notes(notes))
+
+
+def _read_table(path: Path) -> TextTable:
+    lines = peek(path).splitlines()
+    at = find_header(lines)
+    if at is None:
+        raise FileFormatError(f"{path}: no header line: expected column names such as PacketCounter, Acc_X, Quat_q0")
+    separator = next((one for one in "\t;," if one in lines[at]), " ")
+    return read_text_table(path, Dialect(separator, header=(at + 1,), same_digits=True))
+
+
+def _packets(table: TextTable) -> Packets:
+    counter, name = table.group(["PacketCounter"]), table.path.name
+    if counter is None:
+        rows = np.arange(len(table))
+        return Packets(rows, rows, (f"{name}: no PacketCounter, so lost packets cannot be seen",))
+    wide = np.nanmax(counter) >= COUNTER_MODULUS
+    return order_packets(counter[:, 0], name, CLOCK_MODULUS if wide else COUNTER_MODULUS)
+
+
+def _times(path: Path, tables: dict[str, TextTable], packets: dict[str, Packets], notes: list[str]) -> dict[str, Array]:
+    """Seconds from the earliest sample of any file, for each file's kept rows."""
+    stated = {sensor: rate for sensor, table in tables.items() if (rate := _stated_rate(table)) is not None}
+    by_clock = _clock_times(tables, packets, stated, notes)
+    if by_clock is not None:
+        return by_clock
+    slow, fast = (pick(stated, key=stated.__getitem__, default=None) for pick in (min, max))
+    if slow and fast and stated[fast] > stated[slow] * (1 + SAME_RATE):
+        raise FileFormatError(
+            f"{path}: {tables[slow].path.name} says {stated[slow]:g} Hz and {tables[fast].path.name} {stated[fast]:g} "
+            "Hz: expected one rate for all files of a recording; import them apart"
+        )
+    rate = stated[fast] if fast else DEFAULT_RATE_HZ
+    if not fast:
+        notes.append(f"{path.name}: no file says its update rate; {rate:g} Hz assumed")
+    counts = common_base([one.count for one in packets.values()], COUNTER_MODULUS)
+    return {sensor: count / rate for sensor, count in zip(packets, counts, strict=True)}
+
+
+def _stated_rate(table: TextTable) -> float | None:
+    text = table.setting(r"(?:update|output|sample)\s*rate\s*:?\s*,?\s*(\d+(?:\.\d+)?)\s*hz")
+    rate = float(text) if text else 0.0
+    return rate if PLAUSIBLE_RATE_HZ[0] <= rate <= PLAUSIBLE_RATE_HZ[1] else None
+
+
+def _clock_times(
+    tables: dict[str, TextTable], packets: dict[str, Packets], stated: dict[str, float], notes: list[str]
+) -> dict[str, Array] | None:
+    """Times by SampleTimeFine, or None where a file lacks it or the clocks have nothing in common."""
+    clocks, ticks, said = [], set(), []
+    for sensor, table in tables.items():
+        column, rows = table.group(["SampleTimeFine"]), packets[sensor].rows
+        if column is None or not np.all(np.isfinite(column[rows])):
+            return None
+        found = clock_tick(column[rows, 0], packets[sensor].count)
+        clock = unwrap(column[rows, 0], CLOCK_MODULUS)
+        if found is None or np.any(np.diff(clock) <= 0):
+            return None
+        clocks.append(clock)
+        ticks.add(found[0])
+        if sensor in stated and abs(found[1] / stated[sensor] - 1) > SAME_RATE:
+            said.append(
+                f"{table.path.name}: says {stated[sensor]:g} Hz, but its SampleTimeFine runs at {found[1]:.2f} Hz; "
+                "the clock is believed"
+            )
+    if len(ticks) > 1:
+        return None
+    tick = ticks.pop()
+    aligned = common_base(clocks, CLOCK_MODULUS)
+    # A sensor that starts after the longest recording could have ended was never on the others' clock.
+    if max(clock[0] for clock in aligned) > max(clock[-1] - clock[0] for clock in aligned):
+        notes.append("the sensors' clocks (SampleTimeFine) were not set together; packet counters are used instead")
+        return None
+    notes += said
+    return {sensor: clock * tick for sensor, clock in zip(tables, aligned, strict=True)}
+
+
+def _channels(table: TextTable, rate_unit: float, notes: list[str]) -> tuple[Array | None, Array | None, Array | None]:
+    """Specific force, orientation and angular rate in our units and frames; rows with NaN were lost.
+
+    Raises:
+        FileFormatError: if there is neither orientation nor acceleration, or the orientation is not one.
+    """
+    R, name = _orientation(table, notes), table.path.name
+    acceleration = table.group(ACCELERATION)
+    free = next((group for names in FREE_ACCELERATION if (group := table.group(names)) is not None), None)
+    if acceleration is not None and free is None and _without_gravity(acceleration):
+        notes.append(
+            f"{name}: gravity had been removed from Acc_*: taken as free acceleration in the inertial frame; without "
+            "gravity nothing in this converted file can tell whether its orientation has z up, so prefer the original"
+        )
+        acceleration, free = None, acceleration
+    if acceleration is None and free is not None:
+        if R is None:
+            notes.append(f"{name}: acceleration without gravity needs an orientation to restore it: left out")
+        else:
+            acceleration = np.einsum("nji,nj->ni", R, free + GRAVITY * UP)
+    elif acceleration is not None and R is not None:
+        R, turned = z_up(name, R, acceleration)
+        notes += turned
+    if R is None and acceleration is None:
+        raise FileFormatError(
+            f"{table.path}: neither orientation (Quat_*, Mat[*][*], Roll/Pitch/Yaw) nor acceleration (Acc_*) among its "
+            f"columns {', '.join(table.names)}: export at least one of them"
+        )
+    rate = table.group(ANGULAR_RATE)
+    return acceleration, R, None if rate is None else rate_unit * rate
+
+
+def _without_gravity(acceleration: Array) -> bool:
+    return bool(np.linalg.norm(np.nanmean(acceleration, axis=0)) < GRAVITY_FREE_MEAN) and bool(
+        np.nanmedian(np.linalg.norm(acceleration, axis=1)) < GRAVITY / 2  # a tumbling sensor also averages to little
+    )
+
+
+def _orientation(table: TextTable, notes: list[str]) -> Array | None:
+    """R_inertial_sensor ``(N, 3, 3)`` with z up, NaN where lost, from quaternion, matrix or Euler angles."""
+    quaternion, degrees = (
+        next((group for names in forms if (group := table.group(names)) is not None), None)
+        for forms in (QUATERNIONS, EULER)
+    )
+    if quaternion is not None:
+        R = rotations_or_nan(quaternion, Order.WXYZ, str(table.path), notes)
+    elif (cells := table.group(MATRIX)) is not None:
+        R = _matrices_or_nan(cells.reshape(-1, 3, 3), str(table.path), notes)
+    elif degrees is not None:
+        roll, pitch, yaw = np.deg2rad(degrees).T
+        R = rotation_z(yaw) @ rotation_y(pitch) @ rotation_x(roll)
+    else:
+        return None
+    if (table.setting(r"coordinate system:\s*(\w+)") or "").upper() == "NED":
+        R = R_ENU_NED @ R
+        notes.append(f"{table.path.name}: turned from north-east-down to east-north-up")
+    return R
+
+
+def _matrices_or_nan(matrices: Array, where: str, notes: list[str]) -> Array:
+    finite = np.all(np.isfinite(matrices), axis=(1, 2))
+    safe = np.where(finite[:, None, None], matrices, np.eye(3))
+    off = np.abs(transpose(safe) @ safe - np.eye(3)).max(axis=(1, 2))
+    good = finite & (off < MATRIX_TOLERANCE) & (np.linalg.det(safe) > 0)
+    note_bad_rows(good, finite, where, "matrices are not rotations", notes)
+    R = np.full(matrices.shape, np.nan)
+    R[good] = nearest_rotation(matrices[good])
+    return R

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from detect.stub_people import People
 
-from vip_factors.detect import blazepose, interpreter, model_files
+from vip_factors.detect import blazepose, model_files, tracks
 from vip_factors.detect.tracks import Tracker
 from vip_factors.io.detections.read import read_detections
 
@@ -28,10 +28,8 @@ def video(tmp_path: Path) -> Path:
 def seen(monkeypatch: pytest.MonkeyPatch) -> People:
     people = People({"a": (150, 120), "b": (450, 120)})
     monkeypatch.setattr(model_files, "blazepose_files", lambda source, tell: None)
-    monkeypatch.setattr(interpreter, "check_interpreter", lambda: None)
-    monkeypatch.setattr(
-        blazepose, "blazepose_tracker", lambda files, settings, threads: Tracker(people, people, settings)
-    )
+    monkeypatch.setattr(blazepose, "check_interpreter", lambda: None)
+    monkeypatch.setattr(tracks, "blazepose_tracker", lambda files, settings, threads: Tracker(people, people, settings))
     return people
 
 

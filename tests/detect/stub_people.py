@@ -4,9 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vip_factors.detect.landmarks import PersonLandmarks
-from vip_factors.detect.person_detector import FoundPerson
-from vip_factors.detect.square import Square
+from vip_factors.detect.blazepose import DetectedPerson, PersonLandmarks, Square
 
 SIDE = 200.0
 IMAGE = np.zeros((480, 1200, 3), np.uint8)
@@ -20,9 +18,9 @@ class People:
     places: dict[str, tuple[float, float]]
     missed: set[str] = field(default_factory=set)
 
-    def find(self, image: np.ndarray, part: Square) -> list[FoundPerson]:
+    def find(self, image: np.ndarray, part: Square) -> list[DetectedPerson]:
         there = [place for name, place in self.places.items() if name not in self.missed]
-        return [FoundPerson(Square(*place, SIDE), 0.9) for place in there]
+        return [DetectedPerson(Square(*place, SIDE), 0.9) for place in there]
 
     def look(self, image: np.ndarray, square: Square) -> PersonLandmarks:
         nearest = min(self.places.values(), key=lambda place: np.hypot(*(square.centre - place)), default=None)

@@ -11,10 +11,8 @@ import pytest
 from vip_factors.cli.settings_file import read_settings
 from vip_factors.errors import InputError, SolveError
 from vip_factors.settings import Settings
-from vip_factors.tune.leave_one_out import Trial, best, leave_one_out, loss
 from vip_factors.tune.parameters import DEFAULT_PARAMETERS, Parameter, changed, parsed, value_of
-from vip_factors.tune.report import report_lines, settings_text, verdict
-from vip_factors.tune.study import Study, Task
+from vip_factors.tune.study import Study, Task, Trial, best, leave_one_out, loss, report_lines, settings_text, verdict
 
 SIGMA = Parameter("factors.orientation.sigma_deg", 2.0, 10.0)
 TASK = Task(("a", "b"), (SIGMA,), {SIGMA.name: 4.0}, "mpjpe at 60 Hz")

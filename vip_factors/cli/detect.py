@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from vip_factors.cli.options import Flag, Output, beside, parse
-from vip_factors.detect.settings import DetectSettings
+from vip_factors.detect.tracks import DetectSettings
 
 if TYPE_CHECKING:
     from vip_factors.detect.video import VideoPoses
@@ -75,7 +75,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         about = _about(options, poses)
         write_mmpose(out, poses.keypoints, poses.frames, poses.facts.time, about, options.overwrite)
         if options.overlay is not None:
-            from vip_factors.detect.overlay import write_overlay
+            from vip_factors.detect.video import write_overlay
 
             write_overlay(options.overlay, poses, options.overwrite, lambda fraction: tell("drawing them", fraction))
     print(poses_text(poses, seconds))
@@ -86,10 +86,10 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 
 def _found(options: DetectOptions, tell: Any) -> "VideoPoses":
     from vip_factors.cli.terminal import note
-    from vip_factors.detect.blazepose import blazepose_tracker, usual_threads
-    from vip_factors.detect.interpreter import check_interpreter
+    from vip_factors.detect.blazepose import check_interpreter
     from vip_factors.detect.model_files import blazepose_files
     from vip_factors.detect.onnx_pose import OnnxPose
+    from vip_factors.detect.tracks import blazepose_tracker, usual_threads
     from vip_factors.detect.video import Stretch, detect_video
 
     threads = options.threads or usual_threads()

@@ -58,11 +58,8 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     options = parse(TuneOptions, prog, arguments)
     from vip_factors.atomic import atomic_open, check_target
     from vip_factors.cli.terminal import note, progress_bar
-    from vip_factors.tune.leave_one_out import best
-    from vip_factors.tune.measure import UNITS, Measure, measured
-    from vip_factors.tune.parameters import changed, value_of
-    from vip_factors.tune.report import report_lines, settings_text
-    from vip_factors.tune.study import Study, Task
+    from vip_factors.tune.parameters import UNITS, Measure, changed, measured, value_of
+    from vip_factors.tune.study import Study, Task, best, report_lines, settings_text
 
     if not options.recordings:
         raise InputError("no recording to tune on: expected some with a truth, such as vip-factors simulate makes")

@@ -1,22 +1,129 @@
-"""People followed from frame to frame: each with a square of its own, looked for again where it was lost."""
+"""People in a video: searched for in the whole image and in smaller squares, then followed from frame to frame.
 
+In smaller squares small people are large enough for the detector. Each person has a square of its own, and is looked
+for again where it was lost.
+"""
+
+import os
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from vip_factors.detect.landmarks import PersonLandmarks
-from vip_factors.detect.person_detector import PersonDetector
-from vip_factors.detect.search import same_place, search, tiles
-from vip_factors.detect.settings import DetectSettings
-from vip_factors.detect.square import Square
+from vip_factors.detect.blazepose import (
+    DetectedPerson,
+    LandmarkModel,
+    LiteModel,
+    PersonDetector,
+    PersonLandmarks,
+    Square,
+)
+from vip_factors.detect.model_files import BlazePoseFiles
+from vip_factors.errors import InputError
+
+
+@dataclass(frozen=True)
+class DetectSettings:
+    """Thresholds and periods of detection.
+
+    Attributes:
+        least_score: of the person detector's finds that the landmark model looks at. MediaPipe's own.
+        least_presence: of the landmark model, that its square shows a person. MediaPipe's own.
+        search_s: seconds between searches for people who have come in; each costs as much as several people's frames.
+        tile_levels: how often the search halves its squares. 0 sees the whole image only, in which people smaller than
+            a third of it are easily missed; each level finds people of half the size, at up to four times the cost.
+        box_overlap: intersection over union of two boxes of the detector that show one person. MediaPipe's own.
+        same_person: mean distance of two poses' landmarks, in sides of their squares, below which they are of one
+            person. A side is 1.25 times a person's height and more, so this is a shoulder's width: nobody stands so
+            near another without hiding him.
+        lost_s: seconds that a person may be out of sight and keep the track's number, if found about where lost.
+        least_s: seconds that a track must last to be written: wrong finds last shorter, and help nobody.
+        turn_s: seconds in which nobody turns about: left and right that change within them are put right.
+        chances: searches that may miss a new track before it is given up as nobody's: things that look like people to
+            one search seldom do so to the next ones.
+    """
+
+    least_score: float = 0.5
+    least_presence: float = 0.5
+    search_s: float = 0.5
+    tile_levels: int = 2
+    box_overlap: float = 0.3
+    same_person: float = 0.1
+    lost_s: float = 1.0
+    least_s: float = 0.2
+    turn_s: float = 0.25
+    chances: int = 2
+
+    def __post_init__(self) -> None:
+        for name in ("least_score", "least_presence", "box_overlap"):
+            if not 0 < getattr(self, name) < 1:
+                raise InputError(f"{name} {getattr(self, name)}: expected a number between 0 and 1")
+        for name in ("search_s", "same_person", "lost_s", "least_s", "turn_s"):
+            if not getattr(self, name) >= 0:
+                raise InputError(f"{name} {getattr(self, name)}: expected no negative number")
+        if self.chances < 1:
+            raise InputError(f"chances {self.chances}: expected 1 or more")
+        if not 0 <= self.tile_levels <= 4:
+            raise InputError(f"tile_levels {self.tile_levels}: expected 0 to 4")
+
+
+OVERLAP = 0.5  # of neighbouring squares: whoever is half as high as a square is whole in one of them
+SAME_HIP = 0.15  # distance of the hips' middles, in sides, below which two finds are of one person
+LARGEST = 1.5  # side of a person's square, in sides of a tile: whoever is larger is only partly in it
+LIKE_SIZE = 2.0  # and of which size they may differ
+
+
+def whole(width: int, height: int) -> Square:
+    """The upright square around an image."""
+    return Square(width / 2, height / 2, max(width, height))
+
+
+def tiles(width: int, height: int, levels: int) -> list[Square]:
+    """Upright squares that cover an image: all of it, then as wide as its shorter side, then half as wide …"""
+    found = [whole(width, height)]
+    shorter = min(width, height)
+    for level in range(levels):
+        side = shorter / 2**level
+        if side >= found[0].side:
+            continue  # a square image: seen already
+        columns, rows = (_starts(length, side) for length in (width, height))
+        found += [Square(x + side / 2, y + side / 2, side) for y in rows for x in columns]
+    return found
+
+
+def _starts(length: float, side: float) -> np.ndarray:
+    count = 1 + int(np.ceil((length - side) / (side * (1 - OVERLAP)) - 1e-9))
+    return np.linspace(0, max(length - side, 0), max(count, 1))
+
+
+def search(image: np.ndarray, detector: PersonDetector, parts: list[Square]) -> list[DetectedPerson]:
+    """Everybody in an image, once each; those who are surest first. The first part is the whole image."""
+    found = [
+        one
+        for number, part in enumerate(parts)
+        for one in detector.find(image, part)
+        if number == 0 or one.square.side < LARGEST * part.side
+    ]
+    kept: list[DetectedPerson] = []
+    for one in sorted(found, key=lambda person: -person.score):
+        if not any(same_place(one.square, other.square) for other in kept):
+            kept.append(one)
+    return kept
+
+
+def same_place(a: Square, b: Square) -> bool:
+    """Whether two squares may be of one person."""
+    side = max(a.side, b.side)
+    near = np.linalg.norm(a.centre - b.centre) < SAME_HIP * side
+    return bool(near and side < LIKE_SIZE * min(a.side, b.side))
+
 
 SURE = 0.5  # confidence of a landmark that counts when two poses are compared
 ENOUGH = 4  # landmarks that both poses must have for that
 
 
-class Looker(Protocol):
-    """What :class:`~vip_factors.detect.landmarks.LandmarkModel` does."""
+class LandmarkFinder(Protocol):
+    """What :class:`~vip_factors.detect.blazepose.LandmarkModel` does."""
 
     def look(self, image: np.ndarray, square: Square) -> PersonLandmarks:
         """Landmarks of the person in a square."""
@@ -51,7 +158,7 @@ class Tracker:
         settings: thresholds and periods.
     """
 
-    def __init__(self, detector: PersonDetector, landmarks: Looker, settings: DetectSettings) -> None:
+    def __init__(self, detector: PersonDetector, landmarks: LandmarkFinder, settings: DetectSettings) -> None:
         self._detector, self._landmarks, self._settings = detector, landmarks, settings
         self._tracks: list[Track] = []
         self._lost: list[Track] = []
@@ -131,3 +238,23 @@ class Tracker:
             return same_place(a.following, b.following)
         distance = np.linalg.norm(a.pixels[both] - b.pixels[both], axis=1).mean()
         return bool(distance < self._settings.same_person * min(a.following.side, b.following.side))
+
+
+MOST_THREADS = 4  # more gain nothing on models of this size
+
+
+def usual_threads() -> int:
+    """As many as there are processors for us, up to four."""
+    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(MOST_THREADS, there)
+
+
+def blazepose_tracker(files: BlazePoseFiles, settings: DetectSettings, threads: int) -> Tracker:
+    """A tracker that finds and follows people with BlazePose.
+
+    Raises:
+        InputError: if the library that runs the models is not installed.
+        FileFormatError: if a file is no model.
+    """
+    detector = PersonDetector(LiteModel(files.detector, threads), settings.least_score, settings.box_overlap)
+    return Tracker(detector, LandmarkModel(LiteModel(files.landmarks, threads)), settings)

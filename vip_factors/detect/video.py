@@ -1,4 +1,10 @@
-"""Everybody in a video, frame by frame."""
+"""Everybody in a video, frame by frame: tracks tidied, left and right set right, drawn over the video if asked.
+
+Left and right that a model confused in some frames are set right by the frames around them: nobody turns about in a few
+frames, so where the trunk's left and right lie the other way round than just before, one of the two is wrong. Which of
+them is decided by the majority of the frames that hang together so. The trunk of somebody who really turns is narrow in
+between, and tells nothing until it is wide again.
+"""
 
 import math
 from collections import defaultdict
@@ -8,14 +14,62 @@ from pathlib import Path
 
 import numpy as np
 
+from vip_factors.atomic import atomic_path
 from vip_factors.body.keypoints import KeypointSet, keypoint_set
 from vip_factors.detect.onnx_pose import OnnxPose, box_around
-from vip_factors.detect.settings import DetectSettings
-from vip_factors.detect.sides import confused
-from vip_factors.detect.tracks import Track, Tracker
+from vip_factors.detect.tracks import DetectSettings, Track, Tracker
 from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array
 from vip_factors.io.detections.mmpose_write import TrackedPose
 from vip_factors.io.video import VideoFacts, iterate_frames, video_facts
+from vip_factors.viz.images import draw_pose
+
+WIDTHS = ("shoulder", "hip")
+# Of a vote, in squares of the trunk's length; people seen from the front or behind vote with about 0.4, those who turn
+# about within half a second with 0.1 at most.
+CLEAR = 0.12
+
+
+def confused(keypoints: KeypointSet, pixels: Array, confidence: Array, reach: int) -> np.ndarray:
+    """``(F,)`` in which frames of one person left and right are to be exchanged.
+
+    Args:
+        keypoints: of the poses; with shoulders and hips.
+        pixels: ``(F, K, 2)`` of the person in successive frames.
+        confidence: ``(F, K)`` in [0, 1].
+        reach: how many frames before it a frame is compared with: a quarter of a second.
+    """
+    across, weight = _across(keypoints, pixels, confidence)
+    sign = np.ones(len(pixels))
+    start, linked = 0, 0
+    for frame in range(1, len(pixels)):
+        before = slice(max(start, frame - reach), frame)
+        both = weight[before] * weight[frame]
+        votes = np.sum(both * np.sum(across[before] * across[frame], axis=-1), axis=1)
+        mean = float(np.sum(votes * sign[before]) / max(np.sum(both), 1e-9))
+        sign[frame] = sign[linked]
+        if abs(mean) >= CLEAR:
+            sign[frame], linked = np.sign(mean), frame
+        elif frame - linked >= reach:  # the end of frames that hang together
+            _settle(sign[start : linked + 1])
+            sign[linked + 1 : frame + 1], start, linked = 1, frame, frame
+    _settle(sign[start:])
+    return sign < 0
+
+
+def _settle(sign: Array) -> None:
+    """The model is right more often than not."""
+    if sign.sum() < 0:
+        sign *= -1
+
+
+def _across(keypoints: KeypointSet, pixels: Array, confidence: Array) -> tuple[Array, Array]:
+    """From right to left ``(F, 2, 2)`` at shoulders and hips, in lengths of the trunk, and weights ``(F, 2)``."""
+    left, right = ([keypoints.keypoints.index(f"{side}_{name}") for name in WIDTHS] for side in ("left", "right"))
+    shoulders, hips = np.moveaxis((pixels[:, left] + pixels[:, right]) / 2, 1, 0)
+    length = max(float(np.median(np.linalg.norm(shoulders - hips, axis=1))), 1e-9)
+    return (pixels[:, left] - pixels[:, right]) / length, np.minimum(confidence[:, left], confidence[:, right])
+
 
 BLAZEPOSE = "blazepose33"
 
@@ -138,3 +192,36 @@ def _tidied(
             order = keypoints.mirrored if exchange else slice(None)
             tidy[index].append(TrackedPose(number, pose.pixels[order], pose.confidence[order], pose.score))
     return tidy
+
+
+LARGEST_SIDE = 1280  # pixels of the longer side: sharp enough to judge poses by, and quick to write
+
+
+def write_overlay(
+    path: Path, poses: VideoPoses, overwrite: bool = False, tell: Callable[[float], None] = lambda fraction: None
+) -> None:
+    """Write the frames that were looked at as a video (``.mp4``), each person in a colour and with the track's number.
+
+    Raises:
+        InputError: if the file exists, or this OpenCV cannot write such a video.
+    """
+    import cv2
+
+    facts, looked = poses.facts, poses.looked
+    scale = min(1.0, LARGEST_SIDE / max(facts.width, facts.height))
+    size = tuple(2 * round(scale * length / 2) for length in (facts.width, facts.height))  # codecs want even numbers
+    with atomic_path(path, overwrite) as temporary:
+        code = cv2.VideoWriter.fourcc(*"mp4v")
+        writer = cv2.VideoWriter(str(temporary), code, facts.rate / looked.step, size)
+        if not writer.isOpened():
+            raise InputError(f"{path}: OpenCV cannot write such a video: give a name that ends in .mp4")
+        try:
+            for index, _, image in iterate_frames(facts.path, facts.time, looked.step, looked.start, looked.stop):
+                small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+                for one in poses.frames[index]:
+                    pixels = one.pixels * [size[0] / facts.width, size[1] / facts.height]
+                    draw_pose(small, poses.keypoints, pixels, one.confidence, one.track - 1, str(one.track))
+                writer.write(cv2.cvtColor(small, cv2.COLOR_RGB2BGR))
+                tell((index + 1 - looked.start) / (looked.stop - looked.start))
+        finally:
+            writer.release()

@@ -1,12 +1,18 @@
-"""What is tuned: numbers in the tree of settings, by their dotted names, and between which bounds."""
+"""What is tuned (settings by their dotted names, between bounds), and by which measure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from difflib import get_close_matches
+from enum import StrEnum
 from math import isfinite
 from typing import Any
 
+import numpy as np
+
 from vip_factors.errors import InputError
+from vip_factors.evaluate.evaluation import evaluate_scene
+from vip_factors.pipeline import smooth_scene
+from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 
 
@@ -97,3 +103,27 @@ def _with(tree: Any, path: list[str], value: float) -> Any:
     if len(path) > 1:
         return replace(tree, **{path[0]: _with(own, path[1:], value)})
     return replace(tree, **{path[0]: round(value) if isinstance(own, int) else value})
+
+
+class Measure(StrEnum):
+    """What is to become small; means over the wearers of a recording."""
+
+    MPJPE = "mpjpe"  # mm, joint positions, every frame aligned rigidly
+    MPJAE = "mpjae"  # degrees, orientations of bones, after the same alignment
+    WORLD = "scene_position_error"  # cm, one yaw and shift of the whole scene removed
+
+
+UNITS = {Measure.MPJPE: "mm", Measure.MPJAE: "deg", Measure.WORLD: "cm"}
+
+
+def measured(scene: Scene, settings: Settings, measure: Measure) -> float:
+    """The error of a scene's estimate.
+
+    Raises:
+        InputError: if the scene holds no truth, or the error is none to compare others with.
+        SolveError: if the problem is not determined with these settings.
+    """
+    value = evaluate_scene(smooth_scene(scene, settings), scene)[measure.value]
+    if not np.isfinite(value) or value <= 0:
+        raise InputError(f"scene '{scene.name}': {measure.value} is {value:g}: expected an error above 0")
+    return value

@@ -1,16 +1,93 @@
-"""A study: trials of settings, kept in a file as they are made, to be continued at any time."""
+"""A study: trials of settings, kept in a file as they are made, to be continued at any time; their report.
+
+Leaving one out tells what tuning is worth on a recording that it has not seen.
+"""
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vip_factors.errors import InputError, VipFactorsError
-from vip_factors.tune.leave_one_out import Errors, Trial, loss
 from vip_factors.tune.parameters import Parameter
+
+Errors = Mapping[str, float]
+"""Error of each recording, by name, in the unit of the measure."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Some settings, and how large the errors were with them.
+
+    Attributes:
+        number: in the study; 0 are the settings as they were.
+        values: of the parameters.
+        errors: of every recording.
+    """
+
+    number: int
+    values: Mapping[str, float]
+    errors: Errors
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A recording, judged by the trial that was best on all others.
+
+    Attributes:
+        name: of the recording.
+        before: its error with the settings as they were.
+        chosen: number of the trial that was best on the others.
+        after: its error with that trial's settings.
+        fitted: its error with the settings that were best on all, itself among them: what tuning seems to be worth.
+    """
+
+    name: str
+    before: float
+    chosen: int
+    after: float
+    fitted: float
+
+
+def loss(errors: Errors, before: Errors, without: str | None = None) -> float:
+    """Mean ratio of errors to those before: 1 is as good as it was, whatever a recording's size of error.
+
+    Args:
+        errors: with some settings.
+        before: with the settings as they were.
+        without: a recording to leave out.
+    """
+    return float(np.mean([errors[name] / before[name] for name in before if name != without]))
+
+
+def best(trials: Sequence[Trial], before: Errors, without: str | None = None) -> Trial:
+    """The trial of the least loss; of equals the first, so that nothing is changed for nothing."""
+    return min(trials, key=lambda trial: loss(trial.errors, before, without))
+
+
+def leave_one_out(trials: Sequence[Trial], before: Errors) -> tuple[Judged, ...]:
+    """Every recording judged by what was best on the others.
+
+    The trials themselves were drawn with all recordings in view, which favours tuning a little: a sampler that looks
+    where errors were small leaves more trials there. Only recordings that no study ever saw tell more.
+
+    Raises:
+        InputError: for fewer than two recordings, or no trial.
+    """
+    if len(before) < 2 or not trials:
+        raise InputError(f"{len(trials)} trials on {len(before)} recordings: to leave one out takes at least two")
+    overall = best(trials, before)
+    judged = []
+    for name in before:
+        chosen = best(trials, before, without=name)
+        judged.append(Judged(name, before[name], chosen.number, chosen.errors[name], overall.errors[name]))
+    return tuple(judged)
+
 
 NAME = "vip-factors"
 DATABASES = (".db", ".sqlite", ".sqlite3")
@@ -212,3 +289,60 @@ def _storage(path: Path) -> Any:
     from optuna.storages.journal import JournalFileBackend
 
     return JournalStorage(JournalFileBackend(str(path)))
+
+
+def report_lines(trials: Sequence[Trial], parameters: Sequence[Parameter], before: Errors, unit: str) -> list[str]:
+    """What was found, and what it is worth on recordings that it was not found on.
+
+    Args:
+        trials: of the study, the settings as they were first.
+        parameters: what was tuned.
+        before: errors with the settings as they were.
+        unit: of the errors.
+    """
+    chosen = best(trials, before)
+    lines = [f"{len(trials) - 1} trials on {len(before)} recordings; best is trial {chosen.number}"]
+    width = max(len(one.name) for one in parameters)
+    for one in parameters:
+        lines.append(f"  {one.name:<{width}}  {trials[0].values[one.name]:8.4g} -> {chosen.values[one.name]:.4g}")
+    if len(before) < 2:
+        lines.append(f"{loss(chosen.errors, before):.3f} times the error before, on the recording it was tuned on")
+        return [*lines, "one recording judges itself: give more to know what this is worth on another"]
+    judged = leave_one_out(trials, before)
+    lines += ["", *_table(judged, unit), "", verdict(judged)]
+    return lines
+
+
+def verdict(judged: Sequence[Judged]) -> str:
+    """Whether settings carry over to a recording that they were not tuned on, in a sentence."""
+    apparent = float(np.mean([one.fitted / one.before for one in judged]))
+    honest = float(np.mean([one.after / one.before for one in judged]))
+    worse = sum(one.after > one.before for one in judged)
+    told = f"tuned on all: {apparent:.3f} times the error before; left out of the tuning: {honest:.3f} times"
+    if honest >= 1.0:
+        return f"{told}. It does not carry over to other recordings: keep the settings as they are"
+    return f"{told}{f', worse on {worse} of {len(judged)}' if worse else ''}"
+
+
+def _table(judged: Sequence[Judged], unit: str) -> list[str]:
+    width = max(len("recording"), *(len(one.name) for one in judged))
+    lines = [f"{'recording':<{width}}  {f'before, {unit}':>12}  {'tuned on all':>12}  {'left out':>12}  trial"]
+    for one in judged:
+        lines.append(f"{one.name:<{width}}  {one.before:12.3f}  {one.fitted:12.3f}  {one.after:12.3f}  {one.chosen:5d}")
+    return lines
+
+
+def settings_text(chosen: Trial, notes: Sequence[str]) -> str:
+    """A settings file (TOML) of a trial's values, with the notes as comments before it."""
+    lines = [*(f"# {note}".rstrip() for note in notes)]
+    tables: dict[str, dict[str, float]] = {}
+    for name, value in chosen.values.items():
+        table, _, key = name.rpartition(".")
+        tables.setdefault(table, {})[key] = value
+    for table, values in sorted(tables.items()):  # keys of no table come first, as TOML wants them
+        lines += ["", *([f"[{table}]"] if table else []), *_keys(values)]
+    return "\n".join(lines) + "\n"
+
+
+def _keys(values: Mapping[str, float]) -> list[str]:
+    return [f"{key} = {value:.6g}" if value != int(value) else f"{key} = {int(value)}" for key, value in values.items()]

@@ -170,10 +170,8 @@ def _onnx(folder: Path) -> None:
 
 def _study(suffix: str) -> Case:
     """Two trials of one number."""
-    from vip_factors.tune.leave_one_out import best
     from vip_factors.tune.parameters import DEFAULT_PARAMETERS
-    from vip_factors.tune.report import report_lines
-    from vip_factors.tune.study import Study, Task
+    from vip_factors.tune.study import Study, Task, best, report_lines
 
     one = DEFAULT_PARAMETERS[0]
     task = Task(("a.mcap",), (one,), {one.name: one.low}, "mpjpe")

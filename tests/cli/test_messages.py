@@ -13,7 +13,7 @@ import pytest
 from vip_factors.cli.info_text import _path_text
 from vip_factors.cli.main import main
 from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_messages import calibration_message, calibration_of
+from vip_factors.io.mcap_messages import CALIBRATION
 from vip_factors.io.mcap_recording import read_recording, write_recording
 from vip_factors.sensors.calibration import Placement
 
@@ -80,10 +80,10 @@ def test_calibrations_without_bones_are_read(files) -> None:
     """As files of older versions have them."""
     calibration = read_estimate(files.estimate).only_wearer.calibration
     assert {one.bone for one in calibration.values()} > {"head", "pelvis"}
-    message = calibration_message(calibration)
+    message = CALIBRATION.encode(calibration)
     for one in message.sensors:
         one.ClearField("bone")
-    assert {one.bone for one in calibration_of(message).values()} == {""}
+    assert {one.bone for one in CALIBRATION.decode(message).values()} == {""}
 
 
 def test_a_stream_of_sensors_nowhere_says_what_to_do(run, files, tmp_path: Path) -> None:

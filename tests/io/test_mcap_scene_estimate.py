@@ -110,6 +110,6 @@ def test_more_reprojection_errors_than_there_can_be_are_not_made_room_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_estimate(sample(), tmp_path / "e.mcap")
-    monkeypatch.setattr("vip_factors.io.mcap_estimate.MOST_RESIDUALS", 3)
+    monkeypatch.setattr("vip_factors.io.mcap_frames.MOST_RESIDUALS", 3)
     with pytest.raises(FileFormatError, match=r"e\.mcap: tells of reprojection errors in \d+ frames of \d wearers"):
         read_estimate(tmp_path / "e.mcap")

@@ -5,11 +5,11 @@ import os
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
+from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.mcap_estimate import CALIBRATION, ESTIMATE, MOTION, POSE, SCENE_INFO, SINGLE
-from vip_factors.io.mcap_messages import calibration_of, of_topic
+from vip_factors.io.mcap_messages import objects_of_topic, of_topic
 from vip_factors.io.mcap_reader import read_contents
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
-from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
 from vip_factors.io.schemas.scene_estimate_pb2 import SceneEstimateInfo
 from vip_factors.sensors.calibration import Calibration
 
@@ -39,7 +39,7 @@ def read_calibration_history(path: str | os.PathLike[str]) -> list[CalibrationHi
             continue
         first_s = motions[-1].start_s + told[0].frame / motions[-1].rate_hz
         start_ns = poses.log_times[0] - round(first_s * 1e9)
-        found = of_topic(contents.path, [said], topic + CALIBRATION, CalibrationEstimate)
+        found = objects_of_topic(contents.path, [said], topic + CALIBRATION, codecs.CALIBRATION)
         times = (np.array(said.log_times, dtype=np.int64) - start_ns) / 1e9
-        histories.append((times, list(map(calibration_of, found))))
+        histories.append((times, list(found)))
     return histories

@@ -19,25 +19,28 @@ from vip_factors.body.skeleton import JOINT_COUNT, Skeleton
 from vip_factors.errors import naming_file
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.rotations import Array
+from vip_factors.io import mcap_messages as codecs
+from vip_factors.io.codec import set_timestamp
 from vip_factors.io.mcap_camera import intrinsics_message, path_messages
 from vip_factors.io.mcap_estimate import (
     CALIBRATION,
     CAMERA_INFO,
     CAMERA_PATH,
     CAMERA_POSE,
+    HEAD,
     INFO,
     INTRINSICS,
     MOTION,
     POINTS,
     POSE,
     SCENE,
+    SCENE_HEAD,
     SCENE_INFO,
     SINGLE,
     TRANSFORMS,
     WEARER,
 )
-from vip_factors.io.mcap_estimate_writer import camera_pose_messages, info_message, scene_info_message
-from vip_factors.io.mcap_messages import calibration_message, motion_message, pose_messages, set_timestamp
+from vip_factors.io.mcap_frames import camera_pose_messages, pose_messages
 from vip_factors.io.mcap_recording import wearer_topics
 from vip_factors.io.mcap_scene import MODEST_FRAMES, point_messages, scene_wanted, skeleton_scene, transform_messages
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
@@ -149,7 +152,7 @@ class LiveMcapSink:
         if self._unflushed and self._last is not None:
             end_ns = nanoseconds_of(self._last.time, self._setup.start_ns)
             for wearer, answer in zip(self._wearers, self._last.wearers, strict=True):
-                self._writer.write(wearer.prefix + CALIBRATION, calibration_message(answer.calibration), end_ns)
+                self._writer.write(wearer.prefix + CALIBRATION, codecs.CALIBRATION.encode(answer.calibration), end_ns)
         self._writer.flush()
         self._file.flush()
         self._good_bytes = self._file.tell()
@@ -251,7 +254,7 @@ class LiveMcapSink:
         """Of the wearers who have poses: a reader expects those whom it names."""
         prefixes = [one.prefix for one in self._wearers if one.begun]
         estimate = Estimate(self._setup.name, METHOD, (), findings=tuple(self._findings), settings=self._settings)
-        message = scene_info_message(estimate, prefixes, self._setup.start_ns)
+        message = SCENE_HEAD.encode(estimate, wearer_topics=prefixes, start_ns=self._setup.start_ns)
         self._writer.write(SCENE_INFO, message, time_ns)
 
 
@@ -291,14 +294,13 @@ class _Wearer:
     def write_motion(self, writer: MessageWriter, frames: int) -> None:
         """What all frames share; 0 frames: nobody knows yet how many."""
         start = self.smoothed.start or 0.0
-        message = motion_message(self._motion([], start)[0])
-        message.frames = frames
+        message = codecs.MOTION.encode(self._motion([], start)[0], frames=frames)
         writer.write(self.prefix + MOTION, message, self._start_ns)
 
     def _begin(self, writer: MessageWriter, motion: Motion) -> None:
         sensors = tuple(site.sensor for site in self._wearer.placement.sites)
         info = WearerEstimate(self._wearer.name, METHOD, motion, {}, sensors=sensors)
-        writer.write(self.prefix + INFO, info_message(info, self._start_ns), self._start_ns)
+        writer.write(self.prefix + INFO, HEAD.encode(info, start_ns=self._start_ns), self._start_ns)
         self.write_motion(writer, frames=0)
         self._shown = scene_wanted(None, motion)
         if self._shown:

@@ -8,30 +8,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vip_factors.body.keypoints import KeypointSet
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.mcap_messages import (
-    calibration_message,
-    calibration_of,
-    of_topic,
-    rotation,
-    rotation_message,
-    set_timestamp,
-    time_ns_of,
-    vector,
-    vector_message,
-    warn,
-)
+from vip_factors.io import mcap_messages as codecs
+from vip_factors.io.codec import NS_PER_S, DataclassCodec, set_timestamp, time_ns_of
+from vip_factors.io.mcap_messages import last_of_topic, of_topic, warn
 from vip_factors.io.mcap_reader import McapMessages
 from vip_factors.io.mcap_samples import DetectionTruth, detection_messages, detections_of, read_streams, sample_messages
-from vip_factors.io.mcap_writer import NS_PER_S, MessageWriter, TimedMessage, nanoseconds
-from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
+from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo, CameraTruth
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.live import LiveCamera, LiveMount
 from vip_factors.sensors.scene import Camera, CameraMount, SceneTruth, Video
 
 if TYPE_CHECKING:
@@ -107,37 +99,37 @@ def path_of(path: Path, messages: "Sequence[McapMessages]", topic: str, start_ns
     return CameraPath(time, matrix_from_quaternion(xyzw, Order.XYZW), p_world_camera)
 
 
-def camera_info_message(camera: Camera, mcap_path: Path) -> CameraInfo:
-    """Everything but intrinsics, detections, samples and images."""
-    keypoints = camera.detections.keypoints
-    message = CameraInfo(
-        name=camera.name,
-        moving=camera.moving,
-        time_offset_s=camera.time_offset,
-        time_drift=camera.time_drift,
-        known_poses=len(camera.known_path) if camera.known_path is not None else 0,
-        keypoint_set=keypoints.name,
-        keypoints=keypoints.keypoints,
-        frames=len(camera.detections.time),
-    )
-    if camera.mount is not None:
-        message.mount.imu = camera.mount.imu.name
-        message.mount.mounting_wxyz.CopyFrom(rotation_message(camera.mount.R_camera_imu))
-        message.mount.p_camera_imu.CopyFrom(vector_message(camera.mount.p_camera_imu))
-        message.mount.mounting_sigma_rad = camera.mount.mounting_sigma
+MOUNT = DataclassCodec(
+    CameraInfo.Mount,
+    LiveMount,
+    {"imu": "sensor", "mounting_wxyz": "R_camera_imu", "mounting_sigma_rad": "mounting_sigma"},
+)
+"""A sensor on a camera by its name; in memory a recorded camera's has the samples instead."""
+HEAD = DataclassCodec(CameraInfo, Camera, {"time_offset_s": "time_offset", "mount": "mounting", "video": "images"})
+"""Everything but intrinsics, detections, samples and images."""
+TRUTH = DataclassCodec(CameraTruth, SceneTruth, {"time_offset_s": "time_offset"})
+
+
+def camera_info_message(camera: Camera | LiveCamera, keypoints: KeypointSet, **given: Any) -> CameraInfo:
+    """What a camera is, and the keypoints of its detector; with the attributes given besides."""
+    poses = 0 if camera.known_path is None else len(camera.known_path)
+    return HEAD.encode(camera, known_poses=poses, keypoint_set=keypoints.name, keypoints=keypoints.keypoints, **given)
+
+
+def _recorded_info(camera: Camera, mcap_path: Path) -> CameraInfo:
+    mount, video = camera.mount, None
     if camera.video is not None:
-        message.video.SetInParent()
-        if camera.video.path is not None:
-            message.video.path = _stored_path(camera.video.path, mcap_path)
-        message.video.image_frames.extend(sorted(camera.video.images))
-    return message
+        stored = "" if camera.video.path is None else _stored_path(camera.video.path, mcap_path)
+        video = CameraInfo.Video(path=stored, image_frames=sorted(camera.video.images))
+    mounting = None if mount is None else MOUNT.encode(mount, sensor=mount.imu.name)
+    seen = camera.detections
+    return camera_info_message(camera, seen.keypoints, frames=len(seen.time), mounting=mounting, images=video)
 
 
 def mount_of(message: CameraInfo.Mount, imu: ImuStream) -> CameraMount:
     """The mount of a message, with the samples that belong to it."""
-    return CameraMount(
-        imu, rotation(message.mounting_wxyz), vector(message.p_camera_imu), float(message.mounting_sigma_rad)
-    )
+    mount = MOUNT.decode(message)
+    return CameraMount(imu, mount.R_camera_imu, mount.p_camera_imu, mount.mounting_sigma)
 
 
 def image_messages(writer: MessageWriter, topic: str, camera: Camera, start_ns: int) -> Iterator[TimedMessage]:
@@ -200,7 +192,7 @@ def camera_messages(
     writer: MessageWriter, topics: CameraTopics, camera: Camera, truth: SceneTruth | None, start_ns: int, path: Path
 ) -> list[Iterable[TimedMessage]]:
     """Write what comes once; returned is what comes in time."""
-    writer.write(topics("info"), camera_info_message(camera, path), start_ns)
+    writer.write(topics("info"), _recorded_info(camera, path), start_ns)
     writer.write(topics("calibration"), intrinsics_message(camera.model, camera.name, start_ns), start_ns)
     streams: list[Iterable[TimedMessage]] = [
         detection_messages(writer, topics("detections"), camera, truth, start_ns),
@@ -211,13 +203,10 @@ def camera_messages(
     if camera.mount is not None:
         streams.append(sample_messages(writer, topics("imu"), camera.mount.imu, start_ns))
     if truth is not None:
-        has_pixels = truth.pixels is not None
-        told = CameraTruth(
-            time_offset_s=truth.time_offset, time_drift=truth.time_drift, poses=len(truth.camera), has_pixels=has_pixels
-        )
-        writer.write(topics.truth("info"), told, start_ns)
+        head = TRUTH.encode(truth, poses=len(truth.camera), has_pixels=truth.pixels is not None)
+        writer.write(topics.truth("info"), head, start_ns)
         if truth.camera_calibration is not None:
-            one = calibration_message({camera.name: truth.camera_calibration})
+            one = codecs.CALIBRATION.encode({camera.name: truth.camera_calibration})
             writer.write(topics.truth("calibration"), one, start_ns)
         streams.append(path_messages(writer, topics.truth("pose"), truth.camera, start_ns))
     return streams
@@ -244,15 +233,12 @@ def camera_of(
     detections, known = detections_of(info, seen)
     images = of_topic(path, messages, topics("image"), CompressedImage)
     camera = Camera(
-        name=info.name,
         model=intrinsics_of(intrinsics[-1]),
         detections=detections,
-        moving=info.moving,
         mount=_mount_left(path, messages, topics, info, start_ns),
         known_path=path_of(path, messages, topics("pose"), start_ns),
-        time_offset=info.time_offset_s,
-        time_drift=info.time_drift,
         video=video_of(info.video, images, path) if info.HasField("video") else None,
+        **HEAD.values(info),
     )
     return camera, known
 
@@ -282,9 +268,8 @@ def camera_truth_of(
         return None
     if len(poses) < infos[-1].poses:
         warn(path, f"{len(poses)} of {infos[-1].poses} true poses of the camera are left")
-    calibrations = of_topic(path, messages, topics.truth("calibration"), CalibrationEstimate)
-    calibration = next(iter(calibration_of(calibrations[-1]).values()), None) if calibrations else None
-    pixels = known.pixels if infos[-1].has_pixels else None
-    return SceneTruth(
-        poses, known.wearer, pixels, calibration, infos[-1].time_offset_s, time_drift=infos[-1].time_drift
+    calibration = next(
+        iter((last_of_topic(path, messages, topics.truth("calibration"), codecs.CALIBRATION) or {}).values()), None
     )
+    pixels = known.pixels if infos[-1].has_pixels else None
+    return SceneTruth(poses, known.wearer, pixels, calibration, **TRUTH.values(infos[-1]))

@@ -6,40 +6,28 @@ the camera's and who is who stand beside them; an estimate of one wearer whom no
 
 import os
 from collections.abc import Sequence
-from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from vip_factors.errors import FileFormatError
-from vip_factors.estimate import CameraEstimate, Estimate, Iteration, SolveReport, StartChoice, WearerEstimate
-from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
-from vip_factors.geometry.rotations import Array
+from vip_factors.estimate import CameraEstimate, Estimate, StartChoice, WearerEstimate
+from vip_factors.io import mcap_messages as codecs
+from vip_factors.io.codec import DataclassCodec, time_ns_of
 from vip_factors.io.mcap_camera import intrinsics_of
-from vip_factors.io.mcap_messages import (
-    body_of,
-    calibration_of,
-    detector_of,
-    is_ours,
+from vip_factors.io.mcap_frames import (
+    camera_covariance_of,
+    camera_path_of,
+    camera_residuals_of,
     motion_of,
-    naming,
-    of_topic,
-    sensor_places_of,
-    tell_lost_frames,
-    time_ns_of,
-    warn,
+    residuals_of,
 )
+from vip_factors.io.mcap_messages import is_ours, last_of_topic, naming, objects_of_topic, of_topic, warn
 from vip_factors.io.mcap_reader import McapContents, McapMessages, read_contents
-from vip_factors.io.schemas.body_estimate_pb2 import BodyEstimate as BodyEstimateMessage
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
-from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose, CameraResiduals
 from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo
-from vip_factors.io.schemas.place_estimates_pb2 import DetectorEstimate as DetectorEstimateMessage
-from vip_factors.io.schemas.place_estimates_pb2 import SensorPlaceEstimates
+from vip_factors.io.schemas.estimate_info_pb2 import StartChoice as StartChoiceMessage
 from vip_factors.io.schemas.residuals_pb2 import Residuals
 from vip_factors.io.schemas.scene_estimate_pb2 import SceneEstimateInfo
-from vip_factors.io.schemas.solve_report_pb2 import SolveReport as SolveReportMessage
-from vip_factors.sensors.camera_path import CameraPath
 
 ESTIMATE = "/estimate/"
 SINGLE = "/estimate"  # what the topics of one wearer's estimate begin with, if there is but one
@@ -55,7 +43,29 @@ CAMERA_CALIBRATION, CAMERA_RESIDUALS = "/estimate/camera/calibration", "/estimat
 CAMERA_POSE = "/estimate/camera/pose"
 CAMERA_PATH = "/estimate/camera/path"  # the same for viewers; never read back
 RECORDING_INFO = "/recording/info"
-MOST_RESIDUALS = 20_000_000  # nine hours at 60 Hz, of ten wearers
+
+START_CHOICE = DataclassCodec(StartChoiceMessage, StartChoice)
+HEAD = DataclassCodec(
+    EstimateInfo,
+    WearerEstimate,
+    {"start": "start_ns", "start_choice": "start"},
+    more=lambda estimate: {"residual_kinds": list(estimate.residuals)},
+)
+"""What an estimate of a wearer is; the absolute time of its t = 0 is given."""
+SCENE_HEAD = DataclassCodec(SceneEstimateInfo, Estimate, {"start": "start_ns"})
+"""What an estimate is as a whole; its start and what its wearers' topics begin with are given."""
+CAMERA_HEAD = DataclassCodec(
+    CameraEstimateInfo,
+    CameraEstimate,
+    {"time_offset_s": "time_offset"},
+    mend=lambda message, read: read | _clock(message),
+)
+"""What a camera's estimate is; how many poses and residuals there are is given."""
+
+
+def _clock(message: CameraEstimateInfo) -> dict[str, Any]:
+    sigma = tuple(message.clock_sigma)
+    return {"clock_sigma": sigma if len(sigma) == 2 else None}
 
 
 def read_estimate(path: str | os.PathLike[str]) -> Estimate:
@@ -75,19 +85,12 @@ def read_estimate(path: str | os.PathLike[str]) -> Estimate:
         if not infos:
             return Estimate.of_one(_wearer_of(contents, messages))
         info = infos[-1]
-        reports = of_topic(contents.path, messages, SCENE_REPORT, SolveReportMessage)
-        detectors = of_topic(contents.path, messages, DETECTOR, DetectorEstimateMessage)
         return Estimate(
-            name=info.name,
-            method=info.method,
             wearers=tuple(_wearer_of(contents, messages, one) for one in info.wearer_topics),
             camera=_camera(contents, messages),
-            wearer_of_detection=np.array(info.wearer_of_detection, dtype=int),
-            association=tuple(info.association),
-            reports=tuple(report_of(one) for one in reports),
-            findings=tuple(info.findings),
-            settings=dict(info.settings),
-            detector=detector_of(detectors[-1]) if detectors else None,
+            reports=objects_of_topic(contents.path, messages, SCENE_REPORT, codecs.REPORT),
+            detector=last_of_topic(contents.path, messages, DETECTOR, codecs.DETECTOR),
+            **SCENE_HEAD.values(info),
         )
 
 
@@ -127,60 +130,16 @@ def _wearer_of(contents: McapContents, messages: Sequence[McapMessages], prefix:
             f"found topics {topics}{damage}"
         )
     info = infos[-1]
-    motion, covariance = motion_of(motions[-1], of_topic(path, ours, prefix + POSE, BodyPose))
-    tell_lost_frames(path, motions[-1], motion)
-    calibrations = of_topic(path, ours, prefix + CALIBRATION, CalibrationEstimate)
-    bodies = of_topic(path, ours, prefix + BODY, BodyEstimateMessage)
-    places = of_topic(path, ours, prefix + SENSOR_PLACES, SensorPlaceEstimates)
+    motion, covariance = motion_of(path, motions[-1], of_topic(path, ours, prefix + POSE, BodyPose))
     return WearerEstimate(
-        name=info.name,
-        method=info.method,
         motion=motion,
-        calibration=calibration_of(calibrations[-1]) if calibrations else {},
         covariance=covariance,
-        residuals=_wearer_residuals(info, of_topic(path, ours, prefix + RESIDUALS, Residuals), len(motion)),
-        sensors=tuple(info.sensors),
-        reports=tuple(report_of(one) for one in of_topic(path, ours, prefix + REPORT, SolveReportMessage)),
-        settings=dict(info.settings),
-        findings=tuple(info.findings),
-        start=_start_choice(info),
-        body=body_of(bodies[-1]) if bodies else None,
-        sensor_places=sensor_places_of(places[-1]) if places else (),
-    )
-
-
-def _start_choice(info: EstimateInfo) -> StartChoice | None:
-    if not info.HasField("start_choice"):
-        return None
-    one = info.start_choice
-    return StartChoice(one.supposition, one.rival, one.margin, tuple(one.doubtful))
-
-
-def _wearer_residuals(info: EstimateInfo, messages: Sequence[Residuals], frames: int) -> dict[str, Array]:
-    """By kind ``(frames, sensors)``; NaN where a frame's message is lost."""
-    residuals = {kind: np.full((frames, len(info.sensors)), np.nan) for kind in info.residual_kinds}
-    for message in messages:
-        for kind in message.kinds:
-            if kind.name not in residuals or len(kind.values) != len(info.sensors):
-                raise FileFormatError(
-                    f"frame {message.frame} has {len(kind.values)} residuals '{kind.name}': expected "
-                    f"{len(info.sensors)}, of {', '.join(residuals) or 'no kind'}"
-                )
-            if message.frame < frames:
-                residuals[kind.name][message.frame] = kind.values
-    return residuals
-
-
-def report_of(message: SolveReportMessage) -> SolveReport:
-    """The report of a message."""
-    iterations = tuple(Iteration(one.cost, one.damping, one.accepted, dict(one.seconds)) for one in message.iterations)
-    return SolveReport(
-        message.stage,
-        iterations,
-        dict(message.initial_cost),
-        dict(message.final_cost),
-        message.converged,
-        message.seconds,
+        calibration=last_of_topic(path, ours, prefix + CALIBRATION, codecs.CALIBRATION) or {},
+        residuals=residuals_of(info, of_topic(path, ours, prefix + RESIDUALS, Residuals), len(motion)),
+        reports=objects_of_topic(path, ours, prefix + REPORT, codecs.REPORT),
+        body=last_of_topic(path, ours, prefix + BODY, codecs.BODY),
+        sensor_places=last_of_topic(path, ours, prefix + SENSOR_PLACES, codecs.SENSOR_PLACES) or (),
+        **HEAD.values(info),
     )
 
 
@@ -199,52 +158,12 @@ def _camera(contents: McapContents, messages: Sequence[McapMessages]) -> CameraE
         return None
     if len(poses) < info.poses:
         warn(path, f"camera '{info.name}': {len(poses)} of {info.poses} poses are left")
-    calibrations = of_topic(path, messages, CAMERA_CALIBRATION, CalibrationEstimate)
+    calibration = last_of_topic(path, messages, CAMERA_CALIBRATION, codecs.CALIBRATION) or {}
     return CameraEstimate(
-        name=info.name,
         model=intrinsics_of(intrinsics[-1]),
-        path=_path(poses),
-        calibration=next(iter(calibration_of(calibrations[-1]).values()), None) if calibrations else None,
-        covariance=_covariance(poses),
-        residual_px=_camera_residuals(path, info, of_topic(path, messages, CAMERA_RESIDUALS, CameraResiduals)),
-        time_offset=info.time_offset_s,
-        time_drift=info.time_drift,
-        clock_sigma=(info.clock_sigma[0], info.clock_sigma[1]) if len(info.clock_sigma) == 2 else None,
+        path=camera_path_of(poses),
+        calibration=next(iter(calibration.values()), None),
+        covariance=camera_covariance_of(poses),
+        residual_px=camera_residuals_of(path, info, of_topic(path, messages, CAMERA_RESIDUALS, CameraResiduals)),
+        **CAMERA_HEAD.values(info),
     )
-
-
-def _path(poses: Sequence[CameraPose]) -> CameraPath:
-    turns = [one.rotation_wxyz for one in poses]
-    places = [one.p_world_camera for one in poses]
-    return CameraPath(
-        np.array([one.seconds for one in poses]),
-        matrix_from_quaternion([(q.w, q.x, q.y, q.z) for q in turns], Order.WXYZ),
-        np.array([(p.x, p.y, p.z) for p in places]),
-    )
-
-
-def _covariance(poses: Sequence[CameraPose]) -> Array | None:
-    """``(T, 6, 6)`` if all poses have one."""
-    if not all(len(one.covariance) == 36 for one in poses):
-        return None
-    return np.array([one.covariance for one in poses]).reshape(-1, 6, 6)
-
-
-def _camera_residuals(path: Path, info: CameraEstimateInfo, messages: Sequence[CameraResiduals]) -> Array | None:
-    """``(T, wearers)``; NaN where a frame's message is lost."""
-    if not info.has_residuals:
-        return None
-    if info.residual_frames * info.wearers > MOST_RESIDUALS:
-        raise FileFormatError(
-            f"{path}: tells of reprojection errors in {info.residual_frames} frames of {info.wearers} wearers: "
-            f"expected {MOST_RESIDUALS:,} at most; the file is damaged, copy it again"
-        )
-    residual = np.full((info.residual_frames, info.wearers), np.nan)
-    for message in messages:
-        if len(message.pixels) != info.wearers or message.frame >= len(residual):
-            raise FileFormatError(
-                f"{path}: frame {message.frame} has {len(message.pixels)} reprojection errors: expected "
-                f"{info.wearers}, in frames 0 to {len(residual) - 1}"
-            )
-        residual[message.frame] = message.pixels
-    return residual

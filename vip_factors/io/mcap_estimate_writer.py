@@ -5,7 +5,7 @@ topics that had it at the beginning: a reader takes the last of each.
 """
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -18,22 +18,24 @@ from vip_factors.estimate import (
     CameraEstimate,
     Estimate,
     EstimateChunks,
-    SolveReport,
     WearerEstimate,
 )
-from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
+from vip_factors.io import mcap_messages as codecs
+from vip_factors.io.codec import NS_PER_S, time_ns_of
 from vip_factors.io.mcap_camera import intrinsics_message, path_messages
 from vip_factors.io.mcap_estimate import (
     BODY,
     CALIBRATION,
     CAMERA_CALIBRATION,
+    CAMERA_HEAD,
     CAMERA_INFO,
     CAMERA_PATH,
     CAMERA_POSE,
     CAMERA_RESIDUALS,
     DETECTOR,
     ESTIMATE,
+    HEAD,
     INFO,
     INTRINSICS,
     MOTION,
@@ -43,6 +45,7 @@ from vip_factors.io.mcap_estimate import (
     REPORT,
     RESIDUALS,
     SCENE,
+    SCENE_HEAD,
     SCENE_INFO,
     SCENE_REPORT,
     SENSOR_PLACES,
@@ -50,31 +53,13 @@ from vip_factors.io.mcap_estimate import (
     TRANSFORMS,
     WEARER,
 )
-from vip_factors.io.mcap_messages import (
-    body_message,
-    calibration_message,
-    detector_message,
-    motion_message,
-    of_topic,
-    pose_messages,
-    sensor_places_message,
-    set_timestamp,
-    time_ns_of,
-    vector_message,
-)
+from vip_factors.io.mcap_frames import camera_pose_messages, camera_residual_messages, pose_messages, residual_messages
+from vip_factors.io.mcap_messages import of_topic
 from vip_factors.io.mcap_reader import McapContents, read_contents
 from vip_factors.io.mcap_recording import wearer_topics
 from vip_factors.io.mcap_scene import point_messages, scene_wanted, shown_step, skeleton_scene, transform_messages
-from vip_factors.io.mcap_writer import CHUNK_BYTES, NS_PER_S, MessageWriter, TimedMessage, nanoseconds
-from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose, CameraResiduals
-from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo
-from vip_factors.io.schemas.estimate_info_pb2 import StartChoice as StartChoiceMessage
-from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
+from vip_factors.io.mcap_writer import CHUNK_BYTES, MessageWriter, TimedMessage
 from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
-from vip_factors.io.schemas.residuals_pb2 import Residuals
-from vip_factors.io.schemas.scene_estimate_pb2 import SceneEstimateInfo
-from vip_factors.io.schemas.solve_report_pb2 import SolveReport as SolveReportMessage
-from vip_factors.sensors.camera_path import CameraPath
 
 LONG_CHUNK_BYTES = 1 << 20  # of estimates in chunks of their own: the index in memory has an entry for each
 
@@ -116,11 +101,11 @@ def write_estimate(
     prefixes = _wearer_prefixes(head)
     with _estimate_file(path, overwrite, append_to, start_ns, chunk_bytes) as (writer, start_ns):
         if not head.is_plain:
-            writer.write(SCENE_INFO, scene_info_message(head, prefixes, start_ns), start_ns)
+            writer.write(SCENE_INFO, SCENE_HEAD.encode(head, wearer_topics=prefixes, start_ns=start_ns), start_ns)
         for report in head.reports:
-            writer.write(SCENE_REPORT, report_message(report), start_ns)
+            writer.write(SCENE_REPORT, codecs.REPORT.encode(report), start_ns)
         if head.detector is not None:
-            writer.write(DETECTOR, detector_message(head.detector), start_ns)
+            writer.write(DETECTOR, codecs.DETECTOR.encode(head.detector), start_ns)
         camera = None
         if head.camera is not None:
             frames = estimate.frames[0] if errors is None else len(errors)
@@ -134,7 +119,7 @@ def write_estimate(
         for chunk in estimate.chunks:
             time = chunk.wearers[0].motion.time
             for report in chunk.reports:
-                writer.write(SCENE_REPORT, report_message(report), start_ns + int(NS_PER_S * time[0]))
+                writer.write(SCENE_REPORT, codecs.REPORT.encode(report), start_ns + int(NS_PER_S * time[0]))
             streams = [one for own, wearer in zip(wearers, chunk.wearers, strict=True) for one in own.streams(wearer)]
             if camera is not None and chunk.camera is not None:
                 streams += camera.streams(chunk.camera, time)
@@ -142,9 +127,9 @@ def write_estimate(
             end_ns = start_ns + int(NS_PER_S * time[-1]) if len(time) else end_ns
         if estimate.closed is not None:
             closed = estimate.closed()
-            writer.write(SCENE_INFO, scene_info_message(closed, prefixes, start_ns), end_ns)
+            writer.write(SCENE_INFO, SCENE_HEAD.encode(closed, wearer_topics=prefixes, start_ns=start_ns), end_ns)
             for one, prefix in zip(closed.wearers, prefixes, strict=True):
-                writer.write(prefix + CALIBRATION, calibration_message(one.calibration), end_ns)
+                writer.write(prefix + CALIBRATION, codecs.CALIBRATION.encode(one.calibration), end_ns)
             if camera is not None and closed.camera is not None:
                 camera.write_info(closed.camera, end_ns)
 
@@ -203,54 +188,6 @@ def _wearer_prefixes(estimate: Estimate) -> list[str]:
     return wearer_topics(names, SINGLE, WEARER)
 
 
-def scene_info_message(estimate: Estimate, prefixes: Sequence[str], start_ns: int) -> SceneEstimateInfo:
-    """What the estimate of a scene is; ``prefixes`` are what its wearers' topics begin with."""
-    info = SceneEstimateInfo(
-        name=estimate.name,
-        method=estimate.method,
-        wearer_topics=prefixes,
-        wearer_of_detection=np.asarray(estimate.wearer_of_detection, int).tolist(),
-        findings=estimate.findings,
-        settings=dict(estimate.settings),
-        association=estimate.association,
-    )
-    set_timestamp(info.start, start_ns)
-    return info
-
-
-def info_message(estimate: WearerEstimate, start_ns: int) -> EstimateInfo:
-    """What an estimate is."""
-    message = EstimateInfo(
-        name=estimate.name,
-        method=estimate.method,
-        sensors=estimate.sensors,
-        settings=dict(estimate.settings),
-        residual_kinds=list(estimate.residuals),
-        findings=estimate.findings,
-    )
-    if estimate.start is not None:
-        one = estimate.start
-        message.start_choice.CopyFrom(
-            StartChoiceMessage(supposition=one.supposition, rival=one.rival, margin=one.margin, doubtful=one.doubtful)
-        )
-    set_timestamp(message.start, start_ns)
-    return message
-
-
-def report_message(report: SolveReport) -> SolveReportMessage:
-    """How one solve went."""
-    message = SolveReportMessage(
-        stage=report.stage,
-        initial_cost=dict(report.initial_cost),
-        final_cost=dict(report.final_cost),
-        converged=report.converged,
-        seconds=report.seconds,
-    )
-    for one in report.iterations:
-        message.iterations.add(cost=one.cost, damping=one.damping, accepted=one.accepted, seconds=dict(one.seconds))
-    return message
-
-
 class _WearerWriter:
     """One wearer's topics; what comes once is written at the start."""
 
@@ -258,17 +195,15 @@ class _WearerWriter:
         self, writer: MessageWriter, head: WearerEstimate, frames: int, prefix: str, start_ns: int, scene: bool | None
     ) -> None:
         self._writer, self._prefix, self._start_ns, self._written = writer, prefix, start_ns, 0
-        motion = motion_message(head.motion)
-        motion.frames = frames
-        writer.write(prefix + INFO, info_message(head, start_ns), start_ns)
-        writer.write(prefix + MOTION, motion, start_ns)
-        writer.write(prefix + CALIBRATION, calibration_message(head.calibration), start_ns)
+        writer.write(prefix + INFO, HEAD.encode(head, start_ns=start_ns), start_ns)
+        writer.write(prefix + MOTION, codecs.MOTION.encode(head.motion, frames=frames), start_ns)
+        writer.write(prefix + CALIBRATION, codecs.CALIBRATION.encode(head.calibration), start_ns)
         if head.body is not None:
-            writer.write(prefix + BODY, body_message(head.body), start_ns)
+            writer.write(prefix + BODY, codecs.BODY.encode(head.body), start_ns)
         if head.sensor_places:
-            writer.write(prefix + SENSOR_PLACES, sensor_places_message(head.sensor_places), start_ns)
+            writer.write(prefix + SENSOR_PLACES, codecs.SENSOR_PLACES.encode(head.sensor_places), start_ns)
         for report in head.reports:
-            writer.write(prefix + REPORT, report_message(report), start_ns)
+            writer.write(prefix + REPORT, codecs.REPORT.encode(report), start_ns)
         # Viewers tell frames apart by name only: two wearers' skeletons need names of their own.
         self._name = head.motion.name if prefix == SINGLE else prefix.rpartition("/")[2]
         self._shown = scene_wanted(scene, head.motion, frames)
@@ -286,7 +221,7 @@ class _WearerWriter:
         )
         self._written += len(motion)
         for report in chunk.reports:
-            writer.write(prefix + REPORT, report_message(report), start_ns + int(NS_PER_S * motion.start))
+            writer.write(prefix + REPORT, codecs.REPORT.encode(report), start_ns + int(NS_PER_S * motion.start))
         yield pose_messages(writer, prefix + POSE, motion, start_ns, chunk.covariance, first)
         if chunk.residuals:
             yield residual_messages(writer, prefix + RESIDUALS, motion.time, chunk.residuals, start_ns, first)
@@ -305,20 +240,17 @@ class _CameraWriter:
         self.write_info(head, start_ns)
         writer.write(INTRINSICS, intrinsics_message(head.model, head.name, start_ns), start_ns)
         if head.calibration is not None:
-            writer.write(CAMERA_CALIBRATION, calibration_message({head.name: head.calibration}), start_ns)
+            writer.write(CAMERA_CALIBRATION, codecs.CALIBRATION.encode({head.name: head.calibration}), start_ns)
 
     def write_info(self, camera: CameraEstimate, time_ns: int) -> None:
         """What the camera is, how many poses there will be, and residuals of how many frames."""
         residual = camera.residual_px
-        info = CameraEstimateInfo(
-            name=camera.name,
-            time_offset_s=camera.time_offset,
-            time_drift=camera.time_drift,
-            clock_sigma=camera.clock_sigma,
+        info = CAMERA_HEAD.encode(
+            camera,
             poses=self._poses,
             has_residuals=residual is not None,
-            wearers=residual.shape[1] if residual is not None else 0,
-            residual_frames=self._frames if residual is not None else 0,
+            wearers=None if residual is None else residual.shape[1],
+            residual_frames=None if residual is None else self._frames,
         )
         self._writer.write(CAMERA_INFO, info, time_ns)
 
@@ -332,53 +264,5 @@ class _CameraWriter:
         if residual is not None:
             time = next((one for one in (path.time, motion_time) if len(one) == len(residual)), motion_time[:1])
             time = np.resize(time, len(residual))
-            yield _camera_residual_messages(writer, residual, time, self._start_ns, self._residuals)
+            yield camera_residual_messages(writer, CAMERA_RESIDUALS, time, residual, self._start_ns, self._residuals)
             self._residuals += len(residual)
-
-
-def residual_messages(
-    writer: MessageWriter, topic: str, time: Array, residuals: Mapping[str, Array], start_ns: int, first: int = 0
-) -> Iterator[TimedMessage]:
-    """The residuals of frames at ``time`` ``(T,)``, serialised; the first of them has the number ``first``."""
-    channel = writer.channel(topic, Residuals)
-    for row, time_ns in enumerate(nanoseconds(time, start_ns)):
-        message = Residuals(frame=first + row)
-        set_timestamp(message.timestamp, time_ns)
-        for kind, values in residuals.items():
-            message.kinds.add(name=kind, values=values[row])
-        yield time_ns, channel, message.SerializeToString()
-
-
-def camera_pose_messages(
-    writer: MessageWriter,
-    topic: str,
-    path: CameraPath,
-    start_ns: int,
-    covariance: Array | None = None,
-    first: int = 0,
-) -> Iterator[TimedMessage]:
-    """The poses of a camera, serialised, in the order of time; the first of them has the number ``first``."""
-    channel = writer.channel(topic, CameraPose)
-    turns = quaternion_from_matrix(path.R_world_camera, Order.WXYZ).tolist()
-    for row, (time_ns, seconds) in enumerate(zip(nanoseconds(path.time, start_ns), path.time.tolist(), strict=True)):
-        w, x, y, z = turns[row]
-        message = CameraPose(
-            frame=first + row,
-            seconds=seconds,
-            rotation_wxyz=QuaternionWxyz(w=w, x=x, y=y, z=z),
-            p_world_camera=vector_message(path.p_world_camera[row]),
-            covariance=covariance[row].ravel() if covariance is not None else (),
-        )
-        set_timestamp(message.timestamp, time_ns)
-        yield time_ns, channel, message.SerializeToString()
-
-
-def _camera_residual_messages(
-    writer: MessageWriter, residual: Array, time: Array, start_ns: int, first: int = 0
-) -> Iterator[TimedMessage]:
-    """Reprojection errors ``(T, wearers)`` of frames at ``time`` ``(T,)``, numbered from ``first`` on."""
-    channel = writer.channel(CAMERA_RESIDUALS, CameraResiduals)
-    for row, time_ns in enumerate(nanoseconds(time, start_ns)):
-        message = CameraResiduals(frame=first + row, pixels=residual[row])
-        set_timestamp(message.timestamp, time_ns)
-        yield time_ns, channel, message.SerializeToString()

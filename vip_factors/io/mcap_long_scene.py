@@ -7,13 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
+from vip_factors.io.codec import NS_PER_S
 from vip_factors.io.mcap_camera import CameraTopics, camera_of
 from vip_factors.io.mcap_messages import naming, of_topic
 from vip_factors.io.mcap_reader import McapByTime, McapContents, McapMessages
 from vip_factors.io.mcap_recording import FIRST_CAMERA, SCENE_INFO
 from vip_factors.io.mcap_sampled import CLOCK_SLACK_S, SampledFile, SampledScene
 from vip_factors.io.mcap_samples import detections_of, read_streams
-from vip_factors.io.mcap_writer import NS_PER_S
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo

@@ -5,36 +5,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from vip_factors.atomic import atomic_open
-from vip_factors.body.anthropometry import LengthPrior
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import FileFormatError
+from vip_factors.io import mcap_messages as codecs
+from vip_factors.io.codec import DataclassCodec
 from vip_factors.io.mcap_camera import CameraTopics, camera_messages, camera_of, camera_truth_of
-from vip_factors.io.mcap_messages import (
-    PACKAGE,
-    calibration_message,
-    calibration_of,
-    hinge_messages,
-    hinges_of,
-    is_ours,
-    motion_message,
-    motion_of,
-    naming,
-    of_topic,
-    pose_messages,
-    rotation,
-    rotation_message,
-    set_timestamp,
-    skeleton_message,
-    skeleton_of,
-    tell_lost_frames,
-    time_ns_of,
-    vector,
-    vector_message,
-    warn,
-)
+from vip_factors.io.mcap_frames import motion_of, pose_messages
+from vip_factors.io.mcap_messages import PACKAGE, PROTOBUF, is_ours, last_of_topic, naming, of_topic, warn
 from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages, read_contents
 from vip_factors.io.mcap_samples import read_streams, sample_messages
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage
@@ -45,9 +23,8 @@ from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
 from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
-from vip_factors.io.schemas.subject_pb2 import LengthPrior as LengthPriorMessage
 from vip_factors.io.schemas.subject_pb2 import Subject as SubjectMessage
-from vip_factors.sensors.calibration import Placement, SensorSite
+from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.recording import Recording, Subject, Truth
 from vip_factors.sensors.scene import Camera, Scene, SceneTruth
 
@@ -56,7 +33,10 @@ TRUTH_MOTION, TRUTH_POSE, TRUTH_CALIBRATION = "/truth/motion", "/truth/pose", "/
 ESTIMATE = "/estimate/"  # the topics of an estimate that was appended
 WEARER = "/wearer/"  # the topics of one of several wearers
 BEYOND = ("/scene/", "/camera/", "/truth/camera/")  # of a scene, beyond the wearers'
+SCENE_INFO, FIRST_CAMERA = "/scene/info", CameraTopics()
 READ = (ImuSample, RecordingInfo, SubjectMessage, SensorPlacement, MotionInfo, BodyPose, CalibrationEstimate)
+
+HEAD = DataclassCodec(RecordingInfo, Recording, {"start": "start_ns"})
 
 
 def write_recording(recording: Recording, path: str | os.PathLike[str], overwrite: bool = False) -> None:
@@ -80,64 +60,20 @@ def recording_messages(writer: MessageWriter, recording: Recording, prefix: str 
         prefix: what its topics begin with.
     """
     start_ns = recording.start_ns
-    writer.write(prefix + INFO, _info_message(recording), start_ns)
-    writer.write(prefix + SUBJECT, subject_message(recording.subject), start_ns)
-    writer.write(prefix + PLACEMENT, placement_message(recording.placement), start_ns)
+    writer.write(prefix + INFO, HEAD.encode(recording, sensors=list(recording.imus)), start_ns)
+    writer.write(prefix + SUBJECT, codecs.SUBJECT.encode(recording.subject), start_ns)
+    writer.write(prefix + PLACEMENT, codecs.PLACEMENT.encode(recording.placement), start_ns)
     streams: list[Iterable[TimedMessage]] = [
         sample_messages(writer, prefix + IMU + stream.name, stream, start_ns) for stream in recording.imus.values()
     ]
     truth = recording.truth
     if truth is not None:
-        message = motion_message(truth.motion)
-        message.known_bones.extend(sorted(truth.known_bones or ()))
-        writer.write(prefix + TRUTH_MOTION, message, start_ns)
+        motion = codecs.MOTION.encode(truth.motion, known_bones=sorted(truth.known_bones or ()))
+        writer.write(prefix + TRUTH_MOTION, motion, start_ns)
         if truth.calibration is not None:
-            writer.write(prefix + TRUTH_CALIBRATION, calibration_message(truth.calibration), start_ns)
+            writer.write(prefix + TRUTH_CALIBRATION, codecs.CALIBRATION.encode(truth.calibration), start_ns)
         streams.append(pose_messages(writer, prefix + TRUTH_POSE, truth.motion, start_ns))
     return streams
-
-
-def _info_message(recording: Recording) -> RecordingInfo:
-    message = RecordingInfo(
-        name=recording.name, initial_pose=recording.initial_pose, notes=recording.notes, sensors=list(recording.imus)
-    )
-    set_timestamp(message.start, recording.start_ns)
-    return message
-
-
-def subject_message(subject: Subject) -> SubjectMessage:
-    """A subject, with the skeleton."""
-    prior = subject.length_prior
-    return SubjectMessage(
-        name=subject.name,
-        stature_m=subject.stature_m or 0.0,
-        mass_kg=subject.mass_kg,
-        sex=subject.sex,
-        segment_lengths_m=dict(subject.segment_lengths_m),
-        skeleton=skeleton_message(subject.body()),
-        skeleton_given=subject.skeleton is not None,
-        length_prior=None if prior is None else length_prior_message(prior),
-        hinges=hinge_messages(subject.hinges),
-    )
-
-
-def length_prior_message(prior: LengthPrior) -> LengthPriorMessage:
-    """How far the lengths of a skeleton may be off."""
-    return LengthPriorMessage(lengths=prior.names, covariance_m2=prior.covariance.ravel())
-
-
-def placement_message(placement: Placement) -> SensorPlacement:
-    """All sites."""
-    message = SensorPlacement(preset=placement.name)
-    for site in placement.sites:
-        message.sites.add(
-            sensor=site.sensor,
-            bone=site.bone,
-            p_bone_sensor=vector_message(site.p_bone_sensor),
-            mounting_wxyz=rotation_message(site.R_bone_sensor),
-            mounting_sigma_rad=float(site.mounting_sigma),
-        )
-    return message
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
@@ -184,65 +120,28 @@ def recording_of(contents: McapContents, messages: Iterable[McapMessages], prefi
 
 def _recording(contents: McapContents, ours: Sequence[McapMessages]) -> Recording:
     path = contents.path
-    infos = of_topic(path, ours, INFO, RecordingInfo)
-    subjects = of_topic(path, ours, SUBJECT, SubjectMessage)
-    placements = of_topic(path, ours, PLACEMENT, SensorPlacement)
-    for found, what, instead in (
-        (infos, f"RecordingInfo on {INFO}", "the file's name stands for it, without an initial pose"),
-        (subjects, f"Subject on {SUBJECT}", "a person of average stature stands for it"),
-        (placements, f"SensorPlacement on {PLACEMENT}", "no sensor has a place"),
+    heads = of_topic(path, ours, INFO, RecordingInfo)
+    subject = last_of_topic(path, ours, SUBJECT, codecs.SUBJECT)
+    placement = last_of_topic(path, ours, PLACEMENT, codecs.PLACEMENT)
+    for there, what, instead in (
+        (bool(heads), f"RecordingInfo on {INFO}", "the file's name stands for it, without an initial pose"),
+        (subject is not None, f"Subject on {SUBJECT}", "a person of average stature stands for it"),
+        (placement is not None, f"SensorPlacement on {PLACEMENT}", "no sensor has a place"),
     ):
-        if not found:
+        if not there:
             warn(path, f"there is no {what}: {instead}")
-    info = infos[-1] if infos else RecordingInfo(name=path.stem, initial_pose="none")
-    start_ns = time_ns_of(info.start)
+    head = HEAD.values(heads[-1] if heads else RecordingInfo(name=path.stem))
+    head |= {
+        "initial_pose": head["initial_pose"] or "none",
+        "notes": "\n".join([*filter(None, [head["notes"]]), *contents.damage]),
+    }
     return Recording(
-        name=info.name,
-        subject=subject_of(subjects[-1]) if subjects else Subject(),
-        imus=read_streams(path, [one for one in ours if is_ours(one.channel, ImuSample)], start_ns),
-        placement=placement_of(placements[-1]) if placements else Placement(),
-        initial_pose=info.initial_pose or "none",
+        subject=subject or Subject(),
+        imus=read_streams(path, [one for one in ours if is_ours(one.channel, ImuSample)], head["start_ns"]),
+        placement=placement or Placement(),
         truth=_truth(path, ours),
-        notes="\n".join([info.notes, *contents.damage] if info.notes else contents.damage),
-        start_ns=start_ns,
+        **head,
     )
-
-
-def subject_of(message: SubjectMessage) -> Subject:
-    """The subject of a message."""
-    return Subject(
-        name=message.name,
-        stature_m=message.stature_m or None,  # absent is zero
-        mass_kg=message.mass_kg if message.HasField("mass_kg") else None,
-        sex=message.sex if message.HasField("sex") else None,
-        segment_lengths_m=dict(message.segment_lengths_m),
-        skeleton=skeleton_of(message.skeleton) if message.skeleton_given else None,
-        length_prior=length_prior_of(message.length_prior) if message.HasField("length_prior") else None,
-        hinges=hinges_of(message.hinges),
-    )
-
-
-def length_prior_of(message: LengthPriorMessage) -> LengthPrior:
-    """The prior of a message.
-
-    Raises:
-        FileFormatError: if the covariance is not one of that many lengths.
-    """
-    count = len(message.lengths)
-    if len(message.covariance_m2) != count**2:
-        raise FileFormatError(
-            f"the prior of {count} lengths has {len(message.covariance_m2)} numbers: expected {count**2}"
-        )
-    return LengthPrior(tuple(message.lengths), np.array(message.covariance_m2).reshape(count, count))
-
-
-def placement_of(message: SensorPlacement) -> Placement:
-    """The placement of a message."""
-    sites = tuple(
-        SensorSite(one.sensor, one.bone, vector(one.p_bone_sensor), rotation(one.mounting_wxyz), one.mounting_sigma_rad)
-        for one in message.sites
-    )
-    return Placement(sites, message.preset)
 
 
 def _truth(path: Path, ours: Sequence[McapMessages]) -> Truth | None:
@@ -252,11 +151,9 @@ def _truth(path: Path, ours: Sequence[McapMessages]) -> Truth | None:
         if poses:
             warn(path, f"topic {TRUTH_POSE} without {TRUTH_MOTION}: the truth is left out")
         return None
-    motion, _ = motion_of(motions[-1], poses)
-    tell_lost_frames(path, motions[-1], motion)
-    calibrations = of_topic(path, ours, TRUTH_CALIBRATION, CalibrationEstimate)
+    motion, _ = motion_of(path, motions[-1], poses)
     known = frozenset(motions[-1].known_bones) & set(JOINT_NAMES) or None
-    return Truth(motion, calibration_of(calibrations[-1]) if calibrations else None, known)
+    return Truth(motion, last_of_topic(path, ours, TRUTH_CALIBRATION, codecs.CALIBRATION), known)
 
 
 def _tell_foreign(contents: McapContents, channels: Sequence[McapChannel]) -> None:
@@ -278,9 +175,6 @@ def _nothing_here(contents: McapContents) -> str:
     damage = f" ({contents.damage[0]})" if contents.damage else ""
     expected = f"expected a recording, with messages such as {PACKAGE}ImuSample"
     return f"{contents.path}: {expected}; {found}{damage}{advice}"
-
-
-SCENE_INFO, FIRST_CAMERA = "/scene/info", CameraTopics()
 
 
 def write_scene(scene: Scene, path: str | os.PathLike[str], overwrite: bool = False) -> None:
@@ -337,7 +231,7 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
 
 
 def _wanted(channel: McapChannel) -> bool:
-    beyond = channel.topic.startswith(BEYOND) and channel.encoding == "protobuf"
+    beyond = channel.topic.startswith(BEYOND) and channel.encoding == PROTOBUF
     return beyond or (is_ours(channel) and not channel.topic.startswith(ESTIMATE))
 
 

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from vip_factors.errors import RecordingError
+from vip_factors.io.codec import NS_PER_S
 from vip_factors.io.mcap_messages import is_ours, naming, of_topic
 from vip_factors.io.mcap_reader import McapByTime, McapChannel, McapContents, McapMessages
 from vip_factors.io.mcap_recording import IMU, SCENE_INFO, recording_of, wearer_prefixes
 from vip_factors.io.mcap_samples import read_streams
-from vip_factors.io.mcap_writer import NS_PER_S
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo

@@ -1,4 +1,4 @@
-"""The samples of IMU streams to and from their messages, quickly: a recording has a hundred thousand."""
+"""The samples of IMU streams, and 2D detections, to and from messages, quickly: a recording has a hundred thousand."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,9 +10,10 @@ from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.mcap_messages import decode, set_timestamp, time_ns_of, warn
+from vip_factors.io.codec import NS_PER_S, set_timestamp, time_ns_of
+from vip_factors.io.mcap_messages import parsed, warn
 from vip_factors.io.mcap_reader import McapMessages
-from vip_factors.io.mcap_writer import NS_PER_S, MessageWriter, TimedMessage, nanoseconds
+from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
@@ -57,7 +58,7 @@ def read_streams(path: Path, channels: Sequence[McapMessages], start_ns: int) ->
     """
     streams: dict[str, ImuStream] = {}
     for messages in channels:
-        samples = decode(path, messages, ImuSample)
+        samples = parsed(path, messages, ImuSample)
         if not samples:
             continue
         name = samples[0].sensor or messages.channel.topic.rpartition("/")[2]

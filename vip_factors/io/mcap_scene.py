@@ -15,7 +15,8 @@ from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Skeleton
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.mcap_writer import NS_PER_S, MessageWriter, TimedMessage, nanoseconds
+from vip_factors.io.codec import NS_PER_S
+from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 
 if TYPE_CHECKING:
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms

@@ -7,6 +7,7 @@ from itertools import count
 from typing import IO, TYPE_CHECKING, Any
 
 from vip_factors import __version__
+from vip_factors.io.codec import NS_PER_S
 from vip_factors.io.mcap_reader import McapContents, McapMessages
 
 if TYPE_CHECKING:
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 
 # A cut loses at most the zstd block it falls into: small chunks lose little, at some cost in compression.
 CHUNK_BYTES = 32 * 1024
-NS_PER_S = 1_000_000_000
 
 TimedMessage = tuple[int, int, bytes]
 """Log time in nanoseconds, channel id, serialised message."""

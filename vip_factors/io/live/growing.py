@@ -9,12 +9,12 @@ import numpy as np
 
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
+from vip_factors.io.codec import NS_PER_S, time_ns_of
 from vip_factors.io.live.growing_file import CAMERA, Channels, GrowingFile, OnFinding, Route, open_when_it_comes
 from vip_factors.io.live.messages import camera_of, imu_sample_of, video_frame_of, wearer_of
 from vip_factors.io.live.session import Throttle
 from vip_factors.io.live.source import DEFAULT, LiveSource, LiveSourceSettings
-from vip_factors.io.mcap_messages import naming, time_ns_of
-from vip_factors.io.mcap_writer import NS_PER_S
+from vip_factors.io.mcap_messages import naming
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample

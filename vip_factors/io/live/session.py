@@ -6,8 +6,8 @@ from dataclasses import replace
 from hmac import compare_digest
 
 from vip_factors.errors import FileFormatError, InputError
+from vip_factors.io.codec import NS_PER_S
 from vip_factors.io.live.messages import header_message, imu_sample_of, setup_of, video_frame_of
-from vip_factors.io.mcap_writer import NS_PER_S
 from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, LiveSetup
 

@@ -16,7 +16,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.io.camera_file import read_camera_file
 from vip_factors.io.codec import set_timestamp
-from vip_factors.io.detections.found_people import load_json
+from vip_factors.io.detections.formats import load_json
 from vip_factors.io.importers import apdm
 from vip_factors.io.importers.mvnx_document import read_document
 from vip_factors.io.mcap_reader import CHANNEL, RECORD_HEAD, McapWarning, read_contents

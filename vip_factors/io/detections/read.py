@@ -1,22 +1,17 @@
 """2D poses of any known format as :class:`~vip_factors.sensors.detections.Detections`."""
 
-from importlib import import_module
+import warnings
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet, keypoint_set
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.detections.found_people import FoundPeople, load_json
-from vip_factors.io.detections.which_keypoints import which_keypoints
+from vip_factors.io.detections.formats import DetectedPeople, read_people
 from vip_factors.sensors.detections import Detections
 
-FORMATS = ("openpose", "mmpose", "alphapose", "coco")
-_MODULES = {name: f"vip_factors.io.detections.{name}" for name in FORMATS} | {
-    "coco": "vip_factors.io.detections.coco_results"
-}
 MOST_FRAMES = 2_000_000  # nine hours at 60 Hz: beyond it the numbers are no frame numbers
 FRACTION = 1.5  # no image is so small: coordinates up to here are fractions of it, or slightly outside
 SPREAD = 0.99  # share of confidences that shall not exceed one
@@ -50,14 +45,12 @@ def read_detections(
     path = Path(path)
     if rate is not None and (not rate > 0 or not np.isfinite(rate)):
         raise InputError(f"video rate {rate} Hz: expected a positive number of frames per second")
-    found: FoundPeople = _reader(path).read(path)
+    found = read_people(path)
     first = found.first_number if first_frame is None else first_frame
     count = _frame_count(found, first, frames)
     rows = _rows(found)
-    chosen = which_keypoints(path, rows.shape[1], found.names, rows, keypoints) if len(rows) else None
+    chosen = _which_keypoints(path, rows.shape[1], found.names, rows, keypoints) if len(rows) else None
     if chosen is None:
-        from vip_factors.body.keypoints import keypoint_set
-
         chosen = keypoint_set(keypoints or "coco17")
         rows = np.zeros((0, len(chosen), 3))
     rows = rows[:, : len(chosen)]
@@ -66,11 +59,11 @@ def read_detections(
     pixels, confidence = _cleaned(rows[order])
     someone = np.any(confidence > 0, axis=1)
     _check_pixels(path, pixels[someone])
-    time = np.arange(count) / rate if rate is not None else _told_times(found, first, count)
+    time = np.arange(count) / rate if rate is not None else _times(found, first, count)
     return Detections(chosen, time, frame[order][someone], pixels[someone], confidence[someone])
 
 
-def _told_times(found: FoundPeople, first: int, count: int) -> Array:
+def _times(found: DetectedPeople, first: int, count: int) -> Array:
     """``(count,)`` seconds of the frames, as the file tells them."""
     missing = [number for number in range(first, first + count) if number not in found.time]
     if missing or not count:
@@ -89,23 +82,7 @@ def _check_pixels(path: Path, pixels: Array) -> None:
         )
 
 
-def _reader(path: Path) -> Any:
-    if not path.exists():
-        raise InputError(f"{path}: no such file or folder of 2D poses")
-    for name in FORMATS:
-        module = import_module(_MODULES[name])
-        if module.matches(path):
-            return module
-    if path.is_dir():
-        expected = "a folder with OpenPose's JSON files, one a frame"
-    elif path.suffix.lower() == ".json" and load_json(path) == []:
-        expected = "people; the list is empty"
-    else:
-        expected = "2D poses as OpenPose (a folder), AlphaPose, MMPose or COCO's results (a .json file)"
-    raise FileFormatError(f"{path}: expected {expected}")
-
-
-def _frame_count(found: FoundPeople, first: int, frames: int | None) -> int:
+def _frame_count(found: DetectedPeople, first: int, frames: int | None) -> int:
     if not found.listed:
         return frames or 0
     low, high = found.listed[0] - first, found.listed[-1] - first
@@ -124,7 +101,7 @@ def _frame_count(found: FoundPeople, first: int, frames: int | None) -> int:
     return high + 1 if frames is None else frames
 
 
-def _rows(found: FoundPeople) -> Array:
+def _rows(found: DetectedPeople) -> Array:
     """``(N, J, 3)``, all people with as many keypoints."""
     if not found.rows:
         return np.zeros((0, 0, 3))
@@ -147,3 +124,112 @@ def _cleaned(rows: Array) -> tuple[Array, Array]:
     pixels[lost], confidence[lost] = np.nan, 0.0
     highest = float(np.quantile(confidence[~lost], SPREAD)) if not np.all(lost) else 0.0
     return pixels, np.minimum(confidence / max(1.0, highest), 1.0)
+
+
+# Number of keypoints → sets that have as many, the usual one first.
+OF_COUNT = {
+    count: [name for name, one in KEYPOINT_SETS.items() if len(one) == count]
+    for count in sorted({len(one) for one in KEYPOINT_SETS.values()})
+}
+# Whole-body orders begin with one of ours: COCO-WholeBody, Halpe.
+WHOLE_BODY = {133: "coco17", 136: "halpe26"}
+# Points that lie close together on everybody, in whatever pose: what tells one order from another.
+CLOSE = (
+    ("nose", "left_eye"), ("nose", "right_eye"), ("left_eye", "left_ear"), ("right_eye", "right_ear"),
+    ("left_ankle", "left_heel"), ("right_ankle", "right_heel"), ("left_heel", "left_big_toe"),
+    ("right_heel", "right_big_toe"),
+)  # fmt: skip
+PLAUSIBLE_CLOSE = (
+    0.15  # of a person's extent in the image; measured 0.03 in the right order, 0.43 and more in the other
+)
+
+
+class DetectionsWarning(UserWarning):
+    """Something in a file of 2D poses was guessed or changed, and what it was."""
+
+
+def _which_keypoints(path: Path, count: int, names: tuple[str, ...], rows: Array, given: str | None) -> KeypointSet:
+    """The keypoint set of people with ``count`` keypoints.
+
+    Args:
+        path: of the file, for complaints.
+        count: keypoints per person in the file.
+        names: the keypoints' names as the file tells them, or none.
+        rows: ``(N, count, 3)`` x, y, confidence.
+        given: name of the set, if the user said it.
+
+    Raises:
+        InputError: for an unknown name.
+        FileFormatError: if no set fits.
+    """
+    known = ", ".join(f"{name} ({len(one)})" for name, one in KEYPOINT_SETS.items())
+    if given is not None:
+        chosen = keypoint_set(given)
+        if len(chosen) != count and WHOLE_BODY.get(count) != given:
+            raise FileFormatError(
+                f"{path}: people have {count} keypoints, but {given} has {len(chosen)}: known {known}"
+            )
+    elif count in WHOLE_BODY:
+        chosen = keypoint_set(WHOLE_BODY[count])
+        _warn(path, f"of {count} whole-body keypoints, the first {len(chosen)} are read, as {chosen.name}")
+    elif count in OF_COUNT:
+        chosen = keypoint_set(OF_COUNT[count][0])
+    else:
+        raise FileFormatError(f"{path}: people have {count} keypoints: no known set has as many; known are {known}")
+    _check_names(path, chosen, names)
+    return _most_plausible(path, chosen, OF_COUNT.get(count, []), rows, given)
+
+
+def _check_names(path: Path, chosen: KeypointSet, names: tuple[str, ...]) -> None:
+    told = names[: len(chosen)]
+    for index, (name, ours) in enumerate(zip(told, chosen.keypoints, strict=False)):
+        if name in chosen.keypoints and name != ours:
+            raise FileFormatError(
+                f"{path}: keypoint {index} is '{name}', but '{ours}' in {chosen.name}: another order of keypoints; "
+                f"known are {', '.join(KEYPOINT_SETS)}"
+            )
+    if told and 2 * len(set(told) & set(chosen.keypoints)) < len(told):
+        raise FileFormatError(
+            f"{path}: keypoints {', '.join(told[:6])} … are not those of {chosen.name}, which has as many: "
+            f"known orders are {', '.join(KEYPOINT_SETS)}"
+        )
+
+
+def _most_plausible(
+    path: Path, chosen: KeypointSet, candidates: list[str], rows: Array, given: str | None
+) -> KeypointSet:
+    """Of sets with as many keypoints, the one in which eyes are at noses and heels at ankles."""
+    if len(candidates) < 2:
+        return chosen
+    apart = {name: _apart(keypoint_set(name), rows) for name in candidates}
+    best = min(apart, key=lambda name: apart[name])
+    count = rows.shape[1]
+    if best == chosen.name or not (apart[best] < PLAUSIBLE_CLOSE < apart[chosen.name]):
+        if given is None and not apart[chosen.name] < PLAUSIBLE_CLOSE:
+            others = ", ".join(name for name in candidates if name != chosen.name)
+            _warn(path, f"{count} keypoints are taken as {chosen.name}; if they are {others}, say so (keypoints)")
+        return chosen
+    if given is not None:
+        _warn(path, f"read as {given}, as asked, but people look like {best}: eyes and heels are in the wrong places")
+        return chosen
+    _warn(path, f"{count} keypoints are taken as {best}, not {chosen.name}: so eyes are at noses and heels at ankles")
+    return keypoint_set(best)
+
+
+def _apart(keypoints: KeypointSet, rows: Array) -> float:
+    """Median distance of points that should lie close together, in extents of their person; infinite if unseen."""
+    seen = np.all(np.isfinite(rows), axis=-1) & (rows[..., 2] > 0)
+    points = np.where(seen[..., None], rows[..., :2], np.nan)
+    enough = seen.sum(axis=1) > rows.shape[1] // 2
+    points = points[enough]
+    if not len(points):
+        return np.inf
+    extent = np.linalg.norm(np.nanmax(points, axis=1) - np.nanmin(points, axis=1), axis=-1)
+    index = {name: at for at, name in enumerate(keypoints.keypoints)}
+    pairs = [(index[a], index[b]) for a, b in CLOSE if a in index and b in index]
+    distance = np.array([np.linalg.norm(points[:, a] - points[:, b], axis=-1) / extent for a, b in pairs])
+    return float(np.nanmedian(distance)) if np.any(np.isfinite(distance)) else np.inf
+
+
+def _warn(path: Path, sentence: str) -> None:
+    warnings.warn(DetectionsWarning(f"{path}: {sentence}"), stacklevel=4)

@@ -1,4 +1,4 @@
-"""Tracked 2D poses of a video as MMPose's JSON, which tells the keypoints' names: what :mod:`mmpose` reads.
+"""Tracked 2D poses of a video as MMPose's JSON, which tells the keypoints' names: what :mod:`formats` reads.
 
 Beyond MMPose's own fields, ``meta_info`` says what the keypoint set is called and how the poses were found, a frame has
 ``time_s`` and an instance ``track_id``.

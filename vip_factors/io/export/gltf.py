@@ -6,18 +6,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vip_factors import __version__
-from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side, mannequin
+from vip_factors.body.body_mesh import body_mesh
+from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side, side_of
 from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton
 from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.export.capsule_mesh import body_mesh
 from vip_factors.io.export.settings import R_YUP_WORLD, ExportSettings, bone_names
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2
 
+BONES_A_CORNER = 4  # as many as all viewers take
 NEAREST_M = 0.05  # what a camera draws begins here
 ROUGHNESS = 0.8
 STILL = 1e-7  # a turn or shift by less (rad or m, nearly) needs no keys: what a float32 can hold
@@ -115,22 +116,27 @@ class _Scene:
         motion.channels.append(lib.AnimationChannel(sampler=len(motion.samplers) - 1, target=target))
 
     def _mesh(self, skeleton: Skeleton, name: str) -> int:
-        lib, add, body = self._lib, self._buffer.add, body_mesh(skeleton, mannequin(skeleton))
-        own = np.rint(255 * body.weight).astype(np.uint8)
-        nothing = np.zeros_like(own)
-        second = np.where(own < 255, body.bones[:, 1], 0)  # glTF wants 0 where a weight is 0
-        bones = np.stack([np.where(own > 0, body.bones[:, 0], 0), second, nothing, nothing], axis=1)
+        lib, add, body = self._lib, self._buffer.add, body_mesh(skeleton)
+        p, normal = body.posed(np.tile(np.eye(3), (JOINT_COUNT, 1, 1)), skeleton.p_pelvis_joint + _stand(skeleton))
+        bones = np.argsort(-body.weights, axis=1)[:, :BONES_A_CORNER]
+        shares = np.take_along_axis(body.weights, bones, axis=1)
+        weights = np.rint(255 * shares / shares.sum(axis=1, keepdims=True)).astype(np.int16)
+        weights[:, 0] += 255 - weights.sum(axis=1)
         attributes = lib.Attributes(
-            POSITION=add((body.p_pelvis_corner + _stand(skeleton)).astype(np.float32), CORNERS, bounds=True),
-            NORMAL=add(body.normal.astype(np.float32), CORNERS),
-            JOINTS_0=add(bones.astype(np.uint8), CORNERS),
-            WEIGHTS_0=add(np.stack([own, 255 - own, nothing, nothing], axis=1), CORNERS, unit=True),
+            POSITION=add(p.astype(np.float32), CORNERS, bounds=True),
+            NORMAL=add(normal.astype(np.float32), CORNERS),
+            JOINTS_0=add(np.where(weights > 0, bones, 0).astype(np.uint8), CORNERS),  # glTF wants 0 where a weight is 0
+            WEIGHTS_0=add(weights.astype(np.uint8), CORNERS, unit=True),
         )
+        side_of_bone = np.array([[*Side].index(side_of(bone)) for bone in range(JOINT_COUNT)])
+        side_of_triangle = side_of_bone[body.bone[body.faces[:, 0]]]
         primitives = [
             lib.Primitive(
-                attributes=attributes, indices=add(_indices(triangles), INDICES), material=[*Side].index(side)
+                attributes=attributes,
+                indices=add(_indices(body.faces[side_of_triangle == side]), INDICES),
+                material=side,
             )
-            for side, triangles in body.triangles.items()
+            for side in range(len(Side))
         ]
         self._gltf.meshes.append(lib.Mesh(name=f"{name} body", primitives=primitives))
         return len(self._gltf.meshes) - 1

@@ -13,8 +13,8 @@ from vip_factors.detect.onnx_pose import Box
 from vip_factors.detect.tracks import DetectSettings, Tracker
 from vip_factors.detect.video import Stretch, confused, detect_video, write_overlay
 from vip_factors.errors import InputError
+from vip_factors.io.detections.formats import write_mmpose
 from vip_factors.io.detections.read import read_detections
-from vip_factors.io.detections.write import write_mmpose
 
 FRAMES, RATE = 30, 15.0
 

@@ -8,7 +8,7 @@ import pytest
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp
-from vip_factors.io.importers import apdm
+from vip_factors.io.importers.maker_tables import APDM
 from vip_factors.io.importers.shared import mean_force_inertial
 
 GRAVITY = np.array([0.0, 0.0, 9.81])
@@ -62,9 +62,9 @@ def write_named(path: Path, sensors: dict[str, tuple[Array, Array, Array]], unit
 def test_format_7(tmp_path: Path) -> None:
     sensors = {"Lumbar": sample(1), "Right Ankle": sample(2)}
     path = write_format7(tmp_path / "log.csv", sensors)
-    assert apdm.matches(path)
-    assert apdm.matches(tmp_path)
-    log = apdm.read(path)
+    assert APDM.matches(path)
+    assert APDM.matches(tmp_path)
+    log = APDM.read(path)
     assert log.start_ns == 1550879504438281000
     assert log.default_sites == {"Lumbar": "lower_back", "Right Ankle": "right_ankle"}
     for name, (R, force, rate) in sensors.items():
@@ -77,8 +77,8 @@ def test_format_7(tmp_path: Path) -> None:
 def test_named_columns_and_other_units(tmp_path: Path) -> None:
     R, force, rate = sample(3)
     path = write_named(tmp_path / "log.csv", {"Chest": (R, force / 9.80665, np.rad2deg(rate))}, ("g", "deg/s"))
-    assert apdm.matches(path)
-    stream = apdm.read(path).imus["Chest"]
+    assert APDM.matches(path)
+    stream = APDM.read(path).imus["Chest"]
     np.testing.assert_allclose(stream.specific_force, force, atol=1e-6)
     np.testing.assert_allclose(stream.angular_rate, rate, atol=1e-6)
     np.testing.assert_allclose(stream.time, np.arange(6) / 128, atol=1e-8)
@@ -86,7 +86,7 @@ def test_named_columns_and_other_units(tmp_path: Path) -> None:
 
 def test_a_frame_with_z_down_is_turned_over(tmp_path: Path) -> None:
     R, force, rate = sample(4)
-    log = apdm.read(write_named(tmp_path / "log.csv", {"Chest": (R_DOWN @ R, force, rate)}, ("m/s^2", "rad/s")))
+    log = APDM.read(write_named(tmp_path / "log.csv", {"Chest": (R_DOWN @ R, force, rate)}, ("m/s^2", "rad/s")))
     np.testing.assert_allclose(log.imus["Chest"].R_inertial_sensor, R, atol=1e-6)
     assert any("z down" in note for note in log.notes)
 
@@ -94,7 +94,7 @@ def test_a_frame_with_z_down_is_turned_over(tmp_path: Path) -> None:
 def test_orientation_that_gravity_contradicts_is_told(tmp_path: Path) -> None:
     R, force, rate = sample(5)
     sideways = exp(np.array([np.pi / 2, 0, 0]))
-    log = apdm.read(write_named(tmp_path / "log.csv", {"Chest": (sideways @ R, force, rate)}, ("m/s^2", "rad/s")))
+    log = APDM.read(write_named(tmp_path / "log.csv", {"Chest": (sideways @ R, force, rate)}, ("m/s^2", "rad/s")))
     assert any("90° off" in note for note in log.notes)
 
 
@@ -102,27 +102,27 @@ def test_broken_files(tmp_path: Path) -> None:
     path = write_format7(tmp_path / "log.csv", {"Lumbar": sample(1)})
     whole = path.read_text()
     path.write_text(whole[:-60])
-    log = apdm.read(path)
+    log = APDM.read(path)
     assert len(log.imus["Lumbar"]) == 5
     assert any("breaks off" in note for note in log.notes)
     path.write_text("\n".join(whole.splitlines()[:3]) + "\n")
     with pytest.raises(FileFormatError, match="no samples"):
-        apdm.read(path)
+        APDM.read(path)
     lines = whole.splitlines()
     lines[3] = lines[3].replace(",", ",red", 1)
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(FileFormatError, match=r"line 4: column 'Lumbar/acceleration/X' is 'red.*expected a number"):
-        apdm.read(path)
+        APDM.read(path)
     path.write_text("a,b\n1,2\n")
-    assert not apdm.matches(path)
+    assert not APDM.matches(path)
     with pytest.raises(FileFormatError, match="found none"):
-        apdm.read(path)
+        APDM.read(path)
 
 
 @pytest.mark.data
 def test_real_exports(data_folder: Path) -> None:
     folder = data_folder / "opensense" / "reader_fixtures" / "APDM"
-    pendulum = apdm.read(folder / "imuData01.csv")
+    pendulum = APDM.read(folder / "imuData01.csv")
     assert {name: len(stream) for name, stream in pendulum.imus.items()} == dict.fromkeys(
         ("Static", "Upper", "Middle", "Lower"), 1024
     )
@@ -133,6 +133,6 @@ def test_real_exports(data_folder: Path) -> None:
         force = mean_force_inertial(rest.R_inertial_sensor, rest.specific_force)
         np.testing.assert_allclose(force, GRAVITY, atol=0.3)
     assert not pendulum.notes
-    body = apdm.read(folder / "apdm_format7.csv")
+    body = APDM.read(folder / "apdm_format7.csv")
     assert list(body.imus) == ["Lumbar", "Right Ankle", "Left Ankle", "Left Foot", "Chest", "Right Foot"]
     assert all(len(stream) == 3 for stream in body.imus.values())

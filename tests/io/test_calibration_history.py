@@ -9,8 +9,8 @@ from live_answers import answers, live_scene, setup_of
 from scene_sample import estimate_of, scene_sample
 
 from vip_factors.errors import InputError
-from vip_factors.io.calibration_history import read_calibration_history
 from vip_factors.io.live_mcap import LiveMcapSink
+from vip_factors.io.mcap_estimate import read_calibration_history
 from vip_factors.io.mcap_estimate_writer import write_estimate
 
 

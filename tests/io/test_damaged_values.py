@@ -17,7 +17,7 @@ from vip_factors.evaluate.metrics import common_frames
 from vip_factors.io.camera_file import read_camera_file
 from vip_factors.io.codec import set_timestamp
 from vip_factors.io.detections.formats import load_json
-from vip_factors.io.importers import apdm
+from vip_factors.io.importers.maker_tables import APDM
 from vip_factors.io.importers.mvnx_document import read_document
 from vip_factors.io.mcap_reader import CHANNEL, RECORD_HEAD, McapWarning, read_contents
 from vip_factors.io.motions.amass import read_amass
@@ -89,7 +89,7 @@ def test_tables_of_opals_with_short_headers(tmp_path: Path, text: str, words: st
     path = tmp_path / "opal.csv"
     path.write_text(text)
     with pytest.raises(FileFormatError, match=words):
-        apdm.read(path)
+        APDM.read(path)
 
 
 def test_a_channel_whose_description_ends_early(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp
-from vip_factors.io.importers.opensim import OPENSENSE
+from vip_factors.io.importers.maker_tables import OPENSENSE
 
 HEADER = "DataRate=100.000000\nDataType=Quaternion\nversion=3\nOpenSimVersion=4.1\nendheader\n"
 

@@ -9,7 +9,7 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp, rotation_z
 from vip_factors.io.convert import ImportOptions, import_recording
-from vip_factors.io.held_pose import HOLD_S, LEAD_S
+from vip_factors.io.log_streams import HOLD_S, LEAD_S
 
 NAMES = ("pelvis_imu", "femur_r_imu")
 R_POSE = np.stack([exp(np.array([0.3, 0.1, 0.0])), exp(np.array([-0.2, 0.5, 1.0]))])

@@ -18,7 +18,7 @@ from tests.studies.gait import (
 from tests.studies.marker_body import MarkerBody, read_marker_body
 from tests.studies.walk import SENSORS as WALK
 from vip_factors.io.convert import ImportOptions
-from vip_factors.io.held_pose import LEAD_S
+from vip_factors.io.log_streams import LEAD_S
 
 STATURE_M = 1.75  # nobody says how tall these wearers were
 # How OpenSense names the sensors' frames; site → what follows it depends on the recording.

@@ -60,7 +60,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.errors import InputError
-    from vip_factors.io.detections.write import write_mmpose
+    from vip_factors.io.detections.formats import write_mmpose
 
     if options.keypoints is not None and options.model is None:
         raise InputError("--keypoints given without --model: BlazePose has its own 33")

@@ -181,7 +181,7 @@ def write_film(opened: Opened, path: Path, settings: FilmSettings, overwrite: bo
     Raises:
         InputError, FileFormatError: if there is nothing to draw, or a file cannot be read or written.
     """
-    from vip_factors.io.calibration_history import read_calibration_history
+    from vip_factors.io.mcap_estimate import read_calibration_history
     from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, drawn_scene
     from vip_factors.viz.film import film
 

@@ -20,7 +20,7 @@ from vip_factors.detect.onnx_pose import OnnxPose, box_around
 from vip_factors.detect.tracks import DetectSettings, Track, Tracker
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.detections.write import TrackedPose
+from vip_factors.io.detections.formats import TrackedPose
 from vip_factors.io.video import VideoFacts, iterate_frames, video_facts
 from vip_factors.viz.images import draw_pose
 

@@ -12,10 +12,18 @@ from vip_factors.body.calibration_pose import POSES
 from vip_factors.errors import FileFormatError, InputError, RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.body_file import read_body_file, subject_with, with_body
-from vip_factors.io.held_pose import LEAD_S, after_pose, held_orientations, later, pose_source, without_sample
-from vip_factors.io.import_notes import check_leaps, coverage_notes
 from vip_factors.io.importers.shared import ImportedLog
-from vip_factors.io.log_parts import log_in_parts
+from vip_factors.io.log_streams import (
+    LEAD_S,
+    after_pose,
+    check_leaps,
+    coverage_notes,
+    held_orientations,
+    later,
+    log_in_parts,
+    pose_source,
+    without_sample,
+)
 from vip_factors.io.mcap_reader import MAGIC
 from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, place_sensors, placement_from_file
 from vip_factors.io.toml_values import nearest
@@ -30,10 +38,10 @@ FORMATS: dict[str, str] = {
     "recording": "vip_factors.io.mcap_recording",
     "ros2": "vip_factors.io.ros2",
     "mvnx": "vip_factors.io.importers.mvnx",
-    "opensim_export": "vip_factors.io.importers.opensim:EXPORT",
-    "opensense_sto": "vip_factors.io.importers.opensim:OPENSENSE",
+    "opensim_export": "vip_factors.io.importers.maker_tables:EXPORT",
+    "opensense_sto": "vip_factors.io.importers.maker_tables:OPENSENSE",
     "totalcapture": "vip_factors.io.importers.totalcapture",
-    "apdm": "vip_factors.io.importers.apdm",
+    "apdm": "vip_factors.io.importers.maker_tables:APDM",
     "xsens_dot": "vip_factors.io.importers.xsens:DOT",
     "xsens_txt": "vip_factors.io.importers.xsens:MTW",
     "table": "vip_factors.io.importers.table",
@@ -61,7 +69,7 @@ class ImportOptions:
         subject: the wearer's name.
         initial_pose: ``"t-pose"``, ``"n-pose"`` or ``"none"``: what was held at the first moment kept.
         pose_from: ``LOG`` or ``LOG:SAMPLE`` of the same sensors: the initial pose was held there instead
-            (:mod:`~vip_factors.io.held_pose`), and how the wearer faced then does not matter.
+            (:mod:`~vip_factors.io.log_streams`), and how the wearer faced then does not matter.
         start_s, end_s: seconds of the log to keep; the recording's time 0 is at ``start_s``.
         name: of the recording; the path's own if None.
         then: logs of the same sensors that follow in time, as parts of the same recording; whose clocks go on, or which

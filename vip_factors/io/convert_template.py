@@ -10,7 +10,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.convert import detect_format, read_log
 from vip_factors.io.importers.column_guess import GuessedTable, guess_columns
 from vip_factors.io.importers.column_map import QUANTITIES, ColumnMap, Columns, SensorColumns
-from vip_factors.io.importers.opensim import column_map
+from vip_factors.io.importers.maker_tables import column_map
 from vip_factors.io.importers.shared import candidates, likely_sites
 from vip_factors.io.importers.text_table import SUFFIXES, TextTable, number, read_text_table, split
 from vip_factors.io.toml_values import toml_text

@@ -10,8 +10,7 @@ from animated import TENTH_MM, any_pose, filmed, zup
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array, angle_between, rotation_x
-from vip_factors.io.export.files import export
-from vip_factors.io.export.settings import BoneNames, BvhSettings, ExportSettings, LengthUnit, UpAxis, bone_names
+from vip_factors.io.export.files import BoneNames, BvhSettings, ExportSettings, LengthUnit, UpAxis, bone_names, export
 from vip_factors.io.motions.bvh import read_bvh, read_bvh_clip
 
 bvhio = pytest.importorskip("bvhio", reason="its PyGLM has no wheel for every Python")

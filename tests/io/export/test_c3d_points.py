@@ -12,7 +12,7 @@ from vip_factors.body.joint_angles import joint_angles
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.export import c3d_points
+from vip_factors.io.export import tables as c3d_points
 from vip_factors.io.export.files import export
 
 pytestmark = pytest.mark.filterwarnings("ignore:No analog data found")

@@ -15,9 +15,8 @@ from scipy.spatial.transform import Rotation
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.export.files import export
-from vip_factors.io.export.gltf import GltfBuffer
-from vip_factors.io.export.settings import BoneNames, ExportSettings, bone_names
+from vip_factors.io.export.animation import GltfBuffer
+from vip_factors.io.export.files import BoneNames, ExportSettings, bone_names, export
 
 DTYPES = {5126: np.float32, 5121: np.uint8, 5123: np.uint16, 5125: np.uint32}
 WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}

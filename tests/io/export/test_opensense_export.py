@@ -10,7 +10,7 @@ from vip_factors.body.joint_angles import segment_orientations
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.io.export.files import export
-from vip_factors.io.importers.opensim import OPENSENSE
+from vip_factors.io.importers.maker_tables import OPENSENSE
 
 SOME = {
     "pelvis_imu": "pelvis", "torso_imu": "spine3", "head_imu": "head", "femur_l_imu": "left_hip",

@@ -11,8 +11,7 @@ from animated import TENTH_MM, filmed, smpl_joints, zup
 
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.export.files import export
-from vip_factors.io.export.settings import ExportSettings
+from vip_factors.io.export.files import ExportSettings, export
 from vip_factors.io.mcap_recording import write_scene
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath

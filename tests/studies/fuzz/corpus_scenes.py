@@ -153,8 +153,7 @@ def _recording(folder: Path, name: str) -> None:
 def _estimate(folder: Path, name: str) -> None:
     """As ``info``, ``evaluate`` and ``body`` do."""
     from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
-    from vip_factors.io.calibration_history import read_calibration_history
-    from vip_factors.io.mcap_estimate import read_estimate
+    from vip_factors.io.mcap_estimate import read_calibration_history, read_estimate
     from vip_factors.io.mcap_recording import read_scene
 
     path = folder / f"{name}.estimate.mcap"

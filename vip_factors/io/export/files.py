@@ -1,8 +1,11 @@
-"""An estimate written in the format that a file's suffix tells, at another frame rate if asked."""
+"""An estimate written in the format that a file's suffix tells, at another frame rate if asked; what may be chosen of
+the file, whatever its format; names of bones, and the turn to a world with Y up.
+"""
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,12 +15,92 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from vip_factors.atomic import atomic_path, check_target
+from vip_factors.body.joint_angles import R_WORLD_ISB
 from vip_factors.body.kinematics import Motion
+from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.export.settings import ExportSettings
+from vip_factors.ranges import MaybeRate
+
+
+class BoneNames(StrEnum):
+    """What the bones of an animation are called."""
+
+    SMPL = "smpl"
+    HUMANIK = "humanik"
+
+
+class UpAxis(StrEnum):
+    """Which axis of a file points up."""
+
+    Y = "y"
+    Z = "z"
+
+
+class LengthUnit(StrEnum):
+    """What one unit of length in a file is."""
+
+    METRES = "m"
+    CENTIMETRES = "cm"
+
+    @property
+    def per_metre(self) -> float:
+        """Units in a metre."""
+        return {LengthUnit.METRES: 1.0, LengthUnit.CENTIMETRES: 100.0}[self]
+
+
+@dataclass(frozen=True)
+class BvhSettings:
+    """Axes and unit of a BVH file, which cannot say them itself."""
+
+    up: UpAxis = UpAxis.Y
+    """Axis that points up: y is what Blender's importer and most programs take a BVH file for; with z the numbers are
+    those of the estimate's world (in Blender, choose Forward Y and Up Z then)."""
+    unit: LengthUnit = LengthUnit.METRES
+    """Unit of length: metres come out in true size in Blender; Maya and MotionBuilder expect centimetres."""
+
+
+@dataclass(frozen=True)
+class ExportSettings:
+    """How an estimate is written into a format of another program."""
+
+    wearer: str | None = None
+    """Export this wearer only, by name; of a format that holds one person, each wearer gets a file of its own."""
+    frame_rate: MaybeRate = None
+    """Frames a second of the file; those of the estimate if absent, for then no frame is interpolated."""
+    recording: Path | None = None
+    """Recording (.mcap) that the estimate was made from: a .pkl takes its 2D poses and the times of the video frames
+    from it; no other format needs it."""
+    bone_names: BoneNames = BoneNames.SMPL
+    """Names of the bones in .bvh and .glb: smpl (pelvis, left_hip, …), those of all other files of this package, or
+    humanik (Hips, LeftUpLeg, …) which MotionBuilder, Mixamo, Unity and retargeting add-ons map by themselves."""
+    bvh: BvhSettings = field(default_factory=BvhSettings)
+
+
+R_YUP_WORLD = R_WORLD_ISB.T
+"""x stays, z becomes y, y becomes -z: what Blender and glTF do. At rest a body then faces z, its left along x."""
+
+
+_HUMANIK_MIDDLE = {
+    "pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck", "head": "Head",
+}  # fmt: skip
+_HUMANIK_LIMBS = {
+    "hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "foot": "ToeBase", "collar": "Shoulder", "shoulder": "Arm",
+    "elbow": "ForeArm", "wrist": "Hand", "hand": "HandMiddle1",
+}  # fmt: skip
+
+
+def bone_names(names: BoneNames) -> tuple[str, ...]:
+    """Of the 24 bones, in the order of the joints."""
+    return JOINT_NAMES if names is BoneNames.SMPL else tuple(map(_humanik, JOINT_NAMES))
+
+
+def _humanik(joint: str) -> str:
+    side, _, bone = joint.partition("_")
+    return f"{side.capitalize()}{_HUMANIK_LIMBS[bone]}" if bone else _HUMANIK_MIDDLE[joint]
+
 
 FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]')  # in names of files, on one system or another
 
@@ -48,16 +131,14 @@ class ExportFormat:
 
 
 FORMATS: dict[str, ExportFormat] = {
-    ".bvh": ExportFormat("bvh:write_bvh", "skeleton and motion, for animation programs"),
-    ".glb": ExportFormat("gltf:write_gltf", "bodies that move, and the camera's path", True, "pygltflib"),
+    ".bvh": ExportFormat("animation:write_bvh", "skeleton and motion, for animation programs"),
+    ".glb": ExportFormat("animation:write_gltf", "bodies that move, and the camera's path", True, "pygltflib"),
     ".npz": ExportFormat("smpl:write_amass", "poses and root path, as AMASS has them"),
     ".csv": ExportFormat("tables:write_csv", "joint positions and joint angles, as a table"),
     ".trc": ExportFormat("tables:write_trc", "joint centres and keypoints as markers, for OpenSim"),
     ".mot": ExportFormat("tables:write_mot", "coordinates of OpenSim's model Rajagopal2016"),
     ".sto": ExportFormat("tables:write_opensense", "orientations of segments, for OpenSense"),
-    ".c3d": ExportFormat(
-        "c3d_points:write_c3d", "joint centres, keypoints and joint angles as points", library="ezc3d"
-    ),
+    ".c3d": ExportFormat("tables:write_c3d", "joint centres, keypoints and joint angles as points", library="ezc3d"),
     ".pkl": ExportFormat("smpl:write_three_dpw", "poses, camera and 2D poses, as 3DPW has them", several=True),
 }
 
@@ -81,7 +162,7 @@ def export_format(path: Path) -> ExportFormat:
 def export(
     estimate: Estimate,
     path: Path,
-    settings: ExportSettings = ExportSettings(),  # noqa: B008
+    settings: ExportSettings = ExportSettings(),
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
     """Write an estimate into the format that the suffix of ``path`` names.

@@ -1,21 +1,28 @@
 """Tables of numbers: for spreadsheets and pandas (.csv), and for OpenSim markers (.trc), coordinates of the model
-Rajagopal2016 (.mot) and orientations of segments (.sto).
+Rajagopal2016 (.mot) and orientations of segments (.sto); and C3D, joint angles as points of Vicon's kind ANGLES.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from vip_factors.body.joint_angles import R_WORLD_ISB, joint_angle_sigmas, joint_angles, segment_orientations
+from vip_factors.body.joint_angles import (
+    R_WORLD_ISB,
+    JointAngles,
+    joint_angle_sigmas,
+    joint_angles,
+    segment_orientations,
+)
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
+from vip_factors.io.export.files import ExportSettings
 from vip_factors.io.export.opensim_coordinates import opensim_coordinates
-from vip_factors.io.export.settings import ExportSettings
 
 TABLES = ("positions", "angles")
 
@@ -150,3 +157,66 @@ def write_opensense(estimate: Estimate, path: Path, settings: ExportSettings) ->
         for time, row in zip(motion.time, np.asarray(quaternions), strict=True)
     )
     write_opensim_table(path, header, [f"{body}_imu" for body in BODIES], rows)
+
+
+MILLIMETRES = 1000.0
+# The header counts frames with 16 bits. Longer files state their length in POINT:LONG_FRAMES, which not all readers
+# know, and begin at frame 1.
+HEADER_FRAMES = 65_535
+
+
+def write_c3d(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
+    """Write one wearer's points in millimetres, world with z up, and angles in degrees, three to a point."""
+    import ezc3d
+
+    wearer = estimate.wearers[0]
+    motion = wearer.motion
+    points = {name: MILLIMETRES * p for name, p in markers(motion).items()}
+    angles, described = _angle_points(joint_angles(motion))
+    names = (*points, *angles)
+    file: Any = ezc3d.c3d()
+    data = np.ones((4, len(names), len(motion)))
+    data[:3] = np.stack([*points.values(), *angles.values()]).transpose(2, 0, 1)
+    file["data"]["points"] = data
+    file["parameters"]["POINT"]["RATE"]["value"] = [motion.rate]
+    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
+    file["parameters"]["POINT"]["LABELS"]["value"] = list(names)
+    file["parameters"]["POINT"]["DESCRIPTIONS"]["value"] = [described.get(name, "") for name in names]
+    first = round(motion.start * motion.rate)
+    if first + len(motion) > HEADER_FRAMES:
+        first = 0
+        file.add_parameter("POINT", "LONG_FRAMES", [float(len(motion))])
+    file["header"]["points"]["first_frame"] = first
+    for group, name, value in (
+        ("POINT", "ANGLES", list(angles)),
+        ("POINT", "ANGLE_UNITS", ["deg"]),
+        ("POINT", "TYPE_GROUPS", ["ANGLES"]),
+        ("POINT", "X_SCREEN", ["+X"]),
+        ("POINT", "Y_SCREEN", ["+Z"]),  # up, for programs that draw the points
+        ("SUBJECTS", "USED", [1]),
+        ("SUBJECTS", "NAMES", [wearer.name]),
+        ("MANUFACTURER", "SOFTWARE", ["vip-factors"]),
+    ):
+        file.add_parameter(group, name, value)
+    file.write(str(path))
+
+
+# Vicon's points have no name for the second set of a shoulder's angles, nor for these three of the middle.
+_NAMES = {"pelvis": "Pelvis", "trunk": "Spine", "neck": "Neck"}
+
+
+def _angle_points(found: JointAngles) -> tuple[Mapping[str, Array], Mapping[str, str]]:
+    """Triples of angles ``(T, 3)`` in degrees by label, ``LKneeAngles``, and what each of the three is."""
+    points, described = dict[str, Array](), dict[str, str]()
+    for first in range(0, len(found.definitions), 3):
+        three = found.definitions[first : first + 3]
+        side, _, joint = three[0].joint.rpartition("_")
+        label = f"{side[:1].upper()}{_NAMES.get(joint, joint.capitalize())}Angles"
+        if label in points:
+            label = label.replace("Angles", "FlexionAngles")
+        at = [first, first + 1, first + 2]
+        if joint == "pelvis":  # sagittal plane first, as of the other joints
+            at, three = at[::-1], three[::-1]
+        points[label] = found.degrees[:, at]
+        described[label] = ", ".join(one.name.removeprefix(f"{one.joint}_") for one in three)
+    return points, described

@@ -1,0 +1,296 @@
+"""Makers' tables that a column map describes: OpenSim's and OpenSense's, and APDM's.
+
+OpenSense writes quaternions (.sto); OpenSim's export is a table for each quantity, side by side: ``walk_Accel.trc``,
+``walk_Gyro.trc``, ``walk_Orientations.sto`` (as OpenSense's MATLAB scripts name them), or
+``walk_linear_accelerations.sto``, ``walk_angular_velocity.sto``, ``walk_orientations.sto`` (as OpenSim's readers do);
+the same sensors in all of them, m/s² with gravity and rad/s, quaternions from sensor to a world whose z is up.
+
+APDM's (Opal's) csv has all sensors side by side in one file, in either of the two layouts that Motion Studio writes.
+Acceleration is specific force. Opals turn samples into a frame with x to magnetic north and z up; where the data say
+that z is down, the frame is turned over.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.errors import FileFormatError
+from vip_factors.io.importers import table
+from vip_factors.io.importers.column_map import QUANTITIES, UP_OR_DOWN, ColumnMap, Columns, SensorColumns
+from vip_factors.io.importers.packet_clock import SAME_RATE
+from vip_factors.io.importers.shared import ImportedLog, LogFormat, candidates
+from vip_factors.io.importers.text_table import (
+    COMPONENTS,
+    SEPARATORS,
+    TextTable,
+    peek,
+    read_text,
+    read_text_table,
+    split,
+    table_of_rows,
+)
+
+SUFFIXES = (".trc", ".sto")
+_ENDINGS = {
+    "acceleration": r"(linear_?)?acc(el(erations?|erometer)?)?",
+    "angular_rate": r"gyro?s?(scope)?|angular_?velocit(y|ies)",
+    "quaternion": r"orientations?|quaternions?",
+}
+_TIMES = ("time", "Time")
+
+
+def _matches_export(path: Path) -> bool:
+    """Whether at least acceleration or angular rate stands in a file beside another quantity of the same name.
+
+    A table of orientations that is named itself is no such export: it was asked for alone.
+    """
+    if path.is_file() and _split(path)[1] in ("", "quaternion"):
+        return False
+    return any(len(files) > 1 for files in _exports(path).values())
+
+
+def _read_export(path: Path) -> ImportedLog:
+    """The sensors of one export; a folder must hold one.
+
+    Raises:
+        FileFormatError: for several exports, or tables that are malformed.
+        InputError: for a quantity that lacks one of the sensors.
+    """
+    tables = _tables(path)
+    found = table.read(path, _columns(path, tables), {one.path: one for one in tables.values()})
+    return ImportedLog(EXPORT.name, found.imus, found.default_sites, start_ns=found.start_ns, notes=found.notes)
+
+
+def column_map(path: Path) -> ColumnMap:
+    """What the columns of an export mean, in the words of a column map.
+
+    Raises:
+        FileFormatError: for several exports, or tables that are malformed.
+    """
+    return _columns(path, _tables(path))
+
+
+def _tables(path: Path) -> dict[str, TextTable]:
+    """By quantity, the table of the one export at a path."""
+    exports = {prefix: files for prefix, files in _exports(path).items() if len(files) > 1}
+    if len(exports) != 1:
+        found = ", ".join(exports) or "none"
+        raise FileFormatError(f"{path}: expected the tables of one recording, found {found}: name the one you mean")
+    (files,) = exports.values()
+    return {quantity: read_text_table(file) for quantity, file in files.items()}
+
+
+def _columns(path: Path, tables: Mapping[str, TextTable]) -> ColumnMap:
+    sensors: dict[str, dict[str, Columns]] = {}
+    for quantity, one in tables.items():
+        for name in dict.fromkeys(_sensor(column, quantity) for column in one.names):
+            if name:
+                columns = tuple(f"{name}_{letter}" for letter in COMPONENTS[QUANTITIES[quantity]])
+                sensors.setdefault(name, {})[quantity] = Columns(columns, one.path.name)
+    time = next((name for name in next(iter(tables.values())).names if name in _TIMES), "time")
+    entries = {}
+    for name, quantities in sensors.items():
+        entries[name] = SensorColumns(time=time, **quantities)  # type: ignore[arg-type]
+    return ColumnMap(str(path), sensors=entries)
+
+
+def _sensor(column: str, quantity: str) -> str:
+    """The sensor of a component's column; nothing of a column that is none."""
+    found = re.fullmatch(rf"(.+)_[{COMPONENTS[QUANTITIES[quantity]]}]", column)
+    return found.group(1) if found else ""
+
+
+def _exports(path: Path) -> dict[str, dict[str, Path]]:
+    """What the names begin with → quantity → file."""
+    beside = path.with_name(_split(path)[0]) if path.is_file() else path
+    exports: dict[str, dict[str, Path]] = {}
+    for file in candidates(beside, SUFFIXES):
+        prefix, quantity = _split(file)
+        if quantity and (not path.is_file() or prefix == beside.name):
+            exports.setdefault(prefix, {}).setdefault(quantity, file)
+    return exports
+
+
+def _split(file: Path) -> tuple[str, str]:
+    """What a file's name begins with, and which quantity its ending names, if any."""
+    for quantity, ending in _ENDINGS.items():
+        if found := re.fullmatch(rf"(.*?)[-_ ]({ending})", file.stem, re.IGNORECASE):
+            return found.group(1), quantity
+    return file.stem, ""
+
+
+def _quaternion_tables(path: Path) -> list[Path]:
+    files = candidates(path, (".sto",))
+    return [file for file in files if re.search(r"^DataType=Quaternion\s*$", peek(file)[:2000], re.MULTILINE)]
+
+
+def _read_quaternions(path: Path) -> ImportedLog:
+    """Read OpenSense's table of orientations, one column a sensor, cells ``w,x,y,z``; a folder must hold one.
+
+    OpenSense's raw tables keep the sensors' own inertial frame, z up; a table that had
+    ``sensor_to_opensim_rotations`` applied has y up instead. Orientation alone cannot tell which: z up is taken.
+
+    Raises:
+        FileFormatError: for other files, malformed cells, or a table without rows.
+    """
+    files = _quaternion_tables(path)
+    if len(files) != 1:
+        found = ", ".join(file.name for file in files) or "none"
+        raise FileFormatError(f"{path}: expected one .sto table of quaternions, found {found}")
+    path = files[0]
+    one = read_text_table(path)
+    notes = [
+        f"{path.name}: taken to be in the sensors' own inertial frame, z up, as OpenSense writes raw tables; "
+        "if OpenSim axes (y up) were applied already, convert the raw recording instead",
+        f"{path.name}: orientation only, no acceleration: translation will be unobservable from the sensors",
+    ]
+    others = [file for file in _exports(path).get(_split(path)[0], {}).values() if file != path]
+    if others and _split(path)[1]:
+        notes.append(f"{path.name}: {others[0].name} stands beside it: name that one, and both are read together")
+    columns = _columns(path, {"quaternion": one})
+    blank = [name for name, entry in columns.sensors.items() if _is_blank(one, entry)]
+    notes += [f"{path.name}: column '{name}' has no orientation at all: left out" for name in blank]
+    sensors = {name: entry for name, entry in columns.sensors.items() if name not in blank}
+    if not sensors:
+        raise FileFormatError(f"{path}: expected the columns 'time' and one per sensor, tab-separated, of four numbers")
+    log = table.read(path, ColumnMap(str(path), sensors=sensors), {path: one})
+    stated, time = one.setting(r"^DataRate=\s*([\d.]+)"), next(iter(log.imus.values())).time
+    rate = 1 / float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    if stated and rate and abs(rate / (float(stated) or rate) - 1) > SAME_RATE:
+        notes.append(
+            f"{path.name}: DataRate says {float(stated):g} Hz, its times {rate:.2f} Hz; the times are believed"
+        )
+    return ImportedLog(OPENSENSE.name, log.imus, log.default_sites, notes=(*notes, *log.notes))
+
+
+def _is_blank(one: TextTable, entry: SensorColumns) -> bool:
+    assert entry.quaternion is not None
+    return bool(np.all(np.isnan(one.numbers([one.index(name, "") for name in entry.quaternion.columns]))))
+
+
+APDM_QUANTITIES = {
+    "Acceleration": "acceleration", "Accelerometer": "acceleration", "Angular Velocity": "angular_rate",
+    "Gyroscope": "angular_rate", "Orientation": "quaternion",
+}  # fmt: skip
+APDM_AXES = {"acceleration": "XYZ", "angular_rate": "XYZ", "quaternion": "SXYZ"}
+APDM_UNITS = {
+    "g": {"acceleration_unit": "g"}, "deg/s": {"angular_rate_unit": "deg/s"}, "°/s": {"angular_rate_unit": "deg/s"},
+}  # fmt: skip
+PEEKED_LINES = 12  # that hold the header of either layout
+EPOCH_MICROSECONDS = 1e12  # a time above this is microseconds since 1970 (1e12 µs is January 1970), not seconds
+
+Layout = dict[str, dict[str, dict[str, int]]]
+"""Sensor → quantity → axis → column, from 1 on."""
+
+
+def _matches_apdm(path: Path) -> bool:
+    """Whether the file is an APDM csv, by its first lines."""
+    return any(_is_export(file) for file in candidates(path, (".csv",)))
+
+
+def _is_export(path: Path) -> bool:
+    lines = peek(path).splitlines()[:4]
+    if not lines:
+        return False
+    return (lines[0].startswith("Format=") and len(lines) > 1 and "Accelerometer" in lines[1]) or any(
+        line.startswith("Time,") and "/Acceleration/X" in line for line in lines
+    )
+
+
+def _read_apdm(path: Path) -> ImportedLog:
+    """Read a recording; a folder must hold one such file.
+
+    Raises:
+        FileFormatError: for other files, without samples, or with cells that are not numbers.
+    """
+    files = [file for file in candidates(path, (".csv",)) if _is_export(file)]
+    if len(files) != 1:
+        found = ", ".join(file.name for file in files) or "none"
+        raise FileFormatError(f"{path}: expected one APDM csv file with all sensors, found {found}")
+    path, comma = files[0], SEPARATORS["comma"]
+    kept = [(i + 1, line) for i, line in enumerate(read_text(path).splitlines()) if line.strip(", ")]
+    head = [[cell.strip() for cell in split(line, comma)] for _, line in kept[:PEEKED_LINES]]
+    first, width, layout, units = _format7(head, path) if head[0][0].startswith("Format=") else _slash_names(head, path)
+    if len(kept) <= first:
+        raise FileFormatError(f"{path}: no samples below its header")
+    names = ["Time"] + [str(column) for column in range(2, width + 1)]
+    for sensor, quantities in layout.items():
+        for quantity, axes in quantities.items():
+            for axis, column in axes.items():
+                names[column - 1] = f"{sensor}/{quantity}/{axis}"
+    one = table_of_rows(path, tuple(names), kept[first:], comma)
+    start = float(one.numbers([0])[0, 0])
+    since_1970 = start > EPOCH_MICROSECONDS
+    common = SensorColumns(time=1, time_unit="us" if since_1970 else "s", world_up=UP_OR_DOWN)
+    sensors = {sensor: _apdm_sensor(one, common, quantities, units) for sensor, quantities in layout.items()}
+    sensors = {name: entry for name, entry in sensors.items() if entry != common}
+    if not sensors:
+        raise FileFormatError(f"{path}: no sensor with all axes of Acceleration, Angular Velocity or Orientation")
+    log = table.read(path, ColumnMap(str(path), sensors=sensors), {path: one})
+    return replace(log, format=APDM.name, start_ns=int(start) * 1000 if since_1970 else 0, clock_s=None)
+
+
+def _apdm_sensor(
+    one: TextTable, common: SensorColumns, quantities: dict[str, dict[str, int]], units: Sequence[str]
+) -> SensorColumns:
+    """The columns of the quantities of which there are all axes and any numbers, in the units that stand above them."""
+    entry = common
+    for quantity, axes in quantities.items():
+        columns = tuple(axes[axis] for axis in APDM_AXES[quantity] if axis in axes)
+        if len(columns) == len(APDM_AXES[quantity]) and np.any(np.isfinite(one.numbers([at - 1 for at in columns]))):
+            entry = replace(entry, **{quantity: Columns(columns)})
+            entry = replace(
+                entry, **APDM_UNITS.get(units[columns[0] - 1] if units else "", {})
+            )  # others are SI already
+    return entry
+
+
+def _add_column(layout: Layout, sensor: str, quantity: str, axis: str, column: int) -> None:
+    if quantity in APDM_QUANTITIES:
+        axes = layout.setdefault(sensor, {}).setdefault(APDM_QUANTITIES[quantity], {})
+        axes["S" if axis == "Scalar" else axis] = column + 1
+
+
+def _format7(head: list[list[str]], path: Path) -> tuple[int, int, Layout, Sequence[str]]:
+    """Three header lines: device ids with their labels further right, quantities, axes."""
+    if len(head) < 3:
+        raise FileFormatError(f"{path}: ends within its three header lines")
+    starts = [i for i, cell in enumerate(head[0]) if i and cell.isdigit()]
+    if not starts:
+        raise FileFormatError(f"{path}, line 1: no device id after '{head[0][0]}': expected one per sensor")
+    if starts[-1] >= min(len(head[1]), len(head[2])):
+        raise FileFormatError(f"{path}, lines 2 and 3 end before the columns of the device in column {starts[-1] + 1}")
+    layout: Layout = {}
+    for start, end in zip(starts, [*starts[1:], len(head[1])], strict=True):
+        label = next((cell for cell in head[0][start + 1 : end] if cell), head[0][start])
+        quantity = ""
+        for column in range(start, min(end, len(head[2]))):
+            quantity = head[1][column] or quantity
+            _add_column(layout, label, quantity, head[2][column], column)
+    return 3, len(head[1]), layout, ()
+
+
+def _slash_names(head: list[list[str]], path: Path) -> tuple[int, int, Layout, Sequence[str]]:
+    """Settings, then one line of ``Sensor/Quantity/Axis`` and one of units."""
+    at = next((i for i, row in enumerate(head) if row[0] == "Time"), None)
+    if at is None:
+        raise FileFormatError(f"{path}: no line whose first cell is 'Time': expected the names of the columns there")
+    layout: Layout = {}
+    for column, name in enumerate(head[at]):
+        parts = name.split("/")
+        if len(parts) == 3:
+            _add_column(layout, parts[0], parts[1], parts[2], column)
+    if not layout:
+        raise FileFormatError(f"{path}, line {at + 1}: no column of the form Sensor/Acceleration/X")
+    width, units = len(head[at]), head[at + 1] if at + 1 < len(head) else []
+    if not units or units[0] not in ("s", "us", "ms"):
+        return at + 1, width, layout, ()
+    return at + 2, width, layout, [*units, *[""] * width]
+
+
+EXPORT = LogFormat("opensim_export", _matches_export, _read_export)
+APDM = LogFormat("apdm", _matches_apdm, _read_apdm)
+OPENSENSE = LogFormat("opensense_sto", lambda path: bool(_quaternion_tables(path)), _read_quaternions)

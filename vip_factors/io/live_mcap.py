@@ -17,34 +17,23 @@ from vip_factors.atomic import check_partial, check_target
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton
 from vip_factors.errors import naming_file
-from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import set_timestamp
-from vip_factors.io.mcap_camera import intrinsics_message, path_messages
 from vip_factors.io.mcap_estimate import (
     CALIBRATION,
-    CAMERA_INFO,
-    CAMERA_PATH,
-    CAMERA_POSE,
-    HEAD,
-    INFO,
-    INTRINSICS,
-    MOTION,
-    POINTS,
     POSE,
-    SCENE,
     SCENE_HEAD,
     SCENE_INFO,
     SINGLE,
-    TRANSFORMS,
     WEARER,
 )
+from vip_factors.io.mcap_estimate_writer import CameraWriter, WearerWriter
 from vip_factors.io.mcap_frames import camera_pose_messages, pose_messages
 from vip_factors.io.mcap_recording import wearer_topics
-from vip_factors.io.mcap_scene import MODEST_FRAMES, point_messages, scene_wanted, skeleton_scene, transform_messages
+from vip_factors.io.mcap_scene import MODEST_FRAMES
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
-from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo
 from vip_factors.io.schemas.live_update_pb2 import LiveUpdate
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.camera_path import CameraPath
@@ -199,12 +188,11 @@ class LiveMcapSink:
     def _complete(self) -> None:
         with self._or_cut(), self._file:
             self._flush()
-            begun = [one for one in self._wearers if one.begun]
-            for wearer in begun:
-                wearer.write_motion(self._writer, frames=wearer.smoothed.taken)
-            if self._camera is not None and self._camera.smoothed:
-                self._camera.write_info(self._writer, poses=self._camera.smoothed)
-            if begun:
+            for wearer in self._wearers:
+                wearer.close()
+            if self._camera is not None:
+                self._camera.close()
+            if any(one.begun for one in self._wearers):
                 self._write_scene_info(self._setup.start_ns)
             self._writer.finish()
             self._file.flush()
@@ -265,8 +253,12 @@ class _Wearer:
         self.prefix, self._live, self._start_ns = prefix, live, start_ns
         self._wearer, self._skeleton, self._rate = wearer, wearer.subject.body(), rate
         self.smoothed = GaplessPoses(rate)
-        self.begun = False  # whether what comes before the first pose is in the file
-        self._shown = True  # whether viewers' messages are written
+        self._out: WearerWriter | None = None  # of the smoothed poses, from the first one on
+
+    @property
+    def begun(self) -> bool:
+        """Whether there are smoothed poses."""
+        return self._out is not None
 
     def take_body(self, answer: LiveWearerEstimate) -> None:
         """The body that is believed from here on; the file's motion has the last one."""
@@ -275,40 +267,27 @@ class _Wearer:
 
     def streams(self, writer: MessageWriter, frame: int, newest: list[LivePose]) -> list[Iterable[TimedMessage]]:
         """What has come since the last time: smoothed poses, and the newest ones, which begin with this frame."""
-        motion, covariance = self._motion(newest, newest[0].time)
+        answer = self._estimate(newest, newest[0].time)
         streams: list[Iterable[TimedMessage]] = [
-            pose_messages(writer, self._live + POSE, motion, self._start_ns, covariance, frame)
+            pose_messages(writer, self._live + POSE, answer.motion, self._start_ns, answer.covariance, frame)
         ]
         first, poses = self.smoothed.waiting()
-        if not poses:
-            return streams
-        motion, covariance = self._motion(poses, (self.smoothed.start or 0.0) + first / self._rate)
-        if not self.begun:
-            self._begin(writer, motion)
-        streams.append(pose_messages(writer, self.prefix + POSE, motion, self._start_ns, covariance, first))
-        if self._shown and first < MODEST_FRAMES:
-            streams.append(transform_messages(writer, self.prefix + TRANSFORMS, motion, self._start_ns))
-            streams.append(point_messages(writer, self.prefix + POINTS, motion, self._start_ns))
+        if poses:
+            chunk = self._estimate(poses, (self.smoothed.start or 0.0) + first / self._rate)
+            if self._out is None:
+                self._out = WearerWriter(writer, chunk, 0, self.prefix, self._start_ns, None, MODEST_FRAMES)
+            streams += self._out.streams(chunk)
         return streams
 
-    def write_motion(self, writer: MessageWriter, frames: int) -> None:
-        """What all frames share; 0 frames: nobody knows yet how many."""
-        start = self.smoothed.start or 0.0
-        message = codecs.MOTION.encode(self._motion([], start)[0], frames=frames)
-        writer.write(self.prefix + MOTION, message, self._start_ns)
+    def close(self) -> None:
+        """Write how many frames there are."""
+        if self._out is not None:
+            self._out.write_motion(self._estimate([], self.smoothed.start or 0.0).motion, self.smoothed.taken)
 
-    def _begin(self, writer: MessageWriter, motion: Motion) -> None:
-        sensors = tuple(site.sensor for site in self._wearer.placement.sites)
-        info = WearerEstimate(self._wearer.name, METHOD, motion, {}, sensors=sensors)
-        writer.write(self.prefix + INFO, HEAD.encode(info, start_ns=self._start_ns), self._start_ns)
-        self.write_motion(writer, frames=0)
-        self._shown = scene_wanted(None, motion)
-        if self._shown:
-            writer.write(self.prefix + SCENE, skeleton_scene(motion), self._start_ns)
-        self.begun = True
-
-    def _motion(self, poses: list[LivePose], start: float) -> tuple[Motion, PoseCovariance | None]:
-        return motion_of_poses(poses, self._skeleton, self._rate, start, self._wearer.name)
+    def _estimate(self, poses: list[LivePose], start: float) -> WearerEstimate:
+        name, sensors = self._wearer.name, tuple(site.sensor for site in self._wearer.placement.sites)
+        motion, covariance = motion_of_poses(poses, self._skeleton, self._rate, start, name)
+        return WearerEstimate(name, METHOD, motion, {}, covariance, sensors=sensors)
 
 
 class _Camera:
@@ -316,8 +295,9 @@ class _Camera:
 
     def __init__(self, camera: LiveCamera, start_ns: int) -> None:
         self._camera, self._start_ns = camera, start_ns
-        self._known = not camera.moving and camera.known_path is not None  # then one pose says all
-        self.smoothed = 0  # poses written
+        self._poses = 1 if not camera.moving and camera.known_path is not None else None  # a known one says all
+        self._out: CameraWriter | None = None  # of the smoothed poses, from the first one on
+        self._head: CameraEstimate | None = None
 
     def streams(self, writer: MessageWriter, estimates: list[LiveEstimate]) -> list[Iterable[TimedMessage]]:
         """What has come since the last time."""
@@ -327,26 +307,23 @@ class _Camera:
             path, covariance = path_of_poses(newest)
             first = next(one.frame for one in estimates if one.camera is not None)
             streams.append(camera_pose_messages(writer, LIVE_CAMERA, path, self._start_ns, covariance, first))
-        smoothed = self._new([one.smoothed_camera for one in estimates])
+        smoothed = [one.smoothed_camera for one in estimates if one.smoothed_camera is not None]
         if smoothed:
-            if not self.smoothed:
-                intrinsics = intrinsics_message(self._camera.model, self._camera.name, self._start_ns)
-                writer.write(INTRINSICS, intrinsics, self._start_ns)
-                self.write_info(writer, poses=0)
-            path, covariance = path_of_poses(smoothed)
-            first = self.smoothed
-            streams.append(camera_pose_messages(writer, CAMERA_POSE, path, self._start_ns, covariance, first))
-            streams.append(path_messages(writer, CAMERA_PATH, path, self._start_ns))
-            self.smoothed += len(smoothed)
+            chunk = self._estimate(smoothed[: self._poses])
+            if self._out is None:
+                self._head = chunk.start
+                self._out = CameraWriter(writer, self._head, self._poses, 0, self._start_ns)
+            streams += self._out.streams(chunk, chunk.path.time)
         return streams
 
-    def write_info(self, writer: MessageWriter, poses: int) -> None:
-        """What the camera is; 0 poses: nobody knows yet how many."""
-        writer.write(CAMERA_INFO, CameraEstimateInfo(name=self._camera.name, poses=poses), self._start_ns)
+    def close(self) -> None:
+        """Write how many poses there are."""
+        if self._out is not None and self._head is not None:
+            self._out.write_info(self._head, self._start_ns)
 
-    def _new(self, poses: list[LiveCameraPose | None]) -> list[LiveCameraPose]:
-        found = [one for one in poses if one is not None]
-        return found[: 1 - self.smoothed] if self._known else found
+    def _estimate(self, poses: Sequence[LiveCameraPose]) -> CameraEstimate:
+        path, covariance = path_of_poses(poses)
+        return CameraEstimate(self._camera.name, self._camera.model, path, covariance=covariance)
 
 
 def nanoseconds_of(seconds: float, start_ns: int) -> int:

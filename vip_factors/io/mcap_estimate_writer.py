@@ -8,11 +8,13 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 
 import numpy as np
 
 from vip_factors.atomic import atomic_open, check_target
+from vip_factors.body.kinematics import Motion
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import (
     CameraEstimate,
@@ -109,9 +111,9 @@ def write_estimate(
         camera = None
         if head.camera is not None:
             frames = estimate.frames[0] if errors is None else len(errors)
-            camera = _CameraWriter(writer, head.camera, estimate.camera_poses, frames, start_ns)
+            camera = CameraWriter(writer, head.camera, estimate.camera_poses, frames, start_ns)
         wearers = [
-            _WearerWriter(writer, one, frames, prefix, start_ns, scene)
+            WearerWriter(writer, one, frames, prefix, start_ns, scene)
             for one, frames, prefix in zip(head.wearers, estimate.frames, prefixes, strict=True)
         ]
         writer.flush()
@@ -188,16 +190,34 @@ def _wearer_prefixes(estimate: Estimate) -> list[str]:
     return wearer_topics(names, SINGLE, WEARER)
 
 
-class _WearerWriter:
-    """One wearer's topics; what comes once is written at the start."""
+class WearerWriter:
+    """One wearer's topics; what comes once is written at the start.
+
+    Args:
+        writer: of the file.
+        head: of the wearer, without frames.
+        frames: how many there will be; 0 if nobody knows yet.
+        prefix: what the topics begin with.
+        start_ns: absolute time of t = 0.
+        scene: as of :func:`write_estimate`.
+        shown_frames: how many of them viewers get to see.
+    """
 
     def __init__(
-        self, writer: MessageWriter, head: WearerEstimate, frames: int, prefix: str, start_ns: int, scene: bool | None
+        self,
+        writer: MessageWriter,
+        head: WearerEstimate,
+        frames: int,
+        prefix: str,
+        start_ns: int,
+        scene: bool | None,
+        shown_frames: float = inf,
     ) -> None:
         self._writer, self._prefix, self._start_ns, self._written = writer, prefix, start_ns, 0
         writer.write(prefix + INFO, HEAD.encode(head, start_ns=start_ns), start_ns)
-        writer.write(prefix + MOTION, codecs.MOTION.encode(head.motion, frames=frames), start_ns)
-        writer.write(prefix + CALIBRATION, codecs.CALIBRATION.encode(head.calibration), start_ns)
+        self.write_motion(head.motion, frames)
+        if head.calibration:
+            writer.write(prefix + CALIBRATION, codecs.CALIBRATION.encode(head.calibration), start_ns)
         if head.body is not None:
             writer.write(prefix + BODY, codecs.BODY.encode(head.body), start_ns)
         if head.sensor_places:
@@ -206,48 +226,58 @@ class _WearerWriter:
             writer.write(prefix + REPORT, codecs.REPORT.encode(report), start_ns)
         # Viewers tell frames apart by name only: two wearers' skeletons need names of their own.
         self._name = head.motion.name if prefix == SINGLE else prefix.rpartition("/")[2]
-        self._shown = scene_wanted(scene, head.motion, frames)
-        if self._shown:
+        self._shown_frames = shown_frames if scene_wanted(scene, head.motion, frames) else 0
+        if self._shown_frames:
             writer.write(prefix + SCENE, skeleton_scene(replace(head.motion, name=self._name)), start_ns)
+
+    def write_motion(self, motion: Motion, frames: int) -> None:
+        """What all frames share; of what comes several times the last one counts."""
+        self._writer.write(self._prefix + MOTION, codecs.MOTION.encode(motion, frames=frames), self._start_ns)
 
     def streams(self, chunk: WearerEstimate) -> Iterator[Iterable[TimedMessage]]:
         """The messages of the next frames."""
-        writer, prefix, start_ns, motion, first = (
-            self._writer,
-            self._prefix,
-            self._start_ns,
-            chunk.motion,
-            self._written,
-        )
+        writer, prefix, start_ns = self._writer, self._prefix, self._start_ns
+        motion, first = chunk.motion, self._written
         self._written += len(motion)
         for report in chunk.reports:
             writer.write(prefix + REPORT, codecs.REPORT.encode(report), start_ns + int(NS_PER_S * motion.start))
         yield pose_messages(writer, prefix + POSE, motion, start_ns, chunk.covariance, first)
         if chunk.residuals:
             yield residual_messages(writer, prefix + RESIDUALS, motion.time, chunk.residuals, start_ns, first)
-        if self._shown:
+        if first < self._shown_frames:
             shown = replace(motion.frames(slice(-first % shown_step(motion), None)), name=self._name)
             yield transform_messages(writer, prefix + TRANSFORMS, shown, start_ns)
             yield point_messages(writer, prefix + POINTS, shown, start_ns)
 
 
-class _CameraWriter:
-    """The camera's topics; what comes once is written at the start."""
+class CameraWriter:
+    """The camera's topics; what comes once is written at the start.
 
-    def __init__(self, writer: MessageWriter, head: CameraEstimate, poses: int, frames: int, start_ns: int) -> None:
+    Args:
+        writer: of the file.
+        head: of the camera.
+        poses: how many there will be; None if nobody knows yet.
+        frames: how many residuals there will be, if any.
+        start_ns: absolute time of t = 0.
+    """
+
+    def __init__(
+        self, writer: MessageWriter, head: CameraEstimate, poses: int | None, frames: int, start_ns: int
+    ) -> None:
         self._writer, self._poses, self._frames, self._start_ns = writer, poses, frames, start_ns
         self._written, self._residuals = 0, 0
         self.write_info(head, start_ns)
         writer.write(INTRINSICS, intrinsics_message(head.model, head.name, start_ns), start_ns)
         if head.calibration is not None:
-            writer.write(CAMERA_CALIBRATION, codecs.CALIBRATION.encode({head.name: head.calibration}), start_ns)
+            calibration = {head.name: head.calibration}
+            writer.write(CAMERA_CALIBRATION, codecs.CALIBRATION.encode(calibration), start_ns)
 
     def write_info(self, camera: CameraEstimate, time_ns: int) -> None:
-        """What the camera is, how many poses there will be, and residuals of how many frames."""
+        """What the camera is, how many poses there will be or are, and residuals of how many frames."""
         residual = camera.residual_px
         info = CAMERA_HEAD.encode(
             camera,
-            poses=self._poses,
+            poses=self._written if self._poses is None else self._poses,
             has_residuals=residual is not None,
             wearers=None if residual is None else residual.shape[1],
             residual_frames=None if residual is None else self._frames,
@@ -257,7 +287,7 @@ class _CameraWriter:
     def streams(self, chunk: CameraEstimate, motion_time: Array) -> Iterator[Iterable[TimedMessage]]:
         """The messages of the next frames, at ``motion_time`` ``(T,)``; one pose of a camera that stands still."""
         writer, path, residual = self._writer, chunk.path, chunk.residual_px
-        if self._written < self._poses:
+        if self._poses is None or self._written < self._poses:
             yield camera_pose_messages(writer, CAMERA_POSE, path, self._start_ns, chunk.covariance, self._written)
             yield path_messages(writer, CAMERA_PATH, path, self._start_ns)
             self._written += len(path)

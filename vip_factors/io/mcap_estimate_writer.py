@@ -196,7 +196,7 @@ class WearerWriter:
     Args:
         writer: of the file.
         head: of the wearer, without frames.
-        frames: how many there will be; 0 if nobody knows yet.
+        frames: how many there will be; 0 of a stream, where nobody knows yet.
         prefix: what the topics begin with.
         start_ns: absolute time of t = 0.
         scene: as of :func:`write_estimate`.
@@ -216,7 +216,7 @@ class WearerWriter:
         self._writer, self._prefix, self._start_ns, self._written = writer, prefix, start_ns, 0
         writer.write(prefix + INFO, HEAD.encode(head, start_ns=start_ns), start_ns)
         self.write_motion(head.motion, frames)
-        if head.calibration:
+        if frames:  # a stream writes its calibration as it goes
             writer.write(prefix + CALIBRATION, codecs.CALIBRATION.encode(head.calibration), start_ns)
         if head.body is not None:
             writer.write(prefix + BODY, codecs.BODY.encode(head.body), start_ns)

@@ -13,7 +13,7 @@ from vip_factors.factor_graph.keys import root_key
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.live import LiveSetup, live_samples
 from vip_factors.sensors.scene import Scene
 
@@ -44,7 +44,7 @@ def two() -> Scene:
 
 def test_in_batch() -> None:
     hasty = replace(QUICK, fusion=replace(QUICK.fusion, rounds=1, refits=0))
-    estimate = smooth_scene(two(), hasty, extra_factors=ranges)
+    estimate = smooth(two(), hasty, extra_factors=ranges)
     apart = np.subtract(*(one.motion.p_world_pelvis for one in estimate.wearers))
     assert np.linalg.norm(apart, axis=1) == pytest.approx(METRES, abs=0.1)
 
@@ -58,4 +58,4 @@ def test_live() -> None:
 
 def test_without_a_camera_wearers_have_no_world_in_common() -> None:
     with pytest.raises(InputError, match="need a camera that sees them"):
-        smooth_scene(Scene("unfilmed", two().wearers), QUICK, extra_factors=ranges)
+        smooth(Scene("unfilmed", two().wearers), QUICK, extra_factors=ranges)

@@ -54,7 +54,7 @@ def drifting() -> tuple[Recording, Calibration]:
 def test_drift_comes_back(drifting: tuple[Recording, Calibration]) -> None:
     recording, truth = drifting
     assert recording.truth is not None
-    estimate = smooth(recording, SETTINGS)
+    estimate = smooth(recording, SETTINGS).only_wearer
     ours, true, _ = common_frames(estimate.motion, recording.truth.motion)
     errors = heading_error_over_time(estimate.calibration, truth, ours.time)
     assert np.rad2deg(np.abs(list(errors.values())).max()) < 0.2
@@ -64,7 +64,7 @@ def test_drift_comes_back(drifting: tuple[Recording, Calibration]) -> None:
 def test_constant_headings_cannot_follow(drifting: tuple[Recording, Calibration]) -> None:
     recording, truth = drifting
     constant = replace(SETTINGS, calibration=replace(SETTINGS.calibration, heading_knot_s=None))
-    estimate = smooth(recording, constant)
+    estimate = smooth(recording, constant).only_wearer
     errors = heading_error_over_time(estimate.calibration, truth, estimate.motion.time)
     assert np.rad2deg(np.abs(list(errors.values())).max()) > 3.0
     assert all(len(one.heading_path) == 0 for one in estimate.calibration.values())
@@ -72,7 +72,7 @@ def test_constant_headings_cannot_follow(drifting: tuple[Recording, Calibration]
 
 def test_a_recording_shorter_than_a_knot_has_constant_headings(drifting: tuple[Recording, Calibration]) -> None:
     quick = replace(SETTINGS, frame_rate=10.0, calibration=replace(SETTINGS.calibration, heading_knot_s=60.0))
-    estimate = smooth(drifting[0], quick)
+    estimate = smooth(drifting[0], quick).only_wearer
     assert all(len(one.heading_path) == 0 for one in estimate.calibration.values())
 
 

@@ -10,7 +10,7 @@ from filmed_gestures import HASTY, QUICK, camera_of, filmed_gestures, with_detec
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z
-from vip_factors.pipeline import smooth, smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, CameraMount, Scene
@@ -30,7 +30,7 @@ def scene(camera: CameraKind = "fixed", seconds: float = 4.0) -> Scene:
 
 @cache
 def solved() -> Estimate:
-    return smooth_scene(scene(), WITH_COVARIANCE)
+    return smooth(scene(), WITH_COVARIANCE)
 
 
 @cache
@@ -60,7 +60,7 @@ def turned(stream: ImuStream, angle: float) -> ImuStream:
 
 def test_the_camera_makes_up_for_careless_mountings() -> None:
     found = mpjpe(solved(), scene())
-    tracked = smooth_scene(scene(), replace(TRACKER, fusion=replace(QUICK.fusion, use_camera=False)))
+    tracked = smooth(scene(), replace(TRACKER, fusion=replace(QUICK.fusion, use_camera=False)))
     assert tracked.method == "IT"
     assert found < 30.0  # mm
     assert found < 0.8 * mpjpe(tracked, scene())
@@ -68,7 +68,7 @@ def test_the_camera_makes_up_for_careless_mountings() -> None:
 
 def test_a_gap_in_the_video_is_bridged_by_the_sensors() -> None:
     filmed = without_detections(scene("fixed", 5.0), 1.5, 3.5)
-    estimate = smooth_scene(filmed, QUICK)
+    estimate = smooth(filmed, QUICK)
     assert estimate.method == "VIP"
     assert mpjpe(estimate, filmed) < 30.0
     assert estimate.camera is not None
@@ -81,7 +81,7 @@ def test_a_gap_in_the_video_is_bridged_by_the_sensors() -> None:
 
 def test_a_wearer_out_of_view_for_a_while() -> None:
     filmed = without_detections(pair(), 1.5, 3.0, wearer=1)
-    estimate = smooth_scene(filmed, QUICK)
+    estimate = smooth(filmed, QUICK)
     evaluation = evaluate_scene(estimate, filmed)
     assert max(one["mpjpe"] for one in evaluation.wearers.values()) < 35.0
     assert evaluation["association_precision"] > 95.0
@@ -90,7 +90,7 @@ def test_a_wearer_out_of_view_for_a_while() -> None:
 
 def test_a_wearer_who_is_never_seen() -> None:
     filmed = without_detections(pair(), -1.0, 9.0, wearer=1)
-    estimate = smooth_scene(filmed, QUICK)
+    estimate = smooth(filmed, QUICK)
     assert any("'bob' is never seen" in one for one in estimate.findings)
     assert not any("'anna' is never seen" in one for one in estimate.findings)
     wearers = evaluate_scene(estimate, filmed).wearers
@@ -105,12 +105,12 @@ def test_a_sensor_that_drops_out() -> None:
     kept = (stream.time < 1.0) | (stream.time > 3.0)
     halved = ImuStream(stream.name, stream.time[kept], stream.specific_force[kept], stream.R_inertial_sensor[kept])
     filmed = with_streams(scene(), {"left_forearm": halved})
-    assert mpjpe(smooth_scene(filmed, QUICK), filmed) < 35.0
+    assert mpjpe(smooth(filmed, QUICK), filmed) < 35.0
 
 
 def test_bones_without_sensors_are_seen_by_the_camera() -> None:
     bare = with_streams(scene(), dict.fromkeys(("left_forearm", "right_forearm", "left_shank")))
-    found, alone = smooth_scene(bare, QUICK), smooth(bare.wearers[0], TRACKER)
+    found, alone = smooth(bare, QUICK), smooth(bare.wearers[0], TRACKER).only_wearer
     assert mpjpe(found, bare) < 45.0
     assert mpjpe(found, bare) < 0.8 * mpjpe(Estimate("alone", "IT", (alone,)), bare)
 
@@ -118,7 +118,7 @@ def test_bones_without_sensors_are_seen_by_the_camera() -> None:
 def test_a_hand_held_camera_without_an_imu() -> None:
     filmed = scene("hand-held")
     filmed = replace(filmed, camera=replace(camera_of(filmed), mount=None))
-    estimate = smooth_scene(filmed, QUICK)
+    estimate = smooth(filmed, QUICK)
     evaluation = evaluate_scene(estimate, filmed)
     assert estimate.camera is not None
     assert estimate.camera.calibration is None
@@ -131,7 +131,7 @@ def test_a_known_camera_is_believed_and_puts_the_wearer_where_they_were(camera: 
     filmed = scene(camera)
     assert filmed.truth is not None
     filmed = replace(filmed, camera=replace(camera_of(filmed), known_path=filmed.truth.camera))
-    estimate = smooth_scene(filmed, QUICK)
+    estimate = smooth(filmed, QUICK)
     assert estimate.camera is not None
     assert filmed.truth is not None
     time = estimate.camera.path.time
@@ -146,7 +146,7 @@ def test_a_known_camera_is_believed_and_puts_the_wearer_where_they_were(camera: 
 
 
 def test_without_a_camera_nobody_knows_who_stands_where() -> None:
-    estimate = smooth_scene(replace(pair(), camera=None, truth=None), HASTY)
+    estimate = smooth(replace(pair(), camera=None, truth=None), HASTY)
     assert estimate.method == "SIP"
     assert estimate.camera is None
     assert len(estimate.wearers) == 2
@@ -158,7 +158,7 @@ def test_the_videos_clock_is_found_with_its_drift() -> None:
     filmed = filmed_gestures(seconds=5.0)
     filmed = with_detections(filmed, lambda seen: replace(seen, time=(seen.time - clock.offset) / (1 + clock.drift)))
     loose = replace(QUICK.camera, clock=VideoClockSettings(offset_sigma=0.1, drift_sigma=0.05))
-    estimate = smooth_scene(filmed, replace(QUICK, camera=loose))
+    estimate = smooth(filmed, replace(QUICK, camera=loose))
     found = estimate.camera
     assert found is not None
     assert found.clock_sigma is not None
@@ -179,7 +179,7 @@ def test_how_its_sensor_sits_on_the_camera_is_found() -> None:
         mount.imu, R_inertial_sensor=mount.imu.R_inertial_sensor @ R, specific_force=mount.imu.specific_force @ R
     )
     unknown = CameraMount(imu, mounting_sigma=UNKNOWN_MOUNTING_SIGMA)
-    estimate = smooth_scene(replace(filmed, camera=replace(camera_of(filmed), mount=unknown)), QUICK)
+    estimate = smooth(replace(filmed, camera=replace(camera_of(filmed), mount=unknown)), QUICK)
     assert estimate.camera is not None
     found = estimate.camera.calibration
     assert found is not None
@@ -196,7 +196,7 @@ def assert_positive_definite(covariance: np.ndarray) -> None:
 
 @pytest.mark.parametrize("camera", ["fixed", "hand-held"])
 def test_covariance_of_poses_and_camera(camera: CameraKind) -> None:
-    estimate = solved() if camera == "fixed" else smooth_scene(scene(camera), WITH_COVARIANCE)
+    estimate = solved() if camera == "fixed" else smooth(scene(camera), WITH_COVARIANCE)
     wearer, filmed = estimate.wearers[0], estimate.camera
     assert wearer.covariance is not None
     assert filmed is not None
@@ -210,7 +210,7 @@ def test_covariance_of_poses_and_camera(camera: CameraKind) -> None:
 
 
 def test_covariance_is_on_request() -> None:
-    estimate = smooth_scene(scene(), HASTY)
+    estimate = smooth(scene(), HASTY)
     assert estimate.wearers[0].covariance is None
     assert estimate.camera is not None
     assert estimate.camera.covariance is None
@@ -223,7 +223,7 @@ def test_a_heading_that_nothing_shows_is_less_sure() -> None:
     confidence = found.confidence.copy()
     confidence[:, hidden] = 0.0
     blind = replace(scene(), camera=replace(camera_of(scene()), detections=replace(found, confidence=confidence)))
-    shown, unseen = solved().wearers[0].calibration, smooth_scene(blind, QUICK).wearers[0].calibration
+    shown, unseen = solved().wearers[0].calibration, smooth(blind, QUICK).wearers[0].calibration
     for name in ("left_forearm", "right_forearm", "left_upper_arm", "right_upper_arm"):
         assert unseen[name].heading_sigma > 1.1 * shown[name].heading_sigma
     for name in ("left_shank", "right_shank"):
@@ -234,13 +234,13 @@ def test_where_the_inertial_frames_point_does_not_matter() -> None:
     """All of them turned about the vertical: another magnetic north, and the same motion."""
     wearer = scene().wearers[0]
     elsewhere = with_streams(scene(), {name: turned(stream, 2.0) for name, stream in wearer.imus.items()})
-    estimate = smooth_scene(elsewhere, QUICK)
+    estimate = smooth(elsewhere, QUICK)
     assert mpjpe(estimate, scene()) == pytest.approx(mpjpe(solved(), scene()), abs=0.1)  # mm
 
 
 def test_the_frame_rate_is_nobodys_evidence() -> None:
     errors = [
-        [evaluate_scene(smooth_scene(scene(), Settings(frame_rate=rate)), scene())[name] for name in ("mpjpe", "mpjae")]
+        [evaluate_scene(smooth(scene(), Settings(frame_rate=rate)), scene())[name] for name in ("mpjpe", "mpjae")]
         for rate in (20.0, 30.0, 60.0)
     ]
     assert np.all(np.ptp(errors, axis=0) < (0.7, 0.4)), errors

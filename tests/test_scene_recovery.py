@@ -11,7 +11,7 @@ from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.evaluate.metrics import common_frames, mpjpe
 from vip_factors.geometry.rotations import Array, angle_between, transpose
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Placement, SensorSite
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CalibrationSettings, Settings
@@ -50,7 +50,7 @@ def filmed(camera: str, bones: tuple[str, ...], mounting_error_deg: float) -> Sc
 def solved(scene: Scene, free_mountings: bool) -> Estimate:
     calibration = CalibrationSettings(estimate_mountings=free_mountings)
     settings = Settings(calibration_rate=30.0, calibration=calibration, factors=EXACT, camera=EXACT_CAMERA)
-    return smooth_scene(scene, replace(settings, fusion=replace(settings.fusion, relative_decrease=1e-6)))
+    return smooth(scene, replace(settings, fusion=replace(settings.fusion, relative_decrease=1e-6)))
 
 
 def camera_seen_from_the_pelvis(estimate: Estimate, scene: Scene) -> tuple[Array, Array]:

@@ -138,9 +138,9 @@ def smooth(
         InputError, RecordingError: for a recording that cannot be used.
         SolveError: if the problem is not determined.
     """
-    from vip_factors.pipeline import smooth_scene
+    from vip_factors import pipeline
 
-    return smooth_scene(_scene(recording), settings or Settings(), progress)
+    return pipeline.smooth(recording, settings or Settings(), progress)
 
 
 def evaluate(estimate: WearerEstimate | Estimate, truth: Recording | Scene) -> SceneEvaluation:

@@ -9,8 +9,8 @@ import pytest
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_recording import read_recording, write_recording
-from vip_factors.io.mcap_sampled import SampledFile, open_sampled
-from vip_factors.sensors.sampled import RecordingInMemory
+from vip_factors.io.mcap_source import WearerFile, open_source
+from vip_factors.sensors.sources import RecordingInMemory
 
 WINDOWS = [
     "--frame-rate", "20", "--solve.max-iterations", "3", "--windows.above-s", "2", "--windows.window-s", "2",
@@ -47,16 +47,16 @@ def test_an_interrupt_in_the_second_window_leaves_nothing(
     run, files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = list[float]()
-    between = SampledFile.between
+    between = WearerFile.between
 
-    def interrupted(self: SampledFile, start: float, end: float) -> object:
+    def interrupted(self: WearerFile, start: float = -np.inf, end: float = np.inf) -> object:
         asked.append(start)
         if len(asked) == 7:  # two stretches and the middle for the sensors, the stretches, two windows
             assert len(list(tmp_path.iterdir())) == 1  # under its temporary name
             raise KeyboardInterrupt
         return between(self, start, end)
 
-    monkeypatch.setattr(SampledFile, "between", interrupted)
+    monkeypatch.setattr(WearerFile, "between", interrupted)
     told = run("smooth", files.recording, "--out", tmp_path / "e.mcap", *WINDOWS)
     assert told.code == 130
     assert len(asked) == 7
@@ -64,15 +64,15 @@ def test_an_interrupt_in_the_second_window_leaves_nothing(
 
 
 def test_a_file_read_by_time_gives_the_same_samples(files) -> None:
-    recording, scene = read_recording(files.recording), open_sampled(files.recording)
-    assert scene is not None
-    assert not scene.has_camera
-    (sampled,) = scene.wearers
+    recording, source = read_recording(files.recording), open_source([files.recording], 1.0)
+    assert source.head.camera is None
+    (sampled,) = source.wearers
+    assert isinstance(sampled, WearerFile)
     memory = RecordingInMemory(recording)
     assert sampled.sensors == memory.sensors
     assert sampled.interval == memory.interval
     assert sampled.head.placement.name == recording.placement.name
-    for start, end in ((-1.0, 0.5), (1.013, 2.4), (4.0, 99.0)):
+    for start, end in ((-1.0, 0.5), (1.013, 2.4), (4.0, 99.0), (-np.inf, np.inf)):
         own, expected = sampled.between(start, end), memory.between(start, end)
         assert own.keys() == expected.keys()
         for name, stream in own.items():

@@ -23,7 +23,7 @@ from vip_factors.evaluate.metrics import mpjpe
 from vip_factors.geometry.poses import align_yaw
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.live.tracker import FixedLagTracker
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.live import ImuSample, LiveSample, LiveSetup, VideoFrame, live_samples
 from vip_factors.settings import Settings
@@ -61,7 +61,7 @@ def test_the_wearer_is_seen_by_the_camera() -> None:
 
 
 def test_smoothed_poses_are_near_the_batch() -> None:
-    batch = smooth_scene(filmed(), Settings(frame_rate=RATE)).wearers[0].motion
+    batch = smooth(filmed(), Settings(frame_rate=RATE)).wearers[0].motion
     ours = tracked().motion("smoothed")
     first = round((ours.start - batch.start) * RATE)
     late = round(2.0 * RATE)

@@ -9,8 +9,8 @@ from vip_factors.errors import InputError, RecordingError
 from vip_factors.sensors.calibration import Placement, preset
 from vip_factors.sensors.parts import in_parts, joined_in_memory, scene_in_parts
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.sampled import RecordingInMemory
 from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.sources import RecordingInMemory
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 

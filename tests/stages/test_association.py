@@ -12,11 +12,12 @@ from vip_factors.associate.associate import Association
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import exp
 from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.stages import association as stage
 from vip_factors.stages.inertial import Tracked, inertial_trackers
 from vip_factors.stages.reporting import what_told
 from vip_factors.stages.solver import Solver
-from vip_factors.stages.windows import scene_frames
+from vip_factors.stages.windows import scene_plan
 
 SOLVER = Solver(QUICK.solve, lambda stage, fraction: None)
 
@@ -27,8 +28,8 @@ def scene() -> Scene:
 
 
 def track(scene: Scene) -> tuple[Tracked, ...]:
-    frames = scene_frames(scene, QUICK.frame_rate, QUICK.coarse_factor)
-    return inertial_trackers(scene, frames.coarse, QUICK, SOLVER)
+    time = scene_plan(SceneInMemory(scene), QUICK).all_coarse_time
+    return inertial_trackers(scene, time, QUICK, SOLVER)
 
 
 @cache

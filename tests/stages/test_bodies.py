@@ -14,7 +14,7 @@ from vip_factors.body.skeleton import Skeleton
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.live.settings import LiveSettings
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample
 from vip_factors.sensors.recording import Subject
@@ -50,11 +50,11 @@ def limbs(skeleton: Skeleton) -> np.ndarray:
 
 def test_limbs_come_near_to_what_they_are() -> None:
     scene, body = filmed()
-    estimate = smooth_scene(scene, QUICK)
+    estimate = smooth(scene, QUICK)
     usual, found = skeleton_from_stature(STATURE), estimate.wearers[0].motion.skeleton
     before, after = (np.abs(limbs(one) - limbs(body)).mean() for one in (usual, found))
     assert after < 0.75 * before
-    held = smooth_scene(scene, replace(QUICK, calibration=replace(QUICK.calibration, estimate_body=False)))
+    held = smooth(scene, replace(QUICK, calibration=replace(QUICK.calibration, estimate_body=False)))
     np.testing.assert_array_equal(held.wearers[0].motion.skeleton.p_parent_joint, usual.p_parent_joint)
     assert held.wearers[0].body is not None
     assert held.wearers[0].body.names == ()  # of the body only hinges were looked for
@@ -100,7 +100,7 @@ def what_was_found_is_where_the_next_recording_starts(scene: Scene, estimate: We
     assert estimate.body is not None
     skeleton, prior = estimate.motion.skeleton, LengthPrior(LENGTHS, estimate.body.covariance)
     subject = Subject("anna", STATURE, skeleton=skeleton, length_prior=prior, hinges=estimate.body.hinges)
-    again = smooth_scene(replace(scene, wearers=(replace(scene.wearers[0], subject=subject),)), QUICK).wearers[0]
+    again = smooth(replace(scene, wearers=(replace(scene.wearers[0], subject=subject),)), QUICK).wearers[0]
     assert again.body is not None
     np.testing.assert_allclose(again.body.prior, estimate.body.found, atol=1e-9)
     for before, prior_hinge, after in zip(
@@ -116,7 +116,7 @@ def what_was_found_is_where_the_next_recording_starts(scene: Scene, estimate: We
 def test_a_body_that_is_given_stays_as_it_is() -> None:
     scene, body = filmed()
     wearers = tuple(replace(one, subject=Subject("anna", STATURE, skeleton=body)) for one in scene.wearers)
-    estimate = smooth_scene(replace(scene, wearers=wearers), QUICK).wearers[0]
+    estimate = smooth(replace(scene, wearers=wearers), QUICK).wearers[0]
     np.testing.assert_array_equal(estimate.motion.skeleton.p_parent_joint, body.p_parent_joint)
     assert estimate.body is not None
     assert estimate.body.names == ()

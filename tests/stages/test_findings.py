@@ -11,7 +11,7 @@ from vip_factors.associate.associate import Association
 from vip_factors.associate.hypothesis import hypotheses, wearer_points
 from vip_factors.estimate import CameraEstimate, Estimate
 from vip_factors.initialise.camera import Sightings, leaps
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.settings import CameraKind
 from vip_factors.stages.association import AssociatedCamera
@@ -43,32 +43,32 @@ def assert_imus_alone(estimate: Estimate) -> None:
 
 @pytest.mark.parametrize("camera", ["fixed", "hand-held"])
 def test_nothing_is_odd_about_a_good_scene(camera: CameraKind) -> None:
-    assert smooth_scene(good(camera), QUICK).findings == ()
+    assert smooth(good(camera), QUICK).findings == ()
 
 
 @pytest.mark.parametrize("factor", [2 / 3, 2.0])
 def test_another_resolution_than_the_calibrations(factor: float) -> None:
     scene = with_detections(good(), lambda found: replace(found, pixels=found.pixels * factor))
-    told = sentence(smooth_scene(scene, HASTY), "resolution")
+    told = sentence(smooth(scene, HASTY), "resolution")
     assert "1920 by 1080 pixels" in told
 
 
 def test_the_wrong_order_of_keypoints_is_named() -> None:
     scene = with_detections(good(), lambda found: replace(found, pixels=found.pixels[:, found.keypoints.mirrored]))
-    told = sentence(smooth_scene(scene, HASTY), "another order")
+    told = sentence(smooth(scene, HASTY), "another order")
     assert "openpose18 with left and right exchanged" in told
     assert "name the right keypoint set" in told
 
 
 def test_an_order_of_no_known_set_is_suspected() -> None:
     scene = with_detections(good(), lambda found: replace(found, pixels=np.roll(found.pixels, 1, axis=1)))
-    estimate = smooth_scene(scene, HASTY)
+    estimate = smooth(scene, HASTY)
     sentence(estimate, "'anna'", "keypoints' order")
     assert_imus_alone(estimate)
 
 
 def test_nobody_is_ever_visible() -> None:
-    estimate = smooth_scene(with_detections(good(), lambda found: found.select(np.zeros(len(found), bool))), HASTY)
+    estimate = smooth(with_detections(good(), lambda found: found.select(np.zeros(len(found), bool))), HASTY)
     sentence(estimate, "nobody is visible", "check the detections")
     assert_imus_alone(estimate)
 
@@ -78,14 +78,14 @@ def test_everybody_visible_wears_no_imus() -> None:
     assert two.truth is not None
     strangers = camera_of(two).detections.select(two.truth.wearer == 1)
     scene = Scene("strangers", two.wearers[:1], replace(camera_of(two), detections=strangers))
-    estimate = smooth_scene(scene, HASTY)
+    estimate = smooth(scene, HASTY)
     sentence(estimate, "'anna'", "none moves as the sensors", "not in the picture")
     assert_imus_alone(estimate)
 
 
 @pytest.mark.slow
 def test_two_wearers_with_the_same_motion() -> None:
-    estimate = smooth_scene(filmed_gestures(people=("anna", "bob"), in_step=True), HASTY)
+    estimate = smooth(filmed_gestures(people=("anna", "bob"), in_step=True), HASTY)
     sentence(estimate, "'anna' and 'bob'", "cannot be told apart")
 
 
@@ -95,26 +95,26 @@ def test_a_camera_that_jumps(imu: bool) -> None:
     scene = with_detections(scene, lambda found: spliced(found, camera_of(other).detections))
     if not imu:
         scene = replace(scene, camera=replace(camera_of(scene), mount=None))
-    told = sentence(smooth_scene(scene, HASTY), "leaps", "a cut in the video", "Cut the recording")
+    told = sentence(smooth(scene, HASTY), "leaps", "a cut in the video", "Cut the recording")
     assert 1.8 < float(told.split(" at ")[1].split()[0]) < 2.2
 
 
 @pytest.mark.parametrize("camera", ["fixed", "hand-held"])
 def test_a_change_of_zoom(camera: CameraKind) -> None:
     scene = with_detections(good(camera), lambda found: enlarged(found, 1.6, (960, 540)))
-    sentence(smooth_scene(scene, HASTY), "leaps", "a change of zoom", "Cut the recording")
+    sentence(smooth(scene, HASTY), "leaps", "a change of zoom", "Cut the recording")
 
 
 def test_clocks_that_are_apart() -> None:
     scene = replace(good(), camera=replace(camera_of(good()), time_offset=0.3))
-    estimate = smooth_scene(scene, QUICK)
+    estimate = smooth(scene, QUICK)
     sentence(estimate, "the video's clock is -", "off what the scene says", "vip-factors sync")
     assert camera_found(estimate).time_offset == pytest.approx(0.0, abs=0.1)
 
 
 def test_a_scene_that_was_not_filmed_while_the_sensors_ran() -> None:
     scene = replace(good(), camera=replace(camera_of(good()), time_offset=60.0))
-    estimate = smooth_scene(scene, HASTY)
+    estimate = smooth(scene, HASTY)
     sentence(estimate, "do not overlap in time", "time offset")
     assert_imus_alone(estimate)
 

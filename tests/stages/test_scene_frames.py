@@ -9,11 +9,12 @@ import pytest
 from vip_factors.errors import RecordingError
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.settings import SceneSettings
-from vip_factors.stages.windows import WindowPlan, scene_frames
+from vip_factors.stages.windows import WindowPlan, scene_plan
 
 
 @pytest.fixture(scope="module")
@@ -24,24 +25,27 @@ def scene() -> Scene:
 
 @pytest.mark.parametrize(("wanted", "given"), [(60.0, 60.0), (50.0, 60.0), (15.0, 15.0), (20.0, 15.0)])
 def test_a_whole_number_of_frames_goes_to_each_video_frame(scene: Scene, wanted: float, given: float) -> None:
-    frames = scene_frames(scene, wanted, 1)
-    np.testing.assert_allclose(np.diff(frames.fine), 1 / given)
+    plan = scene_plan(SceneInMemory(scene), replace(Settings(), frame_rate=wanted, calibration_rate=wanted))
+    assert plan.rate == pytest.approx(given)
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.0123, -0.4])
 def test_coarse_frames_meet_video_frames(scene: Scene, offset: float) -> None:
     assert scene.camera is not None
     shifted = replace(scene, camera=replace(scene.camera, time_offset=offset))
-    frames = scene_frames(shifted, 60.0, 4)
+    coarse = scene_plan(SceneInMemory(shifted), Settings()).all_coarse_time
     video = scene.camera.detections.time + offset
-    nearest = np.abs(frames.coarse[:, None] - video).min(axis=1)
-    inside = (frames.coarse >= video[0]) & (frames.coarse <= video[-1])
+    nearest = np.abs(coarse[:, None] - video).min(axis=1)
+    inside = (coarse >= video[0]) & (coarse <= video[-1])
     assert nearest[inside].max() < 1e-6
 
 
 @pytest.mark.parametrize(
     "frames_of",
-    [lambda scene: scene_frames(scene, 60.0, 4), lambda scene: WindowPlan.of(scene.wearers[0].interval, Settings())],
+    [
+        lambda scene: scene_plan(SceneInMemory(scene), Settings()),
+        lambda scene: WindowPlan.of("walk", scene.wearers[0].interval, Settings()),
+    ],
 )
 def test_a_sample_years_later_is_refused(scene: Scene, frames_of: Callable[[Scene], object]) -> None:
     wearer = scene.wearers[0]
@@ -58,4 +62,4 @@ def test_wearers_without_common_time_are_refused(scene: Scene) -> None:
     late = {name: replace(stream, time=stream.time + 60.0) for name, stream in wearer.imus.items()}
     other = replace(wearer, imus=late, subject=replace(wearer.subject, name="bob"))
     with pytest.raises(RecordingError, match="all wearers together"):
-        scene_frames(replace(scene, wearers=(wearer, other)), 60.0, 4)
+        scene_plan(SceneInMemory(replace(scene, wearers=(wearer, other))), Settings())

@@ -18,18 +18,16 @@ from vip_factors.geometry.rotations import angle_between, rotation_z
 from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_recording import write_scene
-from vip_factors.pipeline import smooth_scene
-from vip_factors.problem.scene import SceneProblem
+from vip_factors.pipeline import smooth
+from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.long_scene import LongScene
 from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.sources import SceneSource
 from vip_factors.settings import CalibrationSettings, FusionSettings, Settings, WindowSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
-from vip_factors.stages.scene_calibration import Headings
-from vip_factors.stages.scene_window_join import chunks_of, moved
-from vip_factors.stages.scene_window_solve import SceneWindow
-from vip_factors.stages.scene_windowed import GatheredFindings, smooth_scene_windows
+from vip_factors.stages.scene_windowed import GatheredFindings, smooth_filmed
 from vip_factors.stages.solver import Progress
+from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
 
 HASTY = replace(
     QUICK,
@@ -53,9 +51,9 @@ def test_windows_are_as_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same frames, wearers and detections, and a motion that is as near to the truth."""
     scene = at_10_hz(filmed_gestures("fixed", seconds=4.5))
     settings = replace(HASTY, covariance=True, windows=replace(HASTY.windows, calibration_stretch_s=9.0))
-    whole = smooth_scene(scene, replace(settings, windows=replace(HASTY.windows, use=False)))
-    monkeypatch.setattr(pipeline, "smooth_scene_windows", lightly)
-    estimate = smooth_scene(scene, settings)
+    whole = smooth(scene, replace(settings, windows=replace(HASTY.windows, use=False)))
+    monkeypatch.setattr(pipeline, "smooth_filmed", lightly)
+    estimate = smooth(scene, settings)
     assert [one.stage for one in estimate.reports if one.stage.startswith("video")] == [
         "video-inertial fusion", *(f"video-inertial fusion, window {number}" for number in (1, 2, 3))
     ]  # fmt: skip
@@ -110,19 +108,22 @@ def at_10_hz(scene: Scene) -> Scene:
     return replace(scene, camera=replace(camera, detections=detections), truth=truth)
 
 
-def lightly(source: LongScene, settings: Settings, progress: Progress) -> EstimateChunks | None:
+def lightly(
+    source: SceneSource, settings: Settings, progress: Progress, extra: ExtraTerms | None
+) -> EstimateChunks | tuple[str, ...]:
     """Windows, of which no more is in memory while chunks are made than a few solutions, and no problem."""
 
     def watched(chunks: Iterator[Estimate]) -> Iterator[Estimate]:
         others = Counter(type(one) for one in gc.get_objects())
         for chunk in chunks:
             kinds = Counter(type(one) for one in gc.get_objects())
-            assert kinds[SceneWindow] <= others[SceneWindow] + 4
+            assert kinds[SolvedWindow] <= others[SolvedWindow] + 4
             assert kinds[SceneProblem] <= others[SceneProblem] + 2
             yield chunk
 
-    estimate = smooth_scene_windows(source, settings, progress)
-    return None if estimate is None else replace(estimate, chunks=watched(estimate.chunks))
+    estimate = smooth_filmed(source, settings, progress, extra)
+    assert isinstance(estimate, EstimateChunks)
+    return replace(estimate, chunks=watched(estimate.chunks))
 
 
 def root_relative(estimate: Estimate, scene: Scene) -> np.ndarray:
@@ -150,7 +151,7 @@ def test_worlds_are_joined_exactly() -> None:
     truth = estimate_of(scene_sample(seconds=2.0))
     motions, path = [one.motion for one in truth.wearers], truth.camera.path.at(truth.wearers[0].motion.time)
     T = len(motions[0])
-    windows = list[SceneWindow]()
+    windows = list[SolvedWindow]()
     for number, span in enumerate((slice(0, 60), slice(40, 100), slice(80, T))):
         yaw, shift = 0.7 * number, np.array([3.0 * number, -number, 0.0])
         window = window_of(truth, span, path, yaw, shift)
@@ -172,7 +173,7 @@ def test_worlds_are_joined_exactly() -> None:
     assert np.all(np.diff(root) >= -1e-12)  # as unsure as the windows before were
 
 
-def window_of(truth: Estimate, span: slice, path: CameraPath, yaw: float, shift: np.ndarray) -> SceneWindow:
+def window_of(truth: Estimate, span: slice, path: CameraPath, yaw: float, shift: np.ndarray) -> SolvedWindow:
     turn, wearers, T = rotation_z(yaw), [], span.stop - span.start
     for one in truth.wearers:
         motion = one.motion.frames(span)
@@ -185,7 +186,7 @@ def window_of(truth: Estimate, span: slice, path: CameraPath, yaw: float, shift:
     own = CameraPath(path.time[span], turn @ path.R_world_camera[span], path.p_world_camera[span] @ turn.T + shift)
     camera = CameraEstimate("phone", truth.camera.model, own, None, None, np.zeros((T, 2)))
     headings = tuple(Headings(own.time[[0, -1]], np.zeros((2, 1))) for _ in wearers)
-    return SceneWindow(span, tuple(wearers), camera, headings, own.time, np.arange(span.start, span.stop) % 3 - 1)
+    return SolvedWindow(span, tuple(wearers), camera, headings, own.time, np.arange(span.start, span.stop) % 3 - 1)
 
 
 def test_findings_are_told_once() -> None:

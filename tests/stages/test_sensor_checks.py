@@ -12,13 +12,13 @@ from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.sampled import RecordingInMemory
+from vip_factors.sensors.sources import RecordingInMemory
 from vip_factors.settings import Settings, WindowSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.stages.inertial_windows import with_sensors_checked
 from vip_factors.stages.sensor_checks import checked
-from vip_factors.stages.window_solve import with_sensors_checked
 from vip_factors.stages.windows import WindowPlan
 
 LEG = ("pelvis", "left_thigh", "left_shank", "left_foot")

@@ -9,7 +9,7 @@ from filmed_gestures import QUICK, camera_of
 
 from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import angle_between
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.simulate.gestures import gestures
@@ -41,7 +41,7 @@ def seeing_nobody(camera: Camera) -> Camera:
 
 def test_more_known_cameras_tell_more() -> None:
     one, three = filmed(known_pose=True), filmed(cameras=3)
-    alone, together = smooth_scene(one, QUICK), smooth_scene(three, QUICK)
+    alone, together = smooth(one, QUICK), smooth(three, QUICK)
     assert global_mm(three, together) < 0.9 * global_mm(one, alone)
     assert global_mm(three, together) < 50
     assert together.findings == ()
@@ -50,7 +50,7 @@ def test_more_known_cameras_tell_more() -> None:
 
 def test_a_moving_camera_is_found_in_the_world_of_a_known_one() -> None:
     scene = filmed("hand-held", cameras=3)
-    estimate = smooth_scene(scene, QUICK)
+    estimate = smooth(scene, QUICK)
     assert global_mm(scene, estimate) < 60
     path, truth = estimate.camera.path, scene.truth.camera.at(estimate.camera.path.time)
     assert np.median(np.linalg.norm(path.p_world_camera - truth.p_world_camera, axis=1)) < 0.15
@@ -59,7 +59,7 @@ def test_a_moving_camera_is_found_in_the_world_of_a_known_one() -> None:
 
 def test_a_standing_camera_of_unknown_pose_is_found_too() -> None:
     scene = filmed(cameras=2, known_pose=False)
-    estimate = smooth_scene(scene, QUICK)
+    estimate = smooth(scene, QUICK)
     assert camera_of(scene).known_path is None
     assert global_mm(scene, estimate) < 80
     off = estimate.camera.path.p_world_camera[0] - scene.truth.camera.p_world_camera[0]
@@ -69,7 +69,7 @@ def test_a_standing_camera_of_unknown_pose_is_found_too() -> None:
 def test_a_first_camera_that_shows_nobody_is_left_out() -> None:
     scene = filmed("hand-held", cameras=2)
     blind = replace(scene, camera=seeing_nobody(camera_of(scene)), truth=None)
-    estimate = smooth_scene(blind, QUICK)
+    estimate = smooth(blind, QUICK)
     assert estimate.camera is None
     assert any("'camera' is left out" in one for one in estimate.findings)
     assert global_mm(scene, estimate) < 80
@@ -79,7 +79,7 @@ def test_a_first_camera_that_shows_nobody_is_left_out() -> None:
 def test_known_cameras_that_show_nobody_do_no_harm() -> None:
     scene = filmed("hand-held", cameras=2)
     blind = replace(scene, further_cameras=tuple(map(seeing_nobody, scene.further_cameras)), truth=None)
-    estimate = smooth_scene(blind, QUICK)
-    plain = smooth_scene(replace(scene, further_cameras=(), truth=None), QUICK)
+    estimate = smooth(blind, QUICK)
+    plain = smooth(replace(scene, further_cameras=(), truth=None), QUICK)
     np.testing.assert_array_equal(estimate.wearers[0].motion.p_world_pelvis, plain.wearers[0].motion.p_world_pelvis)
     assert any("'camera_2' is left out" in one for one in estimate.findings)

@@ -14,7 +14,7 @@ from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.skeleton import JOINT_COUNT, joint_index
 from vip_factors.estimate import BodyEstimate
 from vip_factors.geometry.rotations import Array, exp, rotation_x
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Calibration, SensorCalibration, preset
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.sensors.scene import Scene
@@ -40,7 +40,7 @@ def of_stature(scene: Scene, stature_m: float) -> Scene:
 
 @pytest.mark.parametrize(("stature_m", "told"), [(1.60, "larger than one of 1.60 m"), (1.75, None)])
 def test_a_wrong_stature(stature_m: float, told: str | None) -> None:
-    findings = smooth_scene(of_stature(before_two_known_cameras(), stature_m), QUICK).findings
+    findings = smooth(of_stature(before_two_known_cameras(), stature_m), QUICK).findings
     of_bodies = [one for one in findings if "stature and pictures disagree" in one]
     assert bool(of_bodies) == (told is not None), findings
     assert told is None or told in of_bodies[0]
@@ -50,7 +50,7 @@ def test_somebody_who_is_seen_for_a_moment() -> None:
     scene = with_detections(
         filmed_gestures(azimuth_deg=20.0), lambda found: found.select(found.time[found.frame] < 1.5)
     )
-    (told,) = smooth_scene(scene, HASTY).findings
+    (told,) = smooth(scene, HASTY).findings
     assert re.search(r"'anna' is seen for 1\.[45] s only", told)
 
 
@@ -65,8 +65,8 @@ def test_few_keypoints_are_enough_for_the_whole_pipeline() -> None:
 
         return with_detections(filmed_gestures(azimuth_deg=20.0), dropped)
 
-    assert smooth_scene(few(("shoulder", "hip", "knee", "ankle")), HASTY).method == "VIP"
-    refused = smooth_scene(few(("shoulder", "hip")), HASTY)
+    assert smooth(few(("shoulder", "hip", "knee", "ankle")), HASTY).method == "VIP"
+    refused = smooth(few(("shoulder", "hip")), HASTY)
     assert refused.method == "SIP"
     assert "add knee and ankle" in refused.findings[0]
     assert not any("clock" in one for one in refused.findings)

@@ -3,8 +3,8 @@
 import gc
 import itertools
 import tracemalloc
+from collections.abc import Iterator
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,17 +20,16 @@ from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import in_stretches, resample, resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.sampled import RecordingInMemory, closed_up, frames_of
+from vip_factors.sensors.sources import RecordingInMemory, frames_of, without_gaps
 from vip_factors.settings import CalibrationSettings, Settings, WindowSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.staging import with_initial_pose
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.decode import motion_of
+from vip_factors.stages.inertial_windows import calibrate, smooth_wearer, solve_windows
 from vip_factors.stages.solver import Solver
-from vip_factors.stages.window_join import joined
-from vip_factors.stages.window_solve import SolvedWindow, calibrate, solve_windows
-from vip_factors.stages.windowed import smooth_windows
+from vip_factors.stages.window_join import SolvedWindow, chunks_of, moved
 from vip_factors.stages.windows import WindowPlan
 
 QUICK = Settings(
@@ -58,17 +57,14 @@ def tell(stage: str, fraction: float) -> None:
 def test_windows_agree_with_one_window_of_all(recording: Recording) -> None:
     """To 0.1 mm and 0.01°, as sure to a thousandth, of converged solves about one calibration; 3 s settle a window."""
     settings, source = replace(QUICK, covariance=True), RecordingInMemory(recording)
-    plan = WindowPlan.of(source.interval, settings)
+    plan = WindowPlan.of("e", source.interval, settings)
     found = calibrate(source, plan, settings, Solver(settings.solve, tell))
     solved = []
     for one in (settings, in_windows(settings, 10.0, 5.0)):
-        windows = list(
-            solve_windows(
-                found, source, WindowPlan.of(source.interval, one), one, lambda number: Solver(settings.solve, tell)
-            )
-        )
-        head = empty(motion_of(found.model, found.state).frames(slice(0, 0)))
-        solved.append(together(head, list(joined(iter(windows), found.model, head))))
+        own = WindowPlan.of("e", source.interval, one)
+        windows = solve_windows(found, source, own, one, Solver(settings.solve, tell))
+        head = motion_of(found.model, found.state).frames(slice(0, 0))
+        solved.append(together(empty(replace(head, rate=own.rate, start=own.start)), windows))
     whole, estimate = solved
     assert len(estimate.motion) == len(whole.motion) == plan.frames
     off = np.rad2deg(angle_between(estimate.motion.R_parent_child, whole.motion.R_parent_child))
@@ -95,21 +91,19 @@ def test_what_is_joined_is_where_it_was_and_as_sure() -> None:
         exp(R), np.cumsum(random.standard_normal((T, 3)), axis=0), np.zeros(1), np.eye(3)[None], R[0, 1:]
     )
     walked, height = np.diag([1.0, 2.0, 0.0]), np.diag([0.0, 0.0, 3.0])
-    windows = []
+    windows = list[SolvedWindow]()
     for number, span in enumerate((slice(0, 30), slice(20, 50), slice(38, 60))):
         state = truth.window(span)
         state = replace(state, p_world_pelvis=state.p_world_pelvis + number * np.array([5.0, -3.0, 0.0]))
         own = np.arange(span.stop - span.start)[:, None, None]
         covariance = PoseCovariance(np.ones((len(own), 24, 3, 3)), own * walked + height)
         residuals = {"orientation_deg": np.arange(span.start, span.stop, dtype=float)[:, None]}
-        windows.append(SolvedWindow(span, state, covariance, residuals))
+        motion = Motion(skeleton, state.R_parent_child, state.p_world_pelvis, 10.0, 2.0 + span.start / 10)
+        one = SolvedWindow(span, (WearerEstimate("e", "SIP", motion, {}, covariance, residuals),))
+        windows.append(moved(one, windows[-1], True) if windows else one)
     motion = Motion(skeleton, np.zeros((0, 24, 3, 3)), np.zeros((0, 3)), 10.0, start=2.0)
     head = WearerEstimate("e", "SIP", motion, {}, residuals={"orientation_deg": np.zeros(0)})
-    model = SimpleNamespace(has_floor=True)
-    chunks = list(joined(iter(windows), model, head))  # type: ignore[arg-type]
-    first = [0, *np.cumsum([len(chunk.motion) for chunk in chunks])[:-1]]
-    assert [chunk.motion.start for chunk in chunks] == pytest.approx([2.0 + one / 10 for one in first])
-    whole = together(head, chunks)
+    whole = together(head, iter(windows))
     np.testing.assert_allclose(whole.motion.R_parent_child, truth.R_parent_child, atol=1e-12)
     np.testing.assert_allclose(whole.motion.p_world_pelvis, truth.p_world_pelvis, atol=1e-12)
     np.testing.assert_array_equal(whole.residuals["orientation_deg"][:, 0], np.arange(T))
@@ -117,9 +111,13 @@ def test_what_is_joined_is_where_it_was_and_as_sure() -> None:
     np.testing.assert_allclose(whole.covariance.root, np.arange(T)[:, None, None] * walked + height, atol=1e-9)
 
 
-def together(head: WearerEstimate, chunks: list[WearerEstimate]) -> WearerEstimate:
-    frames = sum(len(chunk.motion) for chunk in chunks)
-    return EstimateChunks(Estimate.of_one(head), (frames,), map(Estimate.of_one, chunks)).whole().only_wearer
+def together(head: WearerEstimate, windows: Iterator[SolvedWindow]) -> WearerEstimate:
+    whole = Estimate.of_one(head)
+    chunks = [chunk.only_wearer for chunk in chunks_of(windows, whole)]
+    first = [0, *np.cumsum([len(chunk.motion) for chunk in chunks])[:-1]]
+    starts = [head.motion.start + one / head.motion.rate for one in first]
+    assert [chunk.motion.start for chunk in chunks] == pytest.approx(starts)
+    return EstimateChunks(whole, (0,), map(Estimate.of_one, chunks)).whole().only_wearer
 
 
 def empty(head: Motion) -> WearerEstimate:
@@ -133,7 +131,7 @@ def peak_of(recording: Recording, settings: Settings) -> tuple[int, int]:
     gc.collect()
     tracemalloc.start()
     try:
-        chunks = smooth_windows(RecordingInMemory(recording), settings, tell).chunks
+        chunks = smooth_wearer(RecordingInMemory(recording), settings, tell).chunks
         frames = sum(len(chunk.only_wearer.motion) for chunk in chunks)
         return tracemalloc.get_traced_memory()[1], frames
     finally:
@@ -155,8 +153,8 @@ def test_memory_does_not_grow_with_the_recording() -> None:
 
 def test_the_plan_covers_every_frame() -> None:
     for seconds in (12.0, 61.3, 1000.0, 3600.7):
-        settings = in_windows(Settings(), 40.0, 6.0)
-        plan = WindowPlan.of((2.5, 2.5 + seconds), settings)
+        settings = in_windows(Settings(), 40.0, 6.0, above_s=1.0)
+        plan = WindowPlan.of("e", (2.5, 2.5 + seconds), settings)
         windows = plan.windows()
         assert windows[0].start == 0
         assert windows[-1].stop == plan.frames == int(seconds * 60 + 1e-6) + 1
@@ -175,7 +173,7 @@ def test_windows_that_cannot_be() -> None:
     with pytest.raises(InputError, match=r"windows\.above_s"):
         WindowSettings(above_s=-1.0)
     with pytest.raises(RecordingError, match="frames or more"):
-        WindowPlan.of((0.0, 0.01), Settings())
+        WindowPlan.of("e", (0.0, 0.01), Settings())
 
 
 def test_frames_of_stretches_know_where_they_leap(recording: Recording) -> None:
@@ -201,9 +199,9 @@ def test_a_silent_sensor_keeps_its_column(recording: Recording) -> None:
     np.testing.assert_array_equal(frames.specific_force_inertial[:, others], whole.specific_force_inertial[:, others])
 
 
-def test_stretches_are_closed_up(recording: Recording) -> None:
+def test_stretches_are_without_gaps(recording: Recording) -> None:
     times = [np.arange(2.0, 4.0, 0.1), np.arange(9.0, 11.0, 0.1)]
-    together = closed_up(replace(recording, imus={}), [recording.imus, recording.imus], times)
+    together = without_gaps(replace(recording, imus={}), [recording.imus, recording.imus], times)
     stream = together.imus["pelvis"]
     assert stream.time[0] == pytest.approx(2.0, abs=0.3)  # with what was lost
     assert stream.time[-1] == pytest.approx(6.0, abs=0.3)
@@ -223,7 +221,7 @@ def test_a_pause_of_all_sensors_and_headings_that_drift() -> None:
     motion = gestures(14.0)
     recording = simulate_recording(motion, preset("sip6", motion.skeleton))
     imus = {name: _without(stream, 4.0, 10.5) for name, stream in recording.imus.items()}
-    estimate = smooth_windows(RecordingInMemory(replace(recording, imus=imus)), settings, tell).whole().only_wearer
+    estimate = smooth_wearer(RecordingInMemory(replace(recording, imus=imus)), settings, tell).whole().only_wearer
     assert np.all(np.isfinite(estimate.motion.R_parent_child))
     assert np.linalg.norm(np.diff(estimate.motion.p_world_pelvis, axis=0), axis=1).max() < 0.5
     silent = np.isnan(estimate.residuals["orientation_deg"]).all(axis=1)

@@ -18,7 +18,7 @@ from vip_factors.evaluate.calibration import nees
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.geometry.rotations import Array, log, transpose, wrap_angle
 from vip_factors.io.motions import read_motion
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.layout import ROOT, Owner, OwnerId
 from vip_factors.problem.state import CameraState
@@ -180,7 +180,7 @@ def _camera_nees(
 
 def realistic_nees(scene: Scene, settings: Settings) -> dict[str, Array]:
     """Mean NEES of one scene of the suite as the pipeline reports it."""
-    evaluation = evaluate_scene(smooth_scene(scene, replace(settings, covariance=True)), scene)
+    evaluation = evaluate_scene(smooth(scene, replace(settings, covariance=True)), scene)
     found = {"headings": "nees_heading", "mountings": "nees_mounting", "camera": "nees_camera"}
     values = {what: evaluation.metrics[key].value for what, key in found.items() if key in evaluation.metrics}
     wearer = evaluation.wearers[scene.wearers[0].subject.name]

@@ -21,10 +21,11 @@ from vip_factors.errors import InputError, RecordingError, SolveError
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.evaluate.scene_metrics import AssociationScore, association_score
 from vip_factors.io.motions import read_motion
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.settings import CameraKind, SceneSettings
@@ -33,7 +34,7 @@ from vip_factors.stages.association import gravity_in_camera
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.inertial import inertial_tracker
 from vip_factors.stages.solver import Solver
-from vip_factors.stages.windows import scene_frames
+from vip_factors.stages.windows import scene_plan
 
 DRAWS = 10  # of people: clips have single faults that no sensor could measure
 MOTION_HZ = 60.0
@@ -159,7 +160,7 @@ class WhoIsWho(Crowd):
             yield first_association(scene, self.settings, seed, self.camera)
             if self.whole:
                 begin = perf_counter()
-                labels = smooth_scene(scene, self.settings).wearer_of_detection
+                labels = smooth(scene, self.settings).wearer_of_detection
                 yield _labelled(scene, labels, "fusion", seed, self.camera, NAN, perf_counter() - begin)
 
     def tables(self, rows: Sequence[AssociationTrial]) -> Iterator[str]:
@@ -183,7 +184,7 @@ def first_association(scene: Scene, settings: Settings, seed: int = 0, camera: s
         raise InputError(f"scene '{scene.name}' lacks a camera or its truth: expected a simulated one")
     begin = perf_counter()
     solver = Solver(settings.solve, lambda stage, fraction: None)
-    time = scene_frames(scene, settings.frame_rate, settings.coarse_factor).coarse
+    time = scene_plan(SceneInMemory(scene), settings, whole=True).all_coarse_time
     motions = []
     for wearer in scene.wearers:
         streams = resample_streams([wearer.imus[name] for name in wearer.placed], time)
@@ -272,7 +273,7 @@ def wearers_trial(scene: Scene, settings: Settings, camera: str = "", seed: int 
     """One scene, reconstructed and measured."""
     begin = perf_counter()
     try:
-        estimate = smooth_scene(scene, settings)
+        estimate = smooth(scene, settings)
     except (SolveError, RecordingError) as error:
         return WearersTrial(camera, seed, {}, {}, perf_counter() - begin, failure=str(error))
     seconds, evaluation = perf_counter() - begin, evaluate_scene(estimate, scene)

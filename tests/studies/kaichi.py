@@ -37,7 +37,7 @@ from vip_factors.evaluate.metrics import (
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array, rotation_z, transpose, yaw_of
 from vip_factors.live.settings import LiveSettings
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.camera_path import move_motion
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.settings import SceneSettings, SimulateSettings
@@ -245,7 +245,7 @@ def _theirs(scene: Scene, form: Form) -> Estimates:
     settings = named_settings(THEIRS[form])
     settings = replace(settings, calibration=replace(settings.calibration, from_truth=True))
     told = told_headings(scene, settings)
-    estimate = smooth_scene(without_camera(told) if form is Form.IMU else told, settings)
+    estimate = smooth(without_camera(told) if form is Form.IMU else told, settings)
     return {Way.THEIRS: estimate.wearers[0].motion}, estimate.findings
 
 
@@ -263,7 +263,7 @@ def _live(scene: Scene, form: Form, settings: LiveSettings) -> Estimates:
 
 
 def _batch(scene: Scene, form: Form, settings: LiveSettings) -> Estimates:
-    estimate = smooth_scene(without_camera(scene) if form is Form.IMU else scene, our_settings(form, settings))
+    estimate = smooth(without_camera(scene) if form is Form.IMU else scene, our_settings(form, settings))
     return {Way.BATCH: estimate.wearers[0].motion}, estimate.findings
 
 

@@ -18,12 +18,13 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import exp
 from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_recording import IMU, recording_messages
-from vip_factors.io.mcap_sampled import open_sampled
 from vip_factors.io.mcap_samples import sample_messages
+from vip_factors.io.mcap_source import open_source
 from vip_factors.io.mcap_writer import MessageWriter
-from vip_factors.pipeline import smooth_long
+from vip_factors.pipeline import smooth_chunks
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.settings import Settings
 from vip_factors.simulate.recording import simulate_recording
 
 CHUNK_BYTES = 1 << 20
@@ -126,9 +127,7 @@ def _played(
 def smoothed(recording: Path, estimate: Path) -> LongRun:
     """As ``vip-factors smooth`` does."""
     before, begin, cpu = peak_memory(), perf_counter(), process_time()
-    sampled = open_sampled(recording)
-    assert sampled is not None
-    chunks = smooth_long(sampled.name, sampled.wearers)
+    chunks = smooth_chunks(open_source([recording], Settings().windows.above_s))
     write_estimate(chunks, estimate)
     seconds, cpu_seconds = perf_counter() - begin, process_time() - cpu
     sizes = (path.stat().st_size for path in (recording, estimate))

@@ -29,7 +29,7 @@ from vip_factors.geometry.rotations import mean_rotation, rotation_z, transpose
 from vip_factors.io.convert import ImportOptions, import_recording
 from vip_factors.io.mcap_recording import read_scene, write_scene
 from vip_factors.io.scene_building import CameraOptions, add_camera
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
@@ -171,7 +171,7 @@ def measured(name: str, scene: Scene, settings: Settings) -> PopulationRow:
     """A scene with one wearer solved and measured."""
     begin = clock.process_time()
     try:
-        estimate = smooth_scene(scene, settings)
+        estimate = smooth(scene, settings)
         cpu_s, found = clock.process_time() - begin, evaluate_scene(estimate, scene)
     except VipFactorsError as error:
         return PopulationRow(name, dict.fromkeys(COLUMNS, float("nan")), failure=str(error))

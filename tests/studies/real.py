@@ -33,7 +33,7 @@ from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.io.convert import import_recording, recording_of_log
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.live.settings import LiveSettings
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
@@ -162,7 +162,7 @@ def _trial(one: RealRecording, folder: Path, with_live: bool, camera: CameraName
     factors = Settings().factors
     agreeing = replace(factors, agreeing_headings=replace(factors.agreeing_headings, sigma_deg=one.agree_deg))
     begin = clock.process_time()
-    estimate = smooth_scene(scene, Settings(factors=agreeing))
+    estimate = smooth(scene, Settings(factors=agreeing))
     batch_s, begin = clock.process_time() - begin, clock.process_time()
     answers = streamed(scene, LiveSettings(factors=agreeing)) if with_live else []
     live_s = clock.process_time() - begin

@@ -21,7 +21,7 @@ from vip_factors.io.mcap_recording import read_scene
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.frames import ImuFrames, resample
 from vip_factors.sensors.live import LiveSetup, live_samples
 from vip_factors.sensors.recording import Recording
@@ -99,7 +99,7 @@ def recordings_table(rows: Sequence[RecordingTrial]) -> str:
 def recording_trials(name: str, scene: Scene, with_live: bool) -> Iterator[RecordingTrial]:
     """All wearers of a scene, smoothed and, if wanted, streamed."""
     begin = clock.process_time()
-    estimate = smooth_scene(scene)
+    estimate = smooth(scene)
     batch_s, begin = clock.process_time() - begin, clock.process_time()
     answers = streamed(scene) if with_live else []
     live_s = clock.process_time() - begin

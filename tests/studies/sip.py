@@ -100,7 +100,7 @@ class Sip(ClipStudy):
         settings = replace(with_nominal_pose(self.settings), frame_rate=self.frame_rate)
         settings = replace(settings, acceleration=variant.method == "SIP", calibration=variant.calibration)
         told = calibrated_at_first_frame(recording) if variant.start == "true pose" else recording
-        estimate = smooth(told, settings)
+        estimate = smooth(told, settings).only_wearer
         moving = estimate.motion.frames(slice(int(np.ceil(SETTLED_S * estimate.motion.rate)), None))
         motion, truth, _ = common_frames(moving, true_motion(recording))
         seconds = sum(report.seconds for report in estimate.reports)

@@ -11,7 +11,7 @@ from tests.studies.study import MB, Study, Tell, table
 from tests.studies.thesis import SECONDS_1000_FRAMES_20_ITERATIONS
 from vip_factors.assembly.objective import WearerObjective
 from vip_factors.cli.options import Flag
-from vip_factors.pipeline import smooth, smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample
 from vip_factors.sensors.recording import Recording
@@ -204,7 +204,7 @@ def timed_vip(frames: int, iterations: int | None = None) -> VipTime:
     performer = Performer("wearer", motion, preset(PLACEMENTS[-1], motion.skeleton), "t-pose")
     scene = simulate_scene([performer], SceneSettings.realistic(camera="hand-held"))
     before, clock, begin = peak_memory(), StageClock(), perf_counter()
-    estimate = smooth_scene(scene, settings, clock)
+    estimate = smooth(scene, settings, clock)
     clock(AFTERWARDS, 1.0)
     solves: dict[str, list[int]] = {}
     for report in estimate.reports:
@@ -218,5 +218,5 @@ def measured_memory(frames: int, placement: str) -> PeakMemory:
     """Of the default pipeline on a simulated recording, in a process of its own."""
     settings = _limited(MEMORY_ITERATIONS)
     recording, before = _walk(frames, settings.frame_rate, placement), peak_memory()
-    estimate = smooth(recording, settings)
+    estimate = smooth(recording, settings).only_wearer
     return PeakMemory(len(estimate.motion), len(estimate.sensors), before, peak_memory())

@@ -29,7 +29,7 @@ from vip_factors.estimate import WearerEstimate
 from vip_factors.evaluate.evaluation import evaluate
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.live.settings import LiveSettings
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Calibration, preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.scene import Performer, simulate_scene
@@ -167,7 +167,7 @@ def _guarded(blank: StreamTrial, work: Callable[[], StreamTrial]) -> StreamTrial
 
 def _batch(scene: Scene, trial: StreamTrial, settings: LiveSettings) -> StreamTrial:
     begin = process_time()
-    estimate = smooth_scene(scene, settings)
+    estimate = smooth(scene, settings)
     seconds, own = process_time() - begin, estimate.wearers[0]
     measured = _with_calibration(trial, scene, own.motion, own.calibration)
     smoothed = pose_errors(own.motion, true_motion(scene.wearers[0]), SETTLED_S)

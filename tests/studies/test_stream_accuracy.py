@@ -107,7 +107,7 @@ def test_what_cannot_be_tracked_is_told_and_left_out(study: StreamAccuracy, monk
     def fail(scene: Scene, settings: LiveSettings) -> None:
         raise RecordingError("the tracker gave no answer")
 
-    for name in ("run_live", "smooth_scene"):
+    for name in ("run_live", "smooth"):
         monkeypatch.setattr(stream_accuracy, name, fail)
     rows = run(replace(study, cameras=("none",)))
     assert all(one.failure == "RecordingError: the tracker gave no answer" for one in rows)

@@ -119,7 +119,7 @@ def test_what_cannot_be_solved_is_told_and_left_out(study: Vip, monkeypatch: pyt
     def fail(scene: Scene, settings: Settings) -> None:
         raise SolveError("the linear system is not determined")
 
-    monkeypatch.setattr(vip, "smooth_scene", fail)
+    monkeypatch.setattr(vip, "smooth", fail)
     trials = run(replace(study, variants=("VIP",)))
     assert "not determined" in markdown(study, trials)
     assert np.isnan(errors_by_kind(trials)["mean"][0])

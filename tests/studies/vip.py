@@ -30,7 +30,7 @@ from vip_factors.errors import RecordingError, SolveError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.evaluate.evaluation import SceneEvaluation, evaluate_scene
 from vip_factors.evaluate.metrics import common_frames, mpjae, mpjpe
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
@@ -190,7 +190,7 @@ def _trial(
     begin = perf_counter()
     try:
         given = told(scene, variant, settings, clip.seed, found)
-        estimate = smooth_scene(given, settings)
+        estimate = smooth(given, settings)
     except (SolveError, RecordingError) as error:  # one recording that cannot be solved must not end a run of hours
         return replace(trial, failure=f"{type(error).__name__}: {error}", seconds=perf_counter() - begin), None
     seconds = perf_counter() - begin

@@ -123,7 +123,7 @@ class Walk(Study):
 
     def rows(self, tell: Tell) -> Iterator[WalkResult]:
         vicon = read_vicon(self.folder / "vicon" / f"{TRIAL}.csv")
-        estimate = smooth(walk_recording(self.folder, vicon), self.settings, tell)
+        estimate = smooth(walk_recording(self.folder, vicon), self.settings, tell).only_wearer
         mvn = read_bvh(self.folder / "mvn" / f"{TRIAL}.bvh").frames(slice(FIRST_PACKET - MVN_LEAD, None))
         ours = {side: _knee(vicon, estimate.motion, side, vicon.time) for side in SIDES}
         theirs = {side: _knee(vicon, mvn, side, mvn.time[: len(vicon)]) for side in SIDES}

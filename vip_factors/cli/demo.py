@@ -38,7 +38,6 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.atomic import atomic_open, check_target
     from vip_factors.cli.simulate import GESTURES, SimulateOptions, simulated
     from vip_factors.cli.terminal import progress_bar
-    from vip_factors.estimate import Estimate
     from vip_factors.evaluate.evaluation import evaluate
     from vip_factors.io.mcap_estimate_writer import write_estimate
     from vip_factors.io.mcap_recording import write_recording
@@ -64,8 +63,9 @@ def main(prog: str, arguments: Sequence[str]) -> None:
             SimulateOptions(GESTURES, Path(), options.placement, options.seed, seconds=options.seconds, errors=errors)
         )
         write_recording(recording, files["recording.mcap"], options.overwrite)
-        estimate = smooth(recording, Settings(frame_rate=options.frame_rate), tell)
-        write_estimate(Estimate.of_one(estimate), files["estimate.mcap"], options.overwrite)
+        whole = smooth(recording, Settings(frame_rate=options.frame_rate), tell)
+        estimate = whole.only_wearer
+        write_estimate(whole, files["estimate.mcap"], options.overwrite)
         tell("drawing", 0.0)
         truth = recording.truth
         if truth is None:

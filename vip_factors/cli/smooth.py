@@ -2,7 +2,6 @@
 
 import shlex
 import sys
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,8 +16,7 @@ from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
-    from vip_factors.estimate import Estimate, EstimateChunks
-    from vip_factors.io.mcap_sampled import SampledScene
+    from vip_factors.estimate import Estimate
     from vip_factors.settings import Settings
 
 
@@ -54,86 +52,20 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     )
     from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import progress_bar
-    from vip_factors.io.scene_building import read_scenes
+    from vip_factors.io.mcap_estimate_writer import write_estimate
+    from vip_factors.io.mcap_source import open_source
+    from vip_factors.pipeline import smooth_chunks
 
     if not options.recording:
         raise InputError("no RECORDING.mcap to smooth is named")
     out = options.out or beside(options.recording[0], ".estimate.mcap")
     check_target(out, options.overwrite)
-    sampled = _in_windows(options.recording, settings)
-    if sampled is not None and (not sampled.has_camera or not settings.fusion.use_camera):
-        _smooth_windows(sampled, options, settings, out)
-        return
-    if sampled is not None and _smooth_filmed_windows(sampled, options, settings, out):
-        return
-    scene = read_scenes(options.recording)
-    from vip_factors.estimate import EstimateChunks
-    from vip_factors.pipeline import smooth_scene
-
+    long_s = settings.windows.above_s if settings.windows.use and not settings.calibration.from_truth else float("inf")
+    source, seconds = open_source(options.recording, long_s), list[float]()
     with progress_bar() as tell:
-        estimate = smooth_scene(scene, settings, tell)
-    _write(EstimateChunks.of(estimate), scene.wearers[0].start_ns, options, out)
-
-
-def _in_windows(paths: Sequence[Path], settings: "Settings") -> "SampledScene | None":
-    """The recordings of files that are to be read and solved window by window; None if they are to be read at once."""
-    from vip_factors.io.mcap_sampled import open_sampled_parts
-    from vip_factors.pipeline import is_long
-
-    if settings.calibration.from_truth or not settings.windows.use:
-        return None
-    with warnings.catch_warnings(record=True) as told:
-        sampled = open_sampled_parts(paths)
-    if sampled is None or not any(is_long(one.interval, settings) for one in sampled.wearers):
-        return None
-    for one in told:  # else whoever reads it at once says so
-        warnings.warn(one.message, stacklevel=2)
-    return sampled
-
-
-def _smooth_windows(
-    sampled: "SampledScene", options: SmoothOptions, settings: "Settings", out: Path, findings: tuple[str, ...] = ()
-) -> None:
-    """Each wearer by the sensors alone; ``findings`` are told beside those of the estimates."""
-    from vip_factors.cli.terminal import progress_bar
-    from vip_factors.pipeline import smooth_long
-
-    with progress_bar() as tell:
-        estimate = smooth_long(sampled.name, sampled.wearers, settings, tell)
-        head = replace(estimate.head, findings=(*findings, *estimate.head.findings))
-        _write(replace(estimate, head=head), sampled.wearers[0].head.start_ns, options, out)
-
-
-def _smooth_filmed_windows(sampled: "SampledScene", options: SmoothOptions, settings: "Settings", out: Path) -> bool:
-    """Whether it was done: what cannot be read by time, or is short, is to be read at once."""
-    from vip_factors.cli.terminal import progress_bar
-    from vip_factors.io.mcap_long_scene import filmed_scene
-    from vip_factors.pipeline import UNSEEN, covered, is_long, smooth_long_scene
-
-    source = filmed_scene(sampled)
-    if source is None or not is_long(covered(source), settings):
-        return False
-    with progress_bar() as tell:
-        estimate = smooth_long_scene(source, settings, tell)
-        if estimate is not None:
-            _write(estimate, sampled.wearers[0].head.start_ns, options, out)
-    if estimate is None:
-        _smooth_windows(sampled, options, settings, out, (UNSEEN,))
-    return True
-
-
-def _write(estimate: "EstimateChunks", start_ns: int, options: SmoothOptions, out: Path) -> None:
-    """The file, chunk by chunk as they are solved; then what it holds, for people, and where it is, for scripts."""
-    from vip_factors.io.mcap_estimate_writer import write_estimate
-
-    seconds = list[float]()
-
-    def timed() -> "Iterator[Estimate]":
-        for chunk in estimate.chunks:
-            seconds.append(_solving(chunk))
-            yield chunk
-
-    write_estimate(replace(estimate, chunks=timed()), out, options.overwrite, start_ns=start_ns)
+        estimate = smooth_chunks(source, settings, tell)
+        timed = replace(estimate, chunks=_timed(estimate.chunks, seconds))
+        write_estimate(timed, out, options.overwrite, start_ns=source.wearers[0].head.start_ns)
     head = estimate.head if estimate.closed is None else estimate.closed()
     for wearer, frames in zip(head.wearers, estimate.frames, strict=True):
         rate, count = wearer.motion.rate, len(wearer.sensors)
@@ -145,6 +77,13 @@ def _write(estimate: "EstimateChunks", start_ns: int, options: SmoothOptions, ou
     for finding in head.findings:
         print(f"note: {finding}")
     _tell_file(out, options)
+
+
+def _timed(chunks: "Iterator[Estimate]", seconds: list[float]) -> "Iterator[Estimate]":
+    """The chunks, and seconds of the solves that made them."""
+    for chunk in chunks:
+        seconds.append(_solving(chunk))
+        yield chunk
 
 
 def _solving(estimate: "Estimate") -> float:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from vip_factors.errors import InputError
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.sampled import LEAST_SAMPLES, RecordingInMemory, SampledRecording, one_stream
 from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingInMemory, RecordingSource, one_stream
 
 SPLIT_S = 0.5  # by which parts may overlap: files are split at an instant that sensors reach one after another
 LONGEST_PAUSE_S = 3600.0  # its frames are estimated too; after longer ones straps have moved
@@ -17,14 +17,14 @@ RATE_TOLERANCE = 0.1
 
 @dataclass(frozen=True)
 class RecordingInParts:
-    """Recordings of one session, in the order of time, as one; see :class:`SampledRecording`.
+    """Recordings of one session, in the order of time, as one; see :class:`RecordingSource`.
 
     Attributes:
         parts: the first says who wore what, and what was held at the start.
         later: seconds of each part's time 0 on the clock of the first.
     """
 
-    parts: tuple[SampledRecording, ...]
+    parts: tuple[RecordingSource, ...]
     later: tuple[float, ...]
 
     @property
@@ -42,7 +42,7 @@ class RecordingInParts:
         """See the protocol."""
         return self.parts[0].interval[0], self.parts[-1].interval[1] + self.later[-1]
 
-    def between(self, start: float, end: float) -> Mapping[str, ImuStream]:
+    def between(self, start: float = -float("inf"), end: float = float("inf")) -> Mapping[str, ImuStream]:
         """See the protocol."""
         found: dict[str, list[ImuStream]] = {}
         for part, later in zip(self.parts, self.later, strict=True):
@@ -69,7 +69,7 @@ class _AllSensors(RecordingInMemory):
         object.__setattr__(self, "sensors", tuple(self.recording.imus))
 
 
-def in_parts(parts: Sequence[SampledRecording], sources: Sequence[str]) -> RecordingInParts:
+def in_parts(parts: Sequence[RecordingSource], sources: Sequence[str]) -> RecordingInParts:
     """Parts of one session as one recording, on the clock of the earliest.
 
     Where all parts tell their absolute start, that says when they were; else their clock must have gone on.
@@ -112,7 +112,7 @@ def joined_in_memory(recordings: Sequence[Recording], sources: Sequence[str]) ->
 
 
 def wearers_in_parts(
-    files: Sequence[Sequence[SampledRecording]], sources: Sequence[str]
+    files: Sequence[Sequence[RecordingSource]], sources: Sequence[str]
 ) -> tuple[RecordingInParts, ...]:
     """Each wearer's parts as one recording; ``files`` have the same wearers, in the same order.
 
@@ -146,7 +146,7 @@ def _check_count(counts: Sequence[int], sources: Sequence[str]) -> None:
 
 
 def _check_follows(
-    parts: Sequence[SampledRecording], later: Sequence[float], sources: Sequence[str], number: int, told: bool
+    parts: Sequence[RecordingSource], later: Sequence[float], sources: Sequence[str], number: int, told: bool
 ) -> None:
     (_, end), (start, _) = (parts[n].interval for n in (number - 1, number))
     start, end = start + later[number], end + later[number - 1]
@@ -163,7 +163,7 @@ def _check_follows(
         )
 
 
-def _check_same(first: SampledRecording, other: SampledRecording, source: str, other_source: str) -> None:
+def _check_same(first: RecordingSource, other: RecordingSource, source: str, other_source: str) -> None:
     who, whom = first.head.subject, other.head.subject
     if (who.name, who.stature_m) != (whom.name, whom.stature_m):
         raise InputError(
@@ -187,7 +187,7 @@ def _check_same(first: SampledRecording, other: SampledRecording, source: str, o
     _check_rates(_beginning(first), _beginning(other), source, other_source)
 
 
-def _beginning(part: SampledRecording) -> Mapping[str, ImuStream]:
+def _beginning(part: RecordingSource) -> Mapping[str, ImuStream]:
     start = part.interval[0]
     return part.between(start, start + RATE_S)
 

@@ -14,8 +14,8 @@ from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, S
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.sampled import frames_of
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, Scene
+from vip_factors.sensors.sources import frames_of
 from vip_factors.settings import Settings
 from vip_factors.stages.association import AssociatedCamera, look_again, watch_again
 from vip_factors.stages.decode import motion_of

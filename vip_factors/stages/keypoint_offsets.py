@@ -17,6 +17,7 @@ from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
 from vip_factors.solve.marginals import last_marginals
 from vip_factors.stages.association import of_use, watch, watch_again
@@ -26,7 +27,7 @@ from vip_factors.stages.fusion import Fused, unfused
 from vip_factors.stages.inertial import Tracked, at_frames
 from vip_factors.stages.inertial_model import inertial_model
 from vip_factors.stages.solver import Solver
-from vip_factors.stages.windows import scene_frames
+from vip_factors.stages.windows import scene_plan
 from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 
 # m. Thrice the usual: of a camera whose place is not known it holds what all keypoints have in common.
@@ -141,7 +142,7 @@ def _offsets_before(scene: Scene, settings: Settings, tell: Callable[[float], No
 
 def _frames_with_truth(scene: Scene, recording: Recording, settings: Settings) -> Array:
     assert recording.truth is not None
-    frames, known = scene_frames(scene, settings.frame_rate, settings.coarse_factor).coarse, recording.truth.motion.time
+    frames, known = scene_plan(SceneInMemory(scene), settings, whole=True).all_coarse_time, recording.truth.motion.time
     frames = frames[(frames >= known[0]) & (frames <= known[-1])]
     if len(frames) < LEAST_FRAMES:
         raise InputError(

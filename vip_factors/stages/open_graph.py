@@ -5,6 +5,7 @@ from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
 from vip_factors.stages.association import of_use, watch
 from vip_factors.stages.decode import motion_of
@@ -13,7 +14,7 @@ from vip_factors.stages.fusion import unfused
 from vip_factors.stages.inertial import inertial_trackers
 from vip_factors.stages.inertial_model import with_contacts
 from vip_factors.stages.solver import Progress, Solver
-from vip_factors.stages.windows import scene_frames
+from vip_factors.stages.windows import scene_plan
 
 
 def factor_graph(
@@ -40,8 +41,8 @@ def factor_graph(
     settings = settings or Settings()
     scene = source if isinstance(source, Scene) else Scene(source.name, (source,))
     solver = Solver(settings.solve, progress or (lambda stage, fraction: None), name=settings.solver)
-    frames = scene_frames(scene, settings.frame_rate, settings.coarse_factor)
-    wearers = inertial_trackers(scene, frames.coarse, settings, solver)
+    plan = scene_plan(SceneInMemory(scene), settings, whole=True)
+    wearers = inertial_trackers(scene, plan.all_coarse_time, settings, solver)
     if scene.camera is not None and settings.fusion.use_camera:
         names = [wearer.subject.name for wearer in scene.wearers]
         motions = [motion_of(one.model, one.state, name) for one, name in zip(wearers, names, strict=True)]

@@ -18,48 +18,26 @@ from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.long_scene import LongScene
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.sensors.sources import SceneSource
 from vip_factors.settings import Settings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
-from vip_factors.stages.association import first_association, of_use
+from vip_factors.stages.association import AssociatedCamera, first_association, of_use
 from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.drift import found_clock
-from vip_factors.stages.filming import start_filming
-from vip_factors.stages.fusion import Fused, fuse_in_rounds
+from vip_factors.stages.filming import Filmed, start_filming
+from vip_factors.stages.fusion import Fused, fuse_finely, fuse_in_rounds
 from vip_factors.stages.inertial import Tracked, inertial_trackers
-from vip_factors.stages.reporting import scene_estimate
-from vip_factors.stages.sensor_checks import SensorCorrections, checked_scene
-from vip_factors.stages.solver import Progress, Solver
+from vip_factors.stages.reporting import scene_estimate, who_is_who
+from vip_factors.stages.sensor_checks import Corrections, checked_scene, corrected_elsewhere
+from vip_factors.stages.solver import Solver
+from vip_factors.stages.window_join import Headings
 from vip_factors.stages.windows import WindowPlan
 
 # Degrees, of a heading as the frames before have left it: as sure as a minute in front of a camera makes it.
 HEADING_DEG = 3.0
 LOOKS = 3  # at stretches that are spread over a scene, where the first does not show every wearer
-
-
-@dataclass(frozen=True)
-class Headings:
-    """Of a wearer's sensors, over some time.
-
-    Attributes:
-        time: ``(K,)`` seconds of the knots; linear in between, and beyond them as at the nearest.
-        knots: ``(K, S)`` radians, not wrapped.
-    """
-
-    time: Array
-    knots: Array
-
-    @classmethod
-    def of(cls, model: WearerProblem, state: WearerState) -> "Headings":
-        """Those of a solution; constant ones have a knot in the middle of its frames."""
-        time = model.heading_knots if model.headings_walk else np.atleast_1d(np.mean(model.frames.time[[0, -1]]))
-        return cls(time, state.heading_knots[: len(time)])
-
-    def at(self, time: float) -> Array:
-        """``(S,)`` at an instant, seconds."""
-        return np.array([np.interp(time, self.time, column) for column in self.knots.T])
 
 
 @dataclass(frozen=True)
@@ -72,7 +50,7 @@ class WearerCalibration:
         headings: over the stretch.
         drift_deg: ``(S,)`` degrees per √minute; empty where headings are constant.
         sole: metres.
-        corrections: of the sensors.
+        corrections: of the sensors, by name.
     """
 
     subject: Subject
@@ -80,12 +58,12 @@ class WearerCalibration:
     headings: Headings
     drift_deg: Array
     sole: float
-    corrections: SensorCorrections
+    corrections: Corrections
 
     @classmethod
     def of(
         cls, recording: Recording, model: WearerProblem, state: WearerState, mounting_sigma: Array,
-        corrections: SensorCorrections,
+        corrections: Corrections,
     ) -> "WearerCalibration":  # fmt: skip
         """Of a solved stretch, whose body is the problem's; ``mounting_sigma`` ``(S, 3)`` radians, NaN if unknown."""
         before, sensors = recording.subject, list(model.frames.sensors)
@@ -131,7 +109,7 @@ class SceneCalibration:
     @classmethod
     def of(
         cls, scene: Scene, fused: Fused, filmed_by: Camera, mounting_sigmas: Sequence[Array],
-        corrections: Sequence[SensorCorrections],
+        corrections: Sequence[Corrections],
     ) -> "SceneCalibration":  # fmt: skip
         """Of a stretch's coarse solution.
 
@@ -160,11 +138,12 @@ class SceneCalibration:
         The first one begins with the wearers' declared poses. ``clock`` is that of the first camera's video.
         """
         found = [
-            known.corrections.applied(
+            corrected_elsewhere(
                 replace(
                     one, subject=known.subject, placement=known.placement,
                     initial_pose=one.initial_pose if is_first else "none",
                 ),
+                known.corrections,
                 settings,
             )
             for one, known in zip(scene.wearers, self.wearers, strict=True)
@@ -203,66 +182,102 @@ def _size(sigma: Array, otherwise: float) -> float:
     return float(np.sqrt(np.mean(sigma**2))) if np.all(np.isfinite(sigma)) else otherwise
 
 
-def calibrate_scene(
-    source: LongScene, plan: WindowPlan, settings: Settings, progress: Progress
-) -> tuple[SceneCalibration, Estimate] | None:
-    """What all frames share, and the coarse estimate of the stretch that says it: the first that shows everybody.
+@dataclass(frozen=True)
+class SolvedStretch:
+    """A stretch of coarse frames solved with everything free.
 
-    Of none does, that which shows most of them; None if nobody is seen in any.
+    Attributes:
+        scene: the stretch, its sensors put right.
+        corrections: of each wearer's sensors.
+        about_sensors: findings on them.
+        tracked: the wearers by their sensors alone.
+        filmed: where the fusion started.
+        fused: the solution.
+        associated: the cameras that it was made from.
+        solver: of all this, with its reports.
     """
-    coarse = -(-plan.frames // plan.factor)
-    best: tuple[int, SceneCalibration, Estimate] | None = None
+
+    scene: Scene
+    corrections: tuple[Corrections, ...]
+    about_sensors: tuple[str, ...]
+    tracked: tuple[Tracked, ...]
+    filmed: Filmed
+    fused: Fused
+    associated: tuple[AssociatedCamera, ...]
+    solver: Solver
+
+    @property
+    def shown(self) -> int:
+        """How many wearers were found in a video."""
+        return sum(any(len(each.seen[n]) for each in self.associated) for n in range(len(self.scene.wearers)))
+
+    def estimate(self, settings: Settings, time: Array | None = None) -> Estimate:
+        """The estimate at its coarse frames, or at the full rate at ``time`` ``(T,)``."""
+        fine = self.fused
+        if time is not None:
+            fine = fuse_finely(self.scene, self.filmed, fine, self.associated, time, settings, self.solver)
+        else:
+            settings = replace(settings, covariance=False)
+        reports = tuple(self.solver.reports)
+        estimate = scene_estimate(self.scene, self.fused, fine, self.associated, reports, settings)
+        sensors = [one.model.frames.sensors for one in self.tracked]
+        wearers = tuple(
+            replace(one, start=start_choice(own, tracked.starts))
+            for one, own, tracked in zip(estimate.wearers, sensors, self.tracked, strict=True)
+        )
+        about_starts = (
+            sentence
+            for recording, own, tracked in zip(self.scene.wearers, sensors, self.tracked, strict=True)
+            for sentence in start_findings(f"wearer '{recording.subject.name}'", own, tracked.starts)
+        )
+        return replace(estimate, wearers=wearers, findings=(*self.about_sensors, *estimate.findings, *about_starts))
+
+    def calibration(self, estimate: Estimate) -> SceneCalibration:
+        """What it says of all frames, given its own estimate."""
+        sigmas = [np.array([one.calibration[name].mounting_sigma for name in one.sensors]) for one in estimate.wearers]
+        return SceneCalibration.of(self.scene, self.fused, self.associated[0].camera, sigmas, self.corrections)
+
+
+def calibrate_scene(
+    source: SceneSource, plan: WindowPlan, settings: Settings, solver: Solver
+) -> tuple[SolvedStretch | None, tuple[str, ...]]:
+    """The first stretch that shows everybody; of none does, that which shows most. None if nobody is seen in any.
+
+    Returns:
+        The stretch, and findings on what the cameras saw where nobody was recognised.
+    """
+    best, findings, coarse = None, tuple[str, ...](), -(-plan.frames // plan.factor)
     for begin in sorted({round(one) for one in np.linspace(0, max(coarse - plan.stretch, 0), LOOKS)}):
-        stretch = slice(begin, min(begin + plan.stretch, coarse))
-        found = _stretch(source, plan, stretch, settings, Solver(stiff(settings), progress, name=settings.solver))
-        if found is not None and (best is None or found[0] > best[0]):
+        own = replace(solver, reports=[])
+        found = _solved_stretch(source, plan, slice(begin, min(begin + plan.stretch, coarse)), settings, own)
+        if not isinstance(found, SolvedStretch):
+            findings = findings or found
+            continue
+        if best is None or found.shown > best.shown:
             best = found
-        if best is not None and best[0] == len(source.wearers):
+        if best.shown == len(source.wearers):
             break
-    return None if best is None else best[1:]
+    return best, findings
 
 
-def _stretch(
-    source: LongScene, plan: WindowPlan, stretch: slice, settings: Settings, solver: Solver
-) -> tuple[int, SceneCalibration, Estimate] | None:
-    """One stretch of coarse frames solved with everything free: how many wearers it shows, and what it says."""
+def _solved_stretch(
+    source: SceneSource, plan: WindowPlan, stretch: slice, settings: Settings, solver: Solver
+) -> SolvedStretch | tuple[str, ...]:
+    """One stretch; or why nobody was recognised in it."""
     time = plan.coarse_time(stretch)
-    scene = source.between(float(time[0]), float(time[-1]))
+    scene = source.between() if plan.is_one_window else source.between(float(time[0]), float(time[-1]))
     if stretch.start:
         scene = replace(scene, wearers=tuple(replace(one, initial_pose="none") for one in scene.wearers))
-    measured = scene
-    scene, about_sensors = checked_scene(measured, settings)
-    corrections = [SensorCorrections.between(*one) for one in zip(measured.wearers, scene.wearers, strict=True)]
-    wearers = inertial_trackers(scene, time, settings, solver)
-    wearers, filmed_by = first_association(scene, wearers, settings, solver)
+    scene, corrections, about_sensors = checked_scene(scene, settings)
+    tracked = inertial_trackers(scene, time, settings, solver)
+    tracked, filmed_by = first_association(scene, tracked, settings, solver)
     associated = of_use(filmed_by)
     if not associated:
-        return None
+        return who_is_who(scene, filmed_by)
+    filmed = start_filming(associated, tracked, settings)
     names = [one.subject.name for one in scene.wearers]
-    filmed = start_filming(associated, wearers, settings)
     fused, associated = fuse_in_rounds(filmed, associated, names, settings, solver)
-    estimate = scene_estimate(
-        scene, fused, fused, associated, tuple(solver.reports), replace(settings, covariance=False)
-    )
-    estimate = _with_starts(replace(estimate, findings=(*about_sensors, *estimate.findings)), names, wearers)
-    sigmas = [np.array([one.calibration[name].mounting_sigma for name in one.sensors]) for one in estimate.wearers]
-    shown = sum(any(len(each.seen[number]) for each in associated) for number in range(len(names)))
-    found = SceneCalibration.of(scene, fused, associated[0].camera, sigmas, corrections)
-    return shown, found, estimate
-
-
-def _with_starts(estimate: Estimate, names: Sequence[str], wearers: Sequence[Tracked]) -> Estimate:
-    """The estimate, told how the wearers' starts were found."""
-    told = tuple(
-        replace(one, start=start_choice(tracked.model.frames.sensors, tracked.starts))
-        for one, tracked in zip(estimate.wearers, wearers, strict=True)
-    )
-    about = (
-        sentence
-        for name, one in zip(names, wearers, strict=True)
-        for sentence in start_findings(f"wearer '{name}'", one.model.frames.sensors, one.starts)
-    )
-    return replace(estimate, wearers=told, findings=(*estimate.findings, *about))
+    return SolvedStretch(scene, corrections, about_sensors, tracked, filmed, fused, associated, solver)
 
 
 def stiff(settings: Settings) -> SolveSettings:

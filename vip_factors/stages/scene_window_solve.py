@@ -10,16 +10,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.estimate import CameraEstimate, SolveReport, WearerEstimate
+from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.problem.state import WearerState
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.sensors.long_scene import LongScene
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.sampled import frames_of
 from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.sensors.sources import SceneSource, frames_of
 from vip_factors.settings import Settings
 from vip_factors.stages.association import AssociatedCamera, of_use, watch
 from vip_factors.stages.decode import SceneCovariance, decode_camera, decode_wearers, motion_of
@@ -29,8 +28,9 @@ from vip_factors.stages.fusion import Fused, fuse_finely, fuse_in_rounds
 from vip_factors.stages.inertial import Tracked, inertial_tracker
 from vip_factors.stages.inertial_model import inertial_model, walking
 from vip_factors.stages.reporting import full_rate_covariance, who_is_who
-from vip_factors.stages.scene_calibration import Headings, SceneCalibration, WearerCalibration
+from vip_factors.stages.scene_calibration import SceneCalibration, WearerCalibration
 from vip_factors.stages.solver import Solver
+from vip_factors.stages.window_join import Headings, SolvedWindow
 from vip_factors.stages.windows import WindowPlan
 
 
@@ -52,33 +52,6 @@ class Begin:
 
 
 @dataclass(frozen=True)
-class SceneWindow:
-    """A solved window.
-
-    Attributes:
-        frames: of the scene.
-        wearers: their estimates.
-        camera: its.
-        headings: of each wearer's sensors.
-        detected_at: ``(N,)`` seconds of the first camera's detections.
-        wearer: ``(N,)`` whom each of them shows, −1 for nobody.
-        is_placed: whether a camera at a known place saw a wearer: the world is that camera's.
-        reports: of its solves.
-        findings: on it.
-    """
-
-    frames: slice
-    wearers: tuple[WearerEstimate, ...]
-    camera: CameraEstimate
-    headings: tuple[Headings, ...]
-    detected_at: Array
-    wearer: np.ndarray
-    is_placed: bool = False
-    reports: tuple[SolveReport, ...] = ()
-    findings: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class _Coarse:
     """A window solved on its coarse frames."""
 
@@ -88,9 +61,9 @@ class _Coarse:
 
 
 def solve_scene_window(
-    source: LongScene, calibration: SceneCalibration, before: SceneWindow | None, plan: WindowPlan, span: slice,
+    source: SceneSource, calibration: SceneCalibration, before: SolvedWindow | None, plan: WindowPlan, span: slice,
     settings: Settings, solver: Solver,
-) -> SceneWindow:  # fmt: skip
+) -> SolvedWindow:  # fmt: skip
     """One window, in a world of its own if nothing ties it to the last one's.
 
     Args:
@@ -108,7 +81,7 @@ def solve_scene_window(
     """
     settings, time = calibration.settings(settings), plan.time(span)
     measured = source.between(float(time[0]), float(time[-1]))
-    clock = calibration.clock if before is None else before.camera.clock
+    clock = calibration.clock if before is None or before.camera is None else before.camera.clock
     scene, about_sensors = calibration.declared(measured, span.start == 0, clock, settings)
     coarse = time[:: plan.factor]
     begins = [
@@ -129,7 +102,7 @@ def solve_scene_window(
     wearer = np.full(len(first.detections), -1)
     if found.associated[0].camera.name == first.name:
         wearer = found.associated[0].association.wearer
-    return SceneWindow(
+    return SolvedWindow(
         span,
         estimates,
         decode_camera(first.name, fine.model, fine.state, covariance, clock),
@@ -142,14 +115,15 @@ def solve_scene_window(
     )
 
 
-def _begin(before: SceneWindow, number: int, span: slice) -> Begin:
+def _begin(before: SolvedWindow, number: int, span: slice) -> Begin:
     motion, first = before.wearers[number].motion, span.start - before.frames.start
     pose = motion.R_parent_child[first], motion.p_world_pelvis[first]
     return Begin(before.headings[number], *pose, float(motion.time[-1]))
 
 
-def _last(before: SceneWindow) -> tuple[CameraPath, float]:
+def _last(before: SolvedWindow) -> tuple[CameraPath, float]:
     camera = before.camera
+    assert camera is not None
     return camera.path, 0.0 if camera.calibration is None else camera.calibration.heading
 
 

@@ -6,20 +6,21 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
-from vip_factors.estimate import CameraEstimate, Estimate, EstimateChunks, WearerEstimate
+from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.estimate import CameraEstimate, Estimate, EstimateChunks, PoseCovariance, WearerEstimate
 from vip_factors.geometry.rotations import wrap_angle
+from vip_factors.problem.scene import ExtraTerms
 from vip_factors.sensors.calibration import SensorCalibration
-from vip_factors.sensors.long_scene import LongScene
-from vip_factors.settings import Settings
+from vip_factors.sensors.sources import SceneSource
+from vip_factors.settings import Settings, flatten
 from vip_factors.stages.drift import CLOCK, clock_findings, drift_findings
-from vip_factors.stages.scene_calibration import Headings, SceneCalibration, calibrate_scene, stiff
-from vip_factors.stages.scene_window_join import chunks_of, moved
-from vip_factors.stages.scene_window_solve import SceneWindow, solve_scene_window
+from vip_factors.stages.inertial_windows import WINDOWS
+from vip_factors.stages.scene_calibration import SceneCalibration, calibrate_scene, stiff
+from vip_factors.stages.scene_window_solve import solve_scene_window
 from vip_factors.stages.solver import Progress, Solver
-from vip_factors.stages.windowed import WINDOWS
-from vip_factors.stages.windows import WindowPlan, in_step
+from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
+from vip_factors.stages.windows import WindowPlan, scene_plan
 
 # A name in quotes, or a number that stands by itself: digits of names without quotes touch other characters.
 _NAME_OR_NUMBER = re.compile(r"(?P<name>(?<!\w)'.*?'(?!\w))|(?<![^\s(])[+-]?\d+(?:\.\d+)?(?:, \d+(?:\.\d+)?)*(?![\w-])")
@@ -56,7 +57,6 @@ class GatheredFindings:
         return f"{sentence} (from {start:.0f} to {end:.0f} s{more})"
 
 
-LOOK_S = 10.0  # s of video that tell its rate
 LEAST_CLOCKS = 2  # windows through whose clocks there is a line
 
 
@@ -70,72 +70,56 @@ class _Gathered:
     clocks: list[tuple[float, float]] = field(default_factory=list)  # seconds of the video, and how late it is there
 
 
-def covered(source: LongScene) -> tuple[float, float]:
-    """Seconds from which and until when the sensors of all wearers measure."""
-    intervals = [one.interval for one in source.wearers]
-    return max(one[0] for one in intervals), min(one[1] for one in intervals)
+def smooth_filmed(
+    source: SceneSource, settings: Settings, on_progress: Progress, extra: ExtraTerms | None = None
+) -> EstimateChunks | tuple[str, ...]:
+    """The estimate of a scene with a camera; calibrated now, and in windows solved as its chunks are asked for.
 
+    Args:
+        source: of the scene.
+        settings: of all rooms.
+        on_progress: called with the name of the stage and the fraction of it done.
+        extra: terms of a user's own; with them all frames are one window.
 
-def smooth_scene_windows(source: LongScene, settings: Settings, progress: Progress) -> EstimateChunks | None:
-    """The estimate of a scene with a camera; calibrated now, and solved as its chunks are asked for.
-
-    None if no wearer is found in the video, wherever it is looked for.
+    Returns:
+        The estimate; or findings, if no wearer is found in the video, wherever it is looked for.
 
     Raises:
         InputError, RecordingError: for a scene that cannot be used; for samples, as chunks are asked for.
         SolveError: if the problem is not determined; likewise.
     """
-    plan = scene_plan(source, settings)
-    with threadpool_limits(limits=1, user_api="blas"):
-        found = calibrate_scene(source, plan, settings, progress)
-    if found is None:
-        return None
-    calibration, stretch = found
-    drift = set(_drifts(stretch.wearers))  # is of the whole to tell, and so is the video's
-    moves = source.head.cameras[0].moving
-    known = [one for one in stretch.findings if one not in drift and not one.startswith(CLOCK)]
+    plan = scene_plan(source, settings, whole=extra is not None or settings.calibration.from_truth)
+    solver = Solver(stiff(settings), on_progress, name=settings.solver, extra=extra)
+    stretch, findings = calibrate_scene(source, plan, settings, solver)
+    if stretch is None:
+        return findings
+    if plan.is_one_window:
+        return EstimateChunks.of(stretch.estimate(settings, plan.time(slice(0, plan.frames))))
+    estimate = stretch.estimate(settings)
+    calibration, head = stretch.calibration(estimate), _head(estimate, source, plan, settings)
+    drift = set(_drifts(estimate.wearers))  # is of the whole to tell, and so is the video's
+    known = [one for one in estimate.findings if one not in drift and not one.startswith(CLOCK)]
     gathered = _Gathered(GatheredFindings(known), [[] for _ in source.wearers])
-    head = _head(source, stretch, plan)
-    chunks = _chunks(source, calibration, plan, settings, progress, gathered, head)
 
-    def closed() -> Estimate:
-        return _closed(head, source, plan, gathered)
-
-    return EstimateChunks(head, (plan.frames,) * len(head.wearers), chunks, plan.frames if moves else 1, closed)
-
-
-def scene_plan(source: LongScene, settings: Settings) -> WindowPlan:
-    """Windows of frames that are in step with the video.
-
-    Raises:
-        RecordingError: if the wearers share hardly any frame.
-    """
-    interval = covered(source)
-    look = source.video_start if np.isfinite(source.video_start) else interval[0]
-    video = source.between(look, look + LOOK_S)
-    first, rate, count = in_step(video, interval, settings.frame_rate, settings.coarse_factor)
-    own, factor = settings.windows, settings.coarse_factor
-    window, overlap = (factor * max(round(s * rate / factor), 2) for s in (own.window_s, own.overlap_s))
-    stretch = round(own.calibration_stretches * own.calibration_stretch_s * rate / factor)
-    return WindowPlan(first, rate, count, factor, window, overlap, 1, stretch)
-
-
-def _chunks(
-    source: LongScene, calibration: SceneCalibration, plan: WindowPlan, settings: Settings, progress: Progress,
-    gathered: _Gathered, head: Estimate,
-) -> Iterator[Estimate]:  # fmt: skip
-    progress(WINDOWS, 0.0)
-    with threadpool_limits(limits=1, user_api="blas"):
-        windows = _windows(source, calibration, plan, settings, progress, gathered)
-        for chunk in chunks_of(windows, head):
+    def chunks() -> Iterator[Estimate]:
+        on_progress(WINDOWS, 0.0)
+        for chunk in chunks_of(_windows(source, calibration, plan, settings, on_progress, gathered), head):
             gathered.wearer.append(chunk.wearer_of_detection)
             yield chunk
 
+    return EstimateChunks(
+        head,
+        (plan.frames,) * len(head.wearers),
+        chunks(),
+        plan.frames if source.head.cameras[0].moving else 1,
+        lambda: _closed(head, source, plan, gathered),
+    )
+
 
 def _windows(
-    source: LongScene, calibration: SceneCalibration, plan: WindowPlan, settings: Settings, progress: Progress,
+    source: SceneSource, calibration: SceneCalibration, plan: WindowPlan, settings: Settings, on_progress: Progress,
     gathered: _Gathered,
-) -> Iterator[SceneWindow]:  # fmt: skip
+) -> Iterator[SolvedWindow]:  # fmt: skip
     """Every window, in one world."""
     spans, before = plan.windows(), None
     first = source.head.cameras[0]
@@ -145,34 +129,31 @@ def _windows(
         window = solve_scene_window(source, calibration, before, plan, span, settings, own)
         if before is not None and carried and not window.is_placed:
             window = moved(window, before, settings.factors.floor_contact.use)
-        reports = tuple(replace(one, stage=f"{one.stage}, window {number + 1}") for one in window.reports)
-        window = before = replace(window, reports=reports)
+        window = before = window.numbered(number)
         time = plan.time(span)
         gathered.findings.add(window.findings, float(time[0]), float(time[-1]))
         for own_headings, headings in zip(gathered.headings, window.headings, strict=True):
             own_headings.append(headings)
         gathered.clocks.append(_clock_in(window, float(time[0] + time[-1]) / 2))
-        progress(WINDOWS, (number + 1) / len(spans))
+        on_progress(WINDOWS, (number + 1) / len(spans))
         yield window
 
 
-def _head(source: LongScene, stretch: Estimate, plan: WindowPlan) -> Estimate:
-    """The estimate of the calibrating stretch without its frames."""
+def _head(estimate: Estimate, source: SceneSource, plan: WindowPlan, settings: Settings) -> Estimate:
+    """The estimate of the calibrating stretch without its frames, as the windows' estimate begins."""
+    empty = PoseCovariance(np.zeros((0, JOINT_COUNT, 3, 3)), np.zeros((0, 3, 3))) if settings.covariance else None
+    none = [replace(one.frames(slice(0, 0)), covariance=empty) for one in estimate.wearers]
     return replace(
-        stretch,
+        estimate,
         name=source.head.name,
-        wearers=tuple(_without_frames(one, plan) for one in stretch.wearers),
-        camera=None if stretch.camera is None else stretch.camera.start,
+        wearers=tuple(replace(one, motion=replace(one.motion, rate=plan.rate, start=plan.start)) for one in none),
+        camera=None if estimate.camera is None else estimate.camera.start,
         wearer_of_detection=np.zeros(0, int),
+        settings=flatten(settings),
     )
 
 
-def _without_frames(one: WearerEstimate, plan: WindowPlan) -> WearerEstimate:
-    none = one.frames(slice(0, 0))
-    return replace(none, motion=replace(none.motion, rate=plan.rate, start=plan.start))
-
-
-def _closed(head: Estimate, source: LongScene, plan: WindowPlan, gathered: _Gathered) -> Estimate:
+def _closed(head: Estimate, source: SceneSource, plan: WindowPlan, gathered: _Gathered) -> Estimate:
     wearers = tuple(
         replace(one, calibration=_calibration(one, headings))
         for one, headings in zip(head.wearers, gathered.headings, strict=True)
@@ -191,7 +172,8 @@ def _closed(head: Estimate, source: LongScene, plan: WindowPlan, gathered: _Gath
     )
 
 
-def _clock_in(window: SceneWindow, time: float) -> tuple[float, float]:
+def _clock_in(window: SolvedWindow, time: float) -> tuple[float, float]:
+    assert window.camera is not None
     clock = window.camera.clock
     own = (time - clock.offset) / (1 + clock.drift)
     return own, clock.late(own)

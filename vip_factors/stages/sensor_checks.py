@@ -20,25 +20,43 @@ from vip_factors.initialise.sensor_faults import (
 from vip_factors.initialise.sensor_tree import sensor_tree
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.sampled import LEAST_SAMPLES, SampledRecording
 from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource
 from vip_factors.settings import Settings
 
 LEAST_GRAVITY = 0.05  # of what it is: with less there is none in the samples, and nothing to scale them by
 
 
-def checked_scene(scene: Scene, settings: Settings) -> tuple[Scene, tuple[str, ...]]:
-    """The scene with all wearers' sensors put right, and what was found."""
-    found = [checked(wearer, settings) for wearer in scene.wearers]
-    wearers = tuple(recording for recording, _ in found)
-    return replace(scene, wearers=wearers), tuple(sentence for _, sentences in found for sentence in sentences)
+Corrections = Mapping[str, "SensorCorrection"]
+"""Of one wearer's sensors, by name; those that are not named are right."""
+
+
+def checked_scene(scene: Scene, settings: Settings) -> tuple[Scene, tuple[Corrections, ...], tuple[str, ...]]:
+    """The scene with all wearers' sensors put right, by what each wearer's were, and what was found."""
+    found = [sensor_corrections(one, one, settings) for one in scene.wearers]
+    wearers = tuple(_corrected(one, right) for one, (right, _) in zip(scene.wearers, found, strict=True))
+    sentences = tuple(sentence for _, own in found for sentence in own)
+    return replace(scene, wearers=wearers), tuple(right for right, _ in found), sentences
 
 
 def checked(recording: Recording, settings: Settings) -> tuple[Recording, tuple[str, ...]]:
     """The recording with its placed sensors put right where that can be done, and sentences on what was found."""
     corrections, findings = sensor_corrections(recording, recording, settings)
+    return _corrected(recording, corrections), findings
+
+
+def corrected_elsewhere(
+    recording: Recording, corrections: Corrections, settings: Settings
+) -> tuple[Recording, tuple[str, ...]]:
+    """A stretch put right by what another showed; in it accelerometers are looked over by themselves."""
+    known = {name: replace(one, ends=()) for name, one in corrections.items()}
+    clocks = replace(settings.sensor_clocks, check=False)
+    return checked(_corrected(recording, known), replace(settings, sensor_clocks=clocks))
+
+
+def _corrected(recording: Recording, corrections: Corrections) -> Recording:
     imus = {name: corrections[name].of(one) if name in corrections else one for name, one in recording.imus.items()}
-    return replace(recording, imus=imus), findings
+    return replace(recording, imus=imus)
 
 
 @dataclass(frozen=True)
@@ -69,9 +87,9 @@ class SensorCorrection:
 
 @dataclass(frozen=True)
 class CorrectedSamples:
-    """A recording that gives its samples put right; see :class:`~vip_factors.sensors.sampled.SampledRecording`."""
+    """A recording that gives its samples put right; see :class:`~vip_factors.sensors.sources.RecordingSource`."""
 
-    source: SampledRecording
+    source: RecordingSource
     corrections: Mapping[str, SensorCorrection]
 
     @property
@@ -89,7 +107,7 @@ class CorrectedSamples:
         """See the protocol; as it was before clocks were put right."""
         return self.source.interval
 
-    def between(self, start: float, end: float) -> Mapping[str, ImuStream]:
+    def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
         """See the protocol."""
         spare = max((abs(one.late) for one in self.corrections.values()), default=0.0)
         found = {}
@@ -180,42 +198,3 @@ def _about_clocks(
             continue
         done = "its times are shifted by as much" if settings.correct else "it is left so"
         yield f"{who}: sensor '{names[one.sensor]}' is {off} {late} its fellows: {done}; check its clock"
-
-
-@dataclass(frozen=True)
-class SensorCorrections:
-    """Of one wearer's sensors, by name; those that are not named are right.
-
-    Attributes:
-        seconds: to be added to times.
-        scale: that specific force is to be multiplied by.
-    """
-
-    seconds: Mapping[str, float]
-    scale: Mapping[str, float]
-
-    @classmethod
-    def between(cls, before: Recording, after: Recording) -> "SensorCorrections":
-        """What was done to a recording where it was :func:`~vip_factors.stages.sensor_checks.checked`."""
-        seconds, scale = dict[str, float](), dict[str, float]()
-        for name, stream in after.imus.items():
-            was = before.imus[name]
-            if stream.time[0] != was.time[0]:
-                seconds[name] = float(stream.time[0] - was.time[0])
-            if stream.specific_force is not None and was.specific_force is not None:
-                most = np.unravel_index(np.nanargmax(np.abs(was.specific_force)), was.specific_force.shape)
-                if stream.specific_force[most] != was.specific_force[most]:
-                    scale[name] = float(stream.specific_force[most] / was.specific_force[most])
-        return cls(seconds, scale)
-
-    def applied(self, recording: Recording, settings: Settings) -> tuple[Recording, tuple[str, ...]]:
-        """Another stretch put right; in it accelerometers are looked over by themselves, and sentences say what for."""
-        imus = {name: self._corrected(stream) for name, stream in recording.imus.items()}
-        clocks = replace(settings.sensor_clocks, check=False)
-        return checked(replace(recording, imus=imus), replace(settings, sensor_clocks=clocks))
-
-    def _corrected(self, stream: ImuStream) -> ImuStream:
-        stream = replace(stream, time=stream.time + self.seconds.get(stream.name, 0.0))
-        if stream.specific_force is None or stream.name not in self.scale:
-            return stream
-        return replace(stream, specific_force=stream.specific_force * self.scale[stream.name])

@@ -20,14 +20,14 @@ class Solver:
 
     Attributes:
         settings: of the optimiser.
-        tell: called with the name of the stage and the fraction of it done.
+        on_progress: called with the name of the stage and the fraction of it done.
         reports: one per solve, in order.
         name: which optimiser.
         extra: terms of a user's own.
     """
 
     settings: SolveSettings
-    tell: Progress
+    on_progress: Progress
     reports: list[SolveReport] = field(default_factory=list)
     name: SolverName = SolverName.OWN
     extra: ExtraTerms | None = None
@@ -35,7 +35,7 @@ class Solver:
     def solve(self, objective: SceneObjective, start: SceneState, stage: str) -> SceneState:
         """The minimum near ``start``."""
         optimise = optimise_with_gtsam if self.name is SolverName.GTSAM else levenberg_marquardt
-        state, report = optimise(objective, start, self.settings, stage, lambda done: self.tell(stage, done))
+        state, report = optimise(objective, start, self.settings, stage, lambda done: self.on_progress(stage, done))
         self.reports.append(report)
         return state
 
@@ -45,4 +45,4 @@ class Solver:
 
     def telling(self, stage: str) -> Callable[[float], None]:
         """Progress of a stage that is no solve."""
-        return lambda done: self.tell(stage, done)
+        return lambda done: self.on_progress(stage, done)

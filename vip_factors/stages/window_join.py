@@ -1,118 +1,243 @@
-"""Solved windows joined into one motion without seams.
+"""Solved windows in one world, and joined without seams: wearers, camera, and who is who.
 
 Two windows overlap. At its ends a window knows less than all frames together do, by what lies beyond; within some steps
-that fades. In the middle of an overlap both are settled: there one passes over into the other.
+that fades. In the middle of an overlap both have settled: there one passes over into the other.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vip_factors.estimate import PoseCovariance, WearerEstimate
-from vip_factors.geometry.rotations import Array, exp, log, transpose
+from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, SolveReport, WearerEstimate
+from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, yaw_of
+from vip_factors.initialise.camera import robust_mean_angle
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.stages.window_solve import SolvedWindow
+from vip_factors.sensors.camera_path import CameraPath
 
-SETTLING = 0.4  # of an overlap, at either end, is left to a window to settle; in between they meet
+END_EFFECT = 0.4  # of an overlap, at either end, where a window still misses what lies beyond; in between they meet
 
 
-def joined(windows: Iterator[SolvedWindow], model: WearerProblem, head: WearerEstimate) -> Iterator[WearerEstimate]:
-    """The estimate chunk by chunk; each ends where the next window takes over.
+@dataclass(frozen=True)
+class Headings:
+    """Of a wearer's sensors, over some time.
+
+    Attributes:
+        time: ``(K,)`` seconds of the knots; linear in between, and beyond them as at the nearest.
+        knots: ``(K, S)`` radians, not wrapped.
+    """
+
+    time: Array
+    knots: Array
+
+    @classmethod
+    def of(cls, model: WearerProblem, state: WearerState) -> "Headings":
+        """Those of a solution; constant ones have a knot in the middle of its frames."""
+        time = model.heading_knots if model.headings_walk else np.atleast_1d(np.mean(model.frames.time[[0, -1]]))
+        return cls(time, state.heading_knots[: len(time)])
+
+    def at(self, time: float) -> Array:
+        """``(S,)`` at an instant, seconds."""
+        return np.array([np.interp(time, self.time, column) for column in self.knots.T])
+
+
+@dataclass(frozen=True)
+class SolvedWindow:
+    """A window and its solution.
+
+    Attributes:
+        frames: of the recording.
+        wearers: their estimates, with the reports of the solves of each.
+        camera: its; None without one.
+        headings: of each wearer's sensors, where windows find them.
+        detected_at: ``(N,)`` seconds of the first camera's detections.
+        wearer_of_detection: ``(N,)`` whom each of them shows, −1 for nobody.
+        is_placed: whether a camera at a known place saw a wearer: the world is that camera's.
+        reports: of the solves over all wearers.
+        findings: on it.
+    """
+
+    frames: slice
+    wearers: tuple[WearerEstimate, ...]
+    camera: CameraEstimate | None = None
+    headings: tuple[Headings, ...] = ()
+    detected_at: Array = field(default_factory=lambda: np.zeros(0))
+    wearer_of_detection: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    is_placed: bool = False
+    reports: tuple[SolveReport, ...] = ()
+    findings: tuple[str, ...] = ()
+
+    def within(self, frames: slice) -> "SolvedWindow":
+        """Some of the window's frames; who is who is still of all."""
+        own = slice(frames.start - self.frames.start, frames.stop - self.frames.start)
+        camera = None if self.camera is None else self.camera.frames(own)
+        return replace(self, frames=frames, wearers=tuple(one.frames(own) for one in self.wearers), camera=camera)
+
+    def numbered(self, number: int) -> "SolvedWindow":
+        """The same with reports that tell the window's number, counted from 0."""
+
+        def told(reports: tuple[SolveReport, ...]) -> tuple[SolveReport, ...]:
+            return tuple(replace(one, stage=f"{one.stage}, window {number + 1}") for one in reports)
+
+        wearers = tuple(replace(one, reports=told(one.reports)) for one in self.wearers)
+        return replace(self, wearers=wearers, reports=told(self.reports))
+
+
+def overlap_middle(before: SolvedWindow, window: SolvedWindow) -> slice:
+    """The frames in which one passes over into the next."""
+    first, last = window.frames.start, before.frames.stop
+    settled = int((last - first) * END_EFFECT)
+    return slice(first + settled, last - settled)
+
+
+def moved(window: SolvedWindow, before: SolvedWindow, has_floor: bool) -> SolvedWindow:
+    """A window whose world is its own in the world of the one before, by where both have wearers and camera.
+
+    Worlds differ by a shift; before a carried camera, by a turn about the vertical too, for its headings are found
+    anew. On a floor, that is at the same height.
+    """
+    frames = overlap_middle(before, window)
+    other, own = before.within(frames), window.within(frames)
+    wearers = list(zip(other.wearers, own.wearers, strict=True))
+    positions = [(one.motion.p_world_pelvis, two.motion.p_world_pelvis) for one, two in wearers]
+    yaw, camera = 0.0, window.camera
+    if camera is not None and other.camera is not None and own.camera is not None:
+        turns = [(one.motion.R_parent_child[:, 0], two.motion.R_parent_child[:, 0]) for one, two in wearers]
+        turns.append((other.camera.path.R_world_camera, own.camera.path.R_world_camera))
+        yaw = robust_mean_angle(np.concatenate([yaw_of(there @ transpose(here)) for there, here in turns]))
+        positions.append((other.camera.path.p_world_camera, own.camera.path.p_world_camera))
+    turn = rotation_z(yaw)
+    shifts = np.concatenate([there - here @ turn.T for there, here in positions])
+    shift = np.mean(shifts, axis=0) if camera is None else np.median(shifts, axis=0)
+    if has_floor:
+        shift[2] = 0.0
+    middle = (frames.stop - frames.start) // 2
+    return replace(
+        window,
+        wearers=tuple(
+            _turned(one, yaw, shift, _unsureness(first, second, middle, has_floor))
+            for one, (first, second) in zip(window.wearers, wearers, strict=True)
+        ),
+        camera=None if camera is None else _turned_camera(camera, yaw, shift),
+        headings=tuple(replace(one, knots=one.knots + yaw) for one in window.headings),
+    )
+
+
+def chunks_of(windows: Iterator[SolvedWindow], head: Estimate) -> Iterator[Estimate]:
+    """The estimate chunk by chunk, of windows in one world that overlap, in the order of time.
 
     Args:
-        windows: overlapping, in the order of time.
-        model: of the wearer.
+        windows: two at a time are in memory.
         head: the estimate without its frames.
     """
-    axes = slice(0, 2 if model.has_floor else 3)  # in which a window does not know where it is
-    done, before = 0, next(windows)
+    done, before, told = 0, next(windows), -np.inf
     for window in windows:
-        first, last = window.frames.start, before.frames.stop
-        settled = int((last - first) * SETTLING)
-        meeting = slice(first + settled, last - settled)
-        window = _moved(window, before, meeting, axes)
-        yield _chunk(_passing_over(before, window, meeting), slice(done, meeting.stop), head)
-        done, before = meeting.stop, window
-    yield _chunk(before, slice(done, before.frames.stop), head)
+        meeting = overlap_middle(before, window)
+        boundary = float(window.wearers[0].motion.time[meeting.start - window.frames.start])
+        yield _chunk(before.within(slice(done, meeting.start)), told, boundary, head)
+        yield _chunk(_between(before.within(meeting), window.within(meeting)), boundary, boundary, head)
+        done, before, told = meeting.stop, window, boundary
+    yield _chunk(before.within(slice(done, before.frames.stop)), told, np.inf, head)
 
 
-def _moved(window: SolvedWindow, before: SolvedWindow, meeting: slice, axes: slice) -> SolvedWindow:
-    """A window moved to where the one before it is, as sure of where that is."""
-    own, other = _within(window, meeting), _within(before, meeting)
-    shift = np.zeros(3)
-    shift[axes] = np.mean(other.state.p_world_pelvis - own.state.p_world_pelvis, axis=0)[axes]
-    state, covariance = replace(window.state, p_world_pelvis=window.state.p_world_pelvis + shift), window.covariance
-    if covariance is not None and own.covariance is not None and other.covariance is not None:
-        root, middle = covariance.root.copy(), len(own.covariance.root) // 2
-        root[:, axes, axes] += (other.covariance.root - own.covariance.root)[middle, axes, axes]
-        covariance = replace(covariance, root=root)
-    return replace(window, state=state, covariance=covariance)
-
-
-def _passing_over(before: SolvedWindow, window: SolvedWindow, meeting: slice) -> SolvedWindow:
-    """The window before, which in the frames of the meeting passes over into the next one."""
-    own, other = _within(before, meeting), _within(window, meeting)
-    share = np.linspace(0, 1, meeting.stop - meeting.start + 2)[1:-1]
-    ends = slice(None, meeting.start - before.frames.start)
-    cut = _within(before, slice(before.frames.start, meeting.start))
-    covariance = cut.covariance
-    if covariance is not None and own.covariance is not None and other.covariance is not None:
-        covariance = PoseCovariance(
-            *(
-                np.concatenate([kept, _between(one, two, share)])
-                for kept, one, two in (
-                    (covariance.joints, own.covariance.joints, other.covariance.joints),
-                    (covariance.root, own.covariance.root, other.covariance.root),
-                )
-            )
+def _chunk(window: SolvedWindow, start: float, end: float, head: Estimate) -> Estimate:
+    """Of all its frames; who is who in the video from one instant to another."""
+    shown, wearers = (window.detected_at >= start) & (window.detected_at < end), []
+    for whole, one in zip(head.wearers, window.wearers, strict=True):
+        begin, rate = whole.motion.start + window.frames.start / whole.motion.rate, whole.motion.rate
+        motion = replace(
+            whole.motion, R_parent_child=one.motion.R_parent_child, p_world_pelvis=one.motion.p_world_pelvis
         )
-    met = _states_between(own.state, other.state, share)
-    state = replace(
-        before.state,
-        R_parent_child=np.concatenate([before.state.R_parent_child[ends], met.R_parent_child]),
-        p_world_pelvis=np.concatenate([before.state.p_world_pelvis[ends], met.p_world_pelvis]),
+        motion = replace(motion, start=begin, rate=rate)
+        wearers.append(
+            replace(whole, motion=motion, covariance=one.covariance, residuals=one.residuals, reports=one.reports)
+        )
+    return replace(
+        head, wearers=tuple(wearers), camera=None if head.camera is None else window.camera,
+        wearer_of_detection=window.wearer_of_detection[shown], reports=window.reports,
+    )  # fmt: skip
+
+
+def _between(one: SolvedWindow, other: SolvedWindow) -> SolvedWindow:
+    """The frames of an overlap, of which the first are nearly as in one window, and the last as in the other."""
+    count = one.frames.stop - one.frames.start
+    share = np.linspace(0, 1, count + 2)[1:-1]
+    wearers = tuple(_estimate_between(*two, share) for two in zip(one.wearers, other.wearers, strict=True))
+    camera = None if one.camera is None or other.camera is None else _camera_between(one.camera, other.camera, share)
+    return replace(one, wearers=wearers, camera=camera, reports=())
+
+
+def _estimate_between(one: WearerEstimate, other: WearerEstimate, share: Array) -> WearerEstimate:
+    first, second = one.motion, other.motion
+    motion = replace(
+        first,
+        R_parent_child=_turns_between(first.R_parent_child, second.R_parent_child, share),
+        p_world_pelvis=_values_between(first.p_world_pelvis, second.p_world_pelvis, share),
     )
+    covariance = one.covariance
+    if covariance is not None and other.covariance is not None:
+        covariance = PoseCovariance(
+            _values_between(covariance.joints, other.covariance.joints, share),
+            _values_between(covariance.root, other.covariance.root, share),
+        )
     nearer = (share < 0.5)[:, None]
-    residuals = {
-        kind: np.concatenate([cut.residuals[kind], np.where(nearer, own.residuals[kind], other.residuals[kind])])
-        for kind in before.residuals
-    }
-    return replace(
-        before, frames=slice(before.frames.start, meeting.stop), state=state, covariance=covariance, residuals=residuals
-    )
+    residuals = {kind: np.where(nearer, values, other.residuals[kind]) for kind, values in one.residuals.items()}
+    return replace(one, motion=motion, covariance=covariance, residuals=residuals, reports=())
 
 
-def _states_between(one: WearerState, other: WearerState, share: Array) -> WearerState:
-    turn = share[:, None, None] * log(transpose(one.R_parent_child) @ other.R_parent_child)
-    return replace(
-        one,
-        R_parent_child=one.R_parent_child @ exp(turn),
-        p_world_pelvis=_between(one.p_world_pelvis, other.p_world_pelvis, share),
-    )
+def _camera_between(one: CameraEstimate, other: CameraEstimate, share: Array) -> CameraEstimate:
+    first, second, covariance, residual = one.path, other.path, one.covariance, one.residual_px
+    if len(first) == len(share) == len(second):
+        first = CameraPath(
+            first.time,
+            _turns_between(first.R_world_camera, second.R_world_camera, share),
+            _values_between(first.p_world_camera, second.p_world_camera, share),
+        )
+        if covariance is not None and other.covariance is not None:
+            covariance = _values_between(covariance, other.covariance, share)
+    if residual is not None and other.residual_px is not None:
+        residual = np.where((share < 0.5)[:, None], residual, other.residual_px)
+    return replace(one, path=first, covariance=covariance, residual_px=residual)
 
 
-def _between(one: Array, other: Array, share: Array) -> Array:
+def _turns_between(one: Array, other: Array, share: Array) -> Array:
+    """Rotations ``(T, ..., 3, 3)``, each its share of the way from one to the other."""
+    share = share.reshape(-1, *(1,) * (one.ndim - 2))
+    return one @ exp(share * log(transpose(one) @ other))
+
+
+def _values_between(one: Array, other: Array, share: Array) -> Array:
     return one + share.reshape(-1, *(1,) * (one.ndim - 1)) * (other - one)
 
 
-def _within(window: SolvedWindow, frames: slice) -> SolvedWindow:
-    """Some of a window's frames."""
-    own = slice(frames.start - window.frames.start, frames.stop - window.frames.start)
-    covariance = window.covariance
-    return replace(
-        window,
-        frames=frames,
-        state=window.state.window(own),
-        covariance=None if covariance is None else PoseCovariance(covariance.joints[own], covariance.root[own]),
-        residuals={kind: values[own] for kind, values in window.residuals.items()},
-    )
+def _turned_camera(camera: CameraEstimate, yaw: float, shift: Array) -> CameraEstimate:
+    turn, path, calibration = rotation_z(yaw), camera.path, camera.calibration
+    path = CameraPath(path.time, turn @ path.R_world_camera, path.p_world_camera @ turn.T + shift)
+    if calibration is not None:
+        calibration = replace(calibration, heading=calibration.heading + yaw)
+    return replace(camera, path=path, calibration=calibration)
 
 
-def _chunk(window: SolvedWindow, frames: slice, head: WearerEstimate) -> WearerEstimate:
-    own, motion = _within(window, frames), head.motion
-    R, p_world = own.state.R_parent_child, own.state.p_world_pelvis
-    start = motion.start + frames.start / motion.rate
-    motion = replace(motion, R_parent_child=R, p_world_pelvis=p_world, start=start)
-    return replace(head, motion=motion, covariance=own.covariance, residuals=own.residuals, reports=window.reports)
+def _turned(estimate: WearerEstimate, yaw: float, shift: Array, unsure: Array) -> WearerEstimate:
+    """A wearer in a world turned about the vertical, then shifted, and as unsure as that one is of where it is."""
+    turn, motion, R = rotation_z(yaw), estimate.motion, estimate.motion.R_parent_child.copy()
+    R[:, 0] = turn @ R[:, 0]
+    moved = replace(motion, R_parent_child=R, p_world_pelvis=motion.p_world_pelvis @ turn.T + shift)
+    calibration = {
+        name: replace(one, heading=one.heading + yaw, heading_path=one.heading_path + yaw)
+        for name, one in estimate.calibration.items()
+    }
+    covariance = estimate.covariance
+    if covariance is not None:
+        covariance = replace(covariance, root=turn @ covariance.root @ turn.T + unsure)
+    return replace(estimate, motion=moved, calibration=calibration, covariance=covariance)
+
+
+def _unsureness(before: WearerEstimate, own: WearerEstimate, middle: int, has_floor: bool) -> Array:
+    """What the one before is less sure of a wearer's place, ``(3, 3)`` m²."""
+    added = np.zeros((3, 3))
+    if before.covariance is not None and own.covariance is not None:
+        axes = slice(0, 2 if has_floor else 3)
+        added[axes, axes] = (before.covariance.root - own.covariance.root)[middle, axes, axes]
+    return added

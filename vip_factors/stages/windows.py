@@ -1,17 +1,19 @@
 """The frames of an estimate: in step with the video, in overlapping windows, and the stretches that calibrate."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
 
-from vip_factors.errors import RecordingError
+from vip_factors.errors import InputError, RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.frames import frame_count
 from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.sources import SceneSource, shared_interval
 from vip_factors.settings import Settings
 
 LEAST_FRAMES = 3
+VIDEO_RATE_S = 10.0  # of a long video that tell its rate
 
 
 @dataclass(frozen=True)
@@ -36,26 +38,59 @@ class WindowPlan:
     stretch: int
 
     @classmethod
-    def of(cls, interval: tuple[float, float], settings: Settings) -> "WindowPlan":
+    def of(cls, name: str, interval: tuple[float, float], settings: Settings, whole: bool = False) -> "WindowPlan":
         """For samples from one instant to another, as :func:`~vip_factors.sensors.frames.resample` places frames.
 
+        Args:
+            name: of the recording.
+            interval: seconds.
+            settings: of all rooms.
+            whole: whether to take all frames as one window, however many there are.
+
         Raises:
-            RecordingError: if they cover less than three frames, or more than a day.
+            InputError: for a rate that is not positive.
+            RecordingError: if the samples cover less than three frames, or more than a day.
         """
-        (start, end), rate, own = interval, settings.frame_rate, settings.windows
+        (start, end), rate = interval, settings.frame_rate
         factor = settings.coarse_factor if settings.acceleration else 1
+        if not rate > 0:
+            raise InputError(f"frame rate {rate:g} Hz: expected a positive number")
         count = frame_count(start, end, rate)
-        if count < LEAST_FRAMES * factor:
-            raise RecordingError(f"the recording is {end - start:.3f} s long: expected {LEAST_FRAMES} frames or more")
+        if ceil(count / factor) < LEAST_FRAMES:
+            raise RecordingError(f"recording '{name}' is {end - start:.3f} s long: expected three frames or more")
+        plan = cls.one_window(start, rate, count, factor)
+        return plan if whole or not is_long(interval, settings) else plan.divided(settings)
+
+    @classmethod
+    def one_window(cls, start: float, rate: float, frames: int, factor: int) -> "WindowPlan":
+        """All frames together, all of which calibrate."""
+        return cls(start, rate, frames, factor, frames, 0, 1, ceil(frames / factor))
+
+    def divided(self, settings: Settings, together: bool = False) -> "WindowPlan":
+        """The same frames in windows; those that calibrate follow one another if they are to be ``together``."""
+        own, rate, factor = settings.windows, self.rate, self.factor
         window, overlap = (factor * max(round(s * rate / factor), 2) for s in (own.window_s, own.overlap_s))
-        stretch = max(round(own.calibration_stretch_s * rate / factor), LEAST_FRAMES)
-        return cls(start, rate, count, factor, window, overlap, own.calibration_stretches, stretch)
+        stretches, seconds = own.calibration_stretches, own.calibration_stretch_s
+        if together:
+            stretches, seconds = 1, stretches * seconds
+        stretch = max(round(seconds * rate / factor), LEAST_FRAMES)
+        return replace(self, window=window, overlap=overlap, stretches=stretches, stretch=stretch)
+
+    @property
+    def all_coarse_time(self) -> Array:
+        """Seconds of all coarse frames."""
+        return self.coarse_time(slice(0, ceil(self.frames / self.factor)))
+
+    @property
+    def is_one_window(self) -> bool:
+        """Whether all frames are solved together, and all of them calibrate."""
+        return self.frames <= self.window and len(self.calibrating()) == 1
 
     def windows(self) -> list[slice]:
         """Frames of each window: as evenly spaced as coarse frames allow, each over the next by the overlap or more."""
-        count = max(1, ceil((self.frames - self.overlap) / (self.window - self.overlap)))
-        if count == 1:
+        if self.frames <= self.window:
             return [slice(0, self.frames)]
+        count = ceil((self.frames - self.overlap) / (self.window - self.overlap))
         last = self.frames - self.window
         starts = [self.factor * round(start / self.factor) for start in np.linspace(0, last, count)]
         # One frame more, so that the last one is coarse too.
@@ -78,38 +113,38 @@ class WindowPlan:
         return self.start + np.arange(frames.start, frames.stop) / (self.rate / self.factor)
 
 
-@dataclass(frozen=True)
-class SceneFrames:
-    """Instants of the estimate, in seconds: ``fine`` ``(T,)``, and every ``factor``-th of them, ``coarse``."""
-
-    fine: Array
-    factor: int
-
-    @property
-    def coarse(self) -> Array:
-        """The instants on which the calibration is found."""
-        return self.fine[:: self.factor]
+def is_long(interval: tuple[float, float], settings: Settings) -> bool:
+    """Whether a recording from one instant to another (seconds) is to be solved window by window."""
+    return settings.windows.use and interval[1] - interval[0] > settings.windows.above_s
 
 
-def scene_frames(scene: Scene, frame_rate: float, coarse_factor: int) -> SceneFrames:
-    """Frames over the time that all wearers' sensors cover.
+def scene_plan(source: SceneSource, settings: Settings, whole: bool = False) -> WindowPlan:
+    """Frames over the time that all wearers' sensors cover, in step with the video, and their windows.
 
-    A whole number of frames goes to each video frame (or of video frames to each frame), at about ``frame_rate`` Hz,
-    and the frames meet the video's: what the camera saw then need not be interpolated.
+    A whole number of frames goes to each video frame (or of video frames to each frame), at about the settings'
+    ``frame_rate``, and the frames meet the video's: what the camera saw then need not be interpolated.
+
+    Args:
+        source: of the scene.
+        settings: of all rooms.
+        whole: whether to take all frames as one window, however many there are.
 
     Raises:
         RecordingError: if the wearers share less than four coarse frames, or more than a day.
     """
-    intervals = [wearer.interval for wearer in scene.wearers]
-    interval = max(one[0] for one in intervals), min(one[1] for one in intervals)
-    first, rate, count = in_step(scene, interval, frame_rate, coarse_factor)
-    return SceneFrames(first + np.arange(count) / rate, coarse_factor)
+    interval, factor = shared_interval(source), settings.coarse_factor
+    if whole or not is_long(interval, settings):
+        return WindowPlan.one_window(*_in_step(source.between(), interval, settings.frame_rate, factor), factor)
+    look = source.video_start if np.isfinite(source.video_start) else interval[0]
+    video = source.between(look, look + VIDEO_RATE_S)
+    plan = WindowPlan.one_window(*_in_step(video, interval, settings.frame_rate, factor), factor)
+    return plan.divided(settings, together=True)
 
 
-def in_step(
+def _in_step(
     scene: Scene, interval: tuple[float, float], frame_rate: float, coarse_factor: int
 ) -> tuple[float, float, int]:
-    """Frames within an interval (seconds) as :func:`scene_frames` places them: the first's seconds, rate and count.
+    """Frames within an interval (seconds) as :func:`scene_plan` places them: the first's seconds, rate and count.
 
     Args:
         scene: whose first camera's first video frames the frames are to meet.

@@ -11,7 +11,7 @@ import numpy as np
 
 from vip_factors.errors import InputError
 from vip_factors.evaluate.evaluation import evaluate_scene
-from vip_factors.pipeline import smooth_scene
+from vip_factors.pipeline import smooth
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 
@@ -123,7 +123,7 @@ def measured(scene: Scene, settings: Settings, measure: Measure) -> float:
         InputError: if the scene holds no truth, or the error is none to compare others with.
         SolveError: if the problem is not determined with these settings.
     """
-    value = evaluate_scene(smooth_scene(scene, settings), scene)[measure.value]
+    value = evaluate_scene(smooth(scene, settings), scene)[measure.value]
     if not np.isfinite(value) or value <= 0:
         raise InputError(f"scene '{scene.name}': {measure.value} is {value:g}: expected an error above 0")
     return value

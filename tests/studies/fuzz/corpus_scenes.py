@@ -133,13 +133,12 @@ def scene_cases() -> list[Case]:
 
 def _recording(folder: Path, name: str) -> None:
     """As ``info``, and as far as ``smooth`` goes before it solves."""
-    from vip_factors.io.mcap_sampled import open_sampled
+    from vip_factors.io.mcap_source import open_source
     from vip_factors.sensors.live import LiveSetup, live_samples
 
     path = folder / f"{name}.mcap"
     file_text(path)
-    sampled = open_sampled(path)
-    for wearer in sampled.wearers if sampled is not None else ():
+    for wearer in open_source([path], 0.0).wearers:
         wearer.between(0.0, 0.1)
     from vip_factors.io.mcap_recording import read_scene
 

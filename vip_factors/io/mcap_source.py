@@ -1,0 +1,305 @@
+"""A recording or a filmed scene in an MCAP file, whose samples and detections are read window by window."""
+
+import os
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.errors import RecordingError
+from vip_factors.io.codec import NS_PER_S
+from vip_factors.io.mcap_camera import CameraTopics, camera_of
+from vip_factors.io.mcap_messages import is_ours, naming, of_topic
+from vip_factors.io.mcap_reader import McapByTime, McapChannel, McapContents, McapMessages
+from vip_factors.io.mcap_recording import FIRST_CAMERA, IMU, SCENE_INFO, recording_of, wearer_prefixes
+from vip_factors.io.mcap_samples import detections_of, read_streams
+from vip_factors.io.scene_building import read_scenes
+from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
+from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
+from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
+from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.parts import wearers_in_parts
+from vip_factors.sensors.recording import Recording, nothing_placed
+from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.sensors.sources import (
+    LEAST_SAMPLES,
+    MARGIN_S,
+    SceneInMemory,
+    SceneSource,
+    UnfilmedSource,
+    cut,
+    first_video_time,
+    mount_of,
+    without_frames,
+)
+
+TRUTH = "/truth/"
+ESTIMATE, CAMERA = "/estimate/", "/camera/"
+CAMERA_SCHEMAS = ("foxglove.CameraCalibration", "foxglove.PoseInFrame")  # not its images
+COUNTED_S = 60.0  # of detections read at once where they are only counted
+CLOCK_SLACK_S = 0.5  # between the time of a sample and that at which it was logged
+
+
+@dataclass(frozen=True)
+class WearerFile:
+    """One wearer's recording in an MCAP file; see :class:`~vip_factors.sensors.sources.RecordingSource`.
+
+    Attributes:
+        file: it.
+        ends: the recording, with the first and the last sample of each sensor.
+        prefix: what its topics begin with.
+    """
+
+    file: McapByTime
+    ends: Recording
+    prefix: str
+
+    @cached_property
+    def head(self) -> Recording:
+        """See the protocol."""
+        return replace(self.ends, imus={})
+
+    @cached_property
+    def sensors(self) -> tuple[str, ...]:
+        """See the protocol."""
+        return tuple(self.ends.placed)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """See the protocol.
+
+        Raises:
+            RecordingError: if no sensor is placed.
+        """
+        if not self.sensors:
+            raise nothing_placed(self.head.name, self.ends.imus)
+        streams = [self.ends.imus[name] for name in self.sensors]
+        return float(min(one.time[0] for one in streams)), float(max(one.time[-1] for one in streams))
+
+    def channels(self, contents: McapContents) -> list[McapMessages]:
+        """The wearer's samples among some messages."""
+        return [one for one in contents.messages.values() if one.channel.topic.startswith(self.prefix + IMU)]
+
+    @property
+    def is_found_by_time(self) -> bool:
+        """Whether the ends are whole, and were logged at their samples' own times."""
+        for messages in self.channels(self.file.contents):
+            for stream in read_streams(self.file.path, [messages], self.head.start_ns).values():
+                if len(stream) < len(messages.data):
+                    return False
+                logged = np.array([self._seconds(one) for one in messages.log_times])
+                if np.max(np.abs(logged - stream.time)) > CLOCK_SLACK_S:
+                    return False
+        return True
+
+    def _seconds(self, log_time: int) -> float:
+        return (log_time - self.head.start_ns) / NS_PER_S
+
+    def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
+        """See the protocol.
+
+        Raises:
+            RecordingError, FileFormatError: if the samples are unusable.
+        """
+        return self.among(self.file.between(*_logged(self.head.start_ns, start, end)), start, end)
+
+    def among(self, contents: McapContents, start: float, end: float) -> Mapping[str, ImuStream]:
+        """The same among messages that were read already.
+
+        Raises:
+            RecordingError, FileFormatError: if the samples are unusable.
+        """
+        with naming(self.file.path):
+            streams = read_streams(self.file.path, self.channels(contents), self.head.start_ns)
+        found = {}
+        for name in self.sensors:
+            if name in streams:
+                inside = (streams[name].time >= start) & (streams[name].time <= end)
+                if np.count_nonzero(inside) >= LEAST_SAMPLES:
+                    found[name] = streams[name].cut(start, end)
+        return found
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene with a camera in an MCAP file; see :class:`~vip_factors.sensors.sources.SceneSource`.
+
+    Attributes:
+        file: it.
+        name: of the scene.
+        wearers: their recordings.
+        ends: its cameras, with the first and the last video frame, and such samples of the sensors on them.
+        topics: of the cameras.
+    """
+
+    file: McapByTime
+    name: str
+    wearers: tuple[WearerFile, ...]
+    ends: tuple[Camera, ...]
+    topics: tuple[CameraTopics, ...]
+
+    @cached_property
+    def head(self) -> Scene:
+        """See the protocol."""
+        return self._scene([without_frames(one) for one in self.ends], [one.head for one in self.wearers])
+
+    @property
+    def video_start(self) -> float:
+        """See the protocol."""
+        return first_video_time(self._scene(self.ends, [one.head for one in self.wearers]))
+
+    def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
+        """See the protocol.
+
+        Raises:
+            RecordingError, FileFormatError: if what was measured is unusable.
+        """
+        reach = start - MARGIN_S, end + MARGIN_S
+        contents = self._contents(*reach)
+        messages = list(contents.messages.values())
+        wearers = [replace(one.head, imus=one.among(contents, *reach)) for one in self.wearers]
+        with naming(self.file.path):
+            cameras = [self._camera(number, messages, start, end) for number in range(len(self.ends))]
+        return self._scene(cameras, wearers)
+
+    def detected(self, start: float, end: float) -> int:
+        """See the protocol."""
+        time, clock = self.ends[0].timed_detections.time, self.ends[0].clock
+        if not len(time):
+            return 0
+        start, end, count = max(start, float(time[0])), min(end, float(np.nextafter(time[-1], np.inf))), 0
+        while start < end:
+            until = min(start + COUNTED_S, end)
+            messages = list(self._contents(start, until).messages.values())
+            for one in of_topic(self.file.path, messages, self._detections(0), Detections2D):
+                count += len(one.people) * (start <= one.seconds + clock.late(one.seconds) < until)
+            start = until
+        return count
+
+    @property
+    def is_found_by_time(self) -> bool:
+        """Whether video frames were logged at their own times, and all that is said of the cameras is there."""
+        messages = list(self.file.contents.messages.values())
+        for number, camera in enumerate(self.ends):
+            for logged in (one for one in messages if one.channel.topic == self._detections(number)):
+                seen = of_topic(self.file.path, [logged], self._detections(number), Detections2D)
+                own = camera.clock.at(np.array([one.seconds for one in seen]))
+                there = np.array([(one - self._start_ns) / NS_PER_S for one in logged.log_times])
+                if len(own) and np.max(np.abs(own - there)) > CLOCK_SLACK_S:
+                    return False
+        return True
+
+    @property
+    def _start_ns(self) -> int:
+        return self.wearers[0].head.start_ns
+
+    def _detections(self, number: int) -> str:
+        return self.topics[number]("detections")
+
+    def _scene(self, cameras: Sequence[Camera], wearers: Sequence[Recording]) -> Scene:
+        return Scene(self.name, tuple(wearers), cameras[0], None, tuple(cameras[1:]))
+
+    def _contents(self, start: float, end: float) -> McapContents:
+        return self.file.between(*_logged(self._start_ns, start, end))
+
+    def _camera(self, number: int, messages: Sequence[McapMessages], start: float, end: float) -> Camera:
+        """One camera with what it filmed between two instants, and what the sensor on it measured."""
+        whole, topics, path = self.ends[number], self.topics[number], self.file.path
+        info = of_topic(path, list(self.file.contents.messages.values()), topics("info"), CameraInfo)[-1]
+        seen = of_topic(path, messages, topics("detections"), Detections2D)
+        for one in reversed(seen):
+            one.frame -= seen[0].frame
+        detections, _ = detections_of(info, seen)
+        mount = whole.mount
+        if mount is not None:
+            streams = read_streams(
+                path, [one for one in messages if one.channel.topic == topics("imu")], self._start_ns
+            )
+            imu = streams.get(mount.imu.name)
+            mount = None if imu is None else mount_of(mount, imu.cut(start - MARGIN_S, end + MARGIN_S))
+        return replace(whole, detections=cut(detections, start, end, whole.clock), mount=mount, video=None)
+
+
+def _logged(start_ns: int, start: float, end: float) -> tuple[int, int]:
+    """Log times, nanoseconds, between which everything lies that was measured from one instant to another."""
+    first = 0 if start == -np.inf else start_ns + round((start - CLOCK_SLACK_S) * NS_PER_S)
+    last = np.iinfo(np.int64).max if end == np.inf else start_ns + round((end + CLOCK_SLACK_S) * NS_PER_S)
+    return max(first, 0), int(last)
+
+
+def open_source(paths: Sequence[str | os.PathLike[str]], longer_than_s: float) -> SceneSource:
+    """What files hold that are parts of one recording: read by time if it is longer than so many seconds and can be so.
+
+    What cannot is read at once: a file whose messages stand outside of chunks, or were logged at other times than the
+    samples', or whose first samples are not whole; parts of which one has a camera.
+
+    Raises:
+        InputError: if there is no such file.
+        FileFormatError: if it is no MCAP file, holds nothing of a recording, or files are not parts of one recording.
+    """
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        found = [_by_time(path) for path in paths] if np.isfinite(longer_than_s) else [None]
+        source = _together([one for one in found if one is not None], paths)
+    if source is None or not any(one.interval[1] - one.interval[0] > longer_than_s for one in source.wearers):
+        return SceneInMemory(read_scenes([Path(path) for path in paths]))
+    for one in warned:  # else they come again as the files are read at once
+        warnings.warn(one.message, stacklevel=2)
+    return source
+
+
+def _together(
+    parts: Sequence[SceneFile | UnfilmedSource], paths: Sequence[str | os.PathLike[str]]
+) -> SceneSource | None:
+    """Parts of one recording as one source; None if one of them is missing, or has a camera beside others."""
+    unfilmed = [one for one in parts if isinstance(one, UnfilmedSource)]
+    if len(parts) < len(paths) or (len(parts) > 1 and len(unfilmed) < len(parts)):
+        return None
+    if len(parts) == 1:
+        return parts[0]
+    return UnfilmedSource(
+        parts[0].name, wearers_in_parts([one.wearers for one in unfilmed], [str(path) for path in paths])
+    )
+
+
+def _by_time(path: str | os.PathLike[str]) -> SceneFile | UnfilmedSource | None:
+    """The scene in an MCAP file, to be read by time; None if it cannot be read so."""
+    file = McapByTime(path, _comes_once, _comes_in_time)
+    messages = list(file.contents.messages.values())
+    infos = of_topic(file.path, messages, SCENE_INFO, SceneInfo)
+    try:
+        with naming(file.path):
+            wearers = tuple(
+                WearerFile(file, recording_of(file.contents, messages, prefix), prefix)
+                for prefix in wearer_prefixes(file.contents, messages, infos[-1] if infos else None)
+            )
+            if not (wearers and file.chunked and all(one.is_found_by_time for one in wearers)):
+                return None
+    except RecordingError:  # what the ends lack the rest may have
+        return None
+    name = infos[-1].name if infos else wearers[0].head.name
+    if not any(topic.startswith(CAMERA) for topic in file.contents.topics):
+        return UnfilmedSource(name, wearers)
+    topics = [FIRST_CAMERA, *(CameraTopics(one) for one in (infos[-1].further_camera_topics if infos else ()))]
+    with warnings.catch_warnings(), naming(file.path):
+        warnings.simplefilter("ignore")  # of video frames there are two; whoever reads all of it says what is lost
+        cameras = [camera_of(file.path, messages, one, wearers[0].head.start_ns)[0] for one in topics]
+    known = tuple(one for one in cameras if one is not None)
+    if len(known) < len(topics):
+        return None
+    scene = SceneFile(file, name, wearers, known, tuple(topics))
+    return scene if scene.is_found_by_time else None
+
+
+def _comes_once(channel: McapChannel) -> bool:
+    passed = channel.topic.startswith(ESTIMATE) or TRUTH in channel.topic or _comes_in_time(channel)
+    of_camera = channel.topic.startswith(CAMERA) and channel.schema_name in CAMERA_SCHEMAS
+    return (is_ours(channel) or of_camera) and not passed
+
+
+def _comes_in_time(channel: McapChannel) -> bool:
+    return is_ours(channel, ImuSample) or is_ours(channel, Detections2D)

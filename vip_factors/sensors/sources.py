@@ -1,0 +1,278 @@
+"""Where recordings and scenes come from: memory or files, which give by time what is longer than memory."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from vip_factors.errors import RecordingError
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.camera_model import VideoClock
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.frames import ImuFrames, resample_streams
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.recording import Recording, nothing_placed
+from vip_factors.sensors.scene import Camera, CameraMount, Scene
+
+MARGIN_S = 1.0  # of samples read on either side of frames: each frame looks a coarse step to both sides
+LEAST_SAMPLES = 2  # of a stream: one alone has no rate
+
+
+class RecordingSource(Protocol):
+    """Where samples come from: memory, or a file."""
+
+    @property
+    def head(self) -> Recording:
+        """All but the samples."""
+        ...
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Names of the sensors that have both samples and a place on the body, in the placement's order."""
+        ...
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Seconds of the first and last sample of any of these sensors."""
+        ...
+
+    def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
+        """The samples of these sensors with ``start <= time <= end``; sensors that have hardly any are left out."""
+        ...
+
+
+@dataclass(frozen=True)
+class RecordingInMemory:
+    """A recording that is in memory already."""
+
+    recording: Recording
+
+    @cached_property
+    def head(self) -> Recording:
+        """See :class:`RecordingSource`."""
+        return replace(self.recording, imus={})
+
+    @cached_property
+    def sensors(self) -> tuple[str, ...]:
+        """See :class:`RecordingSource`."""
+        return tuple(self.recording.placed)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """See :class:`RecordingSource`."""
+        streams = [self.recording.imus[name] for name in self.sensors]
+        if not streams:
+            raise nothing_placed(self.recording.name, self.recording.imus)
+        return float(min(one.time[0] for one in streams)), float(max(one.time[-1] for one in streams))
+
+    def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
+        """See :class:`RecordingSource`."""
+        found = {}
+        for name in self.sensors:
+            stream = self.recording.imus[name]
+            first, last = np.searchsorted(stream.time, start, "left"), np.searchsorted(stream.time, end, "right")
+            if last - first >= LEAST_SAMPLES:
+                found[name] = stream.cut(start, end)
+        return found
+
+
+def samples_around(recording: RecordingSource, time: Array) -> Mapping[str, ImuStream]:
+    """All samples that frames at ``time`` ``(T,)`` look at."""
+    return recording.between(float(time[0]) - MARGIN_S, float(time[-1]) + MARGIN_S)
+
+
+def frames_of(streams: Mapping[str, ImuStream], sensors: Sequence[str], time: Array) -> ImuFrames:
+    """Frames at ``time`` ``(T,)`` of all ``sensors``; of those without a stream nothing is valid.
+
+    Raises:
+        RecordingError: if a stream has no orientation.
+    """
+    T, S = len(time), len(sensors)
+    R, force = np.tile(np.eye(3), (T, S, 1, 1)), np.zeros((T, S, 3))
+    seen, whole = np.zeros((T, S), bool), np.zeros((T, S), bool)
+    own = [name for name in sensors if name in streams]
+    if own:
+        found = resample_streams([streams[name] for name in own], time)
+        columns = [list(sensors).index(name) for name in own]
+        R[:, columns], force[:, columns] = found.R_inertial_sensor, found.specific_force_inertial
+        seen[:, columns], whole[:, columns] = found.orientation_valid, found.acceleration_valid
+    return ImuFrames(tuple(sensors), time, R, seen, force, whole)
+
+
+def without_gaps(head: Recording, stretches: Sequence[Mapping[str, ImuStream]], times: Sequence[Array]) -> Recording:
+    """A recording of several stretches with the time between them left out: the first instant of each follows the last.
+
+    Args:
+        head: all but the samples.
+        stretches: samples of each.
+        times: ``(T,)`` seconds of the frames of each, evenly spaced; samples beyond them are left out.
+
+    Raises:
+        RecordingError: if there is no sample.
+    """
+    parts: dict[str, list[ImuStream]] = {}
+    begin = float(times[0][0])
+    for streams, time in zip(stretches, times, strict=True):
+        step, end = float(time[1] - time[0]), float(time[-1])
+        for name, stream in streams.items():
+            inside = (stream.time >= time[0]) & (stream.time < end + step / 2)
+            if np.count_nonzero(inside) >= LEAST_SAMPLES:
+                cut = stream.cut(float(time[0]), float(stream.time[inside][-1]))
+                parts.setdefault(name, []).append(replace(cut, time=cut.time + (begin - float(time[0]))))
+        begin += end - float(time[0]) + step
+    if not parts:
+        raise RecordingError(f"recording '{head.name}': no sensor measured in any of the stretches")
+    return replace(head, imus={name: one_stream(own) for name, own in parts.items()})
+
+
+def one_stream(parts: Sequence[ImuStream]) -> ImuStream:
+    """Streams of one sensor, one after another, as one."""
+
+    def together(values: Sequence[Array | None]) -> Array | None:
+        there = [one for one in values if one is not None]
+        return np.concatenate(there) if len(there) == len(parts) else None
+
+    partly = any(one.force_measured is not None for one in parts)
+    return ImuStream(
+        parts[0].name, np.concatenate([one.time for one in parts]), together([one.specific_force for one in parts]),
+        together([one.R_inertial_sensor for one in parts]), together([one.angular_rate for one in parts]),
+        np.concatenate([one.force_measured_mask for one in parts]) if partly else None,
+    )  # fmt: skip
+
+
+class SceneSource(Protocol):
+    """Where the samples and detections of a scene come from: memory, or a file."""
+
+    @property
+    def head(self) -> Scene:
+        """All but samples, detections and truth; its cameras have no video frame, and no IMU."""
+        ...
+
+    @property
+    def wearers(self) -> tuple[RecordingSource, ...]:
+        """The recordings."""
+        ...
+
+    @property
+    def video_start(self) -> float:
+        """Seconds of the first camera's first video frame, on the recordings' clock; infinite without one."""
+        ...
+
+    def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
+        """The scene within ``start <= time <= end``, with samples on either side that frames look at.
+
+        Sensors that hardly measured are left out; detections have numbers of their own.
+        """
+        ...
+
+    def detected(self, start: float, end: float) -> int:
+        """How many people the first camera's detector found in ``start <= time < end``; either may be infinite."""
+        ...
+
+
+@dataclass(frozen=True)
+class SceneInMemory:
+    """A scene that is in memory already; see :class:`SceneSource`."""
+
+    scene: Scene
+
+    @cached_property
+    def head(self) -> Scene:
+        """See the protocol."""
+        return self._scene(tuple(one.head for one in self.wearers), tuple(map(without_frames, self.scene.cameras)))
+
+    @cached_property
+    def wearers(self) -> tuple[RecordingInMemory, ...]:
+        """See the protocol."""
+        return tuple(RecordingInMemory(one) for one in self.scene.wearers)
+
+    @property
+    def video_start(self) -> float:
+        """See the protocol."""
+        return first_video_time(self.scene)
+
+    def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
+        """See the protocol; all of it is the scene as it is, with its truth."""
+        if start == -np.inf and end == np.inf:
+            return self.scene
+        wearers = tuple(
+            replace(one.head, imus=one.between(start - MARGIN_S, end + MARGIN_S), truth=None) for one in self.wearers
+        )
+        return self._scene(wearers, tuple(camera_between(one, start, end) for one in self.scene.cameras))
+
+    def detected(self, start: float, end: float) -> int:
+        """See the protocol."""
+        first = self.scene.cameras[0]
+        time = first.timed_detections.time[first.detections.frame]
+        return int(np.count_nonzero((time >= start) & (time < end)))
+
+    def _scene(self, wearers: tuple[Recording, ...], cameras: tuple[Camera, ...]) -> Scene:
+        return Scene(self.scene.name, wearers, cameras[0] if cameras else None, None, cameras[1:])
+
+
+@dataclass(frozen=True)
+class UnfilmedSource:
+    """Wearers whom no camera filmed, from wherever their samples come; see :class:`SceneSource`."""
+
+    name: str
+    wearers: tuple[RecordingSource, ...]
+
+    @cached_property
+    def head(self) -> Scene:
+        """See the protocol."""
+        return Scene(self.name, tuple(one.head for one in self.wearers))
+
+    @property
+    def video_start(self) -> float:
+        """See the protocol."""
+        return np.inf
+
+    def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
+        """See the protocol."""
+        wearers = (replace(one.head, imus=one.between(start - MARGIN_S, end + MARGIN_S)) for one in self.wearers)
+        return Scene(self.name, tuple(wearers))
+
+    def detected(self, start: float, end: float) -> int:
+        """See the protocol: nobody."""
+        return 0
+
+
+def first_video_time(scene: Scene) -> float:
+    """Seconds of the first camera's first video frame, on the recordings' clock; infinite without one."""
+    time = scene.cameras[0].timed_detections.time if scene.cameras else np.zeros(0)
+    return float(time[0]) if len(time) else np.inf
+
+
+def shared_interval(source: SceneSource) -> tuple[float, float]:
+    """Seconds from which and until when the sensors of all wearers measure."""
+    intervals = [one.interval for one in source.wearers]
+    return max(one[0] for one in intervals), min(one[1] for one in intervals)
+
+
+def without_frames(camera: Camera) -> Camera:
+    """All of a camera but what it filmed and what the sensor on it measured."""
+    none = camera.detections.select(np.zeros(len(camera.detections), bool))
+    return replace(camera, detections=replace(none, time=np.zeros(0)), mount=None, video=None)
+
+
+def camera_between(camera: Camera, start: float, end: float) -> Camera:
+    """A camera within ``start <= time <= end``, seconds on the recordings' clock."""
+    mount = camera.mount
+    if mount is not None:
+        mount = mount_of(mount, mount.imu.cut(start - MARGIN_S, end + MARGIN_S))
+    return replace(camera, detections=cut(camera.detections, start, end, camera.clock), mount=mount, video=None)
+
+
+def mount_of(mount: CameraMount, imu: ImuStream) -> CameraMount | None:
+    """The mount with these samples; None if there are hardly any."""
+    return replace(mount, imu=imu) if len(imu) >= LEAST_SAMPLES else None
+
+
+def cut(detections: Detections, start: float, end: float, clock: VideoClock) -> Detections:
+    """Detections from one instant of the sensors' clock to another; their video frames are counted anew."""
+    time = clock.at(detections.time)
+    first, last = np.searchsorted(time, start, "left"), np.searchsorted(time, end, "right")
+    own = detections.select((detections.frame >= first) & (detections.frame < last))
+    return replace(own, time=detections.time[first:last], frame=own.frame - first)

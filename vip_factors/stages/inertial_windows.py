@@ -1,0 +1,298 @@
+"""A wearer by the sensors alone: the calibration of all frames from some stretches, then window by window.
+
+What all frames share (headings, mountings, the mean pose, axes of hinges) is found on coarse frames of stretches that
+are spread over the recording, in one problem (thesis eq. 4.10 and 3.3). Every window is then solved as a
+recording would be whose calibration is known, from a little before the last one ends, and where that has put the
+wearer. Of a short recording all frames calibrate, and they are one window, which starts from that solution.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from vip_factors.assembly.objective import WearerObjective
+from vip_factors.body.kinematics import Motion
+from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.estimate import Estimate, EstimateChunks, PoseCovariance, WearerEstimate
+from vip_factors.geometry.rotations import Array
+from vip_factors.initialise.calibration import InitialCalibration
+from vip_factors.initialise.pose import first_poses
+from vip_factors.problem.scene import ExtraTerms
+from vip_factors.problem.state import WearerState
+from vip_factors.problem.wearer import WearerProblem
+from vip_factors.sensors.frames import ImuFrames, in_stretches
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.sources import RecordingSource, frames_of, samples_around, without_gaps
+from vip_factors.settings import Settings, flatten
+from vip_factors.solve.marginals import chain_marginals
+from vip_factors.stages.calibration_start import start_choice, start_findings
+from vip_factors.stages.decode import decode, pose_covariance
+from vip_factors.stages.drift import drift_findings
+from vip_factors.stages.inertial import (
+    Tracked,
+    at_frames,
+    calibrated,
+    found_start,
+    inertial_tracker,
+    with_calibration_sigmas,
+)
+from vip_factors.stages.inertial_model import alone, calibration_held, kept, method_of, placed_on_floor, with_contacts
+from vip_factors.stages.sensor_checks import CorrectedSamples, sensor_corrections
+from vip_factors.stages.solver import Progress, Solver
+from vip_factors.stages.wearer_findings import posture_findings
+from vip_factors.stages.window_join import SolvedWindow, chunks_of, moved
+from vip_factors.stages.windows import WindowPlan
+
+WALKING_SPEED = 1.4  # m/s, unseen
+COARSE_DECREASE = 0.1  # relative decrease at which coarse solves stop: the last one of a window goes on from there
+WINDOWS = "windows"  # the stage, as progress tells it
+
+
+def smooth_wearer(
+    recording: RecordingSource, settings: Settings, on_progress: Progress, extra: ExtraTerms | None = None
+) -> EstimateChunks:
+    """The estimate of a wearer; calibrated now, and in windows solved as its chunks are asked for.
+
+    Findings on accelerometers and on the wearer's posture are of the frames that calibrate; clocks are compared in the
+    recording's middle.
+
+    Args:
+        recording: of the wearer.
+        settings: of all rooms.
+        on_progress: called with the name of the stage and the fraction of it done.
+        extra: terms of a user's own; with them all frames are one window.
+
+    Raises:
+        InputError, RecordingError: for a recording that cannot be used; for samples, as chunks are asked for.
+        SolveError: if the problem is not determined; likewise.
+    """
+    plan = WindowPlan.of(recording.head.name, recording.interval, settings, whole=extra is not None)
+    solver = Solver(settings.solve, on_progress, name=settings.solver, extra=extra)
+    recording, about_sensors = with_sensors_checked(recording, plan, settings)
+    found = calibrate(recording, plan, settings, solver)
+    windows = solve_windows(found, recording, plan, settings, solver)
+    if plan.is_one_window:
+        window = next(windows).wearers[0]
+        estimate = _with_findings(replace(window, reports=tuple(solver.reports)), window.motion, recording, found)
+    else:
+        sample = decode_wearer(recording, found.model, found.state, settings)
+        none = sample.frames(slice(0, 0))
+        head = replace(
+            none, motion=replace(none.motion, rate=plan.rate, start=plan.start), reports=tuple(solver.reports)
+        )
+        estimate = _with_findings(head, sample.motion, recording, found)
+    if settings.acceleration:
+        estimate = with_calibration_sigmas(estimate, found, settings.calibration, extra)
+    whole = Estimate.of_one(replace(estimate, findings=(*about_sensors, *estimate.findings)))
+    if plan.is_one_window:
+        return EstimateChunks.of(whole)
+    return EstimateChunks(whole, (plan.frames,), chunks_of(_telling(windows, plan, on_progress), whole))
+
+
+def _telling(windows: Iterator[SolvedWindow], plan: WindowPlan, on_progress: Progress) -> Iterator[SolvedWindow]:
+    """The windows, in one world, and how far they are; reports tell their numbers."""
+    on_progress(WINDOWS, 0.0)
+    count = len(plan.windows())
+    for number, window in enumerate(windows):
+        on_progress(WINDOWS, (number + 1) / count)
+        yield window.numbered(number)
+
+
+def _with_findings(
+    estimate: WearerEstimate, motion: Motion, recording: RecordingSource, found: Tracked
+) -> WearerEstimate:
+    """The estimate with what is odd about it, in the frames of a ``motion``, and how its start was found."""
+    head, sensors = recording.head, found.model.frames.sensors
+    who, mountings = f"wearer '{head.subject.name}'", found.model.prior_R_bone_sensor
+    findings = (
+        *start_findings(who, sensors, found.starts),
+        *posture_findings(who, head, motion, estimate.calibration, mountings),
+        *drift_findings(who, estimate.calibration),
+    )
+    return replace(estimate, findings=findings, start=start_choice(sensors, found.starts))
+
+
+def with_sensors_checked(
+    recording: RecordingSource, plan: WindowPlan, settings: Settings
+) -> tuple[RecordingSource, tuple[str, ...]]:
+    """The recording with its sensors put right, and what was found: see :mod:`~vip_factors.stages.sensor_checks`.
+
+    Accelerometers are looked over in the stretches that calibrate; clocks are compared in the middle of a long one.
+
+    Raises:
+        RecordingError: for a recording that cannot be used.
+    """
+    if not (settings.accelerometers.check or settings.sensor_clocks.check):
+        return recording, ()
+    _, _, together = _calibrating(recording, plan)
+    compared = together
+    if not plan.is_one_window:
+        (start, end), half = recording.interval, settings.sensor_clocks.seconds / 2
+        middle = recording.between((start + end) / 2 - half, (start + end) / 2 + half)
+        compared = replace(together, imus=dict(middle))
+    corrections, findings = sensor_corrections(together, compared, settings)
+    return CorrectedSamples(recording, corrections) if corrections else recording, findings
+
+
+def _calibrating(
+    recording: RecordingSource, plan: WindowPlan
+) -> tuple[list[Array], list[Mapping[str, ImuStream]], Recording]:
+    """Times of the coarse frames that calibrate, their samples stretch by stretch, and these without gaps."""
+    times = [plan.coarse_time(one) for one in plan.calibrating()]
+    stretches = [recording.between()] if plan.is_one_window else [samples_around(recording, time) for time in times]
+    if len(times) == 1:
+        return times, stretches, replace(recording.head, imus=dict(stretches[0]))
+    return times, stretches, without_gaps(recording.head, stretches, times)
+
+
+def calibrate(recording: RecordingSource, plan: WindowPlan, settings: Settings, solver: Solver) -> Tracked:
+    """What all frames share, found from coarse frames of some stretches.
+
+    Returns:
+        The problem as the inertial tracker leaves it, on the stretches' frames, and the solution of the free one.
+
+    Raises:
+        InputError, RecordingError: for a recording that cannot be used.
+        SolveError: if the problem is not determined.
+    """
+    times, stretches, together = _calibrating(recording, plan)
+    each = [frames_of(own, recording.sensors, time) for own, time in zip(stretches, times, strict=True)]
+    frames = evenly = each[0]
+    if len(each) > 1:
+        frames = in_stretches(each)
+        evenly = replace(frames, time=frames.time[0] + frames.step * np.arange(len(frames)))
+    calibration, starts = found_start(together, evenly, settings, solver.telling("start"))
+    if not plan.is_one_window:
+        settings = _with_knots_in_stretches(plan, settings)
+    tracked = inertial_tracker(together, frames, settings, solver, calibration)
+    if settings.acceleration:
+        tracked = calibrated(tracked, settings, solver, solver.extra)
+    return replace(tracked, starts=starts)
+
+
+def _with_knots_in_stretches(plan: WindowPlan, settings: Settings) -> Settings:
+    """Settings whose headings have no more knots than there are stretches to see them in."""
+    every, stretches = settings.calibration.heading_knot_s, settings.windows.calibration_stretches
+    if every is None:
+        return settings
+    apart = plan.frames / plan.rate / max(stretches - 1, 1)
+    return replace(settings, calibration=replace(settings.calibration, heading_knot_s=max(every, apart)))
+
+
+def solve_windows(
+    found: Tracked, recording: RecordingSource, plan: WindowPlan, settings: Settings, solver: Solver
+) -> Iterator[SolvedWindow]:
+    """Every window, one after another, each where the one before it has the wearer.
+
+    Args:
+        found: what all of them share.
+        recording, plan, settings: of all.
+        solver: of all if they are one; else each has its own like it.
+
+    Raises:
+        RecordingError: for samples that cannot be used.
+        SolveError: if a window's problem is not determined.
+    """
+    before: SolvedWindow | None = None
+    for span in plan.windows():
+        own = solver if plan.is_one_window else replace(solver, on_progress=_silent, reports=[])
+        model, state = _solve_window(found, recording, plan, span, before, settings, own)
+        covariance = None
+        if settings.covariance:
+            measured = before is None or model.frames.orientation_valid.any()
+            covariance = _covariance(model, state) if measured else _unknown(model.frames)
+        wearer = decode_wearer(recording, model, state, settings, covariance)
+        window = SolvedWindow(span, (replace(wearer, reports=tuple(own.reports)),))
+        before = window if before is None else moved(window, before, model.has_floor)
+        yield before
+
+
+def _silent(stage: str, fraction: float) -> None:
+    pass
+
+
+def _solve_window(
+    found: Tracked, recording: RecordingSource, plan: WindowPlan, span: slice, before: SolvedWindow | None,
+    settings: Settings, solver: Solver,
+) -> tuple[WearerProblem, WearerState]:  # fmt: skip
+    """The problem on all of a window's frames, and its solution."""
+    time = plan.time(span)
+    if plan.is_one_window:
+        model, state, streams = found.model, found.state, recording.between()
+    else:
+        streams = samples_around(recording, time)
+    frames = frames_of(streams, recording.sensors, time)
+    if not plan.is_one_window:
+        first = found.model.initial_pose if span.start == 0 else None
+        if before is not None and not frames.orientation_valid.any():
+            return replace(found.model, frames=frames, initial_pose=first), _as_last_seen(found.state, before, span)
+        coarse = frames_of(streams, recording.sensors, time[:: plan.factor])
+        model = replace(found.model, frames=coarse, initial_pose=first)
+        state = _tracked(model, found.state, solver)
+        if settings.acceleration:
+            state = _settled(model, state, settings, solver)
+    if not settings.acceleration:
+        return alone(model), _where_it_was(state, before, span)
+    state = _where_it_was(at_frames(state, model.frames.time, time), before, span)
+    fine = with_contacts(kept(model, frames), state)
+    return fine, solver.solve_wearer(WearerObjective(fine, solver.extra), state, "sparse inertial poser")
+
+
+def _tracked(model: WearerProblem, found: WearerState, solver: Solver) -> WearerState:
+    """The inertial tracker's solution on a window's frames, on standing feet; what all frames share is kept."""
+    middle = model.knot_weights(slice(len(model.frames) // 2, len(model.frames) // 2 + 1))
+    headings = found.headings if middle is None else middle[0] @ found.heading_knots
+    calibration = InitialCalibration(headings, np.full(len(headings), np.inf), found.R_bone_sensor)
+    R = first_poses(model.frames, [sensor.bone for sensor in model.sensors], calibration, model.prior)
+    state = replace(found, R_parent_child=R, p_world_pelvis=np.zeros((len(R), 3)))
+    state = solver.solve_wearer(WearerObjective(alone(model)), state, "inertial tracker")
+    return placed_on_floor(model, state)
+
+
+def _settled(model: WearerProblem, state: WearerState, settings: Settings, solver: Solver) -> WearerState:
+    """The sparse inertial poser on a window's coarse frames, roughly: what all frames share is kept."""
+    rough = replace(solver, settings=replace(solver.settings, relative_decrease=COARSE_DECREASE))
+    held = calibration_held(model)
+    for _ in range(settings.calibration.passes):
+        state = rough.solve_wearer(WearerObjective(with_contacts(held, state)), state, "calibrated")
+    return state
+
+
+def _where_it_was(state: WearerState, before: SolvedWindow | None, span: slice) -> WearerState:
+    """The state moved to where the window before has its first frame."""
+    if before is None:
+        return state
+    there = before.wearers[0].motion.p_world_pelvis[span.start - before.frames.start]
+    return replace(state, p_world_pelvis=state.p_world_pelvis + (there - state.p_world_pelvis[0]))
+
+
+def _as_last_seen(found: WearerState, before: SolvedWindow, span: slice) -> WearerState:
+    """A window in which nobody measured anything: the wearer stays as at its first frame, which the one before has."""
+    last = before.wearers[0].motion.frames(slice(span.start - before.frames.start, None))
+    T = span.stop - span.start
+    R, p_world = np.tile(last.R_parent_child[:1], (T, 1, 1, 1)), np.tile(last.p_world_pelvis[:1], (T, 1))
+    return replace(found, R_parent_child=R, p_world_pelvis=p_world)
+
+
+def _unknown(frames: ImuFrames) -> PoseCovariance:
+    """Of frames in which nothing was measured: turned in any way, and gone as far as people walk."""
+    walked = WALKING_SPEED * (frames.time - frames.time[0])
+    return PoseCovariance(
+        np.tile(np.pi**2 * np.eye(3), (len(frames), JOINT_COUNT, 1, 1)), walked[:, None, None] ** 2 * np.eye(3)
+    )
+
+
+def _covariance(model: WearerProblem, state: WearerState) -> PoseCovariance:
+    objective = WearerObjective(model)
+    return pose_covariance(objective.frame_keys, chain_marginals(objective.linearise(state)))
+
+
+def decode_wearer(
+    recording: RecordingSource, model: WearerProblem, state: WearerState, settings: Settings,
+    covariance: PoseCovariance | None = None,
+) -> WearerEstimate:  # fmt: skip
+    """The estimate of a wearer whom no camera sees."""
+    name, method = recording.head.name, method_of(model, settings)
+    return decode(name, method, model, state, covariance, (), flatten(settings))

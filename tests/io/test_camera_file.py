@@ -75,9 +75,9 @@ def test_mistakes_are_named(tmp_path: Path, text: str, words: str) -> None:
     [
         ("p_floor_camera = [0, 0, 1]", "incomplete.*R_floor_camera"),
         ("R_floor_camera = [[1,0,0],[0,1,0],[0,0,-1]]\np_floor_camera = [0, 0, 1]", "not a rotation"),
-        ("R_floor_camera = [[1,0,0],[0,1,0],[0,0]]\np_floor_camera = [0, 0, 1]", "three numbers"),
+        ("R_floor_camera = [[1,0,0],[0,1,0],[0,0]]\np_floor_camera = [0, 0, 1]", "3 numbers"),
         ("R_floor_camera = 3\np_floor_camera = [0, 0, 1]", "three rows"),
-        ("R_floor_camera = [[1,0,0],[0,1,0],[0,0,1]]\np_floor_camera = 2", "p_floor_camera.*three"),
+        ("R_floor_camera = [[1,0,0],[0,1,0],[0,0,1]]\np_floor_camera = 2", "p_floor_camera.*3 numbers"),
     ],
 )
 def test_mistakes_in_the_floor_are_named(tmp_path: Path, floor: str, words: str) -> None:
@@ -182,8 +182,8 @@ def test_one_of_the_cameras_of_pose2sim(tmp_path: Path) -> None:
 def test_mistakes_in_files_of_pose2sim_are_named(tmp_path: Path, name: str, old: str, new: str, words: str) -> None:
     assert old in POSE2SIM
     (tmp_path / "Calib.toml").write_text(POSE2SIM.replace(old, new))
-    with pytest.raises(InputError, match=words):
-        read_camera_file(tmp_path / f"Calib.toml{name}")
+    with pytest.raises(InputError, match=words):  # of intrinsics, or of the pose
+        [read(tmp_path / f"Calib.toml{name}") for read in (read_camera_file, read_floor)]
 
 
 def test_our_own_files_hold_one_camera(tmp_path: Path) -> None:

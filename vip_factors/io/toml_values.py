@@ -67,15 +67,16 @@ def number_at(path: Path, where: str, value: Any) -> float:
     return float(value)
 
 
-def numbers_at(path: Path, where: str, value: Any, count: int) -> Array:
-    """The list ``(count,)`` of finite numbers that a value has to be.
+def numbers_at(path: Path, where: str, value: Any, count: int | None = None) -> Array:
+    """The list ``(count,)`` of finite numbers that a value has to be; of any length if None.
 
     Raises:
         InputError: if it is none; ``where`` it stands in the file.
     """
-    if not isinstance(value, list) or len(value) != count:
-        raise InputError(f"{path}: {where} is {value!r}: expected a list of {count} numbers")
-    return np.array([number_at(path, where, one) for one in value])
+    if not isinstance(value, list) or count not in (None, len(value)):
+        many = "" if count is None else f"{count} "
+        raise InputError(f"{path}: {where} is {value!r}: expected a list of {many}numbers")
+    return np.array([number_at(path, where, one) for one in value], dtype=float)
 
 
 def correlation_matrix(path: Path, where: str, rows: Sequence[Array]) -> Array:

@@ -96,35 +96,27 @@ def open_one(path: Path) -> Opened:
     return Opened(motion=read_motion(path))
 
 
-def _open_mcap(path: Path) -> Opened:
-    from vip_factors.io.mcap_estimate import ESTIMATE, read_estimate
-    from vip_factors.io.mcap_reader import read_contents
-    from vip_factors.io.mcap_recording import read_recording
-
-    topics = read_contents(path, lambda channel: False).topics
-    estimated = [topic for topic in topics if topic.startswith(ESTIMATE)]
-    measured = [topic for topic in topics if not topic.startswith(ESTIMATE)]
-    if not topics:
-        raise FileFormatError(f"{path} is empty: expected a recording or an estimate")
-    if any(topic.startswith(_SCENE) for topic in topics):
-        return _open_scene(path, bool(measured), bool(estimated))
-    if not estimated:
-        return Opened(recording=read_recording(path))
-    recording = read_recording(path) if "/recording/info" in measured else None
-    return Opened(recording=recording, estimate=read_estimate(path).only_wearer)
-
-
 # What only scenes and their estimates have among their topics.
 _SCENE = ("/scene/", "/camera/", "/estimate/scene/")
 
 
-def _open_scene(path: Path, measured: bool, estimated: bool) -> Opened:
+def _open_mcap(path: Path) -> Opened:
     """A scene of one wearer without a camera is opened as the plain recording that it is."""
-    from vip_factors.io.mcap_estimate import read_estimate
-    from vip_factors.io.mcap_recording import read_scene
+    from vip_factors.io import mcap_estimate, mcap_recording
+    from vip_factors.io.mcap_reader import read_contents
 
-    estimate = read_estimate(path) if estimated else None
-    scene = read_scene(path) if measured else None
+    contents = read_contents(path, lambda channel: mcap_estimate.is_read(channel) or mcap_recording.is_read(channel))
+    topics = contents.topics
+    estimated = [topic for topic in topics if topic.startswith(mcap_estimate.ESTIMATE)]
+    measured = [topic for topic in topics if not topic.startswith(mcap_estimate.ESTIMATE)]
+    if not topics:
+        raise FileFormatError(f"{path} is empty: expected a recording or an estimate")
+    estimate = mcap_estimate.read_estimate(contents) if estimated else None
+    if not any(topic.startswith(_SCENE) for topic in topics):
+        own = not estimated or "/recording/info" in measured
+        recording = mcap_recording.read_recording(contents) if own else None
+        return Opened(recording=recording, estimate=None if estimate is None else estimate.only_wearer)
+    scene = mcap_recording.read_scene(contents) if measured else None
     if scene is not None and scene.camera is None and len(scene.wearers) == 1:
         return Opened(recording=scene.wearers[0], scene_estimate=estimate)
     return Opened(scene=scene, scene_estimate=estimate)

@@ -12,7 +12,7 @@ from vip_factors.errors import InputError
 from vip_factors.report.settings import ReportSettings
 
 if TYPE_CHECKING:
-    from vip_factors.sensors.scene import Scene
+    pass
 
 
 @dataclass(frozen=True)
@@ -47,28 +47,20 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{out}: expected a name that ends in .html")
     check_target(out, options.overwrite)
-    from vip_factors.io.mcap_estimate import read_estimate
+    from vip_factors.io import mcap_estimate, mcap_recording
+    from vip_factors.io.mcap_reader import read_contents
 
     with progress_bar() as tell:
         tell("reading", 0.0)
-        estimate = read_estimate(options.estimate)
-        scene = _scene(options.recording) if options.recording is not None else _own_scene(options.estimate)
-        truth = _scene(options.truth) if options.truth is not None else None
+        contents = read_contents(
+            options.estimate, lambda channel: mcap_estimate.is_read(channel) or mcap_recording.is_read(channel)
+        )
+        estimate = mcap_estimate.read_estimate(contents)
+        scene = mcap_recording.read_scene(options.recording) if options.recording is not None else None
+        if scene is None and any(topic in ("/recording/info", "/scene/info") for topic in contents.topics):
+            scene = mcap_recording.read_scene(contents)
+        truth = mcap_recording.read_scene(options.truth) if options.truth is not None else None
         from vip_factors.report.page import write_report  # late: what cannot be read is told at once
 
         write_report(estimate, out, scene, truth, options.settings, options.overwrite, tell)
     print(out)
-
-
-def _scene(path: Path) -> "Scene":
-    from vip_factors.io.mcap_recording import read_scene
-
-    return read_scene(path)
-
-
-def _own_scene(path: Path) -> "Scene | None":
-    """The recording in an estimate's own file, if there is one."""
-    from vip_factors.io.mcap_reader import read_contents
-
-    topics = read_contents(path, lambda channel: False).topics
-    return _scene(path) if any(topic in ("/recording/info", "/scene/info") for topic in topics) else None

@@ -88,7 +88,7 @@ class LiveMcapSink:
         self._batch, self._chunk = max(1, round(BATCH_S * rate)), max(1, round(FLUSH_S * rate))
         self._unflushed = 0  # frames since the last flush
         self._findings: dict[str, None] = {}  # ordered, each once
-        self._told: tuple[int, int] = (0, 0)  # wearers and findings in the last SceneEstimateInfo
+        self._written_info: tuple[int, int] = (0, 0)  # wearers and findings in the last SceneEstimateInfo
         self._file = open(self.partial, "wb")  # noqa: SIM115 — open as long as the stream
         self._good_bytes = 0  # up to the end of the last whole chunk
         self._writer = MessageWriter(self._file, CHUNK_BYTES)
@@ -216,10 +216,10 @@ class LiveMcapSink:
         if self._camera is not None:
             streams += self._camera.streams(writer, estimates)
         self._find(chain.from_iterable(one.findings for one in estimates))
-        told = (sum(one.begun for one in self._wearers), len(self._findings))
-        if told[0] and told != self._told:
+        info = (sum(one.begun for one in self._wearers), len(self._findings))
+        if info[0] and info != self._written_info:
             self._write_scene_info(nanoseconds_of(estimates[0].time, self._setup.start_ns))
-            self._told = told
+            self._written_info = info
         writer.add_in_order(*streams)
 
     def _updates(self, estimates: list[LiveEstimate]) -> list[TimedMessage]:

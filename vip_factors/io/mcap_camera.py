@@ -256,11 +256,11 @@ def _mount_left(
 
 
 def camera_truth_of(
-    path: Path, messages: Sequence[McapMessages], topics: CameraTopics, start_ns: int, known: DetectionTruth | None
+    path: Path, messages: Sequence[McapMessages], topics: CameraTopics, start_ns: int, wearers: DetectionTruth | None
 ) -> SceneTruth | None:
     """What a file knows of a camera and of who is who before it; None if it does not, or too little is left."""
     infos = of_topic(path, messages, topics.truth("info"), CameraTruth)
-    if not infos or known is None:
+    if not infos or wearers is None:
         return None
     poses = path_of(path, messages, topics.truth("pose"), start_ns)
     if poses is None:
@@ -271,5 +271,5 @@ def camera_truth_of(
     calibration = next(
         iter((last_of_topic(path, messages, topics.truth("calibration"), codecs.CALIBRATION) or {}).values()), None
     )
-    pixels = known.pixels if infos[-1].has_pixels else None
-    return SceneTruth(poses, known.wearer, pixels, calibration, **TRUTH.values(infos[-1]))
+    pixels = wearers.pixels if infos[-1].has_pixels else None
+    return SceneTruth(poses, wearers.wearer, pixels, calibration, **TRUTH.values(infos[-1]))

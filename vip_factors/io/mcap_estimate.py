@@ -24,7 +24,7 @@ from vip_factors.io.mcap_frames import (
     residuals_of,
 )
 from vip_factors.io.mcap_messages import is_ours, last_of_topic, naming, objects_of_topic, of_topic, warn
-from vip_factors.io.mcap_reader import McapContents, McapMessages, read_contents
+from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages, read_contents
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose, CameraResiduals
 from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo
@@ -72,8 +72,14 @@ def _clock(message: CameraEstimateInfo) -> dict[str, Any]:
     return {"clock_sigma": sigma if len(sigma) == 2 else None}
 
 
-def read_estimate(path: str | os.PathLike[str]) -> Estimate:
-    """Read an estimate, from a file of its own or from one that also holds the recording.
+def is_read(channel: McapChannel) -> bool:
+    """Whether a channel is of an estimate, and not for viewers alone."""
+    shown = channel.topic.endswith((TRANSFORMS, SCENE, POINTS, CAMERA_PATH))
+    return channel.topic.startswith(ESTIMATE) and not shown
+
+
+def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
+    """Read an estimate, from a file of its own or from one that also holds the recording; or of what was read of it.
 
     Of a file that was cut off, every whole frame before the cut is read, and a
     :class:`~vip_factors.io.mcap_reader.McapWarning` says so.
@@ -82,7 +88,7 @@ def read_estimate(path: str | os.PathLike[str]) -> Estimate:
         InputError: if there is no such file.
         FileFormatError: if it is no MCAP file or holds no estimate.
     """
-    contents = read_contents(path, lambda channel: channel.topic.startswith(ESTIMATE))
+    contents = read_contents(path, is_read)
     messages = [one for one in contents.messages.values() if one.channel.topic.startswith(ESTIMATE) and one.data]
     infos = of_topic(contents.path, messages, SCENE_INFO, SceneEstimateInfo)
     with naming(contents.path):
@@ -193,11 +199,11 @@ def read_calibration_history(path: str | os.PathLike[str]) -> list[CalibrationHi
     for topic in list(infos[-1].wearer_topics) if infos else [SINGLE]:
         said, poses = messages.get(topic + CALIBRATION), messages.get(topic + POSE)
         motions = of_topic(contents.path, list(messages.values()), topic + MOTION, MotionInfo)
-        told = of_topic(contents.path, [poses], topic + POSE, BodyPose) if poses is not None else []
-        if said is None or poses is None or not motions or not told:
+        frames = of_topic(contents.path, [poses], topic + POSE, BodyPose) if poses is not None else []
+        if said is None or poses is None or not motions or not frames:
             histories.append((np.zeros(0), []))
             continue
-        first_s = motions[-1].start_s + told[0].frame / motions[-1].rate_hz
+        first_s = motions[-1].start_s + frames[0].frame / motions[-1].rate_hz
         start_ns = poses.log_times[0] - round(first_s * 1e9)
         found = objects_of_topic(contents.path, [said], topic + CALIBRATION, codecs.CALIBRATION)
         times = (np.array(said.log_times, dtype=np.int64) - start_ns) / 1e9

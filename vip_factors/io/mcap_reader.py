@@ -118,8 +118,10 @@ class McapContents:
         return sorted({messages.channel.topic for messages in self.messages.values()})
 
 
-def read_contents(path: str | os.PathLike[str], wanted: Callable[[McapChannel], bool] | None = None) -> McapContents:
-    """All messages of an MCAP file, or those of the wanted channels.
+def read_contents(
+    path: str | os.PathLike[str] | McapContents, wanted: Callable[[McapChannel], bool] | None = None
+) -> McapContents:
+    """All messages of an MCAP file, or those of the wanted channels; what was read already is given back.
 
     A file that ends early yields every message that is whole before the cut; a chunk whose content is damaged is
     left out. Both are told as a :class:`McapWarning` and in ``damage``.
@@ -128,6 +130,9 @@ def read_contents(path: str | os.PathLike[str], wanted: Callable[[McapChannel], 
         InputError: if there is no such file.
         FileFormatError: if it is empty or not an MCAP file.
     """
+
+    if isinstance(path, McapContents):
+        return path
 
     def keep(channel: McapChannel) -> McapMessages | None:
         return McapMessages(channel) if wanted is None or wanted(channel) else None
@@ -177,13 +182,13 @@ class McapByTime:
         for number, one in self.contents.messages.items():
             walk.contents.messages[number] = McapMessages(one.channel)
             if self._sampled(one.channel):
-                walk.kept[number] = walk.contents.messages[number]
+                walk.gathered[number] = walk.contents.messages[number]
         with open(self.path, "rb") as file:
             for chunk in self._chunks:
                 if chunk.first <= last and chunk.last >= first:
                     file.seek(chunk.offset)
                     walk.chunk(file.read(chunk.length), chunk.whole)
-        for number, one in walk.kept.items():
+        for number, one in walk.gathered.items():
             walk.contents.messages[number] = one.between(first, last)
         return walk.contents
 
@@ -258,7 +263,7 @@ class _Walk:
 
     def __init__(self, path: Path, keep: Callable[[McapChannel], McapMessages | None]) -> None:
         self.contents = McapContents(path)
-        self.kept: dict[int, McapMessages] = {}
+        self.gathered: dict[int, McapMessages] = {}
         self.chunks: list[_ChunkPlace] = []
         self.chunked = True  # whether all messages stand in chunks
         self._keep = keep
@@ -322,7 +327,7 @@ class _Walk:
         if opcode == MESSAGE and end - start >= MESSAGE_HEAD.size:
             number, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(data, start)
             self.contents.last_log_time = log_time
-            messages = self.kept.get(number)
+            messages = self.gathered.get(number)
             if messages is not None:
                 messages.add(log_time, publish_time, sequence, data[start + MESSAGE_HEAD.size : end])
             elif number not in self.contents.messages:
@@ -343,7 +348,7 @@ class _Walk:
             messages = self._keep(channel)
             self.contents.messages[read.id] = McapMessages(channel) if messages is None else messages
             if messages is not None:
-                self.kept[read.id] = messages
+                self.gathered[read.id] = messages
 
 
 def check_file(path: Path) -> None:

@@ -76,8 +76,10 @@ def recording_messages(writer: MessageWriter, recording: Recording, prefix: str 
     return streams
 
 
-def read_recording(path: str | os.PathLike[str]) -> Recording:
-    """Read a recording, with its truth if the file has one; of a scene with one wearer, that wearer's.
+def read_recording(path: str | os.PathLike[str] | McapContents) -> Recording:
+    """Read a recording, of a file or of what was read of it; with its truth if it has one.
+
+    Of a scene with one wearer, it is that wearer's.
 
     Channels of other messages are left out and told as a :class:`McapWarning`. Of a file that was cut off, every
     whole message is read; the warning and the recording's notes say up to where.
@@ -112,7 +114,7 @@ def recording_of(contents: McapContents, messages: Iterable[McapMessages], prefi
         if one.channel.topic.startswith(f"{prefix}/" if prefix else "") and not one.channel.topic.startswith(passed)
     ]
     ours = [one for one in mine if any(is_ours(one.channel, kind) for kind in READ)]
-    _tell_foreign(contents, [one.channel for one in mine if one not in ours])
+    _warn_of_foreign(contents, [one.channel for one in mine if one not in ours])
     if not ours:
         raise FileFormatError(_nothing_here(contents))
     return _recording(contents, ours)
@@ -156,7 +158,7 @@ def _truth(path: Path, ours: Sequence[McapMessages]) -> Truth | None:
     return Truth(motion, last_of_topic(path, ours, TRUTH_CALIBRATION, codecs.CALIBRATION), known)
 
 
-def _tell_foreign(contents: McapContents, channels: Sequence[McapChannel]) -> None:
+def _warn_of_foreign(contents: McapContents, channels: Sequence[McapChannel]) -> None:
     if channels:
         named = ", ".join(f"{one.topic} ({one.schema_name or one.encoding or 'no schema'})" for one in channels)
         warn(contents.path, f"channels left out, as they hold nothing of a recording: {named}")
@@ -207,8 +209,8 @@ def wearer_topics(names: Sequence[str], single: str = "", several: str = WEARER)
     return [several + name.replace("%", "%25").replace("/", "%2F") for name in names]
 
 
-def read_scene(path: str | os.PathLike[str]) -> Scene:
-    """Read a scene, or a plain recording as a scene of one wearer without a camera.
+def read_scene(path: str | os.PathLike[str] | McapContents) -> Scene:
+    """Read a scene, of a file or of what was read of it; a plain recording is one of one wearer without a camera.
 
     Of a file that was cut off, every whole message is read; a warning and the wearers' notes say up to where.
 
@@ -217,7 +219,7 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
         FileFormatError: if it is no MCAP file, holds nothing of a recording, or its camera is incomplete.
         RecordingError: if its samples are unusable.
     """
-    contents = read_contents(path, _wanted)
+    contents = read_contents(path, is_read)
     messages = list(contents.messages.values())
     infos = of_topic(contents.path, messages, SCENE_INFO, SceneInfo)
     with naming(contents.path):
@@ -230,7 +232,8 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
         return Scene(infos[-1].name if infos else wearers[0].name, wearers, camera, truth, further)
 
 
-def _wanted(channel: McapChannel) -> bool:
+def is_read(channel: McapChannel) -> bool:
+    """Whether a channel may be of a recording or a scene."""
     beyond = channel.topic.startswith(BEYOND) and channel.encoding == PROTOBUF
     return beyond or (is_ours(channel) and not channel.topic.startswith(ESTIMATE))
 

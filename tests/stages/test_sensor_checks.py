@@ -137,9 +137,9 @@ def test_long_recordings_are_put_right_by_time() -> None:
         "left_shank": replace(shank, time=shank.time + 0.05),
     }
     recording = replace(leg(), imus={**leg(rigid=True).imus, **odd})
-    settings = Settings(windows=WindowSettings(calibration_stretches=2, calibration_stretch_s=4.5))
+    settings = Settings(windows=WindowSettings(above_s=1.0, calibration_stretches=2, calibration_stretch_s=4.5))
     source = RecordingInMemory(recording)
-    right, findings = with_sensors_checked(source, WindowPlan.of(source.interval, settings), settings)
+    right, findings = with_sensors_checked(source, WindowPlan.of("leg", source.interval, settings), settings)
     whole, told = checked(recording, settings)
     assert [one.split(":")[1][:40] for one in findings] == [one.split(":")[1][:40] for one in told]
     assert len(findings) == 3
@@ -153,6 +153,8 @@ def test_long_recordings_are_put_right_by_time() -> None:
             assert not stream.force_measured_mask.all()
             assert stream.specific_force is not None
             np.testing.assert_allclose(stream.specific_force, expected[name].specific_force, rtol=0.01)
-    sound, nothing = with_sensors_checked(RecordingInMemory(leg()), WindowPlan.of(source.interval, settings), settings)
+    sound, nothing = with_sensors_checked(
+        RecordingInMemory(leg()), WindowPlan.of("leg", source.interval, settings), settings
+    )
     assert nothing == ()
     assert isinstance(sound, RecordingInMemory)

@@ -19,7 +19,8 @@ from vip_factors.io.codec import set_timestamp
 from vip_factors.io.detections.formats import load_json
 from vip_factors.io.importers.maker_tables import APDM
 from vip_factors.io.importers.mvnx_document import read_document
-from vip_factors.io.mcap_reader import CHANNEL, RECORD_HEAD, McapWarning, read_contents
+from vip_factors.io.mcap_reader import McapWarning, read_contents
+from vip_factors.io.mcap_records import CHANNEL, RECORD_HEAD
 from vip_factors.io.motions.amass import read_amass
 from vip_factors.io.motions.asf_amc import read_asf
 from vip_factors.io.motions.bvh import read_bvh

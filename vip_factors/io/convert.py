@@ -24,7 +24,7 @@ from vip_factors.io.log_streams import (
     pose_source,
     without_sample,
 )
-from vip_factors.io.mcap_reader import MAGIC
+from vip_factors.io.mcap_records import MAGIC
 from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, place_sensors, placement_from_file
 from vip_factors.io.toml_values import nearest
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation

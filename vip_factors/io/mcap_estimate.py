@@ -24,7 +24,8 @@ from vip_factors.io.mcap_frames import (
     residuals_of,
 )
 from vip_factors.io.mcap_messages import is_ours, last_of_topic, naming, objects_of_topic, of_topic, warn
-from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages, read_contents
+from vip_factors.io.mcap_reader import McapContents, McapMessages, read_contents
+from vip_factors.io.mcap_records import McapChannel
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose, CameraResiduals
 from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo

@@ -59,7 +59,7 @@ from vip_factors.io.mcap_frames import camera_pose_messages, camera_residual_mes
 from vip_factors.io.mcap_messages import of_topic
 from vip_factors.io.mcap_reader import McapContents, read_contents
 from vip_factors.io.mcap_recording import wearer_topics
-from vip_factors.io.mcap_scene import point_messages, scene_wanted, shown_step, skeleton_scene, transform_messages
+from vip_factors.io.mcap_viewers import point_messages, scene_wanted, shown_step, skeleton_scene, transform_messages
 from vip_factors.io.mcap_writer import CHUNK_BYTES, MessageWriter, TimedMessage
 from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
 

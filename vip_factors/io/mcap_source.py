@@ -13,8 +13,9 @@ from vip_factors.errors import RecordingError
 from vip_factors.io.codec import NS_PER_S
 from vip_factors.io.mcap_camera import CameraTopics, camera_of
 from vip_factors.io.mcap_messages import is_ours, naming, of_topic
-from vip_factors.io.mcap_reader import McapByTime, McapChannel, McapContents, McapMessages
+from vip_factors.io.mcap_reader import McapByTime, McapContents, McapMessages
 from vip_factors.io.mcap_recording import FIRST_CAMERA, IMU, SCENE_INFO, recording_of, wearer_prefixes
+from vip_factors.io.mcap_records import McapChannel
 from vip_factors.io.mcap_samples import detections_of, read_streams
 from vip_factors.io.scene_building import read_scenes
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo

@@ -15,7 +15,8 @@ from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.mcap_messages import naming, warn
-from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages, read_contents
+from vip_factors.io.mcap_reader import McapContents, McapMessages, read_contents
+from vip_factors.io.mcap_records import McapChannel
 from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording, Subject

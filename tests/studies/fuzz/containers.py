@@ -13,7 +13,7 @@ import numpy as np
 
 from tests.studies.fuzz.bytes_and_text import mutated_bytes, mutated_text
 from vip_factors.io.live.messages import delimited
-from vip_factors.io.mcap_reader import CHUNK, FOOTER, MAGIC, MESSAGE, RECORD_HEAD
+from vip_factors.io.mcap_records import CHUNK, FOOTER, MAGIC, MESSAGE, RECORD_HEAD
 
 MESSAGE_HEAD = 22  # bytes of a message's record before its data
 INDEX = 0x07  # of a chunk's messages: nothing reads it
@@ -123,7 +123,7 @@ def _mutated_value(kind: int, value: Any, random: Random) -> Any:
 
 def records_of(data: bytes) -> list[tuple[int, bytes]]:
     """Opcode and content of all records of an MCAP file, those in its chunks too, up to its footer."""
-    from vip_factors.io.mcap_reader import read_chunk
+    from vip_factors.io.mcap_records import read_chunk
 
     at, records = len(MAGIC), []
     while at + RECORD_HEAD.size <= len(data):

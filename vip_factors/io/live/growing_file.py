@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live.source import LiveSourceSettings
 from vip_factors.io.mcap_messages import PROTOBUF
-from vip_factors.io.mcap_reader import (
+from vip_factors.io.mcap_recording import IMU, INFO, PLACEMENT, SCENE_INFO, SUBJECT, WEARER
+from vip_factors.io.mcap_records import (
     CHANNEL,
     CHUNK,
     CHUNK_HEAD,
@@ -30,7 +31,6 @@ from vip_factors.io.mcap_reader import (
     read_chunk,
     records_of,
 )
-from vip_factors.io.mcap_recording import IMU, INFO, PLACEMENT, SCENE_INFO, SUBJECT, WEARER
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample

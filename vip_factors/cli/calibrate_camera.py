@@ -55,7 +55,7 @@ class CalibrateCameraOptions:
 
 
 def main(prog: str, arguments: Sequence[str]) -> None:
-    """Run the command."""
+    """Calibrate a camera from the command line's arguments."""
     options = parse(CalibrateCameraOptions, prog, arguments)
     from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import note
@@ -97,9 +97,9 @@ def _calibrated(
     settings = CameraCalibrationSettings(
         images=options.images, views=options.views, distortion=options.distortion, few_views=min(10, options.views)
     )
-    with progress_bar() as tell:
-        views, size = find_views(options.source, board, settings, tell)
-        calibration = calibrate(views, size, settings, tell)
+    with progress_bar() as on_progress:
+        views, size = find_views(options.source, board, settings, on_progress)
+        calibration = calibrate(views, size, settings, on_progress)
     print(calibration_text(calibration, len(views)))
     report: dict[str, str | float | int] = {
         "board": board.text,
@@ -111,12 +111,12 @@ def _calibrated(
     return calibration.model, calibration.warnings, report, views
 
 
-def calibration_text(calibration: "CameraCalibration", found: int) -> str:
+def calibration_text(calibration: "CameraCalibration", seen: int) -> str:
     """The result with its standard deviations, and the error of every view."""
     model, sigma = calibration.model, calibration.sigma
     numbers = zip(("fx", "fy", "cx", "cy"), (*model.focal, *model.centre), sigma, strict=True)
     lines = [
-        f"{model.width} x {model.height} pixels; board in {found} images, {len(calibration.views)} views used, "
+        f"{model.width} x {model.height} pixels; board in {seen} images, {len(calibration.views)} views used, "
         f"{100 * calibration.coverage:.0f} % of the image reached",
         f"reprojection error {calibration.rms_px:.3f} px (root mean square)",
         "  " + ", ".join(f"{name} {value:.1f} ± {one:.1f}" for name, value, one in numbers),
@@ -168,11 +168,11 @@ def _floor(
                 f"{options.floor_image}: {width} x {height} pixels, but the camera has {model.width} x {model.height}: "
                 "expected an image of the same size"
             )
-        view = _found(board, options.floor_image, image)
+        view = _view_in(board, options.floor_image, image)
     elif options.floor in ("first", "last"):
         view = views[0 if options.floor == "first" else -1]
     elif options.floor is not None and options.floor.isdigit():
-        view = _found(board, options.source, one_image(options.source, int(options.floor)))
+        view = _view_in(board, options.source, one_image(options.source, int(options.floor)))
     else:
         raise InputError(f"--floor {options.floor}: expected first, last or an image's number, counted from 0")
     R, p, rms_px = floor_pose(view, model)
@@ -183,7 +183,7 @@ def _floor(
     )
 
 
-def _found(board: "Board", source: Path, image: "CalibrationImage") -> "BoardView":
+def _view_in(board: "Board", source: Path, image: "CalibrationImage") -> "BoardView":
     from vip_factors.errors import InputError
 
     found = board.find(image.name, image.grey)

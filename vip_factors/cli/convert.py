@@ -118,7 +118,7 @@ class ConvertOptions:
 
 
 def main(prog: str, arguments: Sequence[str]) -> None:
-    """Run the command."""
+    """Convert a log as the command line's arguments say."""
     options = parse(ConvertOptions, prog, arguments)
     from vip_factors.atomic import check_target
     from vip_factors.cli.info_text import recording_text, scene_text

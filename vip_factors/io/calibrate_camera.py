@@ -76,7 +76,7 @@ def find_views(
     source: Path,
     board: Board,
     settings: CameraCalibrationSettings | None = None,
-    tell: Callable[[str, float], None] = lambda stage, fraction: None,
+    on_progress: Callable[[str, float], None] = lambda stage, fraction: None,
 ) -> tuple[tuple[BoardView, ...], tuple[int, int]]:
     """Views of a board in a video or a folder of images, in order, and the images' width and height.
 
@@ -88,7 +88,7 @@ def find_views(
     without: list[np.ndarray] = []
     looked, size = 0, (0, 0)
     for image in calibration_images(source, settings.images):
-        tell("looking for the board", image.done)
+        on_progress("looking for the board", image.done)
         looked, size = looked + 1, (image.grey.shape[1], image.grey.shape[0])
         view = board.find(image.name, image.grey)
         if view is not None:
@@ -96,7 +96,7 @@ def find_views(
         elif len(without) < 4 * HINT_IMAGES:
             without.append(image.grey)
     if not views:
-        tell("looking for other boards", 0.0)
+        on_progress("looking for other boards", 0.0)
         raise InputError(
             f"{source}: no {board.text} in {looked} images{board.hint(without[:: max(1, len(without) // HINT_IMAGES)])}"
         )
@@ -107,7 +107,7 @@ def calibrate(
     views: Sequence[BoardView],
     size: tuple[int, int],
     settings: CameraCalibrationSettings | None = None,
-    tell: Callable[[str, float], None] = lambda stage, fraction: None,
+    on_progress: Callable[[str, float], None] = lambda stage, fraction: None,
 ) -> CameraCalibration:
     """Intrinsics from views of a board in images of ``size`` (width, height).
 
@@ -124,7 +124,7 @@ def calibrate(
         )
     left_out: list[tuple[str, float]] = []
     for one_round in range(ROUNDS):
-        tell("fitting the camera", one_round / ROUNDS)
+        on_progress("fitting the camera", one_round / ROUNDS)
         fit = _fit(chosen, size, settings)
         errors = fit[-1]
         bad = errors > max(settings.outlier * np.median(errors), settings.outlier_px)
@@ -132,7 +132,7 @@ def calibrate(
             break
         left_out += [(view.name, float(errors[i])) for i, view in enumerate(chosen) if bad[i]]
         chosen = [view for i, view in enumerate(chosen) if not bad[i]]
-    tell("fitting the camera", 1.0)
+    on_progress("fitting the camera", 1.0)
     rms, K, bent, turns, sigma, errors = fit
     focal, centre = (float(K[0, 0]), float(K[1, 1])), (float(K[0, 2]), float(K[1, 2]))
     model = CameraModel(*size, focal, centre, tuple(float(one) for one in bent[: settings.distortion]))

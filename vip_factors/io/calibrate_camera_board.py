@@ -42,7 +42,7 @@ class Board(Protocol):
 
     @property
     def text(self) -> str:
-        """The board in words."""
+        """What kind of board it is, with its size, in words."""
 
     @property
     def looks_alike_turned(self) -> bool:
@@ -78,7 +78,7 @@ class Checkerboard:
 
     @property
     def text(self) -> str:
-        """The board in words."""
+        """What kind of board it is, with its size, in words."""
         return f"checkerboard of {self.columns} x {self.rows} inner corners"
 
     def find(self, name: str, grey: np.ndarray) -> BoardView | None:
@@ -126,7 +126,7 @@ class Checkerboard:
             if found and max(meta.shape) > HINT_CORNERS:
                 seen[max(meta.shape), min(meta.shape)] += 1
         own = (max(self.columns, self.rows), min(self.columns, self.rows))
-        return _told(seen, own, alone=len(greys) == 1)
+        return _size_hint(seen, own, one_image=len(greys) == 1)
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class Charuco:
 
     @property
     def text(self) -> str:
-        """The board in words."""
+        """What kind of board it is, with its size, in words."""
         return f"ChArUco board of {self.columns} x {self.rows} squares, {self.dictionary}"
 
     @property
@@ -166,7 +166,7 @@ class Charuco:
         return False
 
     def board(self) -> Any:
-        """OpenCV's board."""
+        """The same board as OpenCV has it."""
         import cv2
 
         markers = cv2.aruco.getPredefinedDictionary(_dictionaries()[self.dictionary])
@@ -206,11 +206,11 @@ class Charuco:
         return f"; {count} markers of {best} were seen: give that dictionary" if count >= LEAST_CORNERS else ""
 
 
-def _told(seen: Counter[tuple[int, int]], own: tuple[int, int], alone: bool) -> str:
+def _size_hint(seen: Counter[tuple[int, int]], own: tuple[int, int], one_image: bool) -> str:
     """A size that several images agree on, of ``(columns, rows)`` seen, as a sentence; nothing of a chance find."""
     seen.pop(own, None)
     count, _, size = max(((count, size[0] * size[1], size) for size, count in seen.items()), default=(0, 0, own))
-    if count < (1 if alone else HINT_AGREEING):
+    if count < (1 if one_image else HINT_AGREEING):
         return ""
     columns, rows = size
     if columns <= own[0] and rows <= own[1]:

@@ -214,13 +214,13 @@ def place_sensors(log: ImportedLog, skeleton: Skeleton, rule: Rule, notes: list[
     Raises:
         InputError: for an unknown preset, site or sensor, or if no sensor is placed.
     """
-    known = _known_sites(log, skeleton)
+    of_log = _sites_of_log(log, skeleton)
     if isinstance(rule, str):
-        sites, name = _of_preset(log, skeleton, rule, known, notes), rule
+        sites, name = _of_preset(log, skeleton, rule, of_log, notes), rule
     elif rule:
-        sites, name = _of_user(log, skeleton, rule, known, notes), "custom"
+        sites, name = _of_user(log, skeleton, rule, of_log, notes), "custom"
     else:
-        sites, name = list(known.values()), log.placement.name if log.placement else "custom"
+        sites, name = list(of_log.values()), log.placement.name if log.placement else "custom"
     usable = [site for site in sites if log.imus[site.sensor].R_inertial_sensor is not None]
     if not usable:
         raise InputError(_nothing_placed(log, sites))
@@ -231,17 +231,17 @@ def place_sensors(log: ImportedLog, skeleton: Skeleton, rule: Rule, notes: list[
     return Placement(tuple(usable), name)
 
 
-def _known_sites(log: ImportedLog, skeleton: Skeleton) -> dict[str, SensorSite]:
+def _sites_of_log(log: ImportedLog, skeleton: Skeleton) -> dict[str, SensorSite]:
     """By sensor, what the log itself tells: its mountings first, then its names."""
-    known: dict[str, SensorSite] = {}
+    of_log: dict[str, SensorSite] = {}
     if log.placement is not None:
         scale = stature_of(skeleton) / (_stature_of_log(log))
         for site in log.placement.sites:
-            known[site.sensor] = replace(site, p_bone_sensor=scale * site.p_bone_sensor)
+            of_log[site.sensor] = replace(site, p_bone_sensor=scale * site.p_bone_sensor)
     for sensor, site_name in log.default_sites.items():
-        if sensor not in known:
-            known[sensor] = place(site_name, skeleton, sensor)
-    return {sensor: site for sensor, site in known.items() if sensor in log.imus}
+        if sensor not in of_log:
+            of_log[sensor] = place(site_name, skeleton, sensor)
+    return {sensor: site for sensor, site in of_log.items() if sensor in log.imus}
 
 
 def _stature_of_log(log: ImportedLog) -> float:
@@ -252,23 +252,23 @@ def _stature_of_log(log: ImportedLog) -> float:
 
 
 def _of_preset(
-    log: ImportedLog, skeleton: Skeleton, name: str, known: Mapping[str, SensorSite], notes: list[str]
+    log: ImportedLog, skeleton: Skeleton, name: str, of_log: Mapping[str, SensorSite], notes: list[str]
 ) -> list[SensorSite]:
     if name not in PRESETS:
         raise InputError(f"unknown placement '{name}'{nearest(name, PRESETS)}, or a .toml file")
-    told = {site: sensor for sensor, site in log.default_sites.items()}
-    sensors = {site: told.get(site, site) for site in PRESETS[name]}
+    by_site = {site: sensor for sensor, site in log.default_sites.items()}
+    sensors = {site: by_site.get(site, site) for site in PRESETS[name]}
     missing = [site for site, sensor in sensors.items() if sensor not in log.imus]
     if missing and len(missing) < len(sensors):
         notes.append(f"placement {name} has sites without a sensor in the log: {', '.join(missing)}")
-    return [_mounted(place(site, skeleton, sensor), known) for site, sensor in sensors.items() if sensor in log.imus]
+    return [_mounted(place(site, skeleton, sensor), of_log) for site, sensor in sensors.items() if sensor in log.imus]
 
 
 def _of_user(
     log: ImportedLog,
     skeleton: Skeleton,
     rule: Mapping[str, str] | Mapping[str, SensorEntry],
-    known: Mapping[str, SensorSite],
+    of_log: Mapping[str, SensorSite],
     notes: list[str],
 ) -> list[SensorSite]:
     entries: dict[str, SensorEntry] = {}
@@ -289,7 +289,7 @@ def _of_user(
             f"none of the placed sensors ({', '.join(entries)}) is in the log, whose sensors are {', '.join(log.imus)}"
         )
     return [
-        _mounted(entry.on(skeleton, sensor), known)
+        _mounted(entry.on(skeleton, sensor), of_log)
         if entry.R_bone_sensor is None and entry.sigma_deg is None
         else entry.on(skeleton, sensor)
         for sensor, entry in entries.items()
@@ -297,12 +297,12 @@ def _of_user(
     ]
 
 
-def _mounted(site: SensorSite, known: Mapping[str, SensorSite]) -> SensorSite:
+def _mounted(site: SensorSite, of_log: Mapping[str, SensorSite]) -> SensorSite:
     """The site with the mounting that the log knows, if it has the sensor on the same bone and knows it better."""
-    told = known.get(site.sensor)
-    if told is None or told.bone != site.bone or told.mounting_sigma >= site.mounting_sigma:
+    mounted = of_log.get(site.sensor)
+    if mounted is None or mounted.bone != site.bone or mounted.mounting_sigma >= site.mounting_sigma:
         return site
-    return replace(site, R_bone_sensor=told.R_bone_sensor, mounting_sigma=told.mounting_sigma)
+    return replace(site, R_bone_sensor=mounted.R_bone_sensor, mounting_sigma=mounted.mounting_sigma)
 
 
 def _nothing_placed(log: ImportedLog, sites: list[SensorSite]) -> str:

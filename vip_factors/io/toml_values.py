@@ -15,23 +15,25 @@ from vip_factors.geometry.rotations import Array
 LARGEST = 1e100  # no quantity of ours is larger, and its square is still a number
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
+def nearest(word: str, choices: Iterable[str]) -> str:
     """``; did you mean 'x'?`` for the known word that is most alike, or all known words if none is."""
-    known = list(known)
-    alike = get_close_matches(word.lower(), known, n=1, cutoff=0.5) or get_close_matches(word, known, n=1, cutoff=0.5)
-    return f"; did you mean '{alike[0]}'?" if alike else f": expected one of {', '.join(known)}"
+    choices = list(choices)
+    alike = get_close_matches(word.lower(), choices, n=1, cutoff=0.5) or get_close_matches(
+        word, choices, n=1, cutoff=0.5
+    )
+    return f"; did you mean '{alike[0]}'?" if alike else f": expected one of {', '.join(choices)}"
 
 
-def known_keys(path: Path, where: str, table: Mapping[str, Any], known: Iterable[str]) -> None:
+def known_keys(path: Path, where: str, table: Mapping[str, Any], choices: Iterable[str]) -> None:
     """Refuse a key that is not one of those known, naming the nearest.
 
     Raises:
         InputError: if there is one in the table, which stands at ``where`` in the file.
     """
-    known = list(known)
+    choices = list(choices)
     for key in table:
-        if key not in known:
-            raise InputError(f"{path}: unknown key '{f'{where}.' if where else ''}{key}'{nearest(key, known)}")
+        if key not in choices:
+            raise InputError(f"{path}: unknown key '{f'{where}.' if where else ''}{key}'{nearest(key, choices)}")
 
 
 def table_at(path: Path, where: str, value: Any) -> Mapping[str, Any]:

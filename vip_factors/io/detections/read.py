@@ -45,32 +45,34 @@ def read_detections(
     path = Path(path)
     if rate is not None and (not rate > 0 or not np.isfinite(rate)):
         raise InputError(f"video rate {rate} Hz: expected a positive number of frames per second")
-    found = read_people(path)
-    first = found.first_number if first_frame is None else first_frame
-    count = _frame_count(found, first, frames)
-    rows = _rows(found)
-    chosen = _which_keypoints(path, rows.shape[1], found.names, rows, keypoints) if len(rows) else None
+    people = read_people(path)
+    first = people.first_number if first_frame is None else first_frame
+    count = _frame_count(people, first, frames)
+    rows = _rows(people)
+    chosen = _which_keypoints(path, rows.shape[1], people.names, rows, keypoints) if len(rows) else None
     if chosen is None:
         chosen = keypoint_set(keypoints or "coco17")
         rows = np.zeros((0, len(chosen), 3))
     rows = rows[:, : len(chosen)]
-    frame = np.array(found.numbers, dtype=int) - first
+    frame = np.array(people.numbers, dtype=int) - first
     order = np.argsort(frame, kind="stable")
     pixels, confidence = _cleaned(rows[order])
     someone = np.any(confidence > 0, axis=1)
     _check_pixels(path, pixels[someone])
-    time = np.arange(count) / rate if rate is not None else _times(found, first, count)
+    time = np.arange(count) / rate if rate is not None else _times(people, first, count)
     return Detections(chosen, time, frame[order][someone], pixels[someone], confidence[someone])
 
 
-def _times(found: DetectedPeople, first: int, count: int) -> Array:
+def _times(people: DetectedPeople, first: int, count: int) -> Array:
     """``(count,)`` seconds of the frames, as the file tells them."""
-    missing = [number for number in range(first, first + count) if number not in found.time]
+    missing = [number for number in range(first, first + count) if number not in people.time]
     if missing or not count:
-        raise InputError(f"{found.path}: 2D poses come without times: give the video's rate in Hz, or the video itself")
-    time = np.array([found.time[number] for number in range(first, first + count)])
+        raise InputError(
+            f"{people.path}: 2D poses come without times: give the video's rate in Hz, or the video itself"
+        )
+    time = np.array([people.time[number] for number in range(first, first + count)])
     if np.any(np.diff(time) <= 0):
-        raise FileFormatError(f"{found.path}: times of the frames do not increase: give the video's rate in Hz")
+        raise FileFormatError(f"{people.path}: times of the frames do not increase: give the video's rate in Hz")
     return time
 
 
@@ -82,38 +84,38 @@ def _check_pixels(path: Path, pixels: Array) -> None:
         )
 
 
-def _frame_count(found: DetectedPeople, first: int, frames: int | None) -> int:
-    if not found.listed:
+def _frame_count(people: DetectedPeople, first: int, frames: int | None) -> int:
+    if not people.listed:
         return frames or 0
-    low, high = found.listed[0] - first, found.listed[-1] - first
+    low, high = people.listed[0] - first, people.listed[-1] - first
     if low < 0:
-        raise InputError(f"{found.path}: frame {found.listed[0]} lies before the first frame, {first} (first_frame)")
+        raise InputError(f"{people.path}: frame {people.listed[0]} lies before the first frame, {first} (first_frame)")
     if high >= MOST_FRAMES:
         raise FileFormatError(
-            f"{found.path}: frame number {found.listed[-1]}: expected the numbers of a video's frames, not other names "
-            "of images"
+            f"{people.path}: frame number {people.listed[-1]}: expected the numbers of a video's frames, not other "
+            "names of images"
         )
     if frames is not None and high >= frames:
         raise InputError(
-            f"{found.path}: there are people in frame {found.listed[-1]}, but the video has {frames} frames: "
+            f"{people.path}: there are people in frame {people.listed[-1]}, but the video has {frames} frames: "
             "it is shorter than its detections; give the video that they were made from"
         )
     return high + 1 if frames is None else frames
 
 
-def _rows(found: DetectedPeople) -> Array:
+def _rows(people: DetectedPeople) -> Array:
     """``(N, J, 3)``, all people with as many keypoints."""
-    if not found.rows:
+    if not people.rows:
         return np.zeros((0, 0, 3))
-    sizes = np.array([len(row) for row in found.rows])
+    sizes = np.array([len(row) for row in people.rows])
     if np.any(sizes != sizes[0]):
         odd = int(np.flatnonzero(sizes != sizes[0])[0])
         raise FileFormatError(
-            f"{found.where[odd]}: {sizes[odd] // 3} keypoints: expected {sizes[0] // 3}, as {found.where[0]} has"
+            f"{people.where[odd]}: {sizes[odd] // 3} keypoints: expected {sizes[0] // 3}, as {people.where[0]} has"
         )
     if sizes[0] == 0:
-        raise FileFormatError(f"{found.where[0]}: no keypoints: expected x, y, confidence of every keypoint")
-    return np.array(found.rows).reshape(len(sizes), -1, 3)
+        raise FileFormatError(f"{people.where[0]}: no keypoints: expected x, y, confidence of every keypoint")
+    return np.array(people.rows).reshape(len(sizes), -1, 3)
 
 
 def _cleaned(rows: Array) -> tuple[Array, Array]:

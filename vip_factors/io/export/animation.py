@@ -168,7 +168,7 @@ class _Scene:
         self._animate(node, "rotation", times, _quaternions(R_YUP_WORLD @ path.R_world_camera @ R_CAMERA_GLTF))
 
     def whole(self) -> bytes:
-        """The file."""
+        """All that was added, as the bytes of a file."""
         gltf, buffer = self._gltf, self._buffer
         if self._motion.channels:
             gltf.animations = [self._motion]

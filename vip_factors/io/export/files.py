@@ -47,7 +47,7 @@ class LengthUnit(StrEnum):
 
     @property
     def per_metre(self) -> float:
-        """Units in a metre."""
+        """How many of the unit make a metre."""
         return {LengthUnit.METRES: 1.0, LengthUnit.CENTIMETRES: 100.0}[self]
 
 
@@ -125,7 +125,7 @@ class ExportFormat:
     library: str = ""
 
     def load(self) -> Writer:
-        """The writer itself."""
+        """The writer, its module imported now."""
         module, _, function = self.writer.partition(":")
         return cast(Writer, getattr(import_module(f"vip_factors.io.export.{module}"), function))
 
@@ -186,7 +186,7 @@ def export(
         if len(wearer.motion) == 0:
             raise InputError(f"wearer '{wearer.name}' has no frames to export: was the estimate's file cut off?")
     chosen = resampled(chosen, settings.frame_rate)
-    parts = [chosen] if known.several else [_alone(chosen, number) for number in range(len(chosen.wearers))]
+    parts = [chosen] if known.several else [_one_wearer(chosen, number) for number in range(len(chosen.wearers))]
     paths = file_names(path, parts)
     for one in paths:
         check_target(one, overwrite)
@@ -211,10 +211,10 @@ def _chosen(estimate: Estimate, wearer: str | None) -> Estimate:
     names = [one.name for one in estimate.wearers]
     if wearer not in names:
         raise InputError(f"no wearer '{wearer}' in the estimate: expected one of {', '.join(names)}")
-    return _alone(estimate, names.index(wearer))
+    return _one_wearer(estimate, names.index(wearer))
 
 
-def _alone(estimate: Estimate, number: int) -> Estimate:
+def _one_wearer(estimate: Estimate, number: int) -> Estimate:
     """One wearer of a scene, with what the camera saw of that one."""
     camera = estimate.camera
     if camera is not None and camera.residual_px is not None:

@@ -205,11 +205,11 @@ def write_c3d(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
 _NAMES = {"pelvis": "Pelvis", "trunk": "Spine", "neck": "Neck"}
 
 
-def _angle_points(found: JointAngles) -> tuple[Mapping[str, Array], Mapping[str, str]]:
+def _angle_points(angles: JointAngles) -> tuple[Mapping[str, Array], Mapping[str, str]]:
     """Triples of angles ``(T, 3)`` in degrees by label, ``LKneeAngles``, and what each of the three is."""
     points, described = dict[str, Array](), dict[str, str]()
-    for first in range(0, len(found.definitions), 3):
-        three = found.definitions[first : first + 3]
+    for first in range(0, len(angles.definitions), 3):
+        three = angles.definitions[first : first + 3]
         side, _, joint = three[0].joint.rpartition("_")
         label = f"{side[:1].upper()}{_NAMES.get(joint, joint.capitalize())}Angles"
         if label in points:
@@ -217,6 +217,6 @@ def _angle_points(found: JointAngles) -> tuple[Mapping[str, Array], Mapping[str,
         at = [first, first + 1, first + 2]
         if joint == "pelvis":  # sagittal plane first, as of the other joints
             at, three = at[::-1], three[::-1]
-        points[label] = found.degrees[:, at]
+        points[label] = angles.degrees[:, at]
         described[label] = ", ".join(one.name.removeprefix(f"{one.joint}_") for one in three)
     return points, described

@@ -69,7 +69,7 @@ class MvnxDocument:
 
     @property
     def calibration_poses(self) -> list[MvnxFrame]:
-        """The poses before it."""
+        """The frames before the recording: identity, T-pose, N-pose …"""
         return [frame for frame in self.frames if not frame.is_sample]
 
     def channel(self, name: str) -> Array | None:

@@ -169,8 +169,8 @@ def read_text_table(path: Path, dialect: Dialect | None = None) -> TextTable:
     if path.suffix.lower() in (".sto", ".mot"):
         return _read_sto(path, lines)
     comments = (dialect.comment,) if dialect.comment else COMMENTS
-    kept = [(i + 1, line) for i, line in enumerate(lines) if line.strip() and not line.startswith(comments)]
-    return _read_plain(path, kept, lines, dialect, text.endswith(("\n", "\r")))
+    numbered = [(i + 1, line) for i, line in enumerate(lines) if line.strip() and not line.startswith(comments)]
+    return _read_plain(path, numbered, lines, dialect, text.endswith(("\n", "\r")))
 
 
 def peek(path: Path) -> str:
@@ -200,19 +200,19 @@ def read_text(path: Path) -> str:
 
 
 def _read_plain(
-    path: Path, kept: list[tuple[int, str]], lines: list[str], dialect: Dialect, complete: bool
+    path: Path, numbered: list[tuple[int, str]], lines: list[str], dialect: Dialect, complete: bool
 ) -> TextTable:
     """A table whose header stands right above its first row of numbers, or where it is told."""
     if dialect.header is not None:
         wrong = next((one for one in dialect.header if not 1 <= one <= len(lines)), None)
         if wrong is not None:
             raise InputError(f"{path} has no header line {wrong}: expected 1 to {len(lines)}")
-        kept = [(line, row) for line, row in kept if line > max(dialect.header)]
-        if not kept:
+        numbered = [(line, row) for line, row in numbered if line > max(dialect.header)]
+        if not numbered:
             raise FileFormatError(f"{path}: no samples below the header in line {max(dialect.header)}")
-    told = SEPARATORS.get(dialect.separator, dialect.separator) if dialect.separator else None
-    separator, width = _separator(path, [row for _, row in kept[:LOOKED_AT]], told)
-    data = [_is_data(row, separator, width) for _, row in kept[: LOOKED_AT + RUN]]
+    given = SEPARATORS.get(dialect.separator, dialect.separator) if dialect.separator else None
+    separator, width = _separator(path, [row for _, row in numbered[:LOOKED_AT]], given)
+    data = [_is_data(row, separator, width) for _, row in numbered[: LOOKED_AT + RUN]]
     run = 1 if dialect.header else RUN
     start = next((i for i in range(len(data)) if all(data[i : i + run])), None)
     if start is None:
@@ -220,20 +220,20 @@ def _read_plain(
     if dialect.header is not None:
         header = [split(lines[line - 1], separator) for line in dialect.header]
     else:
-        header = _header_above(kept[: start + 1], separator, width)
-        header = header or _header_in_comment(lines[: kept[start][0] - 1], separator, width)
-    preamble = lines[: kept[start][0] - 1 if dialect.header is None else min(dialect.header) - 1]
-    kept = kept[start:]
-    if dialect.same_digits and not complete and len(kept) > 1:
-        digits = [len(split(row, separator)[-1].strip().partition(".")[2]) for _, row in kept[-2:]]
-        kept = [*kept[:-1], (kept[-1][0], "")] if digits[1] < digits[0] else kept
-    return table_of_rows(path, _joined(header, width), kept, separator, preamble)
+        header = _header_above(numbered[: start + 1], separator, width)
+        header = header or _header_in_comment(lines[: numbered[start][0] - 1], separator, width)
+    preamble = lines[: numbered[start][0] - 1 if dialect.header is None else min(dialect.header) - 1]
+    numbered = numbered[start:]
+    if dialect.same_digits and not complete and len(numbered) > 1:
+        digits = [len(split(row, separator)[-1].strip().partition(".")[2]) for _, row in numbered[-2:]]
+        numbered = [*numbered[:-1], (numbered[-1][0], "")] if digits[1] < digits[0] else numbered
+    return table_of_rows(path, _joined(header, width), numbered, separator, preamble)
 
 
-def _separator(path: Path, rows: list[str], told: str | None) -> tuple[str, int]:
+def _separator(path: Path, rows: list[str], given: str | None) -> tuple[str, int]:
     """The separator that makes the widest rows, and their usual width."""
     best = ("", 0)
-    for separator in SEPARATORS.values() if told is None else (told,):
+    for separator in SEPARATORS.values() if given is None else (given,):
         widths = [
             width for row in rows if (width := len(split(row, separator))) > 1 and _is_data(row, separator, width)
         ]
@@ -243,7 +243,7 @@ def _separator(path: Path, rows: list[str], told: str | None) -> tuple[str, int]
         if usual > best[1] and widths.count(usual) >= len(widths) / 2:
             best = (separator, usual)
     if not best[1]:
-        how = "that separator" if told is not None else "tab, semicolon, comma, bar or spaces"
+        how = "that separator" if given is not None else "tab, semicolon, comma, bar or spaces"
         raise FileFormatError(f"{path}: holds no row of two numbers or more between {how}: expected a table of numbers")
     return best
 
@@ -256,11 +256,11 @@ def _is_data(row: str, separator: str, width: int) -> bool:
     return len(cells) == width and known > 0 and sum(value is not None for value in values) >= len(values) / 2
 
 
-def _header_above(kept: list[tuple[int, str]], separator: str, width: int) -> list[list[str]]:
+def _header_above(numbered: list[tuple[int, str]], separator: str, width: int) -> list[list[str]]:
     """The lines right above the last one given that have as many cells; a line of units is left out."""
     header: list[list[str]] = []
-    below = kept[-1][0]
-    for line, row in reversed(kept[-1 - HEADER_LINES : -1]):
+    below = numbered[-1][0]
+    for line, row in reversed(numbered[-1 - HEADER_LINES : -1]):
         cells = split(row, separator)
         if len(cells) != width or (header and (below != line + 1 or _is_data(row, separator, width))):
             break
@@ -302,14 +302,14 @@ def _joined(header: list[list[str]], width: int) -> tuple[str, ...]:
 
 
 def table_of_rows(
-    path: Path, names: tuple[str, ...], kept: list[tuple[int, str]], separator: str, preamble: Sequence[str] = ()
+    path: Path, names: tuple[str, ...], numbered: list[tuple[int, str]], separator: str, preamble: Sequence[str] = ()
 ) -> TextTable:
     """The table of numbered lines, if every one is wide enough; a last line that breaks off is dropped.
 
     Raises:
         FileFormatError: for a line that is not.
     """
-    lines, rows = [line for line, _ in kept], [row for _, row in kept]
+    lines, rows = [line for line, _ in numbered], [row for _, row in numbered]
     widths = [_width(row, separator) for row in rows]
     notes = []
     if len(rows) > 1 and widths[-1] < len(names):
@@ -335,8 +335,8 @@ def _read_trc(path: Path, lines: list[str]) -> TextTable:
         raise FileFormatError(f"{path}: no line 'Frame#  Time  name …': expected OpenSim's TRC")
     found = [cell.strip() for cell in lines[at].split("\t") if cell.strip()]
     names = (*found[:2], *(f"{name}_{axis}" for name in found[2:] for axis in "xyz"))
-    kept = [(i + 1, line) for i, line in enumerate(lines) if i > at + 1 and line.strip()]
-    return _filled(path, names, kept, lambda line: line.split("\t"), lines[:at])
+    numbered = [(i + 1, line) for i, line in enumerate(lines) if i > at + 1 and line.strip()]
+    return _filled(path, names, numbered, lambda line: line.split("\t"), lines[:at])
 
 
 def _read_sto(path: Path, lines: list[str]) -> TextTable:
@@ -345,9 +345,9 @@ def _read_sto(path: Path, lines: list[str]) -> TextTable:
     if at is None or at + 1 >= len(lines):
         raise FileFormatError(f"{path}: no 'endheader' line followed by column names: expected OpenSim's STO")
     labels = [cell.strip() for cell in lines[at + 1].split("\t")]
-    kept = [(i + 1, line) for i, line in enumerate(lines) if i > at + 1 and line.strip()]
+    numbered = [(i + 1, line) for i, line in enumerate(lines) if i > at + 1 and line.strip()]
     widest = [1] * len(labels)
-    for _, line in kept[:LOOKED_AT]:
+    for _, line in numbered[:LOOKED_AT]:
         for i, cell in enumerate(line.split("\t")[: len(labels)]):
             widest[i] = max(widest[i], cell.count(",") + 1)
     names: list[str] = []
@@ -362,24 +362,26 @@ def _read_sto(path: Path, lines: list[str]) -> TextTable:
             found += ["nan"] * count if cell.strip().lower() in MISSING else parts
         return found
 
-    return _filled(path, tuple(names), kept, cells, lines[:at])
+    return _filled(path, tuple(names), numbered, cells, lines[:at])
 
 
 def _filled(
     path: Path,
     names: tuple[str, ...],
-    kept: list[tuple[int, str]],
+    numbered: list[tuple[int, str]],
     cells: Callable[[str], list[str]],
     preamble: Sequence[str],
 ) -> TextTable:
     """A table of OpenSim's, whose lines may end in blank cells."""
-    if not kept:
+    if not numbered:
         raise FileFormatError(f"{path}: no rows below its header")
     blanks = len(names) - 1
     rows = [
         line
         if line.count("\t") == blanks and "\t\t" not in line and "," not in line
         else "\t".join(cell.strip() or "nan" for cell in cells(line)[: len(names)])
-        for _, line in kept
+        for _, line in numbered
     ]
-    return table_of_rows(path, names, [(line, row) for (line, _), row in zip(kept, rows, strict=True)], "\t", preamble)
+    return table_of_rows(
+        path, names, [(line, row) for (line, _), row in zip(numbered, rows, strict=True)], "\t", preamble
+    )

@@ -81,19 +81,19 @@ def _rate(frame_time: float) -> float:
 
 def _parse_hierarchy(numbered: Iterator[tuple[int, str]], path: Path) -> _Hierarchy:
     """Everything before the line ``MOTION``, which is consumed."""
-    found = _Hierarchy()
+    hierarchy = _Hierarchy()
     stack: list[int] = []
     for number, line in numbered:
         words = line.replace("{", " { ").replace("}", " } ").split()
         while words:
             word = words.pop(0).upper()
             if word in ("ROOT", "JOINT", "END"):
-                _open_node(found, stack, word, " ".join(words).partition("{")[0].strip())
+                _open_node(hierarchy, stack, word, " ".join(words).partition("{")[0].strip())
                 words = words[words.index("{") :] if "{" in words else []
-            elif word in ("OFFSET", "CHANNELS") and not found.names:
+            elif word in ("OFFSET", "CHANNELS") and not hierarchy.names:
                 raise FileFormatError(f"{path}, line {number}: {word} before the first ROOT")
             elif word == "OFFSET":
-                found.offsets[-1] = _floats(words[:3], 3, number, path)
+                hierarchy.offsets[-1] = _floats(words[:3], 3, number, path)
                 words = words[3:]
             elif word == "CHANNELS":
                 count = int(words[0]) if words and words[0].isdigit() else -1
@@ -103,14 +103,14 @@ def _parse_hierarchy(numbered: Iterator[tuple[int, str]], path: Path) -> _Hierar
                         f"{path}, line {number}: '{line.strip()}': expected CHANNELS, their number, and that many "
                         "of Xposition … Zrotation"
                     )
-                found.channels[-1] = channels
+                hierarchy.channels[-1] = channels
                 words = words[count + 1 :]
             elif word == "}" and stack:
                 stack.pop()
             elif word == "MOTION":
-                if not found.names or stack:
+                if not hierarchy.names or stack:
                     raise FileFormatError(f"{path}, line {number}: MOTION before the hierarchy is complete")
-                return found
+                return hierarchy
             elif word not in ("{", "HIERARCHY"):
                 raise FileFormatError(
                     f"{path}, line {number}: '{line.strip()[:60]}': expected HIERARCHY, ROOT, JOINT, End Site, OFFSET "
@@ -119,15 +119,15 @@ def _parse_hierarchy(numbered: Iterator[tuple[int, str]], path: Path) -> _Hierar
     raise FileFormatError(f"{path}: no line MOTION: this is not a BVH file, or it is cut off in its hierarchy")
 
 
-def _open_node(found: _Hierarchy, stack: list[int], word: str, name: str) -> None:
+def _open_node(hierarchy: _Hierarchy, stack: list[int], word: str, name: str) -> None:
     parent = stack[-1] if stack else -1
     if word == "END":
-        name = f"{found.names[parent]}/end" if parent >= 0 else "/end"
-    found.names.append(name)
-    found.parents.append(parent)
-    found.offsets.append([0.0, 0.0, 0.0])
-    found.channels.append([])
-    stack.append(len(found.names) - 1)
+        name = f"{hierarchy.names[parent]}/end" if parent >= 0 else "/end"
+    hierarchy.names.append(name)
+    hierarchy.parents.append(parent)
+    hierarchy.offsets.append([0.0, 0.0, 0.0])
+    hierarchy.channels.append([])
+    stack.append(len(hierarchy.names) - 1)
 
 
 def _floats(words: list[str], count: int, number: int, path: Path) -> list[float]:

@@ -18,9 +18,9 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneInMemory, SceneSource
 from vip_factors.settings import Settings, flatten
+from vip_factors.stages.filmed_windows import smooth_filmed
 from vip_factors.stages.inertial_windows import smooth_wearer
 from vip_factors.stages.open_graph import factor_graph
-from vip_factors.stages.scene_windowed import smooth_filmed
 from vip_factors.stages.solver import Progress
 
 __all__ = ["factor_graph", "smooth", "smooth_chunks"]

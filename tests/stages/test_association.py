@@ -14,8 +14,8 @@ from vip_factors.geometry.rotations import exp
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.stages import association as stage
-from vip_factors.stages.inertial import Tracked, inertial_trackers
-from vip_factors.stages.reporting import what_told
+from vip_factors.stages.inertial import InertialSolution, inertial_trackers
+from vip_factors.stages.reporting import association_cues
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.windows import scene_plan
 
@@ -27,17 +27,17 @@ def scene() -> Scene:
     return filmed_gestures(people=("anna", "bob"), backwards=True, azimuth_deg=20.0)
 
 
-def track(scene: Scene) -> tuple[Tracked, ...]:
+def track(scene: Scene) -> tuple[InertialSolution, ...]:
     time = scene_plan(SceneInMemory(scene), QUICK).all_coarse_time
     return inertial_trackers(scene, time, QUICK, SOLVER)
 
 
 @cache
-def tracked() -> tuple[Tracked, ...]:
+def tracked() -> tuple[InertialSolution, ...]:
     return track(scene())
 
 
-def bent(one: Tracked, degrees: float) -> Tracked:
+def bent(one: InertialSolution, degrees: float) -> InertialSolution:
     """With limbs that are turned as by a wrong start."""
     R = one.state.R_parent_child.copy()
     for number, name in enumerate(("left_hip", "right_hip", "left_knee", "left_shoulder", "right_shoulder", "spine1")):
@@ -45,8 +45,8 @@ def bent(one: Tracked, degrees: float) -> Tracked:
     return replace(one, state=replace(one.state, R_parent_child=R))
 
 
-def calibrating(to: Tracked, calls: list[Tracked]) -> Callable[..., Tracked]:
-    def calibrated(one: Tracked, *_: object) -> Tracked:
+def calibrating(to: InertialSolution, calls: list[InertialSolution]) -> Callable[..., InertialSolution]:
+    def calibrated(one: InertialSolution, *_: object) -> InertialSolution:
         calls.append(one)
         return to
 
@@ -55,7 +55,7 @@ def calibrating(to: Tracked, calls: list[Tracked]) -> Callable[..., Tracked]:
 
 def test_who_is_found_is_left_as_tracked(monkeypatch: pytest.MonkeyPatch) -> None:
     alone = filmed_gestures(seconds=2.0, azimuth_deg=20.0)
-    before, calls = track(alone), list[Tracked]()
+    before, calls = track(alone), list[InertialSolution]()
     monkeypatch.setattr(stage, "calibrated", calibrating(before[0], calls))
     wearers, associated = stage.first_association(alone, before, QUICK, SOLVER)
     assert not calls
@@ -64,7 +64,7 @@ def test_who_is_found_is_left_as_tracked(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_who_is_not_found_is_calibrated_and_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    (anna, bob), calls = tracked(), list[Tracked]()
+    (anna, bob), calls = tracked(), list[InertialSolution]()
     monkeypatch.setattr(stage, "calibrated", calibrating(anna, calls))
     wearers, associated = stage.first_association(scene(), (bent(anna, 70.0), bob), QUICK, SOLVER)
     assert any(np.array_equal(one.state.R_parent_child, bent(anna, 70.0).state.R_parent_child) for one in calls)
@@ -93,12 +93,12 @@ def association(wearer: list[int], by_place: list[bool], by_clothes: bool) -> As
 
 
 def test_motion_place_and_clothes_are_told_apart() -> None:
-    told = what_told(["anna", "ben"], association([0, 0, 0, 1, -1], [False, True, True, False, False], True))
+    told = association_cues(["anna", "ben"], association([0, 0, 0, 1, -1], [False, True, True, False, False], True))
     assert told[0] == "anna was told by motion in 1 detections and by place in 2; clothes had a say"
     assert "ben was told by motion in 1 detections and by place in 0" in told[1]
 
 
 def test_without_a_known_camera_motion_alone_tells() -> None:
-    assert what_told(["anna"], association([0, 0], [], False)) == (
+    assert association_cues(["anna"], association([0, 0], [], False)) == (
         "anna was told by motion in 2 detections and by place in 0; clothes had none",
     )

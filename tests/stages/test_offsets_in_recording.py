@@ -13,7 +13,7 @@ from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, write_keyp
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
-from vip_factors.stages.filming import prior_offsets
+from vip_factors.stages.fusion_start import prior_offsets
 from vip_factors.stages.keypoint_offsets import offsets_in_recording
 from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 

@@ -25,7 +25,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneSource
 from vip_factors.settings import CalibrationSettings, FusionSettings, Settings, WindowSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
-from vip_factors.stages.scene_windowed import GatheredFindings, smooth_filmed
+from vip_factors.stages.filmed_windows import GatheredFindings, smooth_filmed
 from vip_factors.stages.solver import Progress
 from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
 

@@ -32,7 +32,7 @@ from vip_factors.sensors.sources import (
     SceneInMemory,
     SceneSource,
     UnfilmedSource,
-    cut,
+    cut_detections,
     first_video_time,
     mount_of,
     without_frames,
@@ -222,7 +222,7 @@ class SceneFile:
             )
             imu = streams.get(mount.imu.name)
             mount = None if imu is None else mount_of(mount, imu.cut(start - MARGIN_S, end + MARGIN_S))
-        return replace(whole, detections=cut(detections, start, end, whole.clock), mount=mount, video=None)
+        return replace(whole, detections=cut_detections(detections, start, end, whole.clock), mount=mount, video=None)
 
 
 def _logged(start_ns: int, start: float, end: float) -> tuple[int, int]:

@@ -19,7 +19,7 @@ from vip_factors.problem.layout import Layout
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.solve.marginals import last_covariance
-from vip_factors.stages.fusion import Fused
+from vip_factors.stages.fusion import FusionSolution
 
 NO_PRIOR = np.pi  # radians, of headings and mountings: what is known of them, the information says
 
@@ -47,7 +47,7 @@ def recalibrate(stretch: MeasuredStretch, settings: LiveSettings, known: Known |
         return replace(found, information=information, findings=tuple(unsettled(coarse)))
 
 
-def information_of(fused: Fused, layout: Layout, inflation: float) -> Array:
+def information_of(fused: FusionSolution, layout: Layout, inflation: float) -> Array:
     """What a solved scene knows of the static variables of a layout: information ``(s, s)`` about its solution.
 
     Standard deviations are taken ``inflation`` times as large.

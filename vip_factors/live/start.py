@@ -20,12 +20,12 @@ from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.frames import coarser
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.stages.association import AssociatedCamera, first_association, of_use
+from vip_factors.stages.association import AssociatedCamera, first_association, usable_cameras
 from vip_factors.stages.calibration_start import start_findings
-from vip_factors.stages.filming import Filmed, start_filming
-from vip_factors.stages.fusion import Fused, at_full_rate, fuse_in_rounds
-from vip_factors.stages.inertial import Tracked, at_frames, first_calibration, inertial_tracker
-from vip_factors.stages.inertial_model import kept, with_contacts
+from vip_factors.stages.fusion import FusionSolution, at_full_rate, fuse_in_rounds
+from vip_factors.stages.fusion_start import FusionStart, start_fusion
+from vip_factors.stages.inertial import InertialSolution, at_frames, first_calibration, inertial_tracker
+from vip_factors.stages.inertial_model import on_frames_with_fixed_calibration, with_contacts
 from vip_factors.stages.solver import Solver
 
 UNKNOWN_HEADING = np.pi  # radians: of a sensor that comes late, before it has been seen to move
@@ -64,9 +64,9 @@ class CoarseSolution:
     """
 
     scene: Scene
-    wearers: tuple[Tracked, ...]
-    fused: Fused
-    filmed: Filmed | None = None
+    wearers: tuple[InertialSolution, ...]
+    fused: FusionSolution
+    filmed: FusionStart | None = None
     associated: tuple[AssociatedCamera, ...] = ()
 
     def at_full_rate(
@@ -86,7 +86,7 @@ class CoarseSolution:
         ):
             fine = stretch.frames(recording.subject.name, model.frames.sensors)
             states.append(at_frames(state, model.frames.time, stretch.time))
-            models.append(with_contacts(kept(model, fine), states[-1]))
+            models.append(with_contacts(on_frames_with_fixed_calibration(model, fine), states[-1]))
         problem = SceneProblem.unfilmed(models)
         unseen = tuple(KeypointView.unseen((), len(stretch.time)) for _ in models)
         return replace(problem, views=unseen), SceneState.unfilmed(states), ()
@@ -112,27 +112,29 @@ def solve_coarsely(stretch: MeasuredStretch, settings: LiveSettings, known: Know
         solver.solve_wearer(WearerObjective(model), one.state, "start")
         for model, one in zip(models, wearers, strict=True)
     ]
-    fused = Fused(SceneProblem.unfilmed(models), SceneState.unfilmed(states), ())
+    fused = FusionSolution(SceneProblem.unfilmed(models), SceneState.unfilmed(states), ())
     return CoarseSolution(scene, wearers, fused)
 
 
-def _filmed(scene: Scene, wearers: Sequence[Tracked], settings: LiveSettings, solver: Solver) -> CoarseSolution | None:
+def _filmed(
+    scene: Scene, wearers: Sequence[InertialSolution], settings: LiveSettings, solver: Solver
+) -> CoarseSolution | None:
     """The solution in front of cameras; None if they do not show anybody whom it knows."""
     if not any(len(camera.detections) for camera in scene.cameras):
         return None
     names = [one.subject.name for one in scene.wearers]
     wearers, filmed_by = first_association(scene, wearers, settings, solver)
-    associated = of_use(filmed_by)
+    associated = usable_cameras(filmed_by)
     if not associated:
         return None
-    filmed = start_filming(associated, wearers, settings)
+    filmed = start_fusion(associated, wearers, settings)
     fused, associated = fuse_in_rounds(filmed, associated, names, settings, solver)
     return CoarseSolution(scene, tuple(wearers), fused, filmed, tuple(associated))
 
 
 def _tracked(
     stretch: MeasuredStretch, recording: Recording, settings: LiveSettings, solver: Solver, known: Known | None
-) -> Tracked:
+) -> InertialSolution:
     frames = coarser(stretch.frames(recording.subject.name, recording.placed), settings.coarse_factor)
     if known is None:
         return inertial_tracker(recording, frames, settings, solver)

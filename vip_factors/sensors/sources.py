@@ -119,8 +119,10 @@ def without_gaps(head: Recording, stretches: Sequence[Mapping[str, ImuStream]], 
         for name, stream in streams.items():
             inside = (stream.time >= time[0]) & (stream.time < end + step / 2)
             if np.count_nonzero(inside) >= LEAST_SAMPLES:
-                cut = stream.cut(float(time[0]), float(stream.time[inside][-1]))
-                parts.setdefault(name, []).append(replace(cut, time=cut.time + (begin - float(time[0]))))
+                cut_detections = stream.cut(float(time[0]), float(stream.time[inside][-1]))
+                parts.setdefault(name, []).append(
+                    replace(cut_detections, time=cut_detections.time + (begin - float(time[0])))
+                )
         begin += end - float(time[0]) + step
     if not parts:
         raise RecordingError(f"recording '{head.name}': no sensor measured in any of the stretches")
@@ -262,7 +264,9 @@ def camera_between(camera: Camera, start: float, end: float) -> Camera:
     mount = camera.mount
     if mount is not None:
         mount = mount_of(mount, mount.imu.cut(start - MARGIN_S, end + MARGIN_S))
-    return replace(camera, detections=cut(camera.detections, start, end, camera.clock), mount=mount, video=None)
+    return replace(
+        camera, detections=cut_detections(camera.detections, start, end, camera.clock), mount=mount, video=None
+    )
 
 
 def mount_of(mount: CameraMount, imu: ImuStream) -> CameraMount | None:
@@ -270,7 +274,7 @@ def mount_of(mount: CameraMount, imu: ImuStream) -> CameraMount | None:
     return replace(mount, imu=imu) if len(imu) >= LEAST_SAMPLES else None
 
 
-def cut(detections: Detections, start: float, end: float, clock: VideoClock) -> Detections:
+def cut_detections(detections: Detections, start: float, end: float, clock: VideoClock) -> Detections:
     """Detections from one instant of the sensors' clock to another; their video frames are counted anew."""
     time = clock.at(detections.time)
     first, last = np.searchsorted(time, start, "left"), np.searchsorted(time, end, "right")

@@ -16,7 +16,7 @@ from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.settings import Settings
 from vip_factors.stages.decode import motion_of
-from vip_factors.stages.inertial import Tracked, calibrated
+from vip_factors.stages.inertial import InertialSolution, calibrated
 from vip_factors.stages.solver import Solver
 
 # Of the video frames that show anybody. A tracker whose start is poor finds its wearer in none of them or in three
@@ -46,26 +46,30 @@ class AssociatedCamera:
         return any(len(one) for one in self.seen)
 
 
-def watch(
-    scene: Scene, wearers: Sequence[Tracked], motions: Sequence[Motion], settings: Settings,
-    tell: Callable[[float], None],
+def associate_cameras(
+    scene: Scene, wearers: Sequence[InertialSolution], motions: Sequence[Motion], settings: Settings,
+    on_progress: Callable[[float], None],
 ) -> tuple[AssociatedCamera, ...]:  # fmt: skip
     """The first association, of each camera by itself: nobody's place in the world is known yet."""
     associated = []
     for number, camera in enumerate(scene.cameras):
         detections = camera.timed_detections
         association = associate(
-            detections, camera.model, motions, settings.association,
-            gravity_camera=gravity_in_camera(camera, detections.time), progress=_part(tell, number, len(scene.cameras)),
-        )  # fmt: skip
+            detections,
+            camera.model,
+            motions,
+            settings.association,
+            gravity_camera=gravity_in_camera(camera, detections.time),
+            progress=_part(on_progress, number, len(scene.cameras)),
+        )
         seen = tuple(_sightings(association, number, detections, one) for number, one in enumerate(wearers))
         associated.append(AssociatedCamera(camera, detections, association, seen))
     return tuple(associated)
 
 
-def watch_again(
+def associate_cameras_again(
     associated: Sequence[AssociatedCamera], path: CameraPath, clock: VideoClock, motions: Sequence[Motion],
-    settings: Settings, tell: Callable[[float], None],
+    settings: Settings, on_progress: Callable[[float], None],
 ) -> tuple[AssociatedCamera, ...]:  # fmt: skip
     """The association of motions in one world, in which the first camera took a path; the others' poses are known.
 
@@ -77,17 +81,17 @@ def watch_again(
         association = associate(
             detections, each.camera.model, motions, settings.association,
             each.camera.known_path if number else path, gravity_in_camera(each.camera, detections.time),
-            _part(tell, number, len(associated)),
+            _part(on_progress, number, len(associated)),
         )  # fmt: skip
         again.append(replace(each, association=association))
     return tuple(again)
 
 
-def look_again(
+def add_left_over_detections(
     associated: Sequence[AssociatedCamera], path: CameraPath, clock: VideoClock, motions: Sequence[Motion],
     settings: Settings,
 ) -> tuple[AssociatedCamera, ...]:  # fmt: skip
-    """Detections that are nobody's added to whom they show by now, in the world of :func:`watch_again`."""
+    """Detections that are nobody's added to whom they show by now, in the world of :func:`associate_cameras_again`."""
     again = []
     for number, each in enumerate(associated):
         known = each.camera.known_path if number else path
@@ -100,7 +104,7 @@ def look_again(
     return tuple(again)
 
 
-def of_use(associated: Sequence[AssociatedCamera]) -> tuple[AssociatedCamera, ...]:
+def usable_cameras(associated: Sequence[AssociatedCamera]) -> tuple[AssociatedCamera, ...]:
     """The associated to estimate with; none if no wearer was found in any.
 
     Without a wearer before a camera of known pose nothing ties the first camera to the world of the known ones, and a
@@ -123,7 +127,7 @@ def gravity_in_camera(camera: Camera, time: Array) -> Array | None:
     return -mount.imu.R_inertial_sensor[nearest, 2] @ mount.R_camera_imu.T
 
 
-def _sightings(association: Association, wearer: int, detections: Detections, tracked: Tracked) -> Sightings:
+def _sightings(association: Association, wearer: int, detections: Detections, tracked: InertialSolution) -> Sightings:
     """The hypothesis cameras of one wearer."""
     rows, own = np.flatnonzero(association.wearer == wearer), tracked.model.frames.time
     time = detections.time[detections.frame[rows]]
@@ -139,13 +143,13 @@ def path_at(p: Array, time: Array, wanted: Array) -> Array:
     return np.stack([np.interp(wanted, time, column) for column in p.T], axis=1).reshape(-1, 3)
 
 
-def _part(tell: Callable[[float], None], number: int, count: int) -> Callable[[float], None]:
-    return lambda done: tell((number + done) / count)
+def _part(on_progress: Callable[[float], None], number: int, count: int) -> Callable[[float], None]:
+    return lambda done: on_progress((number + done) / count)
 
 
 def first_association(
-    scene: Scene, wearers: Sequence[Tracked], settings: Settings, solver: Solver
-) -> tuple[tuple[Tracked, ...], tuple[AssociatedCamera, ...]]:
+    scene: Scene, wearers: Sequence[InertialSolution], settings: Settings, solver: Solver
+) -> tuple[tuple[InertialSolution, ...], tuple[AssociatedCamera, ...]]:
     """Who is who before each camera, and from where the fusion starts.
 
     Wearers who are hardly seen are calibrated by the sparse inertial poser, and looked for again. Such a wearer starts
@@ -158,13 +162,13 @@ def first_association(
         solver: of the scene.
     """
     names = [wearer.subject.name for wearer in scene.wearers]
-    tell = solver.telling("association")
-    first = watch(scene, wearers, _motions(wearers, names), settings, tell)
+    on_progress = solver.progress_of("association")
+    first = associate_cameras(scene, wearers, _motions(wearers, names), settings, on_progress)
     poor = [number for number in range(len(wearers)) if share_seen(first, number) < OFTEN_SEEN]
     if not poor or not settings.acceleration:
         return tuple(wearers), first
     better = [_calibrated(one, settings, solver) if number in poor else one for number, one in enumerate(wearers)]
-    again = watch(scene, better, _motions(better, names), settings, tell)
+    again = associate_cameras(scene, better, _motions(better, names), settings, on_progress)
     for number in poor:
         again, better[number] = _starting(again, number, better[number], wearers[number], names[number])
     return tuple(better), again
@@ -177,19 +181,19 @@ def share_seen(associated: Sequence[AssociatedCamera], wearer: int) -> float:
     return found / max(shown, 1)
 
 
-def _calibrated(tracked: Tracked, settings: Settings, solver: Solver) -> Tracked:
+def _calibrated(tracked: InertialSolution, settings: Settings, solver: Solver) -> InertialSolution:
     """Calibrated, but for the mean pose: that is the fusion's to find."""
     found = calibrated(tracked, settings, solver)
     return replace(found, state=replace(found.state, pose_mean=tracked.state.pose_mean))
 
 
-def _motions(wearers: Sequence[Tracked], names: Sequence[str]) -> list[Motion]:
+def _motions(wearers: Sequence[InertialSolution], names: Sequence[str]) -> list[Motion]:
     return [motion_of(one.model, one.state, name) for one, name in zip(wearers, names, strict=True)]
 
 
 def _starting(
-    associated: Sequence[AssociatedCamera], number: int, found: Tracked, before: Tracked, name: str
-) -> tuple[tuple[AssociatedCamera, ...], Tracked]:
+    associated: Sequence[AssociatedCamera], number: int, found: InertialSolution, before: InertialSolution, name: str
+) -> tuple[tuple[AssociatedCamera, ...], InertialSolution]:
     """A wearer as calibrated or as before, with what the cameras then saw of him."""
     looks = [[_look(each, number, one, name) for each in associated] for one in (found, before)]
     as_found, as_before = (np.concatenate([look.cost for look in each]) for each in looks)
@@ -203,7 +207,7 @@ def _starting(
     return tuple(changed), before
 
 
-def _look(each: AssociatedCamera, number: int, tracked: Tracked, name: str) -> Hypotheses:
+def _look(each: AssociatedCamera, number: int, tracked: InertialSolution, name: str) -> Hypotheses:
     """The hypothesis cameras of a motion for the detections that were given to a wearer."""
     own = each.detections.select(each.association.wearer == number)
     motion = motion_of(tracked.model, tracked.state, name)

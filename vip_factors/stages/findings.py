@@ -13,7 +13,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.drift import drift_findings
-from vip_factors.stages.fusion import Fused
+from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.wearer_findings import body_findings, posture_findings
 
 UNSURE_HEADING = np.deg2rad(15.0)  # a heading no better known than this came from the straps
@@ -28,8 +28,8 @@ CORNER, OUTSIDE, FEW = 0.55, 0.1, 0.02  # of the image's sides; of its sides; of
 LARGER_CORNER, OFF_MIDDLE = 0.68, 0.42
 
 
-def find_oddities(
-    scene: Scene, associated: Sequence[AssociatedCamera], fine: Fused, wearers: Sequence[WearerEstimate]
+def quality_checks(
+    scene: Scene, associated: Sequence[AssociatedCamera], fine: FusionSolution, wearers: Sequence[WearerEstimate]
 ) -> Iterator[str]:
     """Sentences about wearers, then about the cameras."""
     used = [each.camera.name for each in associated]
@@ -48,7 +48,11 @@ def of_camera(camera: Camera, scene: Scene) -> str:
 
 
 def _wearer_findings(
-    recording: Recording, number: int, associated: Sequence[AssociatedCamera], fine: Fused, estimate: WearerEstimate
+    recording: Recording,
+    number: int,
+    associated: Sequence[AssociatedCamera],
+    fine: FusionSolution,
+    estimate: WearerEstimate,
 ) -> Iterator[str]:
     who, frame_rate = f"wearer '{recording.subject.name}'", 1 / fine.model.wearers[0].frames.step
     views = [one.views[number] for one in fine.model.viewpoints(fine.state.camera)]

@@ -17,13 +17,13 @@ from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, Scene
 from vip_factors.sensors.sources import frames_of
 from vip_factors.settings import Settings
-from vip_factors.stages.association import AssociatedCamera, look_again, watch_again
+from vip_factors.stages.association import AssociatedCamera, add_left_over_detections, associate_cameras_again
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.drift import found_clock, with_found_drift
-from vip_factors.stages.filming import Filmed, camera_problem
+from vip_factors.stages.fusion_start import FusionStart, camera_problem
 from vip_factors.stages.ground import seen_standing
 from vip_factors.stages.inertial import at_frames
-from vip_factors.stages.inertial_model import kept, with_contacts
+from vip_factors.stages.inertial_model import on_frames_with_fixed_calibration, with_contacts
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.views import image_scale, keypoint_view, predicted_pixels, scatter
 from vip_factors.stages.wearer_findings import TURNED
@@ -37,7 +37,7 @@ HELD = np.deg2rad(1.0)  # of a mounting that is kept where the start had it
 
 
 @dataclass(frozen=True)
-class Fused:
+class FusionSolution:
     """A scene's problem and its solution.
 
     ``spreads`` is what was taken for the scatter of each camera's detections of each wearer, in OKS sigmas.
@@ -61,7 +61,7 @@ class Fused:
             for one, spreads in zip(viewpoints, self.spreads, strict=True)
         )
 
-    def is_settled(self) -> bool:
+    def is_consistent(self) -> bool:
         """Whether the detections scatter about the solution as it was made to believe, and were taken when it says."""
         ratios = np.divide(self.spreads, np.maximum(self.measured_spreads(), 1e-9))
         return bool(np.all(ratios < SETTLED)) and self._clock_moved() < TIMED
@@ -104,15 +104,19 @@ def _scatter_before(
 
 
 def fuse(
-    filmed: Filmed, before: Fused | None, associated: Sequence[AssociatedCamera], settings: Settings, solver: Solver
-) -> Fused:
+    filmed: FusionStart,
+    before: FusionSolution | None,
+    associated: Sequence[AssociatedCamera],
+    settings: Settings,
+    solver: Solver,
+) -> FusionSolution:
     """Everything free, on the coarse frames; ``before`` is the round before this one."""
-    start = unfused(filmed, before, associated, settings, solver.extra)
+    start = fusion_problem(filmed, before, associated, settings, solver.extra)
     solved = solver.solve(SceneObjective(start.model), start.state, "video-inertial fusion")
     return with_found_bodies(replace(start, state=solved))
 
 
-def with_found_bodies(fused: Fused) -> Fused:
+def with_found_bodies(fused: FusionSolution) -> FusionSolution:
     """The same with the bodies that were found in the place of those that were supposed."""
     found = [one.body for one in fused.state.wearers]
     wearers = tuple(one.with_body(lengths) for one, lengths in zip(fused.model.wearers, found, strict=True))
@@ -125,13 +129,13 @@ def _with_body_of(model: WearerProblem, other: WearerProblem) -> WearerProblem:
     return replace(model, skeleton=other.skeleton, variation=other.variation, sensors=other.sensors)
 
 
-def unfused(
-    filmed: Filmed,
-    before: Fused | None,
+def fusion_problem(
+    filmed: FusionStart,
+    before: FusionSolution | None,
     associated: Sequence[AssociatedCamera],
     settings: Settings,
     extra: ExtraTerms | None = None,
-) -> Fused:
+) -> FusionSolution:
     """The problem of :func:`fuse`, and where it starts."""
     start = before.state if before else filmed.state
     usual = (settings.camera.reprojection.spread,) * len(start.wearers)
@@ -147,7 +151,7 @@ def unfused(
     known = before is not None
     model = _scene_model(wearers, filmed.camera, filmed.further, start, associated, spreads, path_known=known)
     model = replace(model, extra=extra, free_keypoints=settings.calibration.estimate_keypoints)
-    return Fused(model, start, spreads)
+    return FusionSolution(model, start, spreads)
 
 
 def _with_free_body(model: WearerProblem, settings: Settings) -> WearerProblem:
@@ -163,13 +167,13 @@ def _with_free_body(model: WearerProblem, settings: Settings) -> WearerProblem:
 
 def fuse_finely(
     scene: Scene,
-    filmed: Filmed,
-    coarse: Fused,
+    filmed: FusionStart,
+    coarse: FusionSolution,
     associated: Sequence[AssociatedCamera],
     time: Array,
     settings: Settings,
     solver: Solver,
-) -> Fused:
+) -> FusionSolution:
     """At the full frame rate, with headings, mountings and mean poses kept.
 
     The coarse solution has settled how camera and wearers lie to each other: what is left is fast and small. A moving
@@ -182,16 +186,21 @@ def fuse_finely(
         state = solver.solve(SceneObjective(model, wearers_move=False), state, "full rate, camera")
     if model.extra is not None:  # it may tie wearers to one another
         together = replace(model, camera=_held(model.camera))
-        return Fused(model, solver.solve(SceneObjective(together), state, "full rate"), spreads)
+        return FusionSolution(model, solver.solve(SceneObjective(together), state, "full rate"), spreads)
     for number, name in enumerate(recording.subject.name for recording in scene.wearers):
         start = replace(state, wearers=(state.wearers[number],))
         refined = solver.solve(SceneObjective(_alone(model, number)), start, f"full rate, {name}")
         states[number] = refined.wearers[0]
-    return Fused(model, replace(state, wearers=tuple(states)), spreads)
+    return FusionSolution(model, replace(state, wearers=tuple(states)), spreads)
 
 
 def at_full_rate(
-    scene: Scene, filmed: Filmed, coarse: Fused, associated: Sequence[AssociatedCamera], time: Array, settings: Settings
+    scene: Scene,
+    filmed: FusionStart,
+    coarse: FusionSolution,
+    associated: Sequence[AssociatedCamera],
+    time: Array,
+    settings: Settings,
 ) -> tuple[SceneProblem, SceneState, tuple[tuple[float, ...], ...]]:
     """The problem at the full frame rate, with headings, mountings and mean poses kept, where to start, and spreads."""
     before = coarse.model.wearers[0].frames.time
@@ -201,7 +210,7 @@ def at_full_rate(
         states.append(at_frames(own, before, time))
         bodied = _with_body_of(tracked.model, fused)
         frames = frames_of(recording.imus, tracked.model.frames.sensors, time)
-        wearers.append(with_contacts(kept(bodied, frames), states[-1], True))
+        wearers.append(with_contacts(on_frames_with_fixed_calibration(bodied, frames), states[-1], True))
     camera = replace(camera_problem(associated[0].camera, time, settings), free_clock=False)
     filming = coarse.state.camera
     camera = replace(camera, prior_heading=filming.heading)
@@ -225,7 +234,7 @@ def _held(camera: CameraProblem) -> CameraProblem:
     return replace(camera, free_pose=False, imu=None, free_clock=False)
 
 
-def _camera_at(coarse: Fused, time: Array) -> CameraState:
+def _camera_at(coarse: FusionSolution, time: Array) -> CameraState:
     camera = coarse.state.camera
     if len(camera.poses) == 1:
         return camera
@@ -273,8 +282,12 @@ def _views(
 
 
 def fuse_in_rounds(
-    filmed: Filmed, associated: Sequence[AssociatedCamera], names: Sequence[str], settings: Settings, solver: Solver
-) -> tuple[Fused, tuple[AssociatedCamera, ...]]:
+    filmed: FusionStart,
+    associated: Sequence[AssociatedCamera],
+    names: Sequence[str],
+    settings: Settings,
+    solver: Solver,
+) -> tuple[FusionSolution, tuple[AssociatedCamera, ...]]:
     """The coarse solution, and the association that it was made from.
 
     Args:
@@ -287,22 +300,28 @@ def fuse_in_rounds(
     Raises:
         SolveError: if the problem is not determined.
     """
-    tell = solver.telling("association")
+    on_progress = solver.progress_of("association")
     fused = fuse(filmed, None, associated, settings, solver)
     for _ in range(settings.fusion.rounds - 1):
-        associated = watch_again(associated, fused.camera_path, fused.clock, fused.motions(names), settings, tell)
+        associated = associate_cameras_again(
+            associated, fused.camera_path, fused.clock, fused.motions(names), settings, on_progress
+        )
         fused = fuse(filmed, fused, associated, settings, solver)
     for _ in range(settings.fusion.refits):
-        if not fused.is_settled():
+        if not fused.is_consistent():
             fused = fuse(filmed, fused, associated, settings, solver)
     fused = _reconsidered(filmed, fused, associated, settings, solver)
-    associated = look_again(associated, fused.camera_path, fused.clock, fused.motions(names), settings)
+    associated = add_left_over_detections(associated, fused.camera_path, fused.clock, fused.motions(names), settings)
     return fused, associated
 
 
 def _reconsidered(
-    filmed: Filmed, fused: Fused, associated: Sequence[AssociatedCamera], settings: Settings, solver: Solver
-) -> Fused:
+    filmed: FusionStart,
+    fused: FusionSolution,
+    associated: Sequence[AssociatedCamera],
+    settings: Settings,
+    solver: Solver,
+) -> FusionSolution:
     """The better of a solution and, if something ended far from where it is likely, of one that began with that held.
 
     Many frames of one posture may lead a mounting or a hinge's axis from where a single statement had it into another
@@ -331,7 +350,7 @@ def _with_unlikely_fixed(model: WearerProblem, state: WearerState) -> WearerProb
     return replace(model, mounting_sigma=np.where(turned, HELD, model.mounting_sigma), free_hinges=not axes.any())
 
 
-def _cost(one: Fused, other: Fused) -> float:
+def _cost(one: FusionSolution, other: FusionSolution) -> float:
     """Of a solution, with its detections believed as much as in another."""
     views = zip(one.model.views, other.model.views, strict=True)
     believed = tuple(replace(view, sigma=theirs.sigma) for view, theirs in views)

@@ -27,13 +27,13 @@ from vip_factors.stages.calibration_start import search_start
 from vip_factors.stages.decode import with_sigmas
 from vip_factors.stages.drift import with_found_drift
 from vip_factors.stages.inertial_model import (
-    alone,
+    frame_by_frame,
     gauge_sensor,
     inertial_model,
-    loosened,
     placed_on_floor,
-    walking,
     with_contacts,
+    with_heading_knots,
+    with_inflated_contact_sigma,
 )
 from vip_factors.stages.solver import Solver
 
@@ -44,7 +44,7 @@ UNDETERMINED = "the data do not determine all headings and mountings: in part th
 
 
 @dataclass(frozen=True)
-class Tracked:
+class InertialSolution:
     """A wearer's problem and where it stands; and how its start was found, where one was looked for."""
 
     model: WearerProblem
@@ -54,21 +54,23 @@ class Tracked:
 
 def inertial_tracker(
     recording: Recording, frames: ImuFrames, settings: Settings, solver: Solver, known: InitialCalibration | None = None
-) -> Tracked:
+) -> InertialSolution:
     """Orientations and priors alone, every frame by itself (IT; thesis eq. 4.10); then the root, on standing feet.
 
     A ``known`` calibration, of earlier frames, spares the guess from straps and the declared pose.
     """
-    calibration, starts = (known, None) if known else found_start(recording, frames, settings, solver.telling("start"))
+    calibration, starts = (
+        (known, None) if known else find_start(recording, frames, settings, solver.progress_of("start"))
+    )
     model = inertial_model(recording, frames, calibration, settings)
-    state = solver.solve_wearer(WearerObjective(alone(model)), _start(model, calibration), "inertial tracker")
+    state = solver.solve_wearer(WearerObjective(frame_by_frame(model)), _start(model, calibration), "inertial tracker")
     if model.initial_pose is not None:  # so far beyond its limits a joint says that its zero is elsewhere, once
         model = replace(model, limits=model.limits.reaching(joint_vector(state.R_parent_child), CONTRADICTION))
-    model = walking(model, settings.calibration)
-    return Tracked(model, placed_on_floor(model, state).with_knots(len(model.heading_knots)), starts)
+    model = with_heading_knots(model, settings.calibration)
+    return InertialSolution(model, placed_on_floor(model, state).with_knots(len(model.heading_knots)), starts)
 
 
-def inertial_trackers(scene: Scene, time: Array, settings: Settings, solver: Solver) -> tuple[Tracked, ...]:
+def inertial_trackers(scene: Scene, time: Array, settings: Settings, solver: Solver) -> tuple[InertialSolution, ...]:
     """Each wearer of a scene at the instants ``time`` ``(T,)``, alone.
 
     Raises:
@@ -85,9 +87,11 @@ def inertial_trackers(scene: Scene, time: Array, settings: Settings, solver: Sol
     )
 
 
-def calibrated(tracked: Tracked, settings: Settings, solver: Solver, extra: ExtraTerms | None = None) -> Tracked:
+def calibrated(
+    tracked: InertialSolution, settings: Settings, solver: Solver, extra: ExtraTerms | None = None
+) -> InertialSolution:
     """The sparse inertial poser on the tracker's frames, with headings, mountings and the mean pose free."""
-    free, state = loosened(tracked.model, settings.calibration), tracked.state
+    free, state = with_inflated_contact_sigma(tracked.model, settings.calibration), tracked.state
     for _ in range(settings.calibration.passes):
         state = solver.solve_wearer(WearerObjective(with_contacts(free, state), extra), state, "calibration")
         free = with_found_drift(free, state)
@@ -106,14 +110,14 @@ def first_calibration(recording: Recording, frames: ImuFrames, settings: Setting
     return initial_calibration(frames, recording.placement, body, pose, declared.seconds, reference)
 
 
-def found_start(
-    recording: Recording, frames: ImuFrames, settings: Settings, tell: Callable[[float], None]
+def find_start(
+    recording: Recording, frames: ImuFrames, settings: Settings, on_progress: Callable[[float], None]
 ) -> tuple[InitialCalibration, Starts | None]:
     """Headings and mountings to begin with; and how they were found, where they were looked for."""
     usual = first_calibration(recording, frames, settings)
     if settings.calibration.from_truth or not settings.calibration.start.search:
         return usual, None
-    tell(0.0)
+    on_progress(0.0)
     starts = search_start(recording, frames, usual, settings)
     return (starts.best.calibration if starts else usual), starts
 
@@ -134,7 +138,7 @@ def at_frames(state: WearerState, time: Array, wanted: Array) -> WearerState:
 
 
 def with_calibration_sigmas(
-    estimate: WearerEstimate, found: Tracked, settings: CalibrationSettings, extra: ExtraTerms | None = None
+    estimate: WearerEstimate, found: InertialSolution, settings: CalibrationSettings, extra: ExtraTerms | None = None
 ) -> WearerEstimate:
     """The estimate with standard deviations of headings and mountings; with a finding, if they are not determined.
 
@@ -146,7 +150,7 @@ def with_calibration_sigmas(
         found: as :func:`~vip_factors.stages.inertial.calibrated` returns it.
         settings, extra: with which it was found.
     """
-    objective = WearerObjective(with_contacts(loosened(found.model, settings), found.state), extra)
+    objective = WearerObjective(with_contacts(with_inflated_contact_sigma(found.model, settings), found.state), extra)
     keys = objective.scene.static_keys
     if not keys:
         return estimate

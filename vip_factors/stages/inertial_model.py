@@ -71,12 +71,12 @@ def gauge_sensor(bones: list[int]) -> int:
     return bones.index(0) if 0 in bones else 0
 
 
-def alone(model: WearerProblem) -> WearerProblem:
+def frame_by_frame(model: WearerProblem) -> WearerProblem:
     """The model of the inertial tracker: every frame by itself, the calibration kept."""
-    return replace(calibration_held(model), use_acceleration=False)
+    return replace(with_fixed_calibration(model), use_acceleration=False)
 
 
-def calibration_held(model: WearerProblem) -> WearerProblem:
+def with_fixed_calibration(model: WearerProblem) -> WearerProblem:
     """The model with what all frames share kept as it is."""
     return replace(
         model,
@@ -89,7 +89,7 @@ def calibration_held(model: WearerProblem) -> WearerProblem:
     )
 
 
-def walking(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:
+def with_heading_knots(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:
     """The model with knots for its headings, evenly spaced over its frames; as it is, if they are to be constant.
 
     Raises:
@@ -104,16 +104,16 @@ def walking(model: WearerProblem, calibration: CalibrationSettings) -> WearerPro
     return replace(model, heading_knots=np.linspace(time[0], time[-1], pieces + 1)) if pieces else model
 
 
-def loosened(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:
+def with_inflated_contact_sigma(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:
     """The model for finding mountings: contacts are believed less."""
     contact = model.settings.foot_contact
     loose = replace(contact, sigma=calibration.contact_loosening * contact.sigma)
     return replace(model, settings=replace(model.settings, foot_contact=loose))
 
 
-def kept(model: WearerProblem, frames: ImuFrames) -> WearerProblem:
+def on_frames_with_fixed_calibration(model: WearerProblem, frames: ImuFrames) -> WearerProblem:
     """The model over other frames, with headings, mountings and mean pose kept as they are."""
-    return replace(calibration_held(model), frames=frames, initial_pose=None)
+    return replace(with_fixed_calibration(model), frames=frames, initial_pose=None)
 
 
 def placed_on_floor(model: WearerProblem, state: WearerState) -> WearerState:

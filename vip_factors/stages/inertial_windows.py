@@ -31,14 +31,21 @@ from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.decode import decode, pose_covariance
 from vip_factors.stages.drift import drift_findings
 from vip_factors.stages.inertial import (
-    Tracked,
+    InertialSolution,
     at_frames,
     calibrated,
-    found_start,
+    find_start,
     inertial_tracker,
     with_calibration_sigmas,
 )
-from vip_factors.stages.inertial_model import alone, calibration_held, kept, method_of, placed_on_floor, with_contacts
+from vip_factors.stages.inertial_model import (
+    frame_by_frame,
+    method_of,
+    on_frames_with_fixed_calibration,
+    placed_on_floor,
+    with_contacts,
+    with_fixed_calibration,
+)
 from vip_factors.stages.sensor_checks import CorrectedSamples, sensor_corrections
 from vip_factors.stages.solver import Progress, Solver
 from vip_factors.stages.wearer_findings import posture_findings
@@ -101,7 +108,7 @@ def _telling(windows: Iterator[SolvedWindow], plan: WindowPlan, on_progress: Pro
 
 
 def _with_findings(
-    estimate: WearerEstimate, motion: Motion, recording: RecordingSource, found: Tracked
+    estimate: WearerEstimate, motion: Motion, recording: RecordingSource, found: InertialSolution
 ) -> WearerEstimate:
     """The estimate with what is odd about it, in the frames of a ``motion``, and how its start was found."""
     head, sensors = recording.head, found.model.frames.sensors
@@ -147,7 +154,7 @@ def _calibrating(
     return times, stretches, without_gaps(recording.head, stretches, times)
 
 
-def calibrate(recording: RecordingSource, plan: WindowPlan, settings: Settings, solver: Solver) -> Tracked:
+def calibrate(recording: RecordingSource, plan: WindowPlan, settings: Settings, solver: Solver) -> InertialSolution:
     """What all frames share, found from coarse frames of some stretches.
 
     Returns:
@@ -163,7 +170,7 @@ def calibrate(recording: RecordingSource, plan: WindowPlan, settings: Settings, 
     if len(each) > 1:
         frames = in_stretches(each)
         evenly = replace(frames, time=frames.time[0] + frames.step * np.arange(len(frames)))
-    calibration, starts = found_start(together, evenly, settings, solver.telling("start"))
+    calibration, starts = find_start(together, evenly, settings, solver.progress_of("start"))
     if not plan.is_one_window:
         settings = _with_knots_in_stretches(plan, settings)
     tracked = inertial_tracker(together, frames, settings, solver, calibration)
@@ -182,7 +189,7 @@ def _with_knots_in_stretches(plan: WindowPlan, settings: Settings) -> Settings:
 
 
 def solve_windows(
-    found: Tracked, recording: RecordingSource, plan: WindowPlan, settings: Settings, solver: Solver
+    found: InertialSolution, recording: RecordingSource, plan: WindowPlan, settings: Settings, solver: Solver
 ) -> Iterator[SolvedWindow]:
     """Every window, one after another, each where the one before it has the wearer.
 
@@ -214,7 +221,7 @@ def _silent(stage: str, fraction: float) -> None:
 
 
 def _solve_window(
-    found: Tracked, recording: RecordingSource, plan: WindowPlan, span: slice, before: SolvedWindow | None,
+    found: InertialSolution, recording: RecordingSource, plan: WindowPlan, span: slice, before: SolvedWindow | None,
     settings: Settings, solver: Solver,
 ) -> tuple[WearerProblem, WearerState]:  # fmt: skip
     """The problem on all of a window's frames, and its solution."""
@@ -234,9 +241,9 @@ def _solve_window(
         if settings.acceleration:
             state = _settled(model, state, settings, solver)
     if not settings.acceleration:
-        return alone(model), _where_it_was(state, before, span)
+        return frame_by_frame(model), _where_it_was(state, before, span)
     state = _where_it_was(at_frames(state, model.frames.time, time), before, span)
-    fine = with_contacts(kept(model, frames), state)
+    fine = with_contacts(on_frames_with_fixed_calibration(model, frames), state)
     return fine, solver.solve_wearer(WearerObjective(fine, solver.extra), state, "sparse inertial poser")
 
 
@@ -247,14 +254,14 @@ def _tracked(model: WearerProblem, found: WearerState, solver: Solver) -> Wearer
     calibration = InitialCalibration(headings, np.full(len(headings), np.inf), found.R_bone_sensor)
     R = first_poses(model.frames, [sensor.bone for sensor in model.sensors], calibration, model.prior)
     state = replace(found, R_parent_child=R, p_world_pelvis=np.zeros((len(R), 3)))
-    state = solver.solve_wearer(WearerObjective(alone(model)), state, "inertial tracker")
+    state = solver.solve_wearer(WearerObjective(frame_by_frame(model)), state, "inertial tracker")
     return placed_on_floor(model, state)
 
 
 def _settled(model: WearerProblem, state: WearerState, settings: Settings, solver: Solver) -> WearerState:
     """The sparse inertial poser on a window's coarse frames, roughly: what all frames share is kept."""
     rough = replace(solver, settings=replace(solver.settings, relative_decrease=COARSE_DECREASE))
-    held = calibration_held(model)
+    held = with_fixed_calibration(model)
     for _ in range(settings.calibration.passes):
         state = rough.solve_wearer(WearerObjective(with_contacts(held, state)), state, "calibrated")
     return state

@@ -20,11 +20,11 @@ from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
 from vip_factors.solve.marginals import last_marginals
-from vip_factors.stages.association import of_use, watch, watch_again
+from vip_factors.stages.association import associate_cameras, associate_cameras_again, usable_cameras
 from vip_factors.stages.decode import motion_of, static_covariance
-from vip_factors.stages.filming import start_filming
-from vip_factors.stages.fusion import Fused, unfused
-from vip_factors.stages.inertial import Tracked, at_frames
+from vip_factors.stages.fusion import FusionSolution, fusion_problem
+from vip_factors.stages.fusion_start import start_fusion
+from vip_factors.stages.inertial import InertialSolution, at_frames
 from vip_factors.stages.inertial_model import inertial_model
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.windows import scene_plan
@@ -53,7 +53,7 @@ class FoundOffsets:
     offsets: KeypointOffsets
 
 
-def offsets_in_recording(scene: Scene, settings: Settings, tell: Callable[[float], None]) -> list[FoundOffsets]:
+def offsets_in_recording(scene: Scene, settings: Settings, on_progress: Callable[[float], None]) -> list[FoundOffsets]:
     """The offsets of a scene's detector, from each wearer whose motion is known, by itself.
 
     The body and its motion are the truth's. Cameras whose path the truth has or whose pose is known are believed, and
@@ -76,7 +76,7 @@ def offsets_in_recording(scene: Scene, settings: Settings, tell: Callable[[float
         alone = Scene(scene.name, (one,), cameras[0], None, cameras[1:])
 
         def part(done: float, number: int = number) -> None:
-            tell((number + done) / len(true))
+            on_progress((number + done) / len(true))
 
         offsets = _offsets_before(alone, _for_training(settings), part)
         if offsets is not None:
@@ -108,28 +108,30 @@ def _for_training(settings: Settings) -> Settings:
     return replace(settings, camera=camera, calibration=calibration)
 
 
-def _offsets_before(scene: Scene, settings: Settings, tell: Callable[[float], None]) -> KeypointOffsets | None:
+def _offsets_before(scene: Scene, settings: Settings, on_progress: Callable[[float], None]) -> KeypointOffsets | None:
     """Of the only wearer; None if no camera saw them."""
     (recording,) = scene.wearers
     solver = Solver(settings.solve, lambda stage, done: None)
     true = _true(recording, _frames_with_truth(scene, recording, settings), settings)
     motion = motion_of(true.model, true.state, recording.subject.name)
-    associated = of_use(watch(scene, [true], [motion], settings, lambda done: tell(0.5 * done)))
+    associated = usable_cameras(
+        associate_cameras(scene, [true], [motion], settings, lambda done: on_progress(0.5 * done))
+    )
     if not associated:
         return None
-    filmed = start_filming(associated, [true], settings)
+    filmed = start_fusion(associated, [true], settings)
     filmed = replace(filmed, wearers=(true,), state=replace(filmed.state, wearers=(true.state,)))
     path, clock, fused = scene.cameras[0].known_path, VideoClock(), None
     for done in range(ROUNDS):
         if path is not None:
-            associated = watch_again(associated, path, clock, [motion], settings, lambda done: None)
+            associated = associate_cameras_again(associated, path, clock, [motion], settings, lambda done: None)
         if not any(np.any(one.association.wearer == 0) for one in associated):
             return None
-        start = _of_joints(unfused(filmed, fused, associated, settings))
+        start = _of_joints(fusion_problem(filmed, fused, associated, settings))
         state = solver.solve(SceneObjective(start.model, wearers_move=False), start.state, "keypoint offsets")
         fused = replace(start, state=state)
         path, clock = fused.camera_path, fused.clock
-        tell(0.5 + 0.5 * (done + 1) / ROUNDS)
+        on_progress(0.5 + 0.5 * (done + 1) / ROUNDS)
     assert fused is not None
     scattered = max(one[0] for one in fused.measured_spreads())
     if scattered > WIDEST_SCATTER:
@@ -152,7 +154,7 @@ def _frames_with_truth(scene: Scene, recording: Recording, settings: Settings) -
     return frames
 
 
-def _true(recording: Recording, time: Array, settings: Settings) -> Tracked:
+def _true(recording: Recording, time: Array, settings: Settings) -> InertialSolution:
     """The wearer as they truly are: body and motion; what sensors have to say does not matter."""
     assert recording.truth is not None
     motion = recording.truth.motion
@@ -163,10 +165,10 @@ def _true(recording: Recording, time: Array, settings: Settings) -> Tracked:
     state = WearerState(
         motion.R_parent_child, motion.p_world_pelvis, nothing.headings, nothing.R_bone_sensor, np.zeros(3 * 23)
     )
-    return Tracked(inertial_model(recording, frames, nothing, settings), at_frames(state, motion.time, time))
+    return InertialSolution(inertial_model(recording, frames, nothing, settings), at_frames(state, motion.time, time))
 
 
-def _of_joints(fused: Fused) -> Fused:
+def _of_joints(fused: FusionSolution) -> FusionSolution:
     """The same without the keypoints that have no offset: faces and toes are no surer of their places than the others.
 
     They would draw a camera whose pose is free to where the table has them.
@@ -181,7 +183,7 @@ def _of_joints(fused: Fused) -> Fused:
     return replace(fused, model=model)
 
 
-def _decoded(fused: Fused) -> KeypointOffsets:
+def _decoded(fused: FusionSolution) -> KeypointOffsets:
     objective = SceneObjective(fused.model, wearers_move=False)
     try:
         marginals = last_marginals(objective.linearise(fused.state), objective.static_keys)

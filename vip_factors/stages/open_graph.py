@@ -7,10 +7,10 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
-from vip_factors.stages.association import of_use, watch
+from vip_factors.stages.association import associate_cameras, usable_cameras
 from vip_factors.stages.decode import motion_of
-from vip_factors.stages.filming import start_filming
-from vip_factors.stages.fusion import unfused
+from vip_factors.stages.fusion import fusion_problem
+from vip_factors.stages.fusion_start import start_fusion
 from vip_factors.stages.inertial import inertial_trackers
 from vip_factors.stages.inertial_model import with_contacts
 from vip_factors.stages.solver import Progress, Solver
@@ -46,9 +46,11 @@ def factor_graph(
     if scene.camera is not None and settings.fusion.use_camera:
         names = [wearer.subject.name for wearer in scene.wearers]
         motions = [motion_of(one.model, one.state, name) for one, name in zip(wearers, names, strict=True)]
-        associated = of_use(watch(scene, wearers, motions, settings, solver.telling("association")))
+        associated = usable_cameras(
+            associate_cameras(scene, wearers, motions, settings, solver.progress_of("association"))
+        )
         if associated:
-            start = unfused(start_filming(associated, wearers, settings), None, associated, settings)
+            start = fusion_problem(start_fusion(associated, wearers, settings), None, associated, settings)
             return factor_graph_of(start.model, start.state)
     problems = [with_contacts(one.model, one.state) for one in wearers]
     return factor_graph_of(SceneProblem.unfilmed(problems), SceneState.unfilmed([one.state for one in wearers]))

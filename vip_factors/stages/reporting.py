@@ -30,15 +30,19 @@ from vip_factors.stages.decode import (
     with_sigmas,
 )
 from vip_factors.stages.drift import clock_findings
-from vip_factors.stages.findings import find_oddities, of_camera
-from vip_factors.stages.fusion import Fused
+from vip_factors.stages.findings import of_camera, quality_checks
+from vip_factors.stages.fusion import FusionSolution
 from vip_factors.terms.sensor_position import sensor_position_whitening
 
 
 def scene_estimate(
-    scene: Scene, coarse: Fused, fine: Fused, associated: Sequence[AssociatedCamera], reports: tuple[SolveReport, ...],
+    scene: Scene,
+    coarse: FusionSolution,
+    fine: FusionSolution,
+    associated: Sequence[AssociatedCamera],
+    reports: tuple[SolveReport, ...],
     settings: Settings,
-) -> Estimate:  # fmt: skip
+) -> Estimate:
     """The estimate: motions and camera of the full rate; bodies, and how sure what is shared is, of the coarse one."""
     assert scene.camera is not None
     shared = marginals_of_shared(coarse)
@@ -59,13 +63,13 @@ def scene_estimate(
     found = [
         *who_is_who(scene, associated),
         *undetermined[: shared is None],
-        *find_oddities(scene, associated, fine, wearers),
+        *quality_checks(scene, associated, fine, wearers),
         *(clock_findings(first, camera) if associated[0].camera is first else ()),
     ]
     findings = tuple(dict.fromkeys(found))
     estimate = Estimate(
         scene.name, "VIP", wearers, camera, given, reports, findings, flatten(settings),
-        detector_estimate(coarse, shared), what_told(names, associated[0].association),
+        detector_estimate(coarse, shared), association_cues(names, associated[0].association),
     )  # fmt: skip
     if associated[0].camera is not first:  # nobody was found there, and it is nowhere
         return replace(estimate, camera=None, wearer_of_detection=np.full(len(first.detections), -1))
@@ -77,7 +81,7 @@ def who_is_who(scene: Scene, associated: Sequence[AssociatedCamera]) -> tuple[st
     return tuple(of_camera(each.camera, scene) + one for each in associated for one in each.association.findings)
 
 
-def what_told(names: Sequence[str], association: Association) -> tuple[str, ...]:
+def association_cues(names: Sequence[str], association: Association) -> tuple[str, ...]:
     """A sentence for each wearer: by what they were told from others in the picture."""
     found = [association.wearer == number for number in range(len(names))]
     by_place = association.by_place if len(association.by_place) else np.zeros(len(association.wearer), bool)
@@ -89,7 +93,7 @@ def what_told(names: Sequence[str], association: Association) -> tuple[str, ...]
     )
 
 
-def full_rate_covariance(coarse: Fused, fine: Fused) -> SceneCovariance:
+def full_rate_covariance(coarse: FusionSolution, fine: FusionSolution) -> SceneCovariance:
     """How sure the poses of the full rate are: as sure as those of the nearest coarse frame.
 
     There headings and mountings are free: at the full rate they are kept, as if they were known.
@@ -101,7 +105,7 @@ def full_rate_covariance(coarse: Fused, fine: Fused) -> SceneCovariance:
     return covariance.at(np.searchsorted(middles, time))
 
 
-def marginals_of_shared(fused: Fused) -> Mapping[int, Array] | None:
+def marginals_of_shared(fused: FusionSolution) -> Mapping[int, Array] | None:
     """How sure what all frames share is, by key; None if the data do not determine it."""
     objective = SceneObjective(fused.model)
     if not objective.static_keys:
@@ -112,7 +116,7 @@ def marginals_of_shared(fused: Fused) -> Mapping[int, Array] | None:
         return None
 
 
-def body_estimate(fused: Fused, number: int, marginals: Mapping[int, Array] | None) -> BodyEstimate | None:
+def body_estimate(fused: FusionSolution, number: int, marginals: Mapping[int, Array] | None) -> BodyEstimate | None:
     """One wearer's body; None if nothing of it was a variable.
 
     Args:
@@ -146,7 +150,9 @@ def body_estimate(fused: Fused, number: int, marginals: Mapping[int, Array] | No
     )
 
 
-def sensor_places(fused: Fused, number: int, marginals: Mapping[int, Array] | None) -> tuple[SensorPlaceEstimate, ...]:
+def sensor_places(
+    fused: FusionSolution, number: int, marginals: Mapping[int, Array] | None
+) -> tuple[SensorPlaceEstimate, ...]:
     """Of one wearer's sensors; none if they were no variables.
 
     Args:
@@ -169,7 +175,7 @@ def sensor_places(fused: Fused, number: int, marginals: Mapping[int, Array] | No
     )
 
 
-def detector_estimate(fused: Fused, marginals: Mapping[int, Array] | None) -> DetectorEstimate | None:
+def detector_estimate(fused: FusionSolution, marginals: Mapping[int, Array] | None) -> DetectorEstimate | None:
     """The detector's keypoint offsets; None if they were no variables. ``marginals`` as in :func:`sensor_places`."""
     if not fused.model.free_keypoints:
         return None
@@ -180,7 +186,7 @@ def detector_estimate(fused: Fused, marginals: Mapping[int, Array] | None) -> De
 
 
 def _sigmas(
-    fused: Fused, owner: OwnerId, block: str, shape: tuple[int, ...], marginals: Mapping[int, Array] | None
+    fused: FusionSolution, owner: OwnerId, block: str, shape: tuple[int, ...], marginals: Mapping[int, Array] | None
 ) -> Array:
     """Standard deviations of a static block in its shape; NaN if not known."""
     known = None if marginals is None else static_covariance(SceneObjective(fused.model), owner, block, marginals)

@@ -23,12 +23,12 @@ from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import SceneSource
 from vip_factors.settings import Settings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
-from vip_factors.stages.association import AssociatedCamera, first_association, of_use
+from vip_factors.stages.association import AssociatedCamera, first_association, usable_cameras
 from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.drift import found_clock
-from vip_factors.stages.filming import Filmed, start_filming
-from vip_factors.stages.fusion import Fused, fuse_finely, fuse_in_rounds
-from vip_factors.stages.inertial import Tracked, inertial_trackers
+from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds
+from vip_factors.stages.fusion_start import FusionStart, start_fusion
+from vip_factors.stages.inertial import InertialSolution, inertial_trackers
 from vip_factors.stages.reporting import scene_estimate, who_is_who
 from vip_factors.stages.sensor_checks import Corrections, checked_scene, corrected_elsewhere
 from vip_factors.stages.solver import Solver
@@ -108,7 +108,7 @@ class SceneCalibration:
 
     @classmethod
     def of(
-        cls, scene: Scene, fused: Fused, filmed_by: Camera, mounting_sigmas: Sequence[Array],
+        cls, scene: Scene, fused: FusionSolution, filmed_by: Camera, mounting_sigmas: Sequence[Array],
         corrections: Sequence[Corrections],
     ) -> "SceneCalibration":  # fmt: skip
         """Of a stretch's coarse solution.
@@ -200,9 +200,9 @@ class SolvedStretch:
     scene: Scene
     corrections: tuple[Corrections, ...]
     about_sensors: tuple[str, ...]
-    tracked: tuple[Tracked, ...]
-    filmed: Filmed
-    fused: Fused
+    tracked: tuple[InertialSolution, ...]
+    filmed: FusionStart
+    fused: FusionSolution
     associated: tuple[AssociatedCamera, ...]
     solver: Solver
 
@@ -271,15 +271,15 @@ def _solved_stretch(
     scene, corrections, about_sensors = checked_scene(scene, settings)
     tracked = inertial_trackers(scene, time, settings, solver)
     tracked, filmed_by = first_association(scene, tracked, settings, solver)
-    associated = of_use(filmed_by)
+    associated = usable_cameras(filmed_by)
     if not associated:
         return who_is_who(scene, filmed_by)
-    filmed = start_filming(associated, tracked, settings)
+    filmed = start_fusion(associated, tracked, settings)
     names = [one.subject.name for one in scene.wearers]
     fused, associated = fuse_in_rounds(filmed, associated, names, settings, solver)
     return SolvedStretch(scene, corrections, about_sensors, tracked, filmed, fused, associated, solver)
 
 
-def stiff(settings: Settings) -> SolveSettings:
+def fusion_solve_settings(settings: Settings) -> SolveSettings:
     """The optimiser's settings in front of cameras."""
     return replace(settings.solve, relative_decrease=settings.fusion.relative_decrease)

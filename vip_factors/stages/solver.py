@@ -43,6 +43,6 @@ class Solver:
         """The same of one wearer whom no camera sees."""
         return self.solve(objective.scene, SceneState.unfilmed([start]), stage).wearers[0]
 
-    def telling(self, stage: str) -> Callable[[float], None]:
+    def progress_of(self, stage: str) -> Callable[[float], None]:
         """Progress of a stage that is no solve."""
         return lambda done: self.on_progress(stage, done)

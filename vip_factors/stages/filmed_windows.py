@@ -15,9 +15,9 @@ from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.sources import SceneSource
 from vip_factors.settings import Settings, flatten
 from vip_factors.stages.drift import CLOCK, clock_findings, drift_findings
+from vip_factors.stages.filmed_window import solve_scene_window
 from vip_factors.stages.inertial_windows import WINDOWS
-from vip_factors.stages.scene_calibration import SceneCalibration, calibrate_scene, stiff
-from vip_factors.stages.scene_window_solve import solve_scene_window
+from vip_factors.stages.scene_calibration import SceneCalibration, calibrate_scene, fusion_solve_settings
 from vip_factors.stages.solver import Progress, Solver
 from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
 from vip_factors.stages.windows import WindowPlan, scene_plan
@@ -89,7 +89,7 @@ def smooth_filmed(
         SolveError: if the problem is not determined; likewise.
     """
     plan = scene_plan(source, settings, whole=extra is not None or settings.calibration.from_truth)
-    solver = Solver(stiff(settings), on_progress, name=settings.solver, extra=extra)
+    solver = Solver(fusion_solve_settings(settings), on_progress, name=settings.solver, extra=extra)
     stretch, findings = calibrate_scene(source, plan, settings, solver)
     if stretch is None:
         return findings
@@ -125,7 +125,7 @@ def _windows(
     first = source.head.cameras[0]
     carried = first.moving and first.known_path is None
     for number, span in enumerate(spans):
-        own = Solver(stiff(settings), lambda stage, fraction: None, name=settings.solver)
+        own = Solver(fusion_solve_settings(settings), lambda stage, fraction: None, name=settings.solver)
         window = solve_scene_window(source, calibration, before, plan, span, settings, own)
         if before is not None and carried and not window.is_placed:
             window = moved(window, before, settings.factors.floor_contact.use)

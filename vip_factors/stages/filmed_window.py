@@ -20,13 +20,13 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import SceneSource, frames_of
 from vip_factors.settings import Settings
-from vip_factors.stages.association import AssociatedCamera, of_use, watch
+from vip_factors.stages.association import AssociatedCamera, associate_cameras, usable_cameras
 from vip_factors.stages.decode import SceneCovariance, decode_camera, decode_wearers, motion_of
-from vip_factors.stages.filming import Filmed, camera_problem, inertial_orientations, start_filming
-from vip_factors.stages.findings import find_oddities
-from vip_factors.stages.fusion import Fused, fuse_finely, fuse_in_rounds
-from vip_factors.stages.inertial import Tracked, inertial_tracker
-from vip_factors.stages.inertial_model import inertial_model, walking
+from vip_factors.stages.findings import quality_checks
+from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds
+from vip_factors.stages.fusion_start import FusionStart, camera_problem, inertial_orientations, start_fusion
+from vip_factors.stages.inertial import InertialSolution, inertial_tracker
+from vip_factors.stages.inertial_model import inertial_model, with_heading_knots
 from vip_factors.stages.reporting import full_rate_covariance, who_is_who
 from vip_factors.stages.scene_calibration import SceneCalibration, WearerCalibration
 from vip_factors.stages.solver import Solver
@@ -35,7 +35,7 @@ from vip_factors.stages.windows import WindowPlan
 
 
 @dataclass(frozen=True)
-class Begin:
+class WindowStart:
     """How a wearer begins a window.
 
     Attributes:
@@ -55,8 +55,8 @@ class Begin:
 class _Coarse:
     """A window solved on its coarse frames."""
 
-    fused: Fused
-    filmed: Filmed
+    fused: FusionSolution
+    filmed: FusionStart
     associated: tuple[AssociatedCamera, ...]
 
 
@@ -85,11 +85,11 @@ def solve_scene_window(
     scene, about_sensors = calibration.declared(measured, span.start == 0, clock, settings)
     coarse = time[:: plan.factor]
     begins = [
-        Begin(known.headings) if before is None else _begin(before, number, span)
+        WindowStart(known.headings) if before is None else _begin(before, number, span)
         for number, known in enumerate(calibration.wearers)
     ]
     trackers = [
-        begun(recording, one.sensors, known, begin, coarse, settings, solver)
+        track_from_start(recording, one.sensors, known, begin, coarse, settings, solver)
         for recording, one, known, begin in zip(scene.wearers, source.wearers, calibration.wearers, begins, strict=True)
     ]
     last = (calibration.camera_path, 0.0) if before is None else _last(before)
@@ -115,10 +115,10 @@ def solve_scene_window(
     )
 
 
-def _begin(before: SolvedWindow, number: int, span: slice) -> Begin:
+def _begin(before: SolvedWindow, number: int, span: slice) -> WindowStart:
     motion, first = before.wearers[number].motion, span.start - before.frames.start
     pose = motion.R_parent_child[first], motion.p_world_pelvis[first]
-    return Begin(before.headings[number], *pose, float(motion.time[-1]))
+    return WindowStart(before.headings[number], *pose, float(motion.time[-1]))
 
 
 def _last(before: SolvedWindow) -> tuple[CameraPath, float]:
@@ -128,26 +128,30 @@ def _last(before: SolvedWindow) -> tuple[CameraPath, float]:
 
 
 def _coarsely(
-    scene: Scene, trackers: Sequence[Tracked], begins: Sequence[Begin], last: tuple[CameraPath | None, float],
-    settings: Settings, solver: Solver,
-) -> _Coarse:  # fmt: skip
+    scene: Scene,
+    trackers: Sequence[InertialSolution],
+    begins: Sequence[WindowStart],
+    last: tuple[CameraPath | None, float],
+    settings: Settings,
+    solver: Solver,
+) -> _Coarse:
     """Association and fusion; a first camera that sees no wearer is where it was ``last``."""
     names = [one.subject.name for one in scene.wearers]
     motions = [motion_of(one.model, one.state, name) for one, name in zip(trackers, names, strict=True)]
-    filmed_by = watch(scene, trackers, motions, settings, solver.telling("association"))
-    associated = of_use(filmed_by) or tuple(each for each in filmed_by if each.camera.known_path is not None)
+    filmed_by = associate_cameras(scene, trackers, motions, settings, solver.progress_of("association"))
+    associated = usable_cameras(filmed_by) or tuple(each for each in filmed_by if each.camera.known_path is not None)
     if not any(each.camera is scene.camera for each in associated):
-        first = unseeing(filmed_by[0].camera, *last, trackers[0].model.frames.time, settings)
+        first = camera_without_sight(filmed_by[0].camera, *last, trackers[0].model.frames.time, settings)
         if first.known_path is not None:
             associated = (replace(filmed_by[0], camera=first), *associated)
     if not any(each.shows_somebody for each in associated):  # who is seen is not to be found by a guess
         settings = replace(settings, fusion=replace(settings.fusion, rounds=1))
-    filmed = continued(start_filming(associated, trackers, settings), trackers, associated, begins, settings)
+    filmed = with_window_starts(start_fusion(associated, trackers, settings), trackers, associated, begins, settings)
     fused, associated = fuse_in_rounds(filmed, associated, names, settings, solver)
     return _Coarse(fused, filmed, associated)
 
 
-def _covariance(scene: Scene, fused: Fused, fine: Fused) -> SceneCovariance:
+def _covariance(scene: Scene, fused: FusionSolution, fine: FusionSolution) -> SceneCovariance:
     """Of a window's poses, with mountings as sure as they were found."""
     wearers = tuple(
         replace(
@@ -163,7 +167,7 @@ def _findings(
     measured: Scene,
     scene: Scene,
     associated: Sequence[AssociatedCamera],
-    fine: Fused,
+    fine: FusionSolution,
     estimates: Sequence[WearerEstimate],
 ) -> list[str]:
     """What is odd about a window, but for drift, which is of all of them; cameras are as they were given."""
@@ -176,13 +180,13 @@ def _findings(
         })
         for one in estimates
     ]  # fmt: skip
-    return [*who_is_who(scene, associated), *find_oddities(scene, associated, fine, still)]
+    return [*who_is_who(scene, associated), *quality_checks(scene, associated, fine, still)]
 
 
-def begun(
-    recording: Recording, sensors: Sequence[str], known: WearerCalibration, begin: Begin, time: Array,
+def track_from_start(
+    recording: Recording, sensors: Sequence[str], known: WearerCalibration, begin: WindowStart, time: Array,
     settings: Settings, solver: Solver,
-) -> Tracked:  # fmt: skip
+) -> InertialSolution:  # fmt: skip
     """A wearer at a window's coarse frames by the sensors alone, where the window before has had him at first.
 
     Args:
@@ -210,26 +214,29 @@ def begun(
     if begin.p_world_pelvis is not None:
         shift = begin.p_world_pelvis - state.p_world_pelvis[0]
         state = replace(state, p_world_pelvis=state.p_world_pelvis + shift)
-    return Tracked(model, state)
+    return InertialSolution(model, state)
 
 
 def _unmoved(
     recording: Recording, frames: ImuFrames, calibration: InitialCalibration, R_parent_child: Array, settings: Settings
-) -> Tracked:
+) -> InertialSolution:
     """A wearer in a window in which none of the sensors measured anything: as at its beginning."""
     model, T = inertial_model(recording, frames, calibration, settings), len(frames)
-    model = walking(model, settings.calibration)
+    model = with_heading_knots(model, settings.calibration)
     state = WearerState(
         np.tile(R_parent_child, (T, 1, 1, 1)), np.zeros((T, 3)), calibration.headings, calibration.R_bone_sensor,
         model.prior.mean, hinges=model.hinge_prior.mean,
     )  # fmt: skip
-    return Tracked(model, state.with_knots(len(model.heading_knots)))
+    return InertialSolution(model, state.with_knots(len(model.heading_knots)))
 
 
-def continued(
-    filmed: Filmed, trackers: Sequence[Tracked], associated: Sequence[AssociatedCamera], begins: Sequence[Begin],
+def with_window_starts(
+    filmed: FusionStart,
+    trackers: Sequence[InertialSolution],
+    associated: Sequence[AssociatedCamera],
+    begins: Sequence[WindowStart],
     settings: Settings,
-) -> Filmed:  # fmt: skip
+) -> FusionStart:
     """The wearers as cameras place them, in a world that is known already.
 
     Which way their sensors point the frames before say, and not a window's first look. Whom no camera sees for as long
@@ -253,7 +260,7 @@ def continued(
     )
 
 
-def _from_before(tracked: Tracked, p_world_start: Array, seen: Array) -> Tracked:
+def _from_before(tracked: InertialSolution, p_world_start: Array, seen: Array) -> InertialSolution:
     """A wearer who begins where the window before has him, and goes to where he is ``seen`` first, if he is."""
     time, p = tracked.model.frames.time, tracked.state.p_world_pelvis
     first = float(seen.min()) if len(seen) else np.inf
@@ -262,7 +269,9 @@ def _from_before(tracked: Tracked, p_world_start: Array, seen: Array) -> Tracked
     return replace(tracked, model=replace(tracked.model, is_gauge=True), state=state)
 
 
-def unseeing(camera: Camera, path: CameraPath | None, heading: float, time: Array, settings: Settings) -> Camera:
+def camera_without_sight(
+    camera: Camera, path: CameraPath | None, heading: float, time: Array, settings: Settings
+) -> Camera:
     """A camera that sees no wearer in a window, where it was last: turned by its sensor, if it has one, and unmoved.
 
     Args:

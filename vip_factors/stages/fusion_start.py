@@ -29,12 +29,12 @@ from vip_factors.sensors.scene import Camera
 from vip_factors.settings import Settings
 from vip_factors.stages.association import AssociatedCamera, path_at
 from vip_factors.stages.drift import middle_of
-from vip_factors.stages.inertial import Tracked
+from vip_factors.stages.inertial import InertialSolution
 from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 
 
 @dataclass(frozen=True)
-class Filmed:
+class FusionStart:
     """Wearers and cameras in one world.
 
     Attributes:
@@ -44,7 +44,7 @@ class Filmed:
         further: cameras of known pose, without views yet.
     """
 
-    wearers: tuple[Tracked, ...]
+    wearers: tuple[InertialSolution, ...]
     camera: CameraProblem
     state: SceneState
     further: tuple[Viewpoint, ...] = ()
@@ -74,13 +74,15 @@ def camera_problem(camera: Camera, time: Array, settings: Settings) -> CameraPro
     )
 
 
-def start_filming(associated: Sequence[AssociatedCamera], wearers: Sequence[Tracked], settings: Settings) -> Filmed:
+def start_fusion(
+    associated: Sequence[AssociatedCamera], wearers: Sequence[InertialSolution], settings: Settings
+) -> FusionStart:
     """The first camera by the wearer it saw most, and the other wearers by that camera.
 
     Cameras of known pose place the wearers whom they saw before that: their world is the scene's.
 
     Args:
-        associated: that are of use (:func:`~vip_factors.stages.association.of_use`).
+        associated: that are of use (:func:`~vip_factors.stages.association.usable_cameras`).
         wearers: each in a world of their own.
         settings: of all rooms.
     """
@@ -105,7 +107,7 @@ def start_filming(associated: Sequence[AssociatedCamera], wearers: Sequence[Trac
     state = CameraState(CameraPoses(poses.R_world_camera, poses.p_world_camera), heading, problem.prior_R_camera_imu)
     scene = SceneState(tuple(one.state for one in placed), state, DetectorState(problem.prior_offsets.mean))
     further = tuple(_known_viewpoint(each.camera, settings) for each in associated[1:])
-    return Filmed(tuple(placed), replace(problem, prior_heading=heading), scene, further)
+    return FusionStart(tuple(placed), replace(problem, prior_heading=heading), scene, further)
 
 
 def _with_found_mounting(camera: Camera, problem: CameraProblem, seen: Sightings) -> CameraProblem:
@@ -141,7 +143,7 @@ def _known_viewpoint(camera: Camera, settings: Settings) -> Viewpoint:
     return Viewpoint(problem, CameraState(poses), ())
 
 
-def _anchored(tracked: Tracked, cameras: Sequence[Camera], settings: Settings) -> Tracked:
+def _anchored(tracked: InertialSolution, cameras: Sequence[Camera], settings: Settings) -> InertialSolution:
     """The wearer with looser foot contacts, or without any, if a camera holds the root without them."""
     anchor = any(not camera.moving or camera.known_path is not None for camera in cameras)
     factors, fusion = tracked.model.settings, settings.fusion
@@ -153,7 +155,7 @@ def _anchored(tracked: Tracked, cameras: Sequence[Camera], settings: Settings) -
 
 
 def _first_path(
-    camera: Camera, problem: CameraProblem, tracked: Tracked, seen: Sightings, time: Array
+    camera: Camera, problem: CameraProblem, tracked: InertialSolution, seen: Sightings, time: Array
 ) -> tuple[CameraPath, float]:
     """The camera's path in the first wearer's world (or the known one in its own), and its IMU's heading."""
     if camera.known_path is not None:
@@ -184,7 +186,9 @@ def inertial_orientations(problem: CameraProblem, frames: int) -> tuple[np.ndarr
     return valid, problem.imu.R_inertial_sensor[valid, 0] @ transpose(problem.prior_R_camera_imu)
 
 
-def _placed(tracked: Tracked, look: tuple[CameraPath, Sightings], time: Array, is_gauge: bool = False) -> Tracked:
+def _placed(
+    tracked: InertialSolution, look: tuple[CameraPath, Sightings], time: Array, is_gauge: bool = False
+) -> InertialSolution:
     """A wearer in the world of a camera that saw them; one that was never seen stays in their own."""
     model, state = tracked.model, tracked.state
     if not len(look[1]):
@@ -198,7 +202,7 @@ def _placed(tracked: Tracked, look: tuple[CameraPath, Sightings], time: Array, i
         prior_headings=model.prior_headings + turn,
         p_world_start=state.p_world_pelvis[0],
     )
-    return Tracked(model, state)
+    return InertialSolution(model, state)
 
 
 def prior_offsets(camera: Camera, settings: KeypointOffsetSettings) -> KeypointOffsets:

@@ -139,6 +139,9 @@ class DataclassCodec(Codec[M, T]):
         mend: Callable[[M, dict[str, Any]], dict[str, Any]] | None = None,
     ) -> None:
         self.message, self.kind, self._more, self._mend, self._shapes = message, kind, more, mend, shapes or {}
+        unknown = ({*(names or {})} | {*self._shapes}) - {field.name for field in message.DESCRIPTOR.fields}
+        if unknown:
+            raise TypeError(f"{message.DESCRIPTOR.name} has no {', '.join(sorted(unknown))}")
         readable = {one.name: one.default for one in dataclasses.fields(kind) if one.init}  # type: ignore[arg-type]
         self._fields: list[tuple[str, str, Callable[[Any], Any]]] = []
         self._read: list[tuple[str, str, Callable[[M, str], Any]]] = []

@@ -1,0 +1,64 @@
+"""What is declared of a message and its class is what is written and read."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from vip_factors.body.anthropometry import LengthPrior
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.io.codec import DataclassCodec
+from vip_factors.io.mcap_messages import LENGTH_PRIOR, PLACEMENT, SITE, SUBJECT
+from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
+from vip_factors.sensors.calibration import Placement, SensorSite
+from vip_factors.sensors.recording import Subject
+
+SITE_OF_SHANK = SensorSite("shank", "left_knee", np.array([0.0, -0.2, 0.03]), np.eye(3), 0.3)
+
+
+def test_nested_objects_come_back_in_their_order() -> None:
+    placement = Placement((SITE_OF_SHANK, replace(SITE_OF_SHANK, sensor="thigh", bone="left_hip")), "own")
+    read = PLACEMENT.decode(PLACEMENT.encode(placement))
+    assert [(one.sensor, one.bone) for one in read.sites] == [("shank", "left_knee"), ("thigh", "left_hip")]
+    np.testing.assert_array_equal(read.sites[0].p_bone_sensor, SITE_OF_SHANK.p_bone_sensor)
+    np.testing.assert_allclose(read.sites[0].R_bone_sensor, np.eye(3), atol=1e-15)
+
+
+def test_what_is_none_is_absent_and_comes_back_as_none() -> None:
+    message = SUBJECT.encode(Subject("Ada"))
+    assert not message.HasField("mass_kg")
+    assert not message.HasField("length_prior")
+    read = SUBJECT.decode(message)
+    assert (read.mass_kg, read.sex, read.length_prior, read.skeleton, read.stature_m) == (None,) * 5
+
+
+def test_numbers_have_the_shape_that_is_declared() -> None:
+    prior = LengthPrior(("thigh", "shank"), np.array([[4e-4, 1e-4], [1e-4, 9e-4]]))
+    message = LENGTH_PRIOR.encode(prior)
+    np.testing.assert_array_equal(LENGTH_PRIOR.decode(message).covariance, prior.covariance)
+    del message.covariance_m2[-1]
+    with pytest.raises(FileFormatError, match="LengthPrior has 3 numbers of covariance_m2: expected 4"):
+        LENGTH_PRIOR.decode(message)
+
+
+def test_a_rotation_that_is_none_is_an_input_error() -> None:
+    message = SITE.encode(SITE_OF_SHANK)
+    message.mounting_wxyz.w = 2.0
+    with pytest.raises(InputError):
+        SITE.decode(message)
+
+
+def test_given_attributes_are_written_and_others_of_the_object_not_read() -> None:
+    @dataclass(frozen=True)
+    class Named:
+        name: str
+
+    codec = DataclassCodec(SensorPlacement, Named, {"preset": "name"})
+    message = codec.encode(Named("a"), name="b", sites=[SITE_OF_SHANK])
+    assert (message.preset, message.sites[0].sensor) == ("b", "shank")
+    assert codec.decode(message) == Named("b")
+
+
+def test_a_declared_field_that_the_message_has_not_is_an_error() -> None:
+    with pytest.raises(TypeError, match="SensorPlacement has no pre_set"):
+        DataclassCodec(SensorPlacement, Placement, {"pre_set": "name"})

@@ -1,0 +1,463 @@
+"""Motion files of every kind come onto our skeleton: BVH, ASF/AMC, AMASS, and what retargeting promises."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from motion_samples import CGSPEED_NAMES, MVN_NAMES, SMPL_NAMES, random_pose, rest_skeleton, write_bvh
+
+from vip_factors.body.pose_prior import joint_vector
+from vip_factors.body.skeleton import JOINT_NAMES, joint_index
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.poses import align_rigid
+from vip_factors.geometry.rotations import Array, angle_between, exp, rotation_x, rotation_y, rotation_z
+from vip_factors.io.motions import motion_files, read_motion
+from vip_factors.io.motions.amass import read_amass
+from vip_factors.io.motions.asf_amc import read_amc, rotation_in_order
+from vip_factors.io.motions.bvh import read_bvh, read_bvh_clip
+from vip_factors.io.motions.retarget import retarget
+
+ROOT = np.array([[0.1, 0.9, 0.2], [0.1, 0.9, 0.3], [0.1, 0.91, 0.4], [0.2, 0.92, 0.5]])
+ORDERS = ["".join(order) for order in itertools.permutations("XYZ")]
+
+
+@pytest.fixture
+def sample(tmp_path: Path) -> Path:
+    return write_bvh(tmp_path / "walk.bvh", SMPL_NAMES, rest_skeleton(), random_pose(0), ROOT)
+
+
+@given(
+    order=st.sampled_from(ORDERS), seed=st.integers(0, 10_000), scale=st.sampled_from([1.0, 100.0, 1000.0, 1 / 0.0254])
+)
+def test_any_euler_order_and_unit_gives_the_pose_back(
+    tmp_path_factory: pytest.TempPathFactory, order: str, seed: int, scale: float
+) -> None:
+    pose, offsets = random_pose(seed), rest_skeleton()
+    path = tmp_path_factory.mktemp("bvh") / "any.bvh"
+    motion = read_bvh(write_bvh(path, SMPL_NAMES, offsets, pose, ROOT, order=order, scale=scale))
+    for joint, name in enumerate(JOINT_NAMES[1:], start=1):
+        np.testing.assert_allclose(motion.R_parent_child[:, joint], pose[name], atol=1e-6)
+        np.testing.assert_allclose(motion.skeleton.p_parent_joint[joint], offsets[name], atol=1e-6)
+    np.testing.assert_allclose(motion.R_parent_child[:, 0], rotation_x(np.pi / 2) @ pose["pelvis"], atol=1e-6)
+    np.testing.assert_allclose(motion.p_world_pelvis, ROOT @ rotation_x(np.pi / 2).T, atol=1e-6)
+    assert motion.rate == 100.0
+    assert motion.name == "any"
+
+
+def test_a_z_up_file_gives_the_same_motion_as_its_y_up_twin(tmp_path: Path) -> None:
+    pose, turn = random_pose(1), np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # forward x, left y, up z
+    y_up = read_bvh(write_bvh(tmp_path / "y.bvh", MVN_NAMES, rest_skeleton(), pose, ROOT))
+    z_up = read_bvh(write_bvh(tmp_path / "z.bvh", MVN_NAMES, rest_skeleton(), pose, ROOT @ turn.T, turn=turn))
+    np.testing.assert_allclose(z_up.state.p_world_joint, y_up.state.p_world_joint, atol=1e-6)
+    np.testing.assert_allclose(z_up.R_parent_child, y_up.R_parent_child, atol=1e-6)
+
+
+def test_frame_times_with_few_digits_mean_whole_rates(tmp_path: Path) -> None:
+    path = write_bvh(tmp_path / "a.bvh", SMPL_NAMES, rest_skeleton(), random_pose(0), ROOT, frame_time=0.016667)
+    assert read_bvh(path).rate == 60.0
+
+
+def test_a_file_cut_off_in_its_last_line_gives_its_whole_frames(sample: Path) -> None:
+    text = sample.read_text()
+    sample.write_text(text[: text.rindex(" ") - 40])
+    assert len(read_bvh(sample)) == 3
+
+
+@given(cut=st.floats(0, 1), garbage=st.sampled_from(["", "nan", "}", "CHANNELS x", "{", "\x00"]))
+def test_a_damaged_file_is_read_or_refused_but_never_breaks(
+    tmp_path_factory: pytest.TempPathFactory, cut: float, garbage: str
+) -> None:
+    path = tmp_path_factory.mktemp("bvh") / "damaged.bvh"
+    text = write_bvh(path, SMPL_NAMES, rest_skeleton(), random_pose(0), ROOT).read_text()
+    path.write_text(text[: int(cut * len(text))] + garbage)
+    with contextlib.suppress(InputError):
+        assert len(read_bvh(path)) >= 1
+
+
+def test_messages_name_the_line(sample: Path, tmp_path: Path) -> None:
+    lines = sample.read_text().splitlines()
+    lines[-2] = lines[-2].replace(lines[-2].split()[5], "oops", 1)
+    sample.write_text("\n".join(lines))
+    with pytest.raises(FileFormatError, match=f"line {len(lines) - 1}"):
+        read_bvh(sample)
+    (tmp_path / "not.bvh").write_text("<xml/>\n")
+    with pytest.raises(FileFormatError, match=r"line 1: .*BVH"):
+        read_bvh(tmp_path / "not.bvh")
+    with pytest.raises(FileFormatError, match="cannot be read"):
+        read_bvh(tmp_path / "absent.bvh")
+
+
+def test_an_unknown_skeleton_is_refused_with_what_it_lacks(tmp_path: Path) -> None:
+    names = {joint: f"bone{number}" for number, joint in enumerate(JOINT_NAMES)}
+    path = write_bvh(tmp_path / "a.bvh", names, rest_skeleton(), random_pose(0), ROOT)
+    with pytest.raises(InputError, match="none of the known families"):
+        read_bvh(path)
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["cmu_bvh/02/02_01.bvh", "cmu_bvh/12/12_02.bvh", "cmu_bvh/06/06_12.bvh"])
+def test_a_cmu_clip_stands_on_the_floor_with_left_on_the_left(data_folder: Path, name: str) -> None:
+    motion = read_bvh(data_folder / name)
+    p = motion.state.p_world_joint
+    assert motion.rate == 120.0
+    assert 1.5 < motion.skeleton.stature < 1.8
+    marks = [mark for key, mark in motion.skeleton.landmarks.items() if key.endswith(("heel", "toe_tip"))]
+    soles = np.min([motion.state.point(mark.bone, mark.p_bone_point)[:, 2] for mark in marks], axis=0)
+    assert abs(np.median(soles)) < 0.12  # the database's floor slopes by a percent or two
+    assert np.all(p[:, 15, 2] - p[:, 0, 2] > 0.4)
+    left = motion.R_parent_child[:, 0, :, 0]
+    assert np.all(np.sum((p[:, 1] - p[:, 2]) * left, axis=1) > 0.1)
+    assert np.all(np.linalg.norm(np.diff(p[:, 20], axis=0), axis=1) * motion.rate < 12)  # the rest pose is gone
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["mvnx/upper_body_60hz_v4.bvh", "xsens_vicon_walk/mvn/S02-Trial-Walk-1.bvh"])
+def test_mvn_joints_stay_where_they_were(data_folder: Path, name: str) -> None:
+    clip, motion = read_bvh_clip(data_folder / name), read_bvh(data_folder / name)
+    scale = 1.0 / (1000 if "vicon" in name else 100)
+    assert len(motion) == len(clip) - 1  # the identity pose that MVN puts first
+    for ours, theirs in (("left_wrist", "LeftWrist"), ("right_ankle", "RightAnkle"), ("head", "Head")):
+        source = clip.p_world_node[1:, clip.node(theirs)] @ rotation_x(np.pi / 2).T * scale
+        np.testing.assert_allclose(motion.state.p_world_joint[:, JOINT_NAMES.index(ours)], source, atol=1e-3)
+
+
+# name: (parent, direction at rest, length in metres, axis in degrees, dof). Legs are spread by 20° at rest, as CMU's.
+S, C = np.sin(np.radians(20)), np.cos(np.radians(20))
+MIDDLE = {
+    "lowerback": ("root", (0, 1, 0), 0.12, (0, 0, 0), "rx ry rz"),
+    "upperback": ("lowerback", (0, 1, 0), 0.12, (0, 0, 0), "rx ry rz"),
+    "thorax": ("upperback", (0, 1, 0), 0.12, (0, 0, 0), "rx ry rz"),
+    "lowerneck": ("thorax", (0, 1, 0), 0.09, (0, 0, 0), "rx ry rz"),
+    "upperneck": ("lowerneck", (0, 1, 0), 0.09, (0, 0, 0), "rx ry rz"),
+    "head": ("upperneck", (0, 1, 0), 0.09, (0, 0, 0), "rx ry rz"),
+}
+
+
+def side_bones(side: str, x: float) -> dict[str, tuple]:
+    return {
+        f"{side}hipjoint": ("root", (x, -0.6, 0), 0.12, (0, 0, 0), ""),
+        f"{side}femur": (f"{side}hipjoint", (x * S, -C, 0), 0.42, (0, 0, x * 20), "rx ry rz"),
+        f"{side}tibia": (f"{side}femur", (x * S, -C, 0), 0.42, (0, 0, x * 20), "rx"),
+        f"{side}foot": (f"{side}tibia", (x * S * 0.26, -C * 0.26, 0.966), 0.13, (-90, 0, x * 20), "rx rz"),
+        f"{side}toes": (f"{side}foot", (0, 0, 1), 0.06, (-90, 0, x * 20), "rx"),
+        f"{side}clavicle": ("thorax", (x, 0.2, 0), 0.18, (0, 0, 0), "ry rz"),
+        f"{side}humerus": (f"{side}clavicle", (x, 0, 0), 0.29, (180, x * -30, x * -90), "rx ry rz"),
+        f"{side}radius": (f"{side}humerus", (x, 0, 0), 0.18, (180, x * -30, x * -90), "rx"),
+        f"{side}wrist": (f"{side}radius", (x, 0, 0), 0.09, (0, x * 90, x * 90), "ry"),
+        f"{side}hand": (f"{side}wrist", (x, 0, 0), 0.05, (0, x * 90, x * 90), "rx rz"),
+        f"{side}fingers": (f"{side}hand", (x, 0, 0), 0.06, (0, x * 90, x * 90), "rx"),
+    }
+
+
+BONES = MIDDLE | side_bones("l", 1.0) | side_bones("r", -1.0)
+UNIT = 0.0254 / 0.45
+
+
+def write_asf(path: Path) -> Path:
+    lines = [":version 1.10", ":units", "  length 0.45", "  angle deg", ":root", "  order TX TY TZ RX RY RZ",
+             "  axis XYZ", "  position 0 0 0", "  orientation 0 0 0", ":bonedata"]  # fmt: skip
+    for number, (name, (_, direction, length, axis, dof)) in enumerate(BONES.items(), start=1):
+        lines += ["  begin", f"    id {number}", f"    name {name}", "    direction {} {} {}".format(*direction)]
+        lines += [f"    length {length / UNIT}", "    axis {} {} {} XYZ".format(*axis)]
+        lines += [f"    dof {dof}", "    limits (-90 90)"] if dof else []
+        lines += ["  end"]
+    lines += [":hierarchy", "  begin"]
+    for parent in ["root", *BONES]:
+        children = [name for name, bone in BONES.items() if bone[0] == parent]
+        lines += [f"    {parent} {' '.join(children)}"] if children else []
+    path.write_text("\n".join([*lines, "  end"]) + "\n")
+    return path
+
+
+def write_amc(path: Path, frames: list[dict[str, list[float]]]) -> Path:
+    lines = ["#!OML:ASF somewhere", ":FULLY-SPECIFIED", ":DEGREES"]
+    for number, frame in enumerate(frames, start=1):
+        lines += [str(number), "root " + " ".join(map(str, frame.get("root", [0, 17, 0, 0, 0, 0])))]
+        for name, bone in BONES.items():
+            if bone[4]:
+                lines.append(f"{name} " + " ".join(map(str, frame.get(name, [0.0] * len(bone[4].split())))))
+    path.write_text("\n".join(lines) + "\n")
+    write_asf(path.with_name("07.asf"))
+    return path
+
+
+def test_the_rest_pose_is_our_t_pose_with_the_subjects_own_bones(tmp_path: Path) -> None:
+    motion = read_amc(write_amc(tmp_path / "07_01.amc", [{}, {}]))
+    legs = [joint_index(f"{side}_{bone}") for side in ("left", "right") for bone in ("hip", "knee", "ankle")]
+    R = motion.state.R_world_bone
+    # At rest the thighs point 20° outwards, which is a rotation of the hips; knees and ankles are straight.
+    assert np.degrees(angle_between(R[0, 0], R[0, legs])) == pytest.approx([20.0] * 6, abs=1e-6)
+    vectors = joint_vector(motion.R_parent_child)[0].reshape(-1, 3)
+    shoulders = [joint_index(f"{side}_shoulder") - 1 for side in ("left", "right")]
+    # The database's arms are turned about themselves against ours: their elbows bend about an axis 30° off y.
+    np.testing.assert_allclose(np.degrees(vectors[shoulders]), [[-30, 0, 0]] * 2, atol=1e-9)
+    assert np.abs(np.delete(vectors, shoulders, axis=0))[3:].max() < 1e-9
+    assert motion.skeleton.bone_length("left_knee") == pytest.approx(0.42)
+    assert motion.skeleton.bone_length("right_wrist") == pytest.approx(0.27)  # radius and wrist
+    assert motion.rate == 120.0
+
+
+def test_knees_bend_forward_about_x_and_elbows_about_minus_y_on_the_left(tmp_path: Path) -> None:
+    frame = {"ltibia": [50.0], "rtibia": [50.0], "lradius": [70.0], "root": [0, 17, 0, 0, 90, 0]}
+    motion = read_amc(write_amc(tmp_path / "07_01.amc", [frame, frame]))
+    x = np.degrees(joint_vector(motion.R_parent_child)[0]).reshape(-1, 3)
+    for side in ("left", "right"):
+        np.testing.assert_allclose(x[joint_index(f"{side}_knee") - 1], [50, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(x[joint_index("left_elbow") - 1], [0, -70, 0], atol=1e-6)
+    # Turned by 90° about the vertical from facing −y: the wearer faces +x.
+    np.testing.assert_allclose(motion.R_parent_child[0, 0] @ [0, 0, 1], [1, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(motion.p_world_pelvis[0], [0, 0, 17 * UNIT], atol=1e-9)
+
+
+@given(angles=st.tuples(*[st.floats(-1.5, 1.5)] * 3))
+def test_fixed_axis_order_is_the_first_named_first(angles: tuple[float, float, float]) -> None:
+    x, y, z = (exp(np.eye(3)[axis] * angles[axis]) for axis in range(3))
+    np.testing.assert_allclose(rotation_in_order(np.array(angles), "xyz"), z @ y @ x, atol=1e-12)
+    expected = exp([0, angles[2], 0]) @ rotation_x(angles[1]) @ rotation_z(angles[0])
+    np.testing.assert_allclose(rotation_in_order(np.array(angles), "zxy"), expected, atol=1e-12)
+
+
+def test_a_file_cut_off_gives_its_whole_frames(tmp_path: Path) -> None:
+    path = write_amc(tmp_path / "07_01.amc", [{}] * 5)
+    text = path.read_text()
+    path.write_text(text[:-60])
+    assert len(read_amc(path)) == 4
+
+
+def test_messages_say_where_and_what(tmp_path: Path) -> None:
+    path = write_amc(tmp_path / "07_01.amc", [{}] * 3)
+    text = path.read_text()
+    path.write_text(text.replace("ltibia 0.0", "ltibia x", 1))
+    with pytest.raises(FileFormatError, match=r"line \d+: 'ltibia x': expected 1 numbers"):
+        read_amc(path)
+    path.write_text(text.replace("ltibia", "tail", 1))
+    with pytest.raises(FileFormatError, match="moving bone"):
+        read_amc(path)
+    path.write_text(text.replace("ltibia 0.0\n", "", 1))
+    with pytest.raises(FileFormatError, match="lacks ltibia"):
+        read_amc(path)
+    (tmp_path / "07.asf").unlink()
+    with pytest.raises(InputError, match=r"named 07\.asf"):
+        read_amc(path)
+    (tmp_path / "bad.asf").write_text(":bonedata\n begin\n length long\n")
+    with pytest.raises(FileFormatError, match="line 3"):
+        read_amc(path, asf=tmp_path / "bad.asf")
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(("clip", "hips_within"), [("02/02_05", 3.0), ("02/02_10", 3.0), ("03/03_01", 14.0)])
+def test_the_bvh_of_a_clip_has_the_joint_angles_of_its_original(
+    data_folder: Path, clip: str, hips_within: float
+) -> None:
+    original, converted = (
+        read_amc(data_folder / f"cmu_asfamc/{clip}.amc"),
+        read_bvh(data_folder / f"cmu_bvh/{clip}.bvh"),
+    )
+    original = original.frames(slice(len(original) - len(converted), None))
+    difference = np.degrees(joint_vector(converted.R_parent_child) - joint_vector(original.R_parent_child))
+    mean = np.abs(np.mean(difference, axis=0)).reshape(-1, 3)
+    # The figure's own offset of hips and ankles differs between subjects; knees and elbows do not suffer from it.
+    for bone, limit in (("hip", hips_within), ("ankle", hips_within), ("knee", 3.0), ("elbow", 7.0)):
+        for side in ("left", "right"):
+            assert mean[joint_index(f"{side}_{bone}") - 1].max() < limit, bone
+    # It has other proportions than the subject, too: joints lie some centimetres apart.
+    chosen = [joint_index(f"{side}_{one}") for side in ("left", "right") for one in ("hip", "knee", "ankle", "wrist")]
+    ours, theirs = (motion.state.p_world_joint[:, chosen] for motion in (converted, original))
+    apart = np.linalg.norm(align_rigid(ours, theirs).apply(ours) - theirs, axis=-1)
+    assert apart.mean() < 0.09
+
+
+def write_amass(path: Path, width: int = 156, **changed: object) -> Path:
+    rng = np.random.default_rng(0)
+    poses = rng.normal(0, 0.3, (5, width))
+    poses[:, :3] = [np.pi / 2, 0, 0]  # upright in a world with Z up
+    content = {
+        "poses": poses, "trans": np.array([[0, 0, 0.9]] * 5), "betas": np.zeros(16), "gender": np.array("female"),
+        "mocap_framerate": np.array(120.0),
+    } | changed  # fmt: skip
+    np.savez(path, **{name: value for name, value in content.items() if value is not None})  # type: ignore[arg-type]
+    return path
+
+
+@given(width=st.sampled_from([72, 156, 165]), seed=st.integers(0, 1000))
+def test_body_rotations_are_taken_over_and_hands_are_rigid(
+    tmp_path_factory: pytest.TempPathFactory, width: int, seed: int
+) -> None:
+    poses = np.random.default_rng(seed).normal(0, 0.5, (3, width))
+    path = tmp_path_factory.mktemp("amass") / "a_poses.npz"
+    motion = read_amass(write_amass(path, poses=poses, trans=np.zeros((3, 3))))
+    np.testing.assert_allclose(motion.R_parent_child[:, :22], exp(poses[:, :66].reshape(3, 22, 3)), atol=1e-12)
+    np.testing.assert_allclose(motion.R_parent_child[:, 22:], np.broadcast_to(np.eye(3), (3, 2, 3, 3)))
+
+
+def test_an_upright_wearer_stands_in_a_world_with_z_up(tmp_path: Path) -> None:
+    motion = read_motion(write_amass(tmp_path / "a.npz", poses=np.tile([np.pi / 2] + [0.0] * 155, (5, 1))))
+    np.testing.assert_allclose(motion.R_parent_child[:, 0], rotation_x(np.full(5, np.pi / 2)), atol=1e-12)
+    p = motion.state.p_world_joint
+    assert np.all(p[:, 15, 2] - p[:, 7, 2] > 1.2)
+    assert motion.rate == 120.0
+
+
+@pytest.mark.parametrize("gender", [np.array("male"), np.array(b"male"), np.array(["Male"]), np.array("b'male'")])
+def test_gender_is_read_however_it_is_stored(tmp_path: Path, gender: np.ndarray) -> None:
+    motion = read_amass(write_amass(tmp_path / "a.npz", gender=gender))
+    assert "male" in motion.skeleton.source
+    assert motion.skeleton.stature == pytest.approx(1.78, abs=0.02)
+
+
+def test_either_spelling_of_the_rate_is_read_and_none_asks_for_it(tmp_path: Path) -> None:
+    path = write_amass(tmp_path / "a.npz", mocap_framerate=None, mocap_frame_rate=np.array(60.0))
+    assert read_amass(path).rate == 60.0
+    path = write_amass(tmp_path / "a.npz", mocap_framerate=None)
+    with pytest.raises(InputError, match="give the rate"):
+        read_amass(path)
+    assert read_amass(path, rate=30.0, stature_m=1.6).rate == 30.0
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match="lacks poses"):
+        read_amass(write_amass(tmp_path / "a.npz", poses=None))
+    with pytest.raises(FileFormatError, match=r"poses \(5, 99\)"):
+        read_amass(write_amass(tmp_path / "a.npz", width=99))
+    bad = np.full((5, 156), np.nan)
+    with pytest.raises(FileFormatError, match="not finite"):
+        read_amass(write_amass(tmp_path / "a.npz", poses=bad))
+    (tmp_path / "text.npz").write_text("hello")
+    with pytest.raises(FileFormatError, match="not an AMASS npz"):
+        read_amass(tmp_path / "text.npz")
+    with pytest.raises(InputError, match=r"\.bvh"):
+        read_motion(tmp_path / "a.fbx")
+
+
+def test_motion_files_are_found_below_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "deep").mkdir()
+    for name in ("b_poses.npz", "deep/a.bvh", "deep/shape.npz", "notes.txt", "x_neutral_stagei.npz"):
+        (tmp_path / name).touch()
+    assert [path.name for path in motion_files(tmp_path)] == ["b_poses.npz", "a.bvh"]
+
+
+@pytest.mark.parametrize("number", [1e300, np.nan])
+def test_joint_offsets_that_no_body_has_are_refused(tmp_path: Path, number: float) -> None:
+    offsets = np.full((24, 3), number)
+    np.savez(
+        tmp_path / "a.npz",
+        poses=np.zeros((2, 156)),
+        trans=np.zeros((2, 3)),
+        mocap_framerate=60.0,
+        joint_offsets=offsets,
+    )
+    with pytest.raises(FileFormatError, match="joint_offsets hold numbers beyond 10 m"):
+        read_amass(tmp_path / "a.npz")
+
+
+SIMPLE_ROOT = np.array([[0.0, 0.95, 0.0]] * 4)
+STILL = {name: np.broadcast_to(np.eye(3), (4, 3, 3)) for name in JOINT_NAMES}
+
+
+def spread_rest(offsets: dict[str, Array], degrees: float) -> dict[str, Array]:
+    """The skeleton with its arms lowered by so much at rest (an A-pose)."""
+    lowered = dict(offsets)
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        for joint in ("elbow", "wrist", "hand"):
+            name = f"{side}_{joint}"
+            lowered[name] = rotation_z(sign * np.radians(degrees)) @ offsets[name]
+    return lowered
+
+
+@pytest.mark.parametrize("names", [MVN_NAMES, CGSPEED_NAMES], ids=["MVN", "cgspeed"])
+def test_the_source_at_rest_is_our_t_pose(tmp_path: Path, names: dict[str, str]) -> None:
+    motion = read_bvh(write_bvh(tmp_path / "a.bvh", names, rest_skeleton(), STILL, SIMPLE_ROOT))
+    R = motion.R_parent_child.copy()
+    if names is CGSPEED_NAMES:  # whose arms are turned about themselves, so that elbows bend about y
+        for side in ("left", "right"):
+            shoulder = joint_index(f"{side}_shoulder")
+            R[:, shoulder] = R[:, shoulder] @ rotation_x(np.radians(30.0))
+    np.testing.assert_allclose(R[:, 1:], np.broadcast_to(np.eye(3), (4, 23, 3, 3)), atol=1e-6)
+
+
+def test_joints_stay_where_the_source_has_them(tmp_path: Path) -> None:
+    path = write_bvh(tmp_path / "a.bvh", MVN_NAMES, rest_skeleton(), random_pose(3), SIMPLE_ROOT)
+    clip, motion = read_bvh_clip(path), read_bvh(path)
+    for ours, theirs in MVN_NAMES.items():
+        source = clip.p_world_node[:, clip.node(theirs)] @ rotation_x(np.pi / 2).T / 100
+        np.testing.assert_allclose(motion.state.p_world_joint[:, joint_index(ours)], source, atol=1e-6)
+
+
+def test_an_a_pose_rest_gives_the_same_motion(tmp_path: Path) -> None:
+    pose = dict(STILL)
+    pose["left_elbow"] = np.broadcast_to(rotation_y(-1.0), (4, 3, 3))
+    straight = read_bvh(write_bvh(tmp_path / "t.bvh", MVN_NAMES, rest_skeleton(), pose, SIMPLE_ROOT))
+    # In the A-pose file the same world pose is reached by lifting the arm back to the horizontal first.
+    lift = {side: rotation_z(sign * np.radians(40)) for side, sign in (("left", 1.0), ("right", -1.0))}
+    lifted = dict(pose)
+    for side, R in lift.items():
+        lifted[f"{side}_shoulder"] = pose[f"{side}_shoulder"] @ R
+        lifted[f"{side}_elbow"] = R.T @ pose[f"{side}_elbow"] @ R
+    offsets = spread_rest(rest_skeleton(), 40)
+    ends = {f"{side}_wrist": lift[side].T @ [x, 0.0, 0.0] for side, x in (("left", 0.2), ("right", -0.2))}
+    path = write_bvh(tmp_path / "a.bvh", MVN_NAMES, offsets, lifted, SIMPLE_ROOT, ends=ends)
+    np.testing.assert_allclose(read_bvh(path).R_parent_child, straight.R_parent_child, atol=1e-6)
+
+
+def test_a_bent_figure_whose_rest_stands_for_a_t_pose_gets_straight_limbs(tmp_path: Path) -> None:
+    offsets = rest_skeleton()
+    for side in ("left", "right"):
+        offsets[f"{side}_wrist"] = rotation_y(-0.3 if side == "left" else 0.3) @ offsets[f"{side}_wrist"]
+    motion = read_bvh(write_bvh(tmp_path / "a.bvh", CGSPEED_NAMES, offsets, STILL, SIMPLE_ROOT))
+    forearm = motion.skeleton.p_parent_joint[joint_index("left_wrist")]
+    np.testing.assert_allclose(forearm / np.linalg.norm(forearm), [1, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(
+        motion.R_parent_child[:, joint_index("left_elbow")], np.eye(3)[None].repeat(4, 0), atol=1e-6
+    )
+
+
+def test_a_spine_joint_that_the_source_lacks_lies_on_the_way_to_the_next(tmp_path: Path) -> None:
+    path = write_bvh(tmp_path / "a.bvh", CGSPEED_NAMES, rest_skeleton(), random_pose(5, spread=0.2), SIMPLE_ROOT)
+    motion = read_bvh(path)
+    p = motion.state.p_world_joint
+    spine2, spine3, neck = (p[:, joint_index(name)] for name in ("spine2", "spine3", "neck"))
+    total = np.linalg.norm(neck - spine2, axis=1)
+    parts = np.linalg.norm(spine3 - spine2, axis=1) + np.linalg.norm(neck - spine3, axis=1)
+    np.testing.assert_allclose(parts, total, rtol=1e-6)
+    np.testing.assert_allclose(motion.R_parent_child[:, joint_index("spine3")], np.eye(3)[None].repeat(4, 0), atol=1e-9)
+
+
+def test_a_rest_pose_before_the_take_is_left_out_but_a_t_pose_of_the_take_is_not(tmp_path: Path) -> None:
+    frames = 40
+    arm = np.zeros(frames)
+    arm[1:] = 1.2
+    down = rotation_z(-arm)
+    pose = {name: np.broadcast_to(np.eye(3), (frames, 3, 3)) for name in JOINT_NAMES} | {"left_shoulder": down}
+    root = np.tile(SIMPLE_ROOT[:1], (frames, 1))
+    jump = write_bvh(tmp_path / "jump.bvh", MVN_NAMES, rest_skeleton(), pose, root)
+    assert len(read_bvh(jump)) == frames - 1
+    assert len(read_bvh(jump, keep_rest_frames=True)) == frames
+    pose["left_shoulder"] = rotation_z(-np.linspace(0, 1.2, frames))  # 3 rad/s: a person lowers the arm
+    slow = write_bvh(tmp_path / "slow.bvh", MVN_NAMES, rest_skeleton(), pose, root)
+    assert len(read_bvh(slow)) == frames
+
+
+def test_an_implausible_size_asks_for_the_unit(tmp_path: Path) -> None:
+    path = write_bvh(tmp_path / "a.bvh", MVN_NAMES, rest_skeleton(), STILL, SIMPLE_ROOT, scale=7.0)
+    with pytest.raises(InputError, match="unit_m"):
+        read_bvh(path)
+    motion = retarget(read_bvh_clip(path), unit_m=1 / 7.0)
+    assert motion.skeleton.bone_length("left_knee") == pytest.approx(np.linalg.norm(rest_skeleton()["left_knee"]))
+
+
+def test_a_rest_pose_that_lies_is_refused(tmp_path: Path) -> None:
+    offsets = {name: np.array([one[1], 0.0, 0.0]) for name, one in rest_skeleton().items()}  # everything on one line
+    path = write_bvh(tmp_path / "a.bvh", MVN_NAMES, offsets, STILL, SIMPLE_ROOT)
+    with pytest.raises(InputError, match="upright body"):
+        read_bvh(path)
+
+
+def test_a_dummy_end_of_the_hand_does_not_bend_the_wrist(tmp_path: Path) -> None:
+    for number, end in enumerate([(0.0, 0.05, 0.0), (0.0, 0.0, 0.0)]):
+        ends = {"left_wrist": end, "right_wrist": end}
+        path = write_bvh(tmp_path / f"{number}.bvh", MVN_NAMES, rest_skeleton(), STILL, SIMPLE_ROOT, ends=ends)
+        wrist = read_bvh(path).R_parent_child[:, joint_index("left_wrist")]
+        np.testing.assert_allclose(wrist, np.eye(3)[None].repeat(4, 0), atol=1e-6)

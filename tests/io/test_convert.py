@@ -1,4 +1,4 @@
-"""From a log to a recording: detection, what the user adds, cutting, poses held before, mappings, and errors that help."""
+"""From a log to a recording: detection, what the user adds, cutting, poses held before, mappings, and errors."""
 
 import json
 from dataclasses import replace

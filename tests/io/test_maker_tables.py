@@ -1,4 +1,4 @@
-"""APDM csv exports in both layouts, with units and an inertial frame whose z may point down; OpenSense's quaternions."""
+"""APDM csv exports in both layouts, units, a frame whose z may point down; OpenSense's quaternions."""
 
 from pathlib import Path
 

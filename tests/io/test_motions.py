@@ -1,5 +1,6 @@
 """Motion files of every kind come onto our skeleton: BVH, ASF/AMC, AMASS, and what retargeting promises."""
 
+import contextlib
 import itertools
 from pathlib import Path
 

@@ -1,6 +1,4 @@
-"""Xsens tables: every dialect of MTw's text exports and DOT's csv, lost packets, counters and clocks that wrap, and the ways
-such files are broken.
-"""
+"""Xsens tables: every dialect, lost packets, counters and clocks that wrap, and the ways such files are broken."""
 
 import tempfile
 from pathlib import Path

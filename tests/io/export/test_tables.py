@@ -1,4 +1,4 @@
-"""Tables are read back by column: spreadsheets', OpenSim's markers, coordinates and orientations, C3D by another library.
+"""Tables are read back by column: OpenSim's markers, coordinates and orientations, C3D by another library.
 
 Coordinates of OpenSim's model: its joints, put together from its axes by SciPy, stand as the estimate does.
 """

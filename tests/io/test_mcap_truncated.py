@@ -16,6 +16,7 @@ from mcap_samples import walk
 from vip_factors.errors import FileFormatError
 from vip_factors.io.mcap_reader import McapContents, McapWarning, read_contents
 from vip_factors.io.mcap_recording import read_recording, write_recording
+from vip_factors.io.mcap_records import logged_interval
 
 MESSAGES = 400
 PAYLOAD = 600  # bytes, random: nothing to compress, so one chunk of all messages has two zstd blocks
@@ -124,6 +125,13 @@ def test_a_record_of_wrong_length_is_told_as_damage_not_as_a_cut(tmp_path: Path)
     with pytest.warns(McapWarning, match=f"damaged at byte {where - 1}"):
         contents = read_contents(tmp_path / "damaged.mcap")
     assert sum(len(one.data) for one in contents.messages.values()) == 100
+
+
+def test_the_index_says_when_messages_begin_and_end_if_it_is_whole(tmp_path: Path) -> None:
+    file = file_of(CompressionType.ZSTD, 5_000)
+    for cut, expected in ((0, (0, MESSAGES - 1)), (1, None), (9, None), (len(file) - 20, None)):
+        (tmp_path / "cut.mcap").write_bytes(file[: len(file) - cut])
+        assert logged_interval(tmp_path / "cut.mcap") == expected
 
 
 @pytest.fixture(scope="module")

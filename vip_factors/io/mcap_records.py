@@ -23,9 +23,10 @@ MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 CHUNK_HEAD = struct.Struct("<QQQI")  # start and end log time, uncompressed size, CRC of the content
+STATISTICS_CONTENT = struct.Struct("<QHIIIIQQ")  # counts of six kinds, start and end log time
 FOOTER_BYTES = 20
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x09, 0x0C
-DATA_END = 0x0F
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA = 0x02, 0x03, 0x04, 0x05, 0x06, 0x09, 0x0C
+STATISTICS, DATA_END = 0x0B, 0x0F
 
 
 class RecordError(Exception):
@@ -208,3 +209,28 @@ def _decompress(compression: str, packed: bytes, size: int, whole: bool) -> byte
         if not whole:
             return b""
         raise RecordError(f"a chunk of {size} bytes does not decompress ({error})") from error
+
+
+def logged_interval(path: Path) -> tuple[int, int] | None:
+    """First and last log time in nanoseconds, as the index at the end of a file says; None if it has none.
+
+    Raises:
+        InputError: if there is no such file.
+    """
+    check_file(path)
+    with open(path, "rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(size - FOOTER_BYTES - len(MAGIC), 0))
+        footer = file.read()
+        if len(footer) < FOOTER_BYTES + len(MAGIC) or not footer.endswith(MAGIC):
+            return None
+        index = int.from_bytes(footer[:8], "little")
+        if not 0 < index < size:
+            return None
+        file.seek(index)
+        data = file.read()
+    for opcode, start, end in records_of(data):
+        if opcode == STATISTICS and end - start >= STATISTICS_CONTENT.size:
+            *_, first, last = STATISTICS_CONTENT.unpack_from(data, start)
+            return first, last
+    return None

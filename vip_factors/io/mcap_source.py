@@ -15,7 +15,7 @@ from vip_factors.io.mcap_camera import CameraTopics, camera_of
 from vip_factors.io.mcap_messages import is_ours, naming, of_topic
 from vip_factors.io.mcap_reader import McapByTime, McapContents, McapMessages
 from vip_factors.io.mcap_recording import FIRST_CAMERA, IMU, SCENE_INFO, recording_of, wearer_prefixes
-from vip_factors.io.mcap_records import McapChannel
+from vip_factors.io.mcap_records import McapChannel, logged_interval
 from vip_factors.io.mcap_samples import detections_of, read_streams
 from vip_factors.io.scene_building import read_scenes
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
@@ -242,15 +242,25 @@ def open_source(paths: Sequence[str | os.PathLike[str]], longer_than_s: float) -
         InputError: if there is no such file.
         FileFormatError: if it is no MCAP file, holds nothing of a recording, or files are not parts of one recording.
     """
+    long = np.isfinite(longer_than_s) and _logged_s(paths) > longer_than_s
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
-        found = [_by_time(path) for path in paths] if np.isfinite(longer_than_s) else [None]
+        found = [_by_time(path) for path in paths] if long else [None]
         source = _together([one for one in found if one is not None], paths)
     if source is None or not any(one.interval[1] - one.interval[0] > longer_than_s for one in source.wearers):
         return SceneInMemory(read_scenes([Path(path) for path in paths]))
     for one in warned:  # else they come again as the files are read at once
         warnings.warn(one.message, stacklevel=2)
     return source
+
+
+def _logged_s(paths: Sequence[str | os.PathLike[str]]) -> float:
+    """Seconds from the first to the last message of files; infinite where one of them does not say."""
+    intervals = [logged_interval(Path(path)) for path in paths]
+    known = [one for one in intervals if one is not None]
+    if len(known) < len(intervals):
+        return np.inf
+    return (max(last for _, last in known) - min(first for first, _ in known)) / NS_PER_S + 2 * CLOCK_SLACK_S
 
 
 def _together(

@@ -94,9 +94,7 @@ def _calibrated(
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.io.calibrate_camera import CameraCalibrationSettings, calibrate, find_views
 
-    settings = CameraCalibrationSettings(
-        images=options.images, views=options.views, distortion=options.distortion, few_views=min(10, options.views)
-    )
+    settings = CameraCalibrationSettings(options.images, options.views, options.distortion)
     with progress_bar() as on_progress:
         views, size = find_views(options.source, board, settings, on_progress)
         calibration = calibrate(views, size, settings, on_progress)

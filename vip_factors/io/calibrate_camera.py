@@ -7,6 +7,7 @@ of those that differ. Views that do not fit the rest are left out, and what the 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,33 +20,29 @@ LEAST_VIEWS = 3  # below, focal lengths and centre are not determined (Zhang 200
 ROUNDS = 4  # of leaving out views that do not fit
 
 
+LEAST_CHANGE = 0.03  # mean shift of the board's corners between two used views, as a share of the image's diagonal
+# A view whose error is so many times the median is left out: blur, a bent board, a wrong corner. But not below so many
+# pixels, which good corners have too.
+OUTLIER, OUTLIER_PX = 3.0, 0.3
+FEW_VIEWS = 10  # fewer are warned of
+LEAST_TILT_DEG = 20.0  # if no two views differ by so much in direction, focal length and distance are confused
+LEAST_COVERAGE = 0.5  # share of the image that corners should reach, for the distortion near its edges
+FOCAL_SIGMA = 0.01  # relative standard deviation of the focal length that is warned of; 1 % is 3 cm at 3 m
+
+
 @dataclass(frozen=True)
 class CameraCalibrationSettings:
-    """How views are chosen and judged.
+    """How many views are used, and what is found of them.
 
     Attributes:
         images: looked at, evenly spread over the video.
         views: used at most; the time of the fit grows with them, and beyond some tens nothing is gained.
-        least_change: mean shift of the board's corners between two used views, as a share of the image's diagonal.
         distortion: number of coefficients, 0, 4 (k1 k2 p1 p2), 5 (and k3) or 8 (wide-angle lenses).
-        outlier: a view whose error is so many times the median is left out: blur, a bent board, a wrong corner.
-        outlier_px: but not below this error, which good corners have too.
-        few_views: fewer are warned of.
-        least_tilt_deg: if no two views differ by so much in direction, focal length and distance are confused.
-        least_coverage: share of the image that corners should reach, for the distortion near its edges.
-        focal_sigma: relative standard deviation of the focal length that is warned of; 1 % is 3 cm at 3 m.
     """
 
     images: int = 150
     views: int = 40
-    least_change: float = 0.03
     distortion: int = 4
-    outlier: float = 3.0
-    outlier_px: float = 0.3
-    few_views: int = 10
-    least_tilt_deg: float = 20.0
-    least_coverage: float = 0.5
-    focal_sigma: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -127,7 +124,7 @@ def calibrate(
         on_progress("fitting the camera", one_round / ROUNDS)
         fit = _fit(chosen, size, settings)
         errors = fit[-1]
-        bad = errors > max(settings.outlier * np.median(errors), settings.outlier_px)
+        bad = errors > max(OUTLIER * np.median(errors), OUTLIER_PX)
         if not np.any(bad) or np.sum(~bad) < LEAST_VIEWS or one_round == ROUNDS - 1:
             break
         left_out += [(view.name, float(errors[i])) for i, view in enumerate(chosen) if bad[i]]
@@ -157,7 +154,7 @@ def chosen_views(
     nearest = np.full(len(views), np.inf)
     chosen: list[int] = []
     for _ in range(min(settings.views, len(views))):
-        far = nearest >= settings.least_change
+        far = nearest >= LEAST_CHANGE
         if not np.any(far):
             break
         # A blurred view counts as nearer than it is, so that of its neighbours the sharpest comes first.
@@ -233,17 +230,18 @@ def _warnings(
     settings: CameraCalibrationSettings,
 ) -> tuple[str, ...]:
     said = []
-    if count < settings.few_views:
-        said.append(f"only {count} views that differ: {2 * settings.few_views} make the result reliable")
-    if tilt_deg < settings.least_tilt_deg:
+    few_views = min(FEW_VIEWS, settings.views)
+    if count < few_views:
+        said.append(f"only {count} views that differ: {2 * few_views} make the result reliable")
+    if tilt_deg < LEAST_TILT_DEG:
         said.append(
             f"the board was never tilted by more than {tilt_deg:.0f}° between views: focal length and distance are "
             "confused; tilt it by 30° and more, in several directions"
         )
     relative = max(sigma[0] / focal[0], sigma[1] / focal[1])
-    if relative > settings.focal_sigma:
+    if relative > FOCAL_SIGMA:
         said.append(f"the focal length is uncertain by {100 * relative:.1f} %: add tilted views, nearer to the camera")
-    if coverage < settings.least_coverage:
+    if coverage < LEAST_COVERAGE:
         said.append(
             f"the board reached {100 * coverage:.0f} % of the image: near the edges the distortion is a guess; "
             "show it there too"
@@ -255,8 +253,7 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 BLIND_STEP = 8  # frames, where a video does not say how many it has: about four looks a second
 
 
-@dataclass(frozen=True)
-class CalibrationImage:
+class CalibrationImage(NamedTuple):
     """One image: its name for people, its number in the video or folder, how much of all is done, grey bytes."""
 
     name: str

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -35,24 +35,6 @@ class BoardView:
     pixels: Array
     outline: Array
     sharpness: float
-
-
-class Board(Protocol):
-    """What a calibration needs of a board."""
-
-    @property
-    def text(self) -> str:
-        """What kind of board it is, with its size, in words."""
-
-    @property
-    def looks_alike_turned(self) -> bool:
-        """Whether half a turn leaves the board as it is."""
-
-    def find(self, name: str, grey: np.ndarray) -> BoardView | None:
-        """Its corners in an image ``(height, width)`` of bytes, or None."""
-
-    def hint(self, greys: Sequence[np.ndarray]) -> str:
-        """What was seen instead, in images where the board was not found; empty if nothing."""
 
 
 @dataclass(frozen=True)
@@ -204,6 +186,9 @@ class Charuco:
             return f"; {own} of its markers were seen: check the numbers of squares, columns first"
         count, best = max((seen(name), -index, name) for index, name in enumerate(_dictionaries()))[::2]
         return f"; {count} markers of {best} were seen: give that dictionary" if count >= LEAST_CORNERS else ""
+
+
+Board = Checkerboard | Charuco
 
 
 def _size_hint(seen: Counter[tuple[int, int]], own: tuple[int, int], one_image: bool) -> str:

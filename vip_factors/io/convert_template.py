@@ -2,8 +2,9 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.errors import FileFormatError, InputError
@@ -19,8 +20,7 @@ from vip_factors.sensors.calibration import SITES, site_axes
 MOST_SENSORS = 64  # of different words in a column that is to name sensors
 
 
-@dataclass(frozen=True)
-class Templates:
+class Templates(NamedTuple):
     """Paths of what was written.
 
     Attributes:
@@ -63,7 +63,7 @@ def write_templates(path: str | Path, name: Path, overwrite: bool = False) -> Te
         columns, reasons = guess(path)
         sensors, text = _names(path, columns), columns_text(path, columns, reasons)
     if text is None:
-        files = replace(files, columns=None)
+        files = files._replace(columns=None)
     elif files.columns is not None:
         _write(files.columns, text, overwrite)
     _write(files.placement, placement_text(path, sensors, files), overwrite)

@@ -5,8 +5,9 @@ gaps, early ends and unequal rates are told.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +27,7 @@ TURN_S = 2.0  # without samples, to turn around in and begin: any way of facing 
 LEAD_S = HOLD_S + TURN_S
 
 
-@dataclass(frozen=True)
-class PoseSource:
+class PoseSource(NamedTuple):
     """Where a pose was held: in a log, there in one sample of each sensor, or on average over its first second.
 
     Attributes:

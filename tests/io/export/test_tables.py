@@ -25,7 +25,7 @@ from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.io.export import tables as c3d_points
 from vip_factors.io.export.files import export
-from vip_factors.io.export.opensim_coordinates import opensim_coordinates
+from vip_factors.io.export.tables import opensim_coordinates
 from vip_factors.io.importers.maker_tables import OPENSENSE
 
 

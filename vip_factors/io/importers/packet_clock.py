@@ -1,6 +1,6 @@
 """Sample times from packet counters and sensor clocks that wrap, on one time base for all files of a recording."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,7 @@ PLAUSIBLE_RATE_HZ = (4.0, 2000.0)
 SAME_RATE = 0.02  # two statements of one rate agree within 2 %: clocks are better than 0.01 %, exports round
 
 
-@dataclass(frozen=True)
-class Packets:
+class Packets(NamedTuple):
     """Which rows of a file to keep, in order, and their unwrapped counts.
 
     Attributes:

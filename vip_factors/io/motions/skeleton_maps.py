@@ -187,15 +187,7 @@ class SourceClip:
 
     def frames(self, selection: slice) -> "SourceClip":
         """The clip at some of its frames (the step must be one)."""
-        return SourceClip(
-            self.names,
-            self.p_rest,
-            self.R_world_node[selection],
-            self.p_world_node[selection],
-            self.rate,
-            self.name,
-            self.path,
-        )
+        return replace(self, R_world_node=self.R_world_node[selection], p_world_node=self.p_world_node[selection])
 
 
 def rest_positions(parents: Sequence[int], offsets: Array) -> Array:

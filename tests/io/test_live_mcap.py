@@ -17,7 +17,7 @@ from vip_factors.atomic import partial_path
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live_mcap import LIVE_CAMERA, LIVE_UPDATE, LiveMcapSink
 from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_messages import of_topic
+from vip_factors.io.mcap_messages import Topics
 from vip_factors.io.mcap_reader import McapWarning, read_contents
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraPose
@@ -63,13 +63,13 @@ def test_newest_poses_and_updates_stand_beside_them(tmp_path: Path) -> None:
     given = list(answers(scene))
     write(scene, tmp_path / "e.mcap", given)
     contents = read_contents(tmp_path / "e.mcap")
-    messages = list(contents.messages.values())
-    poses = of_topic(contents.path, messages, "/estimate/live/wearer/bob/pose", BodyPose)
+    topics = Topics(contents)
+    poses = topics.all("/estimate/live/wearer/bob/pose", BodyPose)
     assert [one.frame for one in poses] == list(range(len(given)))
     np.testing.assert_allclose(poses[40].p_world_pelvis.x, given[40].wearers[1].newest.p_world_pelvis[0])
-    cameras = of_topic(contents.path, messages, LIVE_CAMERA, CameraPose)
+    cameras = topics.all(LIVE_CAMERA, CameraPose)
     assert [one.seconds for one in cameras] == [one.time for one in given]
-    updates = of_topic(contents.path, messages, LIVE_UPDATE, LiveUpdate)
+    updates = topics.all(LIVE_UPDATE, LiveUpdate)
     assert [one.frame for one in updates] == list(range(len(given)))
     assert list(updates[0].findings) == ["the stream has begun"]
     assert list(updates[9].detection_of_wearer) == [0, 1]

@@ -51,7 +51,7 @@ def vector_message(v: Array) -> Vector3:
 
 
 def vector(message: Vector3) -> Array:
-    """``(3,)`` of a message."""
+    """The three numbers ``(3,)`` of a message."""
     return np.array([message.x, message.y, message.z])
 
 
@@ -82,7 +82,7 @@ def set_timestamp(message: Timestamp, time_ns: int) -> None:
 
 
 def time_ns_of(message: Timestamp) -> int:
-    """Absolute nanoseconds."""
+    """The absolute time of a message in nanoseconds."""
     return message.seconds * NS_PER_S + message.nanos
 
 

@@ -14,12 +14,12 @@ from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quat
 from vip_factors.geometry.rotations import Array
 from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import NS_PER_S, DataclassCodec, set_timestamp, time_ns_of
-from vip_factors.io.mcap_messages import last_of_topic, of_topic, warn
-from vip_factors.io.mcap_reader import McapMessages
+from vip_factors.io.mcap_messages import Topics, warn
 from vip_factors.io.mcap_samples import DetectionTruth, detection_messages, detections_of, read_streams, sample_messages
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo, CameraTruth
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
+from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.imu_stream import ImuStream
@@ -29,14 +29,13 @@ from vip_factors.sensors.scene import Camera, CameraMount, SceneTruth, Video
 if TYPE_CHECKING:
     from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 
-    from vip_factors.io.mcap_reader import McapMessages
 
 WORLD = "world"
 IMAGE_FORMATS = {b"\xff\xd8": "jpeg", b"\x89P": "png", b"RI": "webp"}  # by their first two bytes
 
 
 def intrinsics_message(model: CameraModel, name: str, time_ns: int) -> "CameraCalibration":
-    """``foxglove.CameraCalibration`` of a camera."""
+    """``foxglove.CameraCalibration`` of a camera, logged at an absolute time."""
     from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 
     kind = {0: "", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}[len(model.distortion)]
@@ -84,11 +83,11 @@ def path_messages(
         yield time_ns, channel, message.SerializeToString()
 
 
-def path_of(path: Path, messages: "Sequence[McapMessages]", topic: str, start_ns: int) -> CameraPath | None:
+def path_of(topics: Topics, topic: str, start_ns: int) -> CameraPath | None:
     """The poses on a topic, times to the nanosecond; None if there are none."""
     from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
-    poses = of_topic(path, messages, topic, PoseInFrame)
+    poses = topics.all(topic, PoseInFrame)
     if not poses:
         return None
     time = np.array([(time_ns_of(one.timestamp) - start_ns) / NS_PER_S for one in poses])
@@ -212,64 +211,57 @@ def camera_messages(
     return streams
 
 
-def camera_of(
-    path: Path, messages: Sequence[McapMessages], topics: CameraTopics, start_ns: int
-) -> tuple[Camera | None, DetectionTruth | None]:
+def camera_of(topics: Topics, own: CameraTopics, start_ns: int) -> tuple[Camera | None, DetectionTruth | None]:
     """The camera of a file and who is known to be who; None, and a warning, if too little of it is left."""
     from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
     from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 
-    infos = of_topic(path, messages, topics("info"), CameraInfo)
-    intrinsics = of_topic(path, messages, topics("calibration"), CameraCalibration)
-    if not infos or not intrinsics:
-        expected = topics("info"), topics("calibration")
-        found = expected[0] if infos else expected[1] if intrinsics else "neither"
+    path = topics.path
+    info, intrinsics = topics.last(own("info"), CameraInfo), topics.last(own("calibration"), CameraCalibration)
+    if info is None or intrinsics is None:
+        expected = own("info"), own("calibration")
+        found = expected[0] if info is not None else expected[1] if intrinsics is not None else "neither"
         warn(path, f"the camera is left out: expected topics {' and '.join(expected)}, found {found}")
         return None, None
-    info = infos[-1]
-    seen = of_topic(path, messages, topics("detections"), Detections2D)
+    seen = topics.all(own("detections"), Detections2D)
     if len(seen) < info.frames:
         warn(path, f"camera '{info.name}': {len(seen)} of {info.frames} video frames are left")
-    detections, known = detections_of(info, seen)
-    images = of_topic(path, messages, topics("image"), CompressedImage)
+    detections, wearers = detections_of(info, seen)
+    images = topics.all(own("image"), CompressedImage)
     camera = Camera(
-        model=intrinsics_of(intrinsics[-1]),
+        model=intrinsics_of(intrinsics),
         detections=detections,
-        mount=_mount_left(path, messages, topics, info, start_ns),
-        known_path=path_of(path, messages, topics("pose"), start_ns),
+        mount=_mount_left(topics, own, info, start_ns),
+        known_path=path_of(topics, own("pose"), start_ns),
         video=video_of(info.video, images, path) if info.HasField("video") else None,
         **HEAD.values(info),
     )
-    return camera, known
+    return camera, wearers
 
 
-def _mount_left(
-    path: Path, messages: Sequence[McapMessages], topics: CameraTopics, info: CameraInfo, start_ns: int
-) -> CameraMount | None:
+def _mount_left(topics: Topics, own: CameraTopics, info: CameraInfo, start_ns: int) -> CameraMount | None:
     if not info.HasField("mount"):
         return None
-    streams = read_streams(path, [one for one in messages if one.channel.topic == topics("imu")], start_ns)
+    streams = read_streams(topics.path, topics.channels(own("imu"), ImuSample), start_ns)
     if info.mount.imu not in streams:
-        warn(path, f"camera '{info.name}': no sample of its sensor '{info.mount.imu}' is left")
+        warn(topics.path, f"camera '{info.name}': no sample of its sensor '{info.mount.imu}' is left")
         return None
     return mount_of(info.mount, streams[info.mount.imu])
 
 
 def camera_truth_of(
-    path: Path, messages: Sequence[McapMessages], topics: CameraTopics, start_ns: int, wearers: DetectionTruth | None
+    topics: Topics, own: CameraTopics, start_ns: int, wearers: DetectionTruth | None
 ) -> SceneTruth | None:
     """What a file knows of a camera and of who is who before it; None if it does not, or too little is left."""
-    infos = of_topic(path, messages, topics.truth("info"), CameraTruth)
-    if not infos or wearers is None:
+    info = topics.last(own.truth("info"), CameraTruth)
+    if info is None or wearers is None:
         return None
-    poses = path_of(path, messages, topics.truth("pose"), start_ns)
+    poses = path_of(topics, own.truth("pose"), start_ns)
     if poses is None:
-        warn(path, f"no pose is left on {topics.truth('pose')}: the truth of the camera is left out")
+        warn(topics.path, f"no pose is left on {own.truth('pose')}: the truth of the camera is left out")
         return None
-    if len(poses) < infos[-1].poses:
-        warn(path, f"{len(poses)} of {infos[-1].poses} true poses of the camera are left")
-    calibration = next(
-        iter((last_of_topic(path, messages, topics.truth("calibration"), codecs.CALIBRATION) or {}).values()), None
-    )
-    pixels = wearers.pixels if infos[-1].has_pixels else None
-    return SceneTruth(poses, wearers.wearer, pixels, calibration, **TRUTH.values(infos[-1]))
+    if len(poses) < info.poses:
+        warn(topics.path, f"{len(poses)} of {info.poses} true poses of the camera are left")
+    calibration = topics.object(own.truth("calibration"), codecs.CALIBRATION) or {}
+    pixels = wearers.pixels if info.has_pixels else None
+    return SceneTruth(poses, wearers.wearer, pixels, next(iter(calibration.values()), None), **TRUTH.values(info))

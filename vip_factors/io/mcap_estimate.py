@@ -5,7 +5,6 @@ the camera's and who is who stand beside them; an estimate of one wearer whom no
 """
 
 import os
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,8 +22,8 @@ from vip_factors.io.mcap_frames import (
     motion_of,
     residuals_of,
 )
-from vip_factors.io.mcap_messages import is_ours, last_of_topic, naming, objects_of_topic, of_topic, warn
-from vip_factors.io.mcap_reader import McapContents, McapMessages, read_contents
+from vip_factors.io.mcap_messages import Topics, is_ours, naming, warn
+from vip_factors.io.mcap_reader import McapContents, read_contents
 from vip_factors.io.mcap_records import McapChannel
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose, CameraResiduals
@@ -90,92 +89,80 @@ def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
         FileFormatError: if it is no MCAP file or holds no estimate.
     """
     contents = read_contents(path, is_read)
-    messages = [one for one in contents.messages.values() if one.channel.topic.startswith(ESTIMATE) and one.data]
-    infos = of_topic(contents.path, messages, SCENE_INFO, SceneEstimateInfo)
+    topics = Topics(contents)
+    info = topics.last(SCENE_INFO, SceneEstimateInfo)
     with naming(contents.path):
-        if not infos:
-            return Estimate.of_one(_wearer_of(contents, messages))
-        info = infos[-1]
+        if info is None:
+            return Estimate.of_one(_wearer_of(contents))
         return Estimate(
-            wearers=tuple(_wearer_of(contents, messages, one) for one in info.wearer_topics),
-            camera=_camera(contents, messages),
-            reports=objects_of_topic(contents.path, messages, SCENE_REPORT, codecs.REPORT),
-            detector=last_of_topic(contents.path, messages, DETECTOR, codecs.DETECTOR),
+            wearers=tuple(_wearer_of(contents, one) for one in info.wearer_topics),
+            camera=_camera(topics),
+            reports=topics.objects(SCENE_REPORT, codecs.REPORT),
+            detector=topics.object(DETECTOR, codecs.DETECTOR),
             **SCENE_HEAD.values(info),
         )
 
 
 def read_start(path: str | os.PathLike[str]) -> int:
     """Absolute time in nanoseconds of an estimate's t = 0; 0 if it is not known."""
-    contents = read_contents(
-        path, lambda channel: channel.topic.startswith(ESTIMATE) and is_ours(channel, EstimateInfo)
-    )
-    topics = [topic for topic in contents.topics if topic.endswith(INFO)]
-    infos = [
-        one
-        for topic in topics
-        for one in of_topic(contents.path, list(contents.messages.values()), topic, EstimateInfo)
-    ]
+    contents = read_contents(path, lambda one: one.topic.startswith(ESTIMATE) and is_ours(one, EstimateInfo))
+    topics = Topics(contents)
+    infos = [one for topic in contents.topics if topic.endswith(INFO) for one in topics.all(topic, EstimateInfo)]
     return time_ns_of(infos[0].start) if infos else 0
 
 
-def _wearer_of(contents: McapContents, messages: Sequence[McapMessages], prefix: str = SINGLE) -> WearerEstimate:
+def _wearer_of(contents: McapContents, prefix: str = SINGLE) -> WearerEstimate:
     """One wearer's estimate, of the messages below the topic ``prefix``.
 
     Raises:
         FileFormatError: if it is not there.
     """
-    path = contents.path
-    ours = [one for one in messages if one.channel.topic.startswith(f"{prefix}/") and one.data]
-    infos = of_topic(path, ours, prefix + INFO, EstimateInfo)
-    motions = of_topic(path, ours, prefix + MOTION, MotionInfo)
-    if not infos or not motions:
+    path, topics = contents.path, Topics(contents, prefix)
+    info, motion_info = topics.last(INFO, EstimateInfo), topics.last(MOTION, MotionInfo)
+    if info is None or motion_info is None:
         if any(topic.endswith(RECORDING_INFO) for topic in contents.topics):
             raise FileFormatError(
                 f"{path} is a recording: expected an estimate, which vip-factors smooth makes of a recording"
             )
-        topics = ", ".join(contents.topics) or "none"
+        found = ", ".join(contents.topics) or "none"
         damage = f" ({contents.damage[0]})" if contents.damage else ""
         raise FileFormatError(
             f"{path}: expected an estimate, with topics {prefix + INFO} and {prefix + MOTION}; "
-            f"found topics {topics}{damage}"
+            f"found topics {found}{damage}"
         )
-    info = infos[-1]
-    motion, covariance = motion_of(path, motions[-1], of_topic(path, ours, prefix + POSE, BodyPose))
+    motion, covariance = motion_of(path, motion_info, topics.all(POSE, BodyPose))
     return WearerEstimate(
         motion=motion,
         covariance=covariance,
-        calibration=last_of_topic(path, ours, prefix + CALIBRATION, codecs.CALIBRATION) or {},
-        residuals=residuals_of(info, of_topic(path, ours, prefix + RESIDUALS, Residuals), len(motion)),
-        reports=objects_of_topic(path, ours, prefix + REPORT, codecs.REPORT),
-        body=last_of_topic(path, ours, prefix + BODY, codecs.BODY),
-        sensor_places=last_of_topic(path, ours, prefix + SENSOR_PLACES, codecs.SENSOR_PLACES) or (),
+        calibration=topics.object(CALIBRATION, codecs.CALIBRATION) or {},
+        residuals=residuals_of(info, topics.all(RESIDUALS, Residuals), len(motion)),
+        reports=topics.objects(REPORT, codecs.REPORT),
+        body=topics.object(BODY, codecs.BODY),
+        sensor_places=topics.object(SENSOR_PLACES, codecs.SENSOR_PLACES) or (),
         **HEAD.values(info),
     )
 
 
-def _camera(contents: McapContents, messages: Sequence[McapMessages]) -> CameraEstimate | None:
+def _camera(topics: Topics) -> CameraEstimate | None:
     from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 
-    path = contents.path
-    infos = of_topic(path, messages, CAMERA_INFO, CameraEstimateInfo)
-    if not infos:
+    path, info = topics.path, topics.last(CAMERA_INFO, CameraEstimateInfo)
+    if info is None:
         return None
-    info = infos[-1]
-    intrinsics = of_topic(path, messages, INTRINSICS, CameraCalibration)
-    poses = of_topic(path, messages, CAMERA_POSE, CameraPose)
-    if not intrinsics or not poses:
-        warn(path, f"camera '{info.name}' is left out: nothing on {CAMERA_POSE if intrinsics else INTRINSICS}")
+    intrinsics, poses = topics.last(INTRINSICS, CameraCalibration), topics.all(CAMERA_POSE, CameraPose)
+    if intrinsics is None or not poses:
+        lacking = INTRINSICS if intrinsics is None else CAMERA_POSE
+        warn(path, f"camera '{info.name}' is left out: nothing on {lacking}")
         return None
     if len(poses) < info.poses:
         warn(path, f"camera '{info.name}': {len(poses)} of {info.poses} poses are left")
-    calibration = last_of_topic(path, messages, CAMERA_CALIBRATION, codecs.CALIBRATION) or {}
+    calibration = topics.object(CAMERA_CALIBRATION, codecs.CALIBRATION) or {}
     return CameraEstimate(
-        model=intrinsics_of(intrinsics[-1]),
+        model=intrinsics_of(intrinsics),
         path=camera_path_of(poses),
         calibration=next(iter(calibration.values()), None),
         covariance=camera_covariance_of(poses),
-        residual_px=camera_residuals_of(path, info, of_topic(path, messages, CAMERA_RESIDUALS, CameraResiduals)),
+        residual_px=camera_residuals_of(path, info, topics.all(CAMERA_RESIDUALS, CameraResiduals)),
         **CAMERA_HEAD.values(info),
     )
 
@@ -194,19 +181,17 @@ def read_calibration_history(path: str | os.PathLike[str]) -> list[CalibrationHi
     contents = read_contents(
         path, lambda channel: channel.topic.startswith(ESTIMATE) and channel.topic.endswith(wanted)
     )
-    messages = {one.channel.topic: one for one in contents.messages.values() if one.data}
-    infos = of_topic(contents.path, list(messages.values()), SCENE_INFO, SceneEstimateInfo)
+    info = Topics(contents).last(SCENE_INFO, SceneEstimateInfo)
     histories: list[CalibrationHistory] = []
-    for topic in list(infos[-1].wearer_topics) if infos else [SINGLE]:
-        said, poses = messages.get(topic + CALIBRATION), messages.get(topic + POSE)
-        motions = of_topic(contents.path, list(messages.values()), topic + MOTION, MotionInfo)
-        frames = of_topic(contents.path, [poses], topic + POSE, BodyPose) if poses is not None else []
-        if said is None or poses is None or not motions or not frames:
+    for prefix in [SINGLE] if info is None else info.wearer_topics:
+        topics = Topics(contents, prefix)
+        motion, poses = topics.last(MOTION, MotionInfo), topics.all(POSE, BodyPose)
+        found = topics.objects(CALIBRATION, codecs.CALIBRATION)
+        if motion is None or not found or not poses:
             histories.append((np.zeros(0), []))
             continue
-        first_s = motions[-1].start_s + frames[0].frame / motions[-1].rate_hz
-        start_ns = poses.log_times[0] - round(first_s * 1e9)
-        found = objects_of_topic(contents.path, [said], topic + CALIBRATION, codecs.CALIBRATION)
-        times = (np.array(said.log_times, dtype=np.int64) - start_ns) / 1e9
-        histories.append((times, list(found)))
+        first_s = motion.start_s + poses[0].frame / motion.rate_hz
+        start_ns = topics.channels(POSE, BodyPose)[0].log_times[0] - round(first_s * 1e9)
+        logged = [time for one in topics.channels(CALIBRATION, codecs.CALIBRATION.message) for time in one.log_times]
+        histories.append(((np.array(logged, dtype=np.int64) - start_ns) / 1e9, list(found)))
     return histories

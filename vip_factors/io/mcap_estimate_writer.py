@@ -56,7 +56,7 @@ from vip_factors.io.mcap_estimate import (
     WEARER,
 )
 from vip_factors.io.mcap_frames import camera_pose_messages, camera_residual_messages, pose_messages, residual_messages
-from vip_factors.io.mcap_messages import of_topic
+from vip_factors.io.mcap_messages import Topics
 from vip_factors.io.mcap_reader import McapContents, read_contents
 from vip_factors.io.mcap_recording import wearer_topics
 from vip_factors.io.mcap_viewers import point_messages, scene_wanted, shown_step, skeleton_scene, transform_messages
@@ -164,10 +164,9 @@ def _estimate_file(
 
 
 def _start_of(recording: McapContents) -> int:
-    messages = list(recording.messages.values())
     topics = [topic for topic in recording.topics if topic.endswith(RECORDING_INFO)]  # of a scene, one per wearer
-    infos = [info for topic in topics[:1] for info in of_topic(recording.path, messages, topic, RecordingInfo)]
-    return time_ns_of(infos[-1].start) if infos else 0
+    info = Topics(recording).last(topics[0], RecordingInfo) if topics else None
+    return 0 if info is None else time_ns_of(info.start)
 
 
 def _check_residuals(estimate: WearerEstimate) -> None:

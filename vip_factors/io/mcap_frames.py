@@ -154,7 +154,7 @@ def residuals_of(info: EstimateInfo, messages: Sequence[Residuals], frames: int)
 
 
 def camera_path_of(poses: Sequence[CameraPose]) -> CameraPath:
-    """The path of poses."""
+    """The path of poses, one at least."""
     turns = [one.rotation_wxyz for one in poses]
     places = [one.p_world_camera for one in poses]
     return CameraPath(

@@ -15,7 +15,7 @@ from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Landmark, Skeleton, 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import BodyEstimate, DetectorEstimate, Iteration, SensorPlaceEstimate, SolveReport
 from vip_factors.io.codec import Codec, DataclassCodec, vector, vector_message
-from vip_factors.io.mcap_reader import McapMessages, McapWarning
+from vip_factors.io.mcap_reader import McapContents, McapMessages, McapWarning
 from vip_factors.io.mcap_records import McapChannel
 from vip_factors.io.schemas.body_estimate_pb2 import BodyEstimate as BodyEstimateMessage
 from vip_factors.io.schemas.body_pose_pb2 import MotionInfo
@@ -213,29 +213,51 @@ def parsed(path: Path, messages: McapMessages, message_class: type[M]) -> list[M
     return read
 
 
-def of_topic(path: Path, messages: Sequence[McapMessages], topic: str, message_class: type[M]) -> list[M]:
-    """All messages of one kind on one topic; none if there is no such channel."""
-    found = [one for one in messages if one.channel.topic == topic and is_ours(one.channel, message_class)]
-    return [message for one in found for message in parsed(path, one, message_class)]
+class Topics:
+    """The messages of a file by topic.
 
-
-def objects_of_topic(path: Path, messages: Sequence[McapMessages], topic: str, codec: Codec[Any, T]) -> tuple[T, ...]:
-    """The objects of all messages of one kind on one topic.
-
-    Raises:
-        FileFormatError, InputError: for what no such object can be.
+    Args:
+        contents: of the file.
+        prefix: what every topic that is asked for begins with.
     """
-    return tuple(codec.decode(one) for one in of_topic(path, messages, topic, codec.message))
 
+    def __init__(self, contents: McapContents, prefix: str = "") -> None:
+        self.contents, self.path, self._prefix = contents, contents.path, prefix
+        self._channels = dict[str, list[McapMessages]]()
+        for one in contents.messages.values():
+            self._channels.setdefault(one.channel.topic, []).append(one)
 
-def last_of_topic(path: Path, messages: Sequence[McapMessages], topic: str, codec: Codec[Any, T]) -> T | None:
-    """The object of the last message of one kind on one topic: of what comes several times the last one counts.
+    def channels(self, topic: str, message_class: "type[Message]") -> list[McapMessages]:
+        """The channels of a topic that carry these messages: one, unless several programs wrote the file."""
+        found = self._channels.get(self._prefix + topic, ())
+        return [one for one in found if is_ours(one.channel, message_class)]
 
-    Raises:
-        FileFormatError, InputError: for what no such object can be.
-    """
-    found = of_topic(path, messages, topic, codec.message)
-    return codec.decode(found[-1]) if found else None
+    def all(self, topic: str, message_class: type[M]) -> list[M]:
+        """All messages of one kind on one topic; none if there is no such channel.
+
+        Raises:
+            FileFormatError: if one does not decode.
+        """
+        found = self.channels(topic, message_class)
+        return [message for one in found for message in parsed(self.path, one, message_class)]
+
+    def last(self, topic: str, message_class: type[M]) -> M | None:
+        """The last of them: of what comes several times the last one counts."""
+        found = self.all(topic, message_class)
+        return found[-1] if found else None
+
+    def objects(self, topic: str, codec: Codec[Any, T]) -> tuple[T, ...]:
+        """The objects of all messages of one kind on one topic.
+
+        Raises:
+            FileFormatError, InputError: for what no such object can be.
+        """
+        return tuple(codec.decode(one) for one in self.all(topic, codec.message))
+
+    def object(self, topic: str, codec: Codec[Any, T]) -> T | None:
+        """The object of the last of them; raises likewise."""
+        message = self.last(topic, codec.message)
+        return None if message is None else codec.decode(message)
 
 
 def warn(path: Path, sentence: str) -> None:

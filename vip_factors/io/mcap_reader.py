@@ -53,7 +53,7 @@ class McapMessages:
     data: list[bytes] = field(default_factory=list)
 
     def add(self, log_time: int, publish_time: int, sequence: int, data: bytes) -> None:
-        """One more."""
+        """Take in the next message of the channel."""
         self.log_times.append(log_time)
         self.publish_times.append(publish_time)
         self.sequences.append(sequence)
@@ -106,8 +106,13 @@ class McapContents:
 
     @property
     def topics(self) -> list[str]:
-        """All topics, sorted."""
-        return sorted({messages.channel.topic for messages in self.messages.values()})
+        """All topics of the file, wanted or not, sorted."""
+        return sorted(self.topics_in_order)
+
+    @property
+    def topics_in_order(self) -> list[str]:
+        """The same as they first came."""
+        return list(dict.fromkeys(messages.channel.topic for messages in self.messages.values()))
 
 
 def read_contents(

@@ -12,7 +12,7 @@ from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import DataclassCodec
 from vip_factors.io.mcap_camera import CameraTopics, camera_messages, camera_of, camera_truth_of
 from vip_factors.io.mcap_frames import motion_of, pose_messages
-from vip_factors.io.mcap_messages import PACKAGE, PROTOBUF, is_ours, last_of_topic, naming, of_topic, warn
+from vip_factors.io.mcap_messages import PACKAGE, PROTOBUF, Topics, is_ours, naming, warn
 from vip_factors.io.mcap_reader import McapContents, McapMessages, read_contents
 from vip_factors.io.mcap_records import McapChannel
 from vip_factors.io.mcap_samples import read_streams, sample_messages
@@ -98,10 +98,10 @@ def read_recording(path: str | os.PathLike[str] | McapContents) -> Recording:
             "read it as a scene (read_scene)"
         )
     with naming(contents.path):
-        return recording_of(contents, contents.messages.values())
+        return recording_of(contents)
 
 
-def recording_of(contents: McapContents, messages: Iterable[McapMessages], prefix: str = "") -> Recording:
+def recording_of(contents: McapContents, prefix: str = "") -> Recording:
     """One wearer's recording, of the messages below the topic ``prefix``; the rest of a scene is passed over.
 
     Raises:
@@ -110,53 +110,53 @@ def recording_of(contents: McapContents, messages: Iterable[McapMessages], prefi
     """
     passed = (ESTIMATE,) if prefix else (ESTIMATE, WEARER, *BEYOND)
     mine = [
-        replace(one, channel=replace(one.channel, topic=one.channel.topic.removeprefix(prefix)))
-        for one in messages
+        one
+        for one in contents.messages.values()
         if one.channel.topic.startswith(f"{prefix}/" if prefix else "") and not one.channel.topic.startswith(passed)
     ]
     ours = [one for one in mine if any(is_ours(one.channel, kind) for kind in READ)]
     _warn_of_foreign(contents, [one.channel for one in mine if one not in ours])
     if not ours:
         raise FileFormatError(_nothing_here(contents))
-    return _recording(contents, ours)
+    samples = [one for one in ours if is_ours(one.channel, ImuSample)]
+    return _recording(Topics(contents, prefix), samples)
 
 
-def _recording(contents: McapContents, ours: Sequence[McapMessages]) -> Recording:
-    path = contents.path
-    heads = of_topic(path, ours, INFO, RecordingInfo)
-    subject = last_of_topic(path, ours, SUBJECT, codecs.SUBJECT)
-    placement = last_of_topic(path, ours, PLACEMENT, codecs.PLACEMENT)
+def _recording(topics: Topics, samples: Sequence[McapMessages]) -> Recording:
+    path = topics.path
+    info = topics.last(INFO, RecordingInfo)
+    subject = topics.object(SUBJECT, codecs.SUBJECT)
+    placement = topics.object(PLACEMENT, codecs.PLACEMENT)
     for there, what, instead in (
-        (bool(heads), f"RecordingInfo on {INFO}", "the file's name stands for it, without an initial pose"),
+        (info is not None, f"RecordingInfo on {INFO}", "the file's name stands for it, without an initial pose"),
         (subject is not None, f"Subject on {SUBJECT}", "a person of average stature stands for it"),
         (placement is not None, f"SensorPlacement on {PLACEMENT}", "no sensor has a place"),
     ):
         if not there:
             warn(path, f"there is no {what}: {instead}")
-    head = HEAD.values(heads[-1] if heads else RecordingInfo(name=path.stem))
+    head = HEAD.values(RecordingInfo(name=path.stem) if info is None else info)
     head |= {
         "initial_pose": head["initial_pose"] or "none",
-        "notes": "\n".join([*filter(None, [head["notes"]]), *contents.damage]),
+        "notes": "\n".join([*filter(None, [head["notes"]]), *topics.contents.damage]),
     }
     return Recording(
         subject=subject or Subject(),
-        imus=read_streams(path, [one for one in ours if is_ours(one.channel, ImuSample)], head["start_ns"]),
+        imus=read_streams(path, samples, head["start_ns"]),
         placement=placement or Placement(),
-        truth=_truth(path, ours),
+        truth=_truth(topics),
         **head,
     )
 
 
-def _truth(path: Path, ours: Sequence[McapMessages]) -> Truth | None:
-    motions = of_topic(path, ours, TRUTH_MOTION, MotionInfo)
-    poses = of_topic(path, ours, TRUTH_POSE, BodyPose)
-    if not motions:
+def _truth(topics: Topics) -> Truth | None:
+    info, poses = topics.last(TRUTH_MOTION, MotionInfo), topics.all(TRUTH_POSE, BodyPose)
+    if info is None:
         if poses:
-            warn(path, f"topic {TRUTH_POSE} without {TRUTH_MOTION}: the truth is left out")
+            warn(topics.path, f"topic {TRUTH_POSE} without {TRUTH_MOTION}: the truth is left out")
         return None
-    motion, _ = motion_of(path, motions[-1], poses)
-    known = frozenset(motions[-1].known_bones) & set(JOINT_NAMES) or None
-    return Truth(motion, last_of_topic(path, ours, TRUTH_CALIBRATION, codecs.CALIBRATION), known)
+    motion, _ = motion_of(topics.path, info, poses)
+    known_bones = frozenset(info.known_bones) & set(JOINT_NAMES) or None
+    return Truth(motion, topics.object(TRUTH_CALIBRATION, codecs.CALIBRATION), known_bones)
 
 
 def _warn_of_foreign(contents: McapContents, channels: Sequence[McapChannel]) -> None:
@@ -221,16 +221,16 @@ def read_scene(path: str | os.PathLike[str] | McapContents) -> Scene:
         RecordingError: if its samples are unusable.
     """
     contents = read_contents(path, is_read)
-    messages = list(contents.messages.values())
-    infos = of_topic(contents.path, messages, SCENE_INFO, SceneInfo)
+    topics = Topics(contents)
+    info = topics.last(SCENE_INFO, SceneInfo)
     with naming(contents.path):
-        wearers = _wearers(contents, messages, infos[-1] if infos else None)
+        wearers = tuple(recording_of(contents, one) for one in wearer_prefixes(contents, info))
         if not wearers:
             raise FileFormatError(f"expected a scene; found topics {', '.join(contents.topics)}, no wearer among them")
-        camera, truth, further = _cameras(contents.path, messages, infos[-1] if infos else None, wearers[0].start_ns)
-        if infos and len(infos[-1].wearer_topics) > len(wearers):
+        camera, truth, further = _cameras(topics, info, wearers[0].start_ns)
+        if info is not None and len(info.wearer_topics) > len(wearers):
             truth = None  # it counts the wearers
-        return Scene(infos[-1].name if infos else wearers[0].name, wearers, camera, truth, further)
+        return Scene(wearers[0].name if info is None else info.name, wearers, camera, truth, further)
 
 
 def is_read(channel: McapChannel) -> bool:
@@ -239,16 +239,9 @@ def is_read(channel: McapChannel) -> bool:
     return beyond or (is_ours(channel) and not channel.topic.startswith(ESTIMATE))
 
 
-def _wearers(contents: McapContents, messages: Sequence[McapMessages], info: SceneInfo | None) -> tuple[Recording, ...]:
-    prefixes = wearer_prefixes(contents, messages, info)
-    return tuple(recording_of(contents, messages, one) for one in prefixes)
-
-
-def wearer_prefixes(contents: McapContents, messages: Sequence[McapMessages], info: SceneInfo | None) -> list[str]:
+def wearer_prefixes(contents: McapContents, info: SceneInfo | None) -> list[str]:
     """What the topics of each wearer begin with of whom something is left; who has nothing is told."""
-    found = {
-        "/".join(one.channel.topic.split("/")[:3]): None for one in messages if one.channel.topic.startswith(WEARER)
-    }
+    found = {"/".join(topic.split("/")[:3]): None for topic in contents.topics_in_order if topic.startswith(WEARER)}
     prefixes = list(info.wearer_topics) if info is not None else list(found) or [""]
     for one in prefixes:
         if one and one not in found:
@@ -258,23 +251,23 @@ def wearer_prefixes(contents: McapContents, messages: Sequence[McapMessages], in
 
 
 def _cameras(
-    path: Path, messages: Sequence[McapMessages], info: SceneInfo | None, start_ns: int
+    topics: Topics, info: SceneInfo | None, start_ns: int
 ) -> tuple[Camera | None, SceneTruth | None, tuple[Camera, ...]]:
     """The first camera, what is known, and further cameras."""
-    there = any(one.channel.topic.startswith(f"{FIRST_CAMERA.prefix}/") for one in messages)
+    there = any(topic.startswith(f"{FIRST_CAMERA.prefix}/") for topic in topics.contents.topics)
     if not there and not (info is not None and info.has_camera):
         return None, None, ()
-    camera, known = camera_of(path, messages, FIRST_CAMERA, start_ns)
-    truth = camera_truth_of(path, messages, FIRST_CAMERA, start_ns, known)
+    camera, wearers = camera_of(topics, FIRST_CAMERA, start_ns)
+    truth = camera_truth_of(topics, FIRST_CAMERA, start_ns, wearers)
     further, truths = [], []
     for prefix in info.further_camera_topics if info is not None and camera is not None else ():
-        topics = CameraTopics(prefix)
-        one, known = camera_of(path, messages, topics, start_ns)
+        own = CameraTopics(prefix)
+        one, wearers = camera_of(topics, own, start_ns)
         if one is not None and one.known_path is None:
-            warn(path, f"camera '{one.name}' is left out: its known pose on {topics('pose')} is not left")
+            warn(topics.path, f"camera '{one.name}' is left out: its known pose on {own('pose')} is not left")
         elif one is not None:
             further.append(one)
-            truths.append(camera_truth_of(path, messages, topics, start_ns, known) if truth is not None else None)
+            truths.append(camera_truth_of(topics, own, start_ns, wearers) if truth is not None else None)
     complete = tuple(one for one in truths if one is not None)
     if truth is not None:
         truth = replace(truth, further=complete) if len(complete) == len(further) else None

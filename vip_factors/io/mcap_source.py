@@ -12,7 +12,7 @@ import numpy as np
 from vip_factors.errors import RecordingError
 from vip_factors.io.codec import NS_PER_S
 from vip_factors.io.mcap_camera import CameraTopics, camera_of
-from vip_factors.io.mcap_messages import is_ours, naming, of_topic
+from vip_factors.io.mcap_messages import Topics, is_ours, naming, parsed
 from vip_factors.io.mcap_reader import McapByTime, McapContents, McapMessages
 from vip_factors.io.mcap_recording import FIRST_CAMERA, IMU, SCENE_INFO, recording_of, wearer_prefixes
 from vip_factors.io.mcap_records import McapChannel, logged_interval
@@ -161,10 +161,9 @@ class SceneFile:
         """
         reach = start - MARGIN_S, end + MARGIN_S
         contents = self._contents(*reach)
-        messages = list(contents.messages.values())
         wearers = [replace(one.head, imus=one.among(contents, *reach)) for one in self.wearers]
         with naming(self.file.path):
-            cameras = [self._camera(number, messages, start, end) for number in range(len(self.ends))]
+            cameras = [self._camera(number, Topics(contents), start, end) for number in range(len(self.ends))]
         return self._scene(cameras, wearers)
 
     def detected(self, start: float, end: float) -> int:
@@ -175,8 +174,7 @@ class SceneFile:
         start, end, count = max(start, float(time[0])), min(end, float(np.nextafter(time[-1], np.inf))), 0
         while start < end:
             until = min(start + COUNTED_S, end)
-            messages = list(self._contents(start, until).messages.values())
-            for one in of_topic(self.file.path, messages, self._detections(0), Detections2D):
+            for one in Topics(self._contents(start, until)).all(self.topics[0]("detections"), Detections2D):
                 count += len(one.people) * (start <= one.seconds + clock.late(one.seconds) < until)
             start = until
         return count
@@ -184,10 +182,10 @@ class SceneFile:
     @property
     def is_found_by_time(self) -> bool:
         """Whether video frames were logged at their own times, and all that is said of the cameras is there."""
-        messages = list(self.file.contents.messages.values())
-        for number, camera in enumerate(self.ends):
-            for logged in (one for one in messages if one.channel.topic == self._detections(number)):
-                seen = of_topic(self.file.path, [logged], self._detections(number), Detections2D)
+        topics = Topics(self.file.contents)
+        for camera, topic in zip(self.ends, self.topics, strict=True):
+            for logged in topics.channels(topic("detections"), Detections2D):
+                seen = parsed(self.file.path, logged, Detections2D)
                 own = camera.clock.at(np.array([one.seconds for one in seen]))
                 there = np.array([(one - self._start_ns) / NS_PER_S for one in logged.log_times])
                 if len(own) and np.max(np.abs(own - there)) > CLOCK_SLACK_S:
@@ -198,28 +196,23 @@ class SceneFile:
     def _start_ns(self) -> int:
         return self.wearers[0].head.start_ns
 
-    def _detections(self, number: int) -> str:
-        return self.topics[number]("detections")
-
     def _scene(self, cameras: Sequence[Camera], wearers: Sequence[Recording]) -> Scene:
         return Scene(self.name, tuple(wearers), cameras[0], None, tuple(cameras[1:]))
 
     def _contents(self, start: float, end: float) -> McapContents:
         return self.file.between(*_logged(self._start_ns, start, end))
 
-    def _camera(self, number: int, messages: Sequence[McapMessages], start: float, end: float) -> Camera:
+    def _camera(self, number: int, topics: Topics, start: float, end: float) -> Camera:
         """One camera with what it filmed between two instants, and what the sensor on it measured."""
-        whole, topics, path = self.ends[number], self.topics[number], self.file.path
-        info = of_topic(path, list(self.file.contents.messages.values()), topics("info"), CameraInfo)[-1]
-        seen = of_topic(path, messages, topics("detections"), Detections2D)
+        whole, own = self.ends[number], self.topics[number]
+        info = Topics(self.file.contents).all(own("info"), CameraInfo)[-1]
+        seen = topics.all(own("detections"), Detections2D)
         for one in reversed(seen):
             one.frame -= seen[0].frame
         detections, _ = detections_of(info, seen)
         mount = whole.mount
         if mount is not None:
-            streams = read_streams(
-                path, [one for one in messages if one.channel.topic == topics("imu")], self._start_ns
-            )
+            streams = read_streams(topics.path, topics.channels(own("imu"), ImuSample), self._start_ns)
             imu = streams.get(mount.imu.name)
             mount = None if imu is None else mount_of(mount, imu.cut(start - MARGIN_S, end + MARGIN_S))
         return replace(whole, detections=cut_detections(detections, start, end, whole.clock), mount=mount, video=None)
@@ -280,25 +273,25 @@ def _together(
 def _by_time(path: str | os.PathLike[str]) -> SceneFile | UnfilmedSource | None:
     """The scene in an MCAP file, to be read by time; None if it cannot be read so."""
     file = McapByTime(path, _comes_once, _comes_in_time)
-    messages = list(file.contents.messages.values())
-    infos = of_topic(file.path, messages, SCENE_INFO, SceneInfo)
+    of_file = Topics(file.contents)
+    info = of_file.last(SCENE_INFO, SceneInfo)
     try:
         with naming(file.path):
             wearers = tuple(
-                WearerFile(file, recording_of(file.contents, messages, prefix), prefix)
-                for prefix in wearer_prefixes(file.contents, messages, infos[-1] if infos else None)
+                WearerFile(file, recording_of(file.contents, prefix), prefix)
+                for prefix in wearer_prefixes(file.contents, info)
             )
             if not (wearers and file.chunked and all(one.is_found_by_time for one in wearers)):
                 return None
     except RecordingError:  # what the ends lack the rest may have
         return None
-    name = infos[-1].name if infos else wearers[0].head.name
+    name = wearers[0].head.name if info is None else info.name
     if not any(topic.startswith(CAMERA) for topic in file.contents.topics):
         return UnfilmedSource(name, wearers)
-    topics = [FIRST_CAMERA, *(CameraTopics(one) for one in (infos[-1].further_camera_topics if infos else ()))]
+    topics = [FIRST_CAMERA, *(CameraTopics(one) for one in (() if info is None else info.further_camera_topics))]
     with warnings.catch_warnings(), naming(file.path):
         warnings.simplefilter("ignore")  # of video frames there are two; whoever reads all of it says what is lost
-        cameras = [camera_of(file.path, messages, one, wearers[0].head.start_ns)[0] for one in topics]
+        cameras = [camera_of(of_file, one, wearers[0].head.start_ns)[0] for one in topics]
     known = tuple(one for one in cameras if one is not None)
     if len(known) < len(topics):
         return None

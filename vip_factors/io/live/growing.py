@@ -197,7 +197,7 @@ class _SampleReader:
         self._start_ns = 0
 
     def begin(self, setup: LiveSetup) -> None:
-        """The set-up is known."""
+        """From here on samples can be read: the set-up names their carriers and clocks."""
         names = [*(one.name for one in setup.wearers), *(one.name for one in setup.cameras)]
         self._names = dict(zip(self._head.wearers + self._head.cameras, names, strict=True))
         infos = self._head.camera_infos

@@ -32,7 +32,16 @@ import numpy as np
 from vip_factors.atomic import atomic_open
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, exp, nearest_rotation
-from vip_factors.io.toml_values import known_keys, nearest, number_at, numbers_at, read_toml, table_at, toml_text
+from vip_factors.io.toml_values import (
+    known_keys,
+    nearest,
+    number_at,
+    numbers_at,
+    read_text,
+    read_toml,
+    table_at,
+    toml_text,
+)
 from vip_factors.sensors.camera_model import CameraModel
 
 NUMBERS = ("width", "height", "fx", "fy", "cx", "cy")
@@ -189,12 +198,7 @@ def _model(where: str, size: Array, K: Array, distortion: Array) -> CameraModel:
 
 def _opencv_model(path: Path) -> CameraModel:
     """Intrinsics as OpenCV's and ROS's programs write them: a ``camera_matrix`` and, if there, ``dist_coeffs``."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot be read ({error.strerror}): expected a camera file") from error
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{path}: {error}: expected a camera file (TOML, or OpenCV's YAML)") from error
+    text = read_text(path, "a camera file (TOML, or OpenCV's YAML)", strict=True)
     numbers = _json_numbers(path, text) if path.suffix.lower() == ".json" else _storage_numbers(path, text)
     K, distortion, size, width, height = (numbers(names) for names in (MATRIX, DISTORTION, SIZE, WIDTH, HEIGHT))
     if K is None or K.size != 9:

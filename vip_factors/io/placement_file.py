@@ -34,7 +34,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.importers.shared import ImportedLog, site_of_name
-from vip_factors.io.toml_values import known_keys, nearest, number_at, numbers_at, table_at, text_at
+from vip_factors.io.toml_values import known_keys, nearest, number_at, numbers_at, read_text, table_at, text_at
 from vip_factors.sensors.calibration import (
     CARELESS_MOUNTING_SIGMA,
     PRESETS,
@@ -109,11 +109,9 @@ def placement_from_file(path: str | Path) -> PlacementFile:
     path = Path(path)
     if path.suffix.lower() == ".xml":
         return PlacementFile(sensors={name: SensorEntry(site) for name, site in sites_of_mappings(path).items()})
+    text = read_text(path, "a TOML or JSON file", strict=True)
     try:
-        text = path.read_text(encoding="utf-8-sig")
         content = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot be read ({error.strerror}): expected a TOML or JSON file") from error
     except (ValueError, RecursionError) as error:
         raise FileFormatError(f"{path}: {error}: expected {path.suffix or 'TOML'} syntax") from error
     if not isinstance(content, Mapping):

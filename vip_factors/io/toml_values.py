@@ -99,11 +99,24 @@ def read_toml(path: Path, what: str) -> Mapping[str, Any]:
     Raises:
         FileFormatError: if it cannot be read or parsed.
     """
+    text = read_text(path, what, strict=True)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # the latter: brackets in brackets without end
+        raise FileFormatError(f"{path}: {error}: expected {what}") from error
+
+
+def read_text(path: Path, what: str, strict: bool = False) -> str:
+    """The text of a file in UTF-8, of which other bytes are replaced, or refused; ``what`` it should be is told.
+
+    Raises:
+        FileFormatError: if it cannot be read.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig", errors="strict" if strict else "replace")
     except OSError as error:
         raise FileFormatError(f"{path}: cannot be read ({error.strerror}): expected {what}") from error
-    except (ValueError, RecursionError) as error:  # the latter: brackets in brackets without end
+    except ValueError as error:
         raise FileFormatError(f"{path}: {error}: expected {what}") from error
 
 

@@ -11,6 +11,7 @@ from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z
 from vip_factors.io.motions.retarget import retarget, without_rest_frames
 from vip_factors.io.motions.skeleton_maps import SkeletonMap, SourceClip, rest_positions, source_kinematics
+from vip_factors.io.toml_values import read_text
 
 TURNS = {"xrotation": rotation_x, "yrotation": rotation_y, "zrotation": rotation_z}
 SHIFTS = {"xposition": 0, "yposition": 1, "zposition": 2}
@@ -58,11 +59,7 @@ def read_bvh(
 def read_bvh_clip(path: str | Path) -> SourceClip:
     """A BVH file as it is: its own skeleton, axes and unit."""
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot be read ({error.strerror}); expected a BVH file") from error
-    lines = text.lstrip("\ufeff").splitlines()
+    lines = read_text(path, "a BVH file").splitlines()
     numbered = iter(enumerate(lines, start=1))
     hierarchy = _parse_hierarchy(numbered, path)
     frame_time, values = _parse_motion(lines, numbered, hierarchy.width, path)

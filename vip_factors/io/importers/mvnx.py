@@ -18,11 +18,12 @@ from vip_factors.body.anthropometry import STATURE_RANGE_M, skeleton_from_statur
 from vip_factors.body.kinematics import Motion, local_rotations
 from vip_factors.body.lengths import HAND_KNUCKLES, LEGS
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, Landmark, Skeleton, ancestors, joint_index
-from vip_factors.errors import FileFormatError, InputError
+from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, transpose
 from vip_factors.io.importers.mvnx_document import MvnxDocument, read_document
-from vip_factors.io.importers.shared import ImportedLog
+from vip_factors.io.importers.shared import ImportedLog, rotations_or_nan
+from vip_factors.io.motions.skeleton_maps import both_sides
 from vip_factors.sensors.calibration import Placement, SensorSite, place
 from vip_factors.sensors.imu_stream import ImuStream
 
@@ -42,14 +43,12 @@ SEGMENT_PARENTS = {
 # Our bones and the segment whose turning they take; L3 shares spine1 with L5, see _bone_rotations.
 BONE_SEGMENTS = {
     "pelvis": "Pelvis", "spine1": "L5", "spine2": "T12", "spine3": "T8", "neck": "Neck", "head": "Head",
-} | {
-    f"{side.lower()}_{bone}": f"{side}{segment}"
-    for side in ("Left", "Right")
-    for bone, segment in {
-        "collar": "Shoulder", "shoulder": "UpperArm", "elbow": "ForeArm", "wrist": "Hand", "hand": "Hand",
-        "hip": "UpperLeg", "knee": "LowerLeg", "ankle": "Foot", "foot": "Toe",
-    }.items()
-}  # fmt: skip
+} | both_sides(
+    {
+        "collar": "{}Shoulder", "shoulder": "{}UpperArm", "elbow": "{}ForeArm", "wrist": "{}Hand", "hand": "{}Hand",
+        "hip": "{}UpperLeg", "knee": "{}LowerLeg", "ankle": "{}Foot", "foot": "{}Toe",
+    }, "Left", "Right",
+)  # fmt: skip
 
 STRAIGHT_POSES = ("identity", "npose", "tpose")  # poses of the calibration that show the zero pose, the best first
 SANE_CLOSURE_M = 0.03  # joints of a right convention meet within millimetres; the arms of a wrong one miss by 0.3 m
@@ -196,14 +195,13 @@ GRAVITY = np.array([0.0, 0.0, 9.80665])  # the value MVN subtracts
 MVN_MOUNTING_SIGMA = np.deg2rad(10.0)
 UTC_YEAR_2000_MS = 946_684_800_000  # earlier "ms" attributes count from the recording's start, not from 1970
 
-SENSOR_SITES = {"Pelvis": "pelvis", "T8": "sternum", "Head": "head"} | {
-    f"{side}{segment}": f"{side.lower()}_{site}"
-    for side in ("Left", "Right")
-    for segment, site in {
-        "Shoulder": "shoulder", "UpperArm": "upper_arm", "ForeArm": "forearm", "Hand": "hand",
-        "UpperLeg": "thigh", "LowerLeg": "shank", "Foot": "foot",
-    }.items()
+_LIMBS = {
+    "shoulder": "{}Shoulder", "upper_arm": "{}UpperArm", "forearm": "{}ForeArm", "hand": "{}Hand",
+    "thigh": "{}UpperLeg", "shank": "{}LowerLeg", "foot": "{}Foot",
 }  # fmt: skip
+SENSOR_SITES = {"Pelvis": "pelvis", "T8": "sternum", "Head": "head"} | {
+    segment: site for site, segment in both_sides(_LIMBS, "Left", "Right").items()
+}
 
 
 def matches(path: Path) -> bool:
@@ -227,7 +225,7 @@ def read(path: Path) -> ImportedLog:
     if document.truncated:
         notes.append(f"the file breaks off ({document.truncated}): {len(document.samples)} frames were read")
     time = _times(document)
-    imus = _streams(document, time)
+    imus = _streams(document, time, notes)
     body = body_of(document, time)
     placement = None
     if isinstance(body, str):
@@ -266,7 +264,7 @@ def _start_ns(document: MvnxDocument) -> int:
     return int(text) * 1_000_000 if text.isdigit() and int(text) > UTC_YEAR_2000_MS else 0
 
 
-def _streams(document: MvnxDocument, time: Array) -> dict[str, ImuStream]:
+def _streams(document: MvnxDocument, time: Array, notes: list[str]) -> dict[str, ImuStream]:
     quaternions = document.channel("sensorOrientation")
     if quaternions is None:
         raise FileFormatError(
@@ -276,13 +274,7 @@ def _streams(document: MvnxDocument, time: Array) -> dict[str, ImuStream]:
     rate = document.channel("sensorAngularVelocity")
     imus = {}
     for row, name in enumerate(document.sensors):
-        lost = ~np.all(np.isfinite(quaternions[:, row]), axis=1)
-        filled = np.where(lost[:, None], [1.0, 0, 0, 0], quaternions[:, row])
-        try:
-            R = matrix_from_quaternion(filled, Order.WXYZ)
-        except InputError as error:
-            raise FileFormatError(f"{document.path}: sensorOrientation of {name}: {error}") from error
-        R[lost] = np.nan
+        R = rotations_or_nan(quaternions[:, row], Order.WXYZ, f"{document.path}, sensor {name}", notes)
         f = None if force is None else force[:, row]
         if f is None and free is not None:
             f = np.einsum("nji,nj->ni", R, free[:, row] + GRAVITY)

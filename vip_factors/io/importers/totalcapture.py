@@ -21,7 +21,7 @@ from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Skeleton, joint_inde
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array, angle_between, exp, log, rotation_x, transpose
-from vip_factors.io.importers.shared import ImportedLog, z_up
+from vip_factors.io.importers.shared import ImportedLog, rotations_or_nan, z_up
 from vip_factors.io.importers.totalcapture_files import (
     SensorTable,
     companion,
@@ -31,6 +31,7 @@ from vip_factors.io.importers.totalcapture_files import (
     read_truth,
     sensors_file,
 )
+from vip_factors.io.motions.skeleton_maps import both_sides
 from vip_factors.sensors.calibration import SITES, Placement, SensorSite, place
 from vip_factors.sensors.imu_stream import ImuStream
 
@@ -43,14 +44,12 @@ REST_DEG = 30.0  # limbs further from the T-pose at identity mean another zero p
 # Our bones and the joint that carries their position and turning; spine1 shares Spine and Spine1.
 BONE_JOINTS = {
     "pelvis": "Hips", "spine1": "Spine", "spine2": "Spine2", "spine3": "Spine3", "neck": "Neck", "head": "Head",
-} | {
-    f"{side.lower()}_{bone}": f"{side}{joint}"
-    for side in ("Left", "Right")
-    for bone, joint in {
-        "collar": "Shoulder", "shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand", "hand": "Hand",
-        "hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "foot": "Foot",
-    }.items()
-}  # fmt: skip
+} | both_sides(
+    {
+        "collar": "{}Shoulder", "shoulder": "{}Arm", "elbow": "{}ForeArm", "wrist": "{}Hand", "hand": "{}Hand",
+        "hip": "{}UpLeg", "knee": "{}Leg", "ankle": "{}Foot", "foot": "{}Foot",
+    }, "Left", "Right",
+)  # fmt: skip
 ENDS = ("left_hand", "right_hand", "left_foot", "right_foot")  # joints that the optical skeleton does not have
 # Where limbs point at rest, in our axes.
 REST_DIRECTIONS = {
@@ -183,13 +182,12 @@ Rows = NDArray[np.intp]
 # The published mountings leave bones 2–7° from the optical ones: soft tissue, mostly.
 MOUNTING_SIGMA = np.deg2rad(7.0)
 
-SENSOR_SITES = {"Head": "head", "Sternum": "sternum", "Pelvis": "pelvis"} | {
-    f"{side[0]}_{name}": f"{side.lower()}_{site}"
-    for side in ("Left", "Right")
-    for name, site in {
-        "UpArm": "upper_arm", "LowArm": "forearm", "UpLeg": "thigh", "LowLeg": "shank", "Foot": "foot",
-    }.items()
+_LIMBS = {
+    "upper_arm": "{}_UpArm", "forearm": "{}_LowArm", "thigh": "{}_UpLeg", "shank": "{}_LowLeg", "foot": "{}_Foot",
 }  # fmt: skip
+SENSOR_SITES = {"Head": "head", "Sternum": "sternum", "Pelvis": "pelvis"} | {
+    name: site for site, name in both_sides(_LIMBS, "L", "R").items()
+}
 
 
 def matches(path: Path) -> bool:
@@ -216,8 +214,7 @@ def read(path: Path, align: Align = "head") -> ImportedLog:
     file = sensors_file(path)
     table = read_sensors(file)
     notes = [table.truncated] if table.truncated else []
-    R_inertial_sensor = _orientations(file, table)
-    imus = _streams(table, R_inertial_sensor, notes)
+    imus, R_inertial_sensor = _streams(file, table, notes)
     body = _body(file, notes)
     truth, placement = None, None
     if body is not None:
@@ -240,28 +237,19 @@ def read(path: Path, align: Align = "head") -> ImportedLog:
     )
 
 
-def _orientations(file: Path, table: SensorTable) -> Array:
-    """``(N, S, 3, 3)``, NaN where a quaternion is all zeros: how the exports write a lost sample."""
-    q = table.values[..., :4]
-    lost = ~(np.linalg.norm(q, axis=-1) > 0)
-    try:
-        R = matrix_from_quaternion(np.where(lost[..., None], [1.0, 0, 0, 0], q), Order.WXYZ)
-    except InputError as error:
-        raise FileFormatError(f"{file}: frame and sensor {error}") from error
-    R[lost] = np.nan
-    return R
-
-
-def _streams(table: SensorTable, R_inertial_sensor: Array, notes: list[str]) -> dict[str, ImuStream]:
-    time = (table.index - 1) / RATE
-    imus = {}
+def _streams(file: Path, table: SensorTable, notes: list[str]) -> tuple[dict[str, ImuStream], Array]:
+    """Streams by sensor, and all orientations ``(N, S, 3, 3)``, NaN where lost: exports write these as zeros."""
+    time, R_inertial_sensor, imus = (table.index - 1) / RATE, [], {}
     for k, name in enumerate(table.names):
+        lost = ~np.any(table.values[:, k, :4], axis=1)
+        quaternions = np.where(lost[:, None], np.nan, table.values[:, k, :4])
+        R_inertial_sensor.append(rotations_or_nan(quaternions, Order.WXYZ, f"{file}, sensor {name}", notes))
         force = table.values[:, k, 4:7]
         rate = table.values[:, k, 7:10] if table.values.shape[-1] > 7 else None
-        R, odd = z_up(name, R_inertial_sensor[:, k], force)
+        R, odd = z_up(name, R_inertial_sensor[-1], force)
         notes += odd
         imus[name] = ImuStream.from_samples(name, time, force, R, rate)
-    return imus
+    return imus, np.stack(R_inertial_sensor, axis=1)
 
 
 def _body(file: Path, notes: list[str]) -> OpticalBody | None:

@@ -48,7 +48,7 @@ class SkeletonMap:
 CMU_ARMS_TURNED_DEG = -30.0
 
 
-def _both_sides(table: Mapping[str, str], left: str, right: str) -> dict[str, str]:
+def both_sides(table: Mapping[str, str], left: str, right: str) -> dict[str, str]:
     """Entries of both sides: ``{}`` in a node's name stands for the side."""
     sides = (("left", left), ("right", right))
     return {f"{side}_{joint}": node.format(prefix) for joint, node in table.items() for side, prefix in sides}
@@ -57,13 +57,13 @@ def _both_sides(table: Mapping[str, str], left: str, right: str) -> dict[str, st
 CGSPEED = SkeletonMap(
     "cgspeed (Daz figures)",
     {"pelvis": "hip", "spine1": "abdomen", "spine2": "chest", "neck": "neck", "head": "head"}
-    | _both_sides(
+    | both_sides(
         {
             "hip": "{}Thigh", "knee": "{}Shin", "ankle": "{}Foot", "foot": "{}Foot/end", "collar": "{}Collar",
             "shoulder": "{}Shldr", "elbow": "{}ForeArm", "wrist": "{}Hand", "hand": "{}Mid1",
         }, "l", "r",
     ),
-    _both_sides({"fingertip": "{}Mid2/end"}, "l", "r"),
+    both_sides({"fingertip": "{}Mid2/end"}, "l", "r"),
     # This figure rests with forearms bent by 17° and knees by 7.6°, and against the CMU originals of subjects 02 and 03
     # (twelve clips) the elbows and knees of all frames are bent by as much more: its rest pose was taken for a T-pose.
     # With limbs taken for straight, knees and the bend of elbows agree within 2° in the mean. Whether the straight leg
@@ -78,16 +78,16 @@ MVN = SkeletonMap(
     "Xsens MVN",
     {
         "pelvis": "Hips", "spine1": "Chest", "spine2": "Chest3", "spine3": "Chest4", "neck": "Neck", "head": "Head",
-    } | _both_sides(
+    } | both_sides(
         {
             "hip": "{}Hip", "knee": "{}Knee", "ankle": "{}Ankle", "foot": "{}Toe", "collar": "{}Collar",
             "shoulder": "{}Shoulder", "elbow": "{}Elbow", "wrist": "{}Wrist",
         }, "Left", "Right",
     ),
-    {"head_top": "Head/end"} | _both_sides({"toe_tip": "{}Toe/end", "fingertip": "{}Wrist/end"}, "Left", "Right"),
+    {"head_top": "Head/end"} | both_sides({"toe_tip": "{}Toe/end", "fingertip": "{}Wrist/end"}, "Left", "Right"),
 )  # fmt: skip
 
-_ARMS_AND_LEGS = _both_sides(
+_ARMS_AND_LEGS = both_sides(
     {
         "hip": "{}UpLeg", "knee": "{}Leg", "ankle": "{}Foot", "foot": "{}ToeBase", "collar": "{}Shoulder",
         "shoulder": "{}Arm", "elbow": "{}ForeArm", "wrist": "{}Hand", "hand": "{}HandMiddle1",
@@ -97,7 +97,7 @@ MOTIONBUILDER = SkeletonMap(
     "MotionBuilder, Mixamo, Vicon",
     {"pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck", "head": "Head"}
     | _ARMS_AND_LEGS,
-    {"head_top": "Head/end"} | _both_sides({"toe_tip": "{}ToeBase/end"}, "Left", "Right"),
+    {"head_top": "Head/end"} | both_sides({"toe_tip": "{}ToeBase/end"}, "Left", "Right"),
 )
 
 CMU_ASF = SkeletonMap(
@@ -105,14 +105,14 @@ CMU_ASF = SkeletonMap(
     {
         "pelvis": "root", "spine1": "lowerback", "spine2": "upperback", "spine3": "thorax", "neck": "lowerneck",
         "head": "head",
-    } | _both_sides(
+    } | both_sides(
         {
             "hip": "{}femur", "knee": "{}tibia", "ankle": "{}foot", "foot": "{}toes", "collar": "{}clavicle",
             "shoulder": "{}humerus", "elbow": "{}radius", "wrist": "{}hand", "hand": "{}fingers",
         }, "l", "r",
     ),
     {"head_top": "head/end"}
-    | _both_sides({"toe_tip": "{}toes/end", "fingertip": "{}fingers/end"}, "l", "r"),
+    | both_sides({"toe_tip": "{}toes/end", "fingertip": "{}fingers/end"}, "l", "r"),
     feet_follow_legs=True,
     arms_turned_deg=CMU_ARMS_TURNED_DEG,
 )  # fmt: skip
@@ -121,7 +121,7 @@ SMPL = SkeletonMap(
     "SMPL",
     {name: name for name in JOINT_NAMES},
     {"head_top": "head/end"}
-    | _both_sides({"toe_tip": "{}_foot/end", "fingertip": "{}_hand/end"}, "left", "right"),
+    | both_sides({"toe_tip": "{}_foot/end", "fingertip": "{}_hand/end"}, "left", "right"),
     exact=True,
 )  # fmt: skip
 

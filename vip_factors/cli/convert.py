@@ -198,22 +198,9 @@ def _camera_options(options: ConvertOptions) -> "CameraOptions | None":
     from vip_factors.io.scene_building import CameraOptions
 
     wxyz = options.camera_imu_wxyz
+    said_of_camera = {field_name: getattr(options, name) for name, field_name in _OF_CAMERA.items()}
     return CameraOptions(
-        detections=options.detections,
-        camera=options.camera,
-        keypoints=options.keypoints,
-        rate=options.video_rate,
-        first_frame=options.first_frame,
-        static=options.static_camera,
-        video=options.video,
-        embed=options.embed_video,
-        imu=options.camera_imu,
-        imu_log=options.camera_imu_log,
-        imu_columns=options.camera_imu_columns,
-        imu_offset=options.camera_imu_offset_s,
-        R_camera_imu=None if wxyz is None else matrix_from_quaternion(np.array(wxyz), Order.WXYZ),
-        known_pose=options.known_camera_pose,
-        time_offset=options.time_offset_s,
+        **said_of_camera, R_camera_imu=None if wxyz is None else matrix_from_quaternion(np.array(wxyz), Order.WXYZ)
     )
 
 
@@ -226,9 +213,11 @@ def _further_options(options: ConvertOptions, camera: Path, detections: Path, ti
     )  # fmt: skip
 
 
-_OF_CAMERA = (
-    "detections", "camera", "keypoints", "video_rate", "first_frame", "static_camera", "known_camera_pose",
-    "camera_imu", "camera_imu_log", "camera_imu_columns", "camera_imu_offset_s", "time_offset_s", "video",
-    "embed_video",
-)  # fmt: skip
+# Options → fields of CameraOptions.
+_OF_CAMERA = {
+    "detections": "detections", "camera": "camera", "keypoints": "keypoints", "video_rate": "rate",
+    "first_frame": "first_frame", "static_camera": "static", "known_camera_pose": "known_pose", "camera_imu": "imu",
+    "camera_imu_log": "imu_log", "camera_imu_columns": "imu_columns", "camera_imu_offset_s": "imu_offset",
+    "time_offset_s": "time_offset", "video": "video", "embed_video": "embed",
+}  # fmt: skip
 _OF_DETECTOR = {"keypoints", "video_rate", "first_frame"}  # these may be said for further cameras alone

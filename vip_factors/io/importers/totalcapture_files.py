@@ -9,6 +9,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 
+MOST_DIGITS = 12  # of a frame's number
 COMPANIONS = {
     "bone": "calib_imu_bone.txt",
     "ref": "calib_imu_ref.txt",
@@ -110,33 +111,25 @@ def read_sensors(path: Path) -> SensorTable:
     if len(counts) != 2 or not all(word.isdigit() for word in counts) or int(counts[0]) < 1:
         raise FileFormatError(f"{path}: line 1 is '{lines[0][:40]}': expected the numbers of sensors and of frames")
     sensors, announced = int(counts[0]), int(counts[1])
-    step = sensors + 1
-    frames = (len(lines) - 1) // step
+    frames = (len(lines) - 1) // (sensors + 1)
     if frames < 1:
         raise FileFormatError(f"{path}: holds no whole frame: expected {announced}")
-    names = tuple(line.split()[0] if line.split() else "?" for line in lines[2 : 2 + sensors])
-    index, rows = np.empty(frames), []
-    for frame in range(frames):
-        at = 1 + frame * step
-        index[frame] = _frame_number(path, lines[at], at + 1)
-        for k, name in enumerate(names):
-            words = lines[at + 1 + k].split()
-            if words[:1] != [name]:
-                said = words[0] if words else ""
-                raise FileFormatError(f"{path}: line {at + 2 + k} begins with '{said}': expected sensor {name}")
+    names = tuple((line.split() or ["?"])[0] for line in lines[2 : 2 + sensors])
+    index, rows = [], []
+    for at, line in enumerate(lines[1 : 1 + frames * (sensors + 1)]):
+        words, row = line.split(), at % (sensors + 1)
+        if row == 0:
+            if not line.strip().isdigit() or len(line.strip()) > MOST_DIGITS:
+                raise FileFormatError(f"{path}: line {at + 2} is '{line[:40]}': expected a frame's number alone")
+            index.append(float(line))
+        elif words[:1] != [names[row - 1]]:
+            said = words[0] if words else ""
+            raise FileFormatError(f"{path}: line {at + 2} begins with '{said}': expected sensor {names[row - 1]}")
+        else:
             rows.append(words[1:])
     values = _numbers(path, rows, first_line=3, widths=(7, 13)).reshape(frames, sensors, -1)
     truncated = "" if frames >= announced else f"{path.name} announces {announced} frames and holds {frames} whole ones"
-    return SensorTable(names, index, values, truncated)
-
-
-MOST_DIGITS = 12  # of a frame's number
-
-
-def _frame_number(path: Path, text: str, line: int) -> int:
-    if not text.strip().isdigit() or len(text.strip()) > MOST_DIGITS:
-        raise FileFormatError(f"{path}: line {line} is '{text[:40]}': expected a frame's number alone")
-    return int(text)
+    return SensorTable(names, np.array(index), values, truncated)
 
 
 def read_calibration(path: Path) -> dict[str, Array]:

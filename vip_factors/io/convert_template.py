@@ -9,7 +9,7 @@ from typing import NamedTuple
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.convert import detect_format, read_log
-from vip_factors.io.importers.column_guess import GuessedTable, guess_columns
+from vip_factors.io.importers.column_guess import guess_columns
 from vip_factors.io.importers.column_map import QUANTITIES, ColumnMap, Columns, SensorColumns
 from vip_factors.io.importers.maker_tables import column_map
 from vip_factors.io.importers.shared import candidates, likely_sites
@@ -89,7 +89,7 @@ def guess(path: Path) -> tuple[ColumnMap, Mapping[str, list[str]]]:
         FileFormatError: if the names of the columns tell nothing.
     """
     files = candidates(path, SUFFIXES)
-    guessed: dict[Path, GuessedTable] = {}
+    guessed: dict[Path, dict[str, tuple[SensorColumns, list[str]]]] = {}
     seen: list[str] = []
     for file in files:
         try:
@@ -97,12 +97,12 @@ def guess(path: Path) -> tuple[ColumnMap, Mapping[str, list[str]]]:
         except FileFormatError:
             continue
         seen = seen or [f"{file.name}: {', '.join(table.names[:12])}"]
-        one = guess_columns(table)
-        if "" in one.sensors and len(files) == 1 and (at := _sensor_column(table)) is not None:
-            common = one.sensors[""]
-            return ColumnMap(str(path), common, sensor_column=table.names[at]), one.reasons
-        if one.sensors:
-            guessed[file] = one
+        sensors_of_table = guess_columns(table)
+        if "" in sensors_of_table and len(files) == 1 and (at := _sensor_column(table)) is not None:
+            common, why = sensors_of_table[""]
+            return ColumnMap(str(path), common, sensor_column=table.names[at]), {"": why}
+        if sensors_of_table:
+            guessed[file] = sensors_of_table
     if not guessed:
         raise FileFormatError(
             f"{path}: no column's name tells acceleration, angular rate or orientation ("
@@ -111,15 +111,12 @@ def guess(path: Path) -> tuple[ColumnMap, Mapping[str, list[str]]]:
         )
     sensors, reasons = {}, {}
     shared = _shared_start([file.stem for file in guessed])
-    for file, one in guessed.items():
-        for sensor, entry in one.sensors.items():
+    for file, sensors_of_table in guessed.items():
+        for sensor, (entry, why) in sensors_of_table.items():
             own = file.name if len(files) > 1 or not path.is_file() else None
-            name = (
-                sensor
-                if sensor and len(guessed) == 1
-                else "_".join(part for part in (file.stem[shared:], sensor) if part)
-            )
-            sensors[name], reasons[name] = replace(entry, file=own), one.reasons[sensor]
+            several = "_".join(part for part in (file.stem[shared:], sensor) if part)
+            name = sensor if sensor and len(guessed) == 1 else several
+            sensors[name], reasons[name] = replace(entry, file=own), why
     return ColumnMap(str(path), sensors=sensors), reasons
 
 

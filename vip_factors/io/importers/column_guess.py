@@ -8,7 +8,7 @@ acceleration and quaternion also the quaternion's order, sense and upward axis.
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -37,24 +37,12 @@ TURN_S = 0.25  # of a turn of the vertical: long against impacts, short against 
 FASTEST_BODY = 20.0  # rad/s: feet and hands of people who walk stay below; larger numbers are degrees
 
 
-@dataclass(frozen=True)
-class GuessedTable:
-    """What a table's columns seem to mean.
+def guess_columns(table: TextTable) -> dict[str, tuple[SensorColumns, list[str]]]:
+    """The sensors whose acceleration, angular rate or quaternion the names of the columns tell, by name.
 
-    Attributes:
-        sensors: by name (blank if the columns name none), with the units that the numbers suggest.
-        time: name of the column of times, None if none looks like it.
-        reasons: by sensor, what each guess was made from, a phrase each.
+    Each with the units that the numbers suggest, and what each guess was made from, a phrase each. The name is blank if
+    the columns name no sensor.
     """
-
-    sensors: Mapping[str, SensorColumns]
-    time: str | None = None
-    time_unit: str = "s"
-    reasons: Mapping[str, list[str]] = field(default_factory=dict)
-
-
-def guess_columns(table: TextTable) -> GuessedTable:
-    """The sensors whose acceleration, angular rate or quaternion the names of the columns tell, with units."""
     found: dict[str, dict[str, dict[str, str]]] = {}
     for name in table.names:
         told = meaning(name)
@@ -71,7 +59,7 @@ def guess_columns(table: TextTable) -> GuessedTable:
         if whole:
             entry = SensorColumns(time=time, time_unit=unit, **whole)  # type: ignore[arg-type]
             sensors[sensor], reasons[sensor] = with_units(table, entry)
-    return GuessedTable(_agreeing(sensors), time, unit, reasons)
+    return {name: (entry, reasons[name]) for name, entry in _agreeing(sensors).items()}
 
 
 def _agreeing(sensors: Mapping[str, SensorColumns]) -> dict[str, SensorColumns]:

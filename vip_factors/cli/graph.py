@@ -58,7 +58,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 
     with progress_bar() as tell:
         graph = factor_graph(scene, settings, tell)
-    names = [wearer.subject.name for wearer in scene.wearers]
+    names = scene.names
     description = graph_description(graph, scene.name, names, options.frame)
     with atomic_open(picture, overwrite=options.overwrite) as file:
         file.write(graph_picture(description))

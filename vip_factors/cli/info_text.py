@@ -256,7 +256,7 @@ STANDS_M = 0.1  # what stays as near to one place was no walk: its poses tremble
 
 def scene_text(scene: Scene) -> str:
     """The cameras and their detections, then every wearer."""
-    names = ", ".join(wearer.subject.name for wearer in scene.wearers)
+    names = ", ".join(scene.names)
     lines = [f"scene '{scene.name}'", f"  {_count(len(scene.wearers), 'wearer')}: {names}"]
     if scene.camera is None:
         lines.append("  no camera")

@@ -289,7 +289,7 @@ def scene_with_body(scene: Scene, body: BodyFile, path: Path) -> Scene:
     Raises:
         InputError: if none of several wearers has that name.
     """
-    names = [one.subject.name for one in scene.wearers]
+    names = scene.names
     if len(names) > 1 and body.name not in names:
         raise InputError(
             f"{path} is the body of '{body.name}', scene '{scene.name}' has the wearers {', '.join(names)}: expected "

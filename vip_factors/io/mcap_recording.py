@@ -187,7 +187,7 @@ def write_scene(scene: Scene, path: str | os.PathLike[str], overwrite: bool = Fa
         InputError: if the file exists and may not be overwritten, or cannot be written there.
     """
     start_ns = scene.wearers[0].start_ns
-    prefixes = wearer_topics([one.subject.name for one in scene.wearers])
+    prefixes = wearer_topics(scene.names)
     with atomic_open(path, "wb", overwrite) as file, MessageWriter(file) as writer:
         info = SceneInfo(name=scene.name, wearer_topics=prefixes, has_camera=scene.camera is not None)
         topics = [FIRST_CAMERA, *(CameraTopics.of(one.name) for one in scene.further_cameras)]

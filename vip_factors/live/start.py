@@ -122,7 +122,7 @@ def _filmed(
     """The solution in front of cameras; None if they do not show anybody whom it knows."""
     if not any(len(camera.detections) for camera in scene.cameras):
         return None
-    names = [one.subject.name for one in scene.wearers]
+    names = scene.names
     wearers, filmed_by = first_association(scene, wearers, settings, solver)
     associated = usable_cameras(filmed_by)
     if not associated:

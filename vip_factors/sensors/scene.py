@@ -146,6 +146,11 @@ class Scene:
     further_cameras: tuple[Camera, ...] = ()
 
     @property
+    def names(self) -> list[str]:
+        """Of the wearers, in their order."""
+        return [one.subject.name for one in self.wearers]
+
+    @property
     def cameras(self) -> tuple[Camera, ...]:
         """All of them, the first one first."""
         return (*((self.camera,) if self.camera is not None else ()), *self.further_cameras)
@@ -153,10 +158,9 @@ class Scene:
     def __post_init__(self) -> None:
         if not self.wearers:
             raise RecordingError(f"scene '{self.name}' has no wearer: expected at least one recording")
-        names = [wearer.subject.name for wearer in self.wearers]
-        if len(set(names)) < len(names):
+        if len(set(self.names)) < len(self.names):
             raise RecordingError(
-                f"scene '{self.name}': subjects {', '.join(names)}: give each wearer a name of its own"
+                f"scene '{self.name}': subjects {', '.join(self.names)}: give each wearer a name of its own"
             )
         self._check_further_cameras()
         if self.truth is None:

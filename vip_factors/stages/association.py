@@ -161,7 +161,7 @@ def first_association(
         settings: of all rooms.
         solver: of the scene.
     """
-    names = [wearer.subject.name for wearer in scene.wearers]
+    names = scene.names
     on_progress = solver.progress_of("association")
     first = associate_cameras(scene, wearers, _motions(wearers, names), settings, on_progress)
     poor = [number for number in range(len(wearers)) if share_seen(first, number) < OFTEN_SEEN]

@@ -51,15 +51,6 @@ class WindowStart:
     known_until: float = -np.inf
 
 
-@dataclass(frozen=True)
-class _Coarse:
-    """A window solved on its coarse frames."""
-
-    fused: FusionSolution
-    filmed: FusionStart
-    associated: tuple[AssociatedCamera, ...]
-
-
 def solve_scene_window(
     source: SceneSource, calibration: SceneCalibration, before: SolvedWindow | None, plan: WindowPlan, span: slice,
     settings: Settings, solver: Solver,
@@ -93,25 +84,25 @@ def solve_scene_window(
         for recording, one, known, begin in zip(scene.wearers, source.wearers, calibration.wearers, begins, strict=True)
     ]
     last = (calibration.camera_path, 0.0) if before is None else _last(before)
-    found = _coarsely(scene, trackers, begins, last, settings, solver)
-    fine = fuse_finely(scene, found.filmed, found.fused, found.associated, time, settings, solver)
-    covariance = _covariance(scene, found.fused, fine) if settings.covariance else None
-    names = [one.subject.name for one in scene.wearers]
+    filmed, fused, associated = _coarsely(scene, trackers, begins, last, settings, solver)
+    fine = fuse_finely(scene, filmed, fused, associated, time, settings, solver)
+    covariance = _covariance(scene, fused, fine) if settings.covariance else None
+    names = scene.names
     estimates = tuple(decode_wearers(names, "VIP", fine.model, fine.state, covariance))
     first = measured.cameras[0]
     wearer = np.full(len(first.detections), -1)
-    if found.associated[0].camera.name == first.name:
-        wearer = found.associated[0].association.wearer
+    if associated[0].camera.name == first.name:
+        wearer = associated[0].association.wearer
     return SolvedWindow(
         span,
         estimates,
         decode_camera(first.name, fine.model, fine.state, covariance, clock),
-        tuple(Headings.of(*one) for one in zip(found.fused.model.wearers, found.fused.state.wearers, strict=True)),
+        tuple(Headings.of(*one) for one in zip(fused.model.wearers, fused.state.wearers, strict=True)),
         first.timed_detections.time[first.detections.frame],
         wearer,
-        any(each.shows_somebody and each.camera.known_path is not None for each in found.associated),
+        any(each.shows_somebody and each.camera.known_path is not None for each in associated),
         tuple(solver.reports),
-        (*about_sensors, *_findings(measured, scene, found.associated, fine, estimates)),
+        (*about_sensors, *_findings(measured, scene, associated, fine, estimates)),
     )
 
 
@@ -134,9 +125,9 @@ def _coarsely(
     last: tuple[CameraPath | None, float],
     settings: Settings,
     solver: Solver,
-) -> _Coarse:
+) -> tuple[FusionStart, FusionSolution, tuple[AssociatedCamera, ...]]:
     """Association and fusion; a first camera that sees no wearer is where it was ``last``."""
-    names = [one.subject.name for one in scene.wearers]
+    names = scene.names
     motions = [motion_of(one.model, one.state, name) for one, name in zip(trackers, names, strict=True)]
     filmed_by = associate_cameras(scene, trackers, motions, settings, solver.progress_of("association"))
     associated = usable_cameras(filmed_by) or tuple(each for each in filmed_by if each.camera.known_path is not None)
@@ -148,7 +139,7 @@ def _coarsely(
         settings = replace(settings, fusion=replace(settings.fusion, rounds=1))
     filmed = with_window_starts(start_fusion(associated, trackers, settings), trackers, associated, begins, settings)
     fused, associated = fuse_in_rounds(filmed, associated, names, settings, solver)
-    return _Coarse(fused, filmed, associated)
+    return filmed, fused, associated
 
 
 def _covariance(scene: Scene, fused: FusionSolution, fine: FusionSolution) -> SceneCovariance:

@@ -187,7 +187,7 @@ def fuse_finely(
     if model.extra is not None:  # it may tie wearers to one another
         together = replace(model, camera=_held(model.camera))
         return FusionSolution(model, solver.solve(SceneObjective(together), state, "full rate"), spreads)
-    for number, name in enumerate(recording.subject.name for recording in scene.wearers):
+    for number, name in enumerate(scene.names):
         start = replace(state, wearers=(state.wearers[number],))
         refined = solver.solve(SceneObjective(_alone(model, number)), start, f"full rate, {name}")
         states[number] = refined.wearers[0]

@@ -44,7 +44,7 @@ def factor_graph(
     plan = scene_plan(SceneInMemory(scene), settings, whole=True)
     wearers = inertial_trackers(scene, plan.all_coarse_time, settings, solver)
     if scene.camera is not None and settings.fusion.use_camera:
-        names = [wearer.subject.name for wearer in scene.wearers]
+        names = scene.names
         motions = [motion_of(one.model, one.state, name) for one, name in zip(wearers, names, strict=True)]
         associated = usable_cameras(
             associate_cameras(scene, wearers, motions, settings, solver.progress_of("association"))

@@ -74,6 +74,22 @@ def test_windows_are_as_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     assert estimate.camera.residual_px.shape == (len(one.motion), 1)
 
 
+def test_windows_that_start_from_all_coarse_frames_are_as_the_whole() -> None:
+    scene = at_10_hz(filmed_gestures("hand-held", seconds=4.5))
+    windows = WindowSettings(window_s=2.6, overlap_s=1.0)
+    whole = smooth(scene, replace(HASTY, windows=replace(windows, use=False)))
+    estimate = smooth(scene, replace(HASTY, windows=windows))
+    rates = [one.stage for one in estimate.reports if one.stage.startswith("full rate, anna")]
+    assert rates == [f"full rate, anna, window {number}" for number in range(1, len(rates) + 1)]
+    assert len(rates) > 1
+    errors = [np.median(root_relative(each, scene)) for each in (estimate, whole)]
+    assert errors[0] < 1.1 * errors[1]
+    assert_nothing_leaps(estimate)
+    np.testing.assert_array_equal(estimate.wearer_of_detection, whole.wearer_of_detection)
+    assert estimate.camera is not None
+    assert len(estimate.camera.path) == len(estimate.wearers[0].motion) == len(whole.wearers[0].motion)
+
+
 def test_a_carried_camera_that_loses_everybody_from_file_to_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -82,6 +82,21 @@ def test_windows_agree_with_one_window_of_all(recording: Recording) -> None:
         np.testing.assert_allclose(*sigmas, rtol=1e-3)
 
 
+def test_windows_that_start_from_all_coarse_frames_agree_with_all_frames_at_once(recording: Recording) -> None:
+    settings = replace(QUICK, frame_rate=20.0, calibration_rate=10.0, solve=SolveSettings())
+    found, whole = (
+        smooth_wearer(RecordingInMemory(recording), replace(settings, windows=one), tell).whole().only_wearer
+        for one in (WindowSettings(window_s=7.0, overlap_s=3.0), WindowSettings(use=False))
+    )
+    stages = [one.stage for one in found.reports]
+    assert stages[-3:] == [f"sparse inertial poser, window {number}" for number in (1, 2, 3)]
+    assert stages[:-3] == [one.stage for one in whole.reports][:-1]
+    assert len(found.motion) == len(whole.motion)
+    assert np.rad2deg(angle_between(found.motion.R_parent_child, whole.motion.R_parent_child)).max() < 0.1
+    assert np.abs(found.motion.p_world_pelvis - whole.motion.p_world_pelvis).max() < 0.005
+    assert found.calibration.keys() == whole.calibration.keys()
+
+
 def test_what_is_joined_is_where_it_was_and_as_sure() -> None:
     """Windows of a known path, each in a place of its own and sure of where it begins."""
     random, T = np.random.default_rng(3), 60

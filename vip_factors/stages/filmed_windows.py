@@ -16,7 +16,7 @@ from vip_factors.sensors.sources import SceneSource
 from vip_factors.settings import Settings, flatten
 from vip_factors.stages.drift import CLOCK, clock_findings, drift_findings
 from vip_factors.stages.filmed_window import solve_scene_window
-from vip_factors.stages.inertial_windows import WINDOWS
+from vip_factors.stages.inertial_windows import WINDOWS, numbered
 from vip_factors.stages.scene_calibration import SceneCalibration, calibrate_scene, fusion_solve_settings
 from vip_factors.stages.solver import Progress, Solver
 from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
@@ -96,6 +96,13 @@ def smooth_filmed(
     if plan.is_one_window:
         return EstimateChunks.of(stretch.estimate(settings, plan.time(slice(0, plan.frames))))
     estimate = stretch.estimate(settings)
+    moves = source.head.cameras[0].moving
+    if plan.all_calibrate:
+        head = replace(_head(estimate, source, plan, settings), wearer_of_detection=estimate.wearer_of_detection)
+        windows = numbered(stretch.windows(plan, settings), plan, on_progress)
+        return EstimateChunks(
+            head, (plan.frames,) * len(head.wearers), chunks_of(windows, head), plan.frames if moves else 1
+        )
     calibration, head = stretch.calibration(estimate), _head(estimate, source, plan, settings)
     drift = set(_drifts(estimate.wearers))  # is of the whole to tell, and so is the video's
     known = [one for one in estimate.findings if one not in drift and not one.startswith(CLOCK)]
@@ -111,7 +118,7 @@ def smooth_filmed(
         head,
         (plan.frames,) * len(head.wearers),
         chunks(),
-        plan.frames if source.head.cameras[0].moving else 1,
+        plan.frames if moves else 1,
         lambda: _closed(head, source, plan, gathered),
     )
 

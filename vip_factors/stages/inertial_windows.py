@@ -95,10 +95,10 @@ def smooth_wearer(
     whole = Estimate.of_one(replace(estimate, findings=(*about_sensors, *estimate.findings)))
     if plan.is_one_window:
         return EstimateChunks.of(whole)
-    return EstimateChunks(whole, (plan.frames,), chunks_of(_telling(windows, plan, on_progress), whole))
+    return EstimateChunks(whole, (plan.frames,), chunks_of(numbered(windows, plan, on_progress), whole))
 
 
-def _telling(windows: Iterator[SolvedWindow], plan: WindowPlan, on_progress: Progress) -> Iterator[SolvedWindow]:
+def numbered(windows: Iterator[SolvedWindow], plan: WindowPlan, on_progress: Progress) -> Iterator[SolvedWindow]:
     """The windows, in one world, and how far they are; reports tell their numbers."""
     on_progress(WINDOWS, 0.0)
     count = len(plan.windows())
@@ -135,7 +135,7 @@ def with_sensors_checked(
         return recording, ()
     _, _, together = _calibrating(recording, plan)
     compared = together
-    if not plan.is_one_window:
+    if not plan.all_calibrate:
         (start, end), half = recording.interval, settings.sensor_clocks.seconds / 2
         middle = recording.between((start + end) / 2 - half, (start + end) / 2 + half)
         compared = replace(together, imus=dict(middle))
@@ -148,7 +148,7 @@ def _calibrating(
 ) -> tuple[list[Array], list[Mapping[str, ImuStream]], Recording]:
     """Times of the coarse frames that calibrate, their samples stretch by stretch, and these without gaps."""
     times = [plan.coarse_time(one) for one in plan.calibrating()]
-    stretches = [recording.between()] if plan.is_one_window else [samples_around(recording, time) for time in times]
+    stretches = [recording.between()] if plan.all_calibrate else [samples_around(recording, time) for time in times]
     if len(times) == 1:
         return times, stretches, replace(recording.head, imus=dict(stretches[0]))
     return times, stretches, without_gaps(recording.head, stretches, times)
@@ -171,7 +171,7 @@ def calibrate(recording: RecordingSource, plan: WindowPlan, settings: Settings, 
         frames = in_stretches(each)
         evenly = replace(frames, time=frames.time[0] + frames.step * np.arange(len(frames)))
     calibration, starts = find_start(together, evenly, settings, solver.progress_of("start"))
-    if not plan.is_one_window:
+    if not plan.all_calibrate:
         settings = _with_knots_in_stretches(plan, settings)
     tracked = inertial_tracker(together, frames, settings, solver, calibration)
     if settings.acceleration:
@@ -226,18 +226,14 @@ def _solve_window(
 ) -> tuple[WearerProblem, WearerState]:  # fmt: skip
     """The problem on all of a window's frames, and its solution."""
     time = plan.time(span)
-    if plan.is_one_window:
-        model, state, streams = found.model, found.state, recording.between()
-    else:
-        streams = samples_around(recording, time)
-    frames = frames_of(streams, recording.sensors, time)
-    if not plan.is_one_window:
-        first = found.model.initial_pose if span.start == 0 else None
-        if before is not None and not frames.orientation_valid.any():
-            return replace(found.model, frames=frames, initial_pose=first), _as_last_seen(found.state, before, span)
+    streams = recording.between() if plan.is_one_window else samples_around(recording, time)
+    frames, model, state = frames_of(streams, recording.sensors, time), found.model, found.state
+    if before is not None and not frames.orientation_valid.any():
+        return replace(model, frames=frames, initial_pose=None), _as_last_seen(state, before, span)
+    if not plan.all_calibrate:
         coarse = frames_of(streams, recording.sensors, time[:: plan.factor])
-        model = replace(found.model, frames=coarse, initial_pose=first)
-        state = _tracked(model, found.state, solver)
+        model = replace(model, frames=coarse, initial_pose=model.initial_pose if span.start == 0 else None)
+        state = _tracked(model, state, solver)
         if settings.acceleration:
             state = _settled(model, state, settings, solver)
     if not settings.acceleration:

@@ -47,7 +47,7 @@ def scene_estimate(
     assert scene.camera is not None
     shared = marginals_of_shared(coarse)
     covariance = full_rate_covariance(coarse, fine) if settings.covariance else None
-    names = [wearer.subject.name for wearer in scene.wearers]
+    names = scene.names
     wearers = tuple(
         replace(
             with_sigmas(estimate, coarse.model, number, shared),
@@ -98,11 +98,19 @@ def full_rate_covariance(coarse: FusionSolution, fine: FusionSolution) -> SceneC
 
     There headings and mountings are free: at the full rate they are kept, as if they were known.
     """
+    return at_nearest(coarse_covariance(coarse), coarse, fine.model.wearers[0].frames.time)
+
+
+def coarse_covariance(coarse: FusionSolution) -> SceneCovariance:
+    """How sure all poses of the coarse frames are."""
     objective = SceneObjective(coarse.model)
-    covariance = scene_covariance(objective, chain_marginals(objective.linearise(coarse.state)))
-    coarse_time, time = (fused.model.wearers[0].frames.time for fused in (coarse, fine))
-    middles = (coarse_time[1:] + coarse_time[:-1]) / 2
-    return covariance.at(np.searchsorted(middles, time))
+    return scene_covariance(objective, chain_marginals(objective.linearise(coarse.state)))
+
+
+def at_nearest(covariance: SceneCovariance, coarse: FusionSolution, time: Array) -> SceneCovariance:
+    """The covariance of the coarse frame that is nearest to each instant ``(T,)``."""
+    coarse_time = coarse.model.wearers[0].frames.time
+    return covariance.at(np.searchsorted((coarse_time[1:] + coarse_time[:-1]) / 2, time))
 
 
 def marginals_of_shared(fused: FusionSolution) -> Mapping[int, Array] | None:

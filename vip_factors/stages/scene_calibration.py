@@ -4,7 +4,7 @@ Every window is then solved by the stages of a scene of its own: of wearers whos
 known, filmed by a camera whose detector is known, and, if it stands still, at a known pose.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,14 +25,15 @@ from vip_factors.settings import Settings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.association import AssociatedCamera, first_association, usable_cameras
 from vip_factors.stages.calibration_start import start_choice, start_findings
+from vip_factors.stages.decode import decode_camera, decode_wearers
 from vip_factors.stages.drift import found_clock
 from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds
 from vip_factors.stages.fusion_start import FusionStart, start_fusion
 from vip_factors.stages.inertial import InertialSolution, inertial_trackers
-from vip_factors.stages.reporting import scene_estimate, who_is_who
+from vip_factors.stages.reporting import at_nearest, coarse_covariance, scene_estimate, who_is_who
 from vip_factors.stages.sensor_checks import Corrections, checked_scene, corrected_elsewhere
 from vip_factors.stages.solver import Solver
-from vip_factors.stages.window_join import Headings
+from vip_factors.stages.window_join import Headings, SolvedWindow
 from vip_factors.stages.windows import WindowPlan
 
 # Degrees, of a heading as the frames before have left it: as sure as a minute in front of a camera makes it.
@@ -232,6 +233,19 @@ class SolvedStretch:
         )
         return replace(estimate, wearers=wearers, findings=(*self.about_sensors, *estimate.findings, *about_starts))
 
+    def windows(self, plan: WindowPlan, settings: Settings) -> Iterator[SolvedWindow]:
+        """Windows at the full rate, which start from the solution of all coarse frames and are in its world."""
+        names = self.scene.names
+        covariance = coarse_covariance(self.fused) if settings.covariance else None
+        for span in plan.windows():
+            time, own = plan.time(span), replace(self.solver, reports=[])
+            fine = fuse_finely(self.scene, self.filmed, self.fused, self.associated, time, settings, own)
+            sure = None if covariance is None else at_nearest(covariance, self.fused, time)
+            wearers = tuple(decode_wearers(names, "VIP", fine.model, fine.state, sure))
+            first = self.scene.cameras[0]
+            camera = decode_camera(first.name, fine.model, fine.state, sure, first.clock)
+            yield SolvedWindow(span, wearers, camera, reports=tuple(own.reports))
+
     def calibration(self, estimate: Estimate) -> SceneCalibration:
         """What it says of all frames, given its own estimate."""
         sigmas = [np.array([one.calibration[name].mounting_sigma for name in one.sensors]) for one in estimate.wearers]
@@ -265,7 +279,7 @@ def _solved_stretch(
 ) -> SolvedStretch | tuple[str, ...]:
     """One stretch; or why nobody was recognised in it."""
     time = plan.coarse_time(stretch)
-    scene = source.between() if plan.is_one_window else source.between(float(time[0]), float(time[-1]))
+    scene = source.between() if plan.all_calibrate else source.between(float(time[0]), float(time[-1]))
     if stretch.start:
         scene = replace(scene, wearers=tuple(replace(one, initial_pose="none") for one in scene.wearers))
     scene, corrections, about_sensors = checked_scene(scene, settings)
@@ -275,7 +289,7 @@ def _solved_stretch(
     if not associated:
         return who_is_who(scene, filmed_by)
     filmed = start_fusion(associated, tracked, settings)
-    names = [one.subject.name for one in scene.wearers]
+    names = scene.names
     fused, associated = fuse_in_rounds(filmed, associated, names, settings, solver)
     return SolvedStretch(scene, corrections, about_sensors, tracked, filmed, fused, associated, solver)
 

@@ -26,6 +26,7 @@ class WindowPlan:
         factor: every so-manieth frame is a coarse one.
         window, overlap: frames; both whole numbers of coarse ones.
         stretches, stretch: how many calibrate, and coarse frames of each.
+        all_calibrate: whether all coarse frames do, and each window starts from their solution.
     """
 
     start: float
@@ -36,6 +37,7 @@ class WindowPlan:
     overlap: int
     stretches: int
     stretch: int
+    all_calibrate: bool = True
 
     @classmethod
     def of(cls, name: str, interval: tuple[float, float], settings: Settings, whole: bool = False) -> "WindowPlan":
@@ -59,22 +61,34 @@ class WindowPlan:
         if ceil(count / factor) < LEAST_FRAMES:
             raise RecordingError(f"recording '{name}' is {end - start:.3f} s long: expected three frames or more")
         plan = cls.one_window(start, rate, count, factor)
-        return plan if whole or not is_long(interval, settings) else plan.divided(settings)
+        if whole or not settings.windows.use:
+            return plan
+        if is_long(interval, settings):
+            return plan.in_stretches(settings).in_windows(settings)
+        return plan.in_windows(settings) if settings.acceleration else plan
 
     @classmethod
     def one_window(cls, start: float, rate: float, frames: int, factor: int) -> "WindowPlan":
         """All frames together, all of which calibrate."""
         return cls(start, rate, frames, factor, frames, 0, 1, ceil(frames / factor))
 
-    def divided(self, settings: Settings, together: bool = False) -> "WindowPlan":
-        """The same frames in windows; those that calibrate follow one another if they are to be ``together``."""
-        own, rate, factor = settings.windows, self.rate, self.factor
-        window, overlap = (factor * max(round(s * rate / factor), 2) for s in (own.window_s, own.overlap_s))
+    def in_stretches(self, settings: Settings, together: bool = False) -> "WindowPlan":
+        """The same frames, of which stretches calibrate; they follow one another if they are to be ``together``."""
+        own, rate = settings.windows, self.rate / self.factor
         stretches, seconds = own.calibration_stretches, own.calibration_stretch_s
         if together:
             stretches, seconds = 1, stretches * seconds
-        stretch = max(round(seconds * rate / factor), LEAST_FRAMES)
-        return replace(self, window=window, overlap=overlap, stretches=stretches, stretch=stretch)
+        stretch = max(round(seconds * rate), LEAST_FRAMES)
+        return replace(self, stretches=stretches, stretch=stretch, all_calibrate=False)
+
+    def in_windows(self, settings: Settings) -> "WindowPlan":
+        """The same frames in windows."""
+        own, rate, factor = settings.windows, self.rate, self.factor
+        window, overlap = (factor * max(round(s * rate / factor), 2) for s in (own.window_s, own.overlap_s))
+        if self.all_calibrate and self.frames > window:  # no longer than they need be
+            count = ceil((self.frames - overlap) / (window - overlap))
+            window = factor * ceil((self.frames + (count - 1) * overlap) / count / factor)
+        return replace(self, window=window, overlap=overlap)
 
     @property
     def all_coarse_time(self) -> Array:
@@ -84,7 +98,7 @@ class WindowPlan:
     @property
     def is_one_window(self) -> bool:
         """Whether all frames are solved together, and all of them calibrate."""
-        return self.frames <= self.window and len(self.calibrating()) == 1
+        return self.all_calibrate and self.frames <= self.window
 
     def windows(self) -> list[slice]:
         """Frames of each window: as evenly spaced as coarse frames allow, each over the next by the overlap or more."""
@@ -114,7 +128,7 @@ class WindowPlan:
 
 
 def is_long(interval: tuple[float, float], settings: Settings) -> bool:
-    """Whether a recording from one instant to another (seconds) is to be solved window by window."""
+    """Whether only some stretches of a recording from one instant to another (seconds) calibrate."""
     return settings.windows.use and interval[1] - interval[0] > settings.windows.above_s
 
 
@@ -134,11 +148,12 @@ def scene_plan(source: SceneSource, settings: Settings, whole: bool = False) -> 
     """
     interval, factor = shared_interval(source), settings.coarse_factor
     if whole or not is_long(interval, settings):
-        return WindowPlan.one_window(*_in_step(source.between(), interval, settings.frame_rate, factor), factor)
+        plan = WindowPlan.one_window(*_in_step(source.between(), interval, settings.frame_rate, factor), factor)
+        return plan if whole or not settings.windows.use else plan.in_windows(settings)
     look = source.video_start if np.isfinite(source.video_start) else interval[0]
     video = source.between(look, look + VIDEO_RATE_S)
     plan = WindowPlan.one_window(*_in_step(video, interval, settings.frame_rate, factor), factor)
-    return plan.divided(settings, together=True)
+    return plan.in_stretches(settings, together=True).in_windows(settings)
 
 
 def _in_step(

@@ -72,10 +72,13 @@ class WindowSettings:
     """How a long recording is solved without all of it in memory: in overlapping windows, after its calibration."""
 
     use: bool = True  # off: every recording is solved at once, in 0.4 MB a frame
-    # What is shorter is solved at once, in 8 GB or less of one wearer, and its sensors' clocks and accelerometers are
-    # looked over first, which wants the whole (of a scene with a camera: that stretch of it that calibrates).
+    # What is shorter is calibrated by all of its coarse frames (four minutes before a camera take 3 GB), and its
+    # sensors' clocks and accelerometers are looked over first, which wants the whole. What is longer is calibrated by
+    # stretches of it.
     above_s: float = 300.0
-    window_s: float = 60.0  # 3,600 frames, 1 GB; overlaps are solved twice, so shorter windows take longer
+    # Of what is solved at the full rate together: 3,600 frames, 1 GB; overlaps are solved twice, so shorter windows
+    # take longer.
+    window_s: float = 60.0
     # Windows settle from either end of it and meet in the middle: what lies beyond a window's end shows in its last
     # two seconds. Of 13 sensors, overlaps of 2 s left a millimetre and 0.2° in the motion, 6 s 0.06 mm and 0.004°.
     overlap_s: NotNegative = 6.0

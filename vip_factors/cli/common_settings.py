@@ -61,7 +61,7 @@ class CommonWindows:
     """How long recordings are solved."""
 
     above_s: float = 300.0
-    """What is longer, in seconds, is solved window by window."""
+    """What is longer, in seconds, is calibrated from stretches of it, and read window by window."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ class SmoothOptions:
     """Reconstruct a recording: motion, headings and mountings of the sensors, as an estimate file.
 
     With a camera in it: all wearers in one world, and the camera's path. Without: each wearer from the IMUs alone.
-    What is longer than --windows.above-s is solved window by window, in the memory of one.
+    What is longer than --windows.above-s is read and solved window by window, in the memory of one.
 
     Every setting of the pipeline is an option (--help-all tells them); --settings reads them from a file, and options
     win over it.

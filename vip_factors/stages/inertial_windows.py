@@ -3,7 +3,7 @@
 What all frames share (headings, mountings, the mean pose, axes of hinges) is found on coarse frames of stretches that
 are spread over the recording, in one problem (thesis eq. 4.10 and 3.3). Every window is then solved as a
 recording would be whose calibration is known, from a little before the last one ends, and where that has put the
-wearer. Of a short recording all frames calibrate, and they are one window, which starts from that solution.
+wearer. Of a short recording all frames calibrate, and windows start from that solution.
 """
 
 from collections.abc import Iterator, Mapping

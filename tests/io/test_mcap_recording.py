@@ -1,4 +1,4 @@
-"""Recordings come back from MCAP files as they were; what is no recording is refused clearly."""
+"""Recordings and scenes come back from MCAP files as they were; what is none is refused clearly."""
 
 import warnings
 from dataclasses import replace
@@ -11,13 +11,26 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_samples import assert_same, recordings, walk
+from scene_samples import filmed_walk, scenes
 
 from vip_factors.errors import FileFormatError, InputError, RecordingError
-from vip_factors.io.mcap_reader import McapWarning
-from vip_factors.io.mcap_recording import read_recording, write_recording
+from vip_factors.io.mcap_reader import McapWarning, read_contents
+from vip_factors.io.mcap_recording import (
+    FIRST_CAMERA,
+    read_recording,
+    read_scene,
+    wearer_topics,
+    write_recording,
+    write_scene,
+)
+from vip_factors.io.mcap_samples import detections_of
 from vip_factors.io.mcap_writer import MessageWriter
+from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
+from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz, Vector3
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
+from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.scene import Camera, Scene, Video
 
 FORCE = Vector3(x=0, y=0, z=9.81)
 
@@ -178,3 +191,192 @@ def test_what_the_truth_does_not_know_is_kept(tmp_path: Path) -> None:
     truth = read_recording(tmp_path / "b.mcap").truth
     assert truth is not None
     assert truth.known_bones is None
+
+
+def without_path_times(scene: Scene) -> Scene:
+    """Times of camera paths are kept to the nanosecond only: compared apart."""
+    camera, *further = (_without_path_times(one) for one in scene.cameras or (None,))
+    truth = scene.truth
+    if truth is not None:
+        others = tuple(replace(one, camera=_untimed(one.camera)) for one in truth.further)
+        truth = replace(truth, camera=_untimed(truth.camera), further=others)
+    return replace(scene, camera=camera, truth=truth, further_cameras=tuple(further))
+
+
+def _without_path_times(camera: Camera | None) -> Camera | None:
+    if camera is None or camera.known_path is None:
+        return camera
+    return replace(camera, known_path=_untimed(camera.known_path))
+
+
+def _untimed(path: CameraPath) -> CameraPath:
+    return replace(path, time=np.zeros(len(path)))
+
+
+@settings(max_examples=60, deadline=None)
+@given(scenes())
+def test_the_round_trip_of_a_scene_is_lossless_and_silent(
+    tmp_path_factory: pytest.TempPathFactory, scene: Scene
+) -> None:
+    path = tmp_path_factory.mktemp("mcap") / "s.mcap"
+    write_scene(scene, path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read = read_scene(path)
+    assert_same(without_path_times(scene), without_path_times(read))
+    if scene.truth is not None and read.truth is not None:
+        np.testing.assert_allclose(read.truth.camera.time, scene.truth.camera.time, rtol=0, atol=2e-9)
+
+
+@settings(max_examples=20, deadline=None)
+@given(recordings())
+def test_a_recording_is_a_scene_and_a_scene_of_one_wearer_a_recording(
+    tmp_path_factory: pytest.TempPathFactory, recording
+) -> None:
+    folder = tmp_path_factory.mktemp("mcap")
+    write_recording(recording, folder / "r.mcap")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = read_scene(folder / "r.mcap")
+        assert_same(Scene(recording.name, (recording,)), scene)
+        write_scene(replace(filmed_walk(), wearers=(recording,)), folder / "s.mcap")
+        assert_same(recording, read_recording(folder / "s.mcap"))
+
+
+def test_several_wearers_are_no_recording(tmp_path: Path) -> None:
+    scene = filmed_walk(3)
+    other = replace(walk(5), subject=replace(walk(1).subject, name="Bea"))
+    write_scene(replace(scene, wearers=(*scene.wearers, other)), tmp_path / "s.mcap")
+    with pytest.raises(FileFormatError, match=r"s\.mcap.*one wearer, found Ada, Bea.*read_scene"):
+        read_recording(tmp_path / "s.mcap")
+
+
+def three_cameras() -> Scene:
+    """Of which two are further ones."""
+    scene = filmed_walk(5)
+    assert scene.camera is not None
+    assert scene.truth is not None
+    path = scene.truth.camera
+    further = tuple(replace(scene.camera, name=name, known_path=path) for name in ("left", "a/info"))
+    return replace(scene, further_cameras=further, truth=replace(scene.truth, further=(scene.truth, scene.truth)))
+
+
+def test_further_cameras_have_topics_below_their_names(tmp_path: Path) -> None:
+    write_scene(three_cameras(), tmp_path / "three.mcap")
+    write_scene(filmed_walk(5), tmp_path / "one.mcap")
+    three, one = (set(read_contents(tmp_path / name).topics) for name in ("three.mcap", "one.mcap"))
+    of_first = {topic for topic in one if "/camera/" in topic}
+    assert of_first == {topic for topic in three if "/camera/" in topic and topic.count("/") == 2 + ("truth" in topic)}
+    below = {topic.replace("/camera/", "/camera/left/") for topic in of_first} | {"/camera/left/pose"}
+    assert three - one == below | {topic.replace("/left/", "/a%2Finfo/") for topic in below}
+
+
+def test_a_further_camera_without_its_pose_is_left_out(tmp_path: Path) -> None:
+    scene = three_cameras()
+    write_scene(scene, tmp_path / "whole.mcap")
+    with (tmp_path / "cut.mcap").open("wb") as file, MessageWriter(file) as writer:
+        writer.copy(read_contents(tmp_path / "whole.mcap"), ("/camera/left/pose",))
+    with pytest.warns(McapWarning, match="'left' is left out"):
+        read = read_scene(tmp_path / "cut.mcap")
+    assert [camera.name for camera in read.cameras] == ["phone", "a/info"]
+    assert read.truth is not None
+    assert len(read.truth.further) == 1
+
+
+def test_topics_of_wearers_cannot_be_confused() -> None:
+    assert wearer_topics(["a"]) == [""]
+    assert wearer_topics(["a", "a/imu", "%2F"]) == ["/wearer/a", "/wearer/a%2Fimu", "/wearer/%252F"]
+
+
+def test_a_video_beside_the_file_moves_with_it(tmp_path: Path) -> None:
+    scene = filmed_walk(2)
+    assert scene.camera is not None
+    for video, where in ((tmp_path / "a" / "v.mp4", tmp_path / "b" / "v.mp4"), (Path("/v.mp4"), Path("/v.mp4"))):
+        (tmp_path / "a").mkdir(exist_ok=True)
+        write_scene(replace(scene, camera=replace(scene.camera, video=Video(video))), tmp_path / "a" / "s.mcap")
+        (tmp_path / "a").rename(tmp_path / "b")
+        read = read_scene(tmp_path / "b" / "s.mcap").camera
+        assert read is not None
+        assert read.video == Video(where)
+        (tmp_path / "b" / "s.mcap").unlink()
+        (tmp_path / "b").rmdir()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98])
+@pytest.mark.filterwarnings("ignore::vip_factors.io.mcap_reader.McapWarning")
+def test_of_a_cut_scene_the_first_frames_and_samples_are_read(tmp_path: Path, share: float) -> None:
+    scene = filmed_walk()
+    other = replace(walk(), subject=replace(walk(1).subject, name="Bea"))
+    scene = replace(scene, wearers=(*scene.wearers, other))
+    path = tmp_path / "s.mcap"
+    write_scene(scene, path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    try:
+        read = read_scene(path)
+    except (FileFormatError, RecordingError):
+        assert share < 0.15, "the description is lost only with the very beginning"
+        return
+    assert scene.camera is not None
+    assert read.camera is not None
+    full, cut = scene.camera.detections, read.camera.detections
+    np.testing.assert_array_equal(cut.time, full.time[: len(cut.time)])
+    np.testing.assert_array_equal(cut.pixels, full.pixels[: len(cut)])
+    for wearer in read.wearers:
+        assert f"cut off at byte {int(share * len(whole))}" in wearer.notes
+        ends = [stream.time[-1] for stream in wearer.imus.values()]
+        assert not ends or abs(cut.time[-1] - max(ends)) <= 0.11, "everything ends at one time"
+
+
+def _written(path: Path, info: CameraInfo, frames: list[Detections2D]) -> Path:
+    """A scene with another camera's messages."""
+    from vip_factors.io.mcap_reader import read_contents
+
+    write_scene(filmed_walk(2), path.with_name("whole.mcap"), overwrite=True)
+    with open(path, "wb") as file, MessageWriter(file) as writer:
+        writer.copy(
+            read_contents(path.with_name("whole.mcap")),
+            (FIRST_CAMERA("info"), FIRST_CAMERA("detections"), "/truth/camera"),
+        )
+        writer.write(FIRST_CAMERA("info"), info, 1)
+        for one in frames:
+            writer.write(FIRST_CAMERA("detections"), one, 1)
+    return path
+
+
+def test_people_of_another_keypoint_set_are_refused(tmp_path: Path) -> None:
+    info = CameraInfo(name="c", keypoint_set="own", keypoints=["a", "b"], frames=1)
+    frame = Detections2D(people=[Detections2D.Person(pixels=[1, 2], confidence=[1])])
+    with pytest.raises(FileFormatError, match=r"s\.mcap: video frame 0.*expected 2 of each.*own"):
+        read_scene(_written(tmp_path / "s.mcap", info, [frame]))
+
+
+def test_frames_lost_in_between_count_as_empty(tmp_path: Path) -> None:
+    info = CameraInfo(name="c", keypoint_set="own", keypoints=["a"], frames=5)
+    person = Detections2D.Person(pixels=[1, 2], confidence=[1])
+    frames = [Detections2D(frame=i, seconds=0.5 * i, people=[person]) for i in (1, 4)]
+    with pytest.warns(McapWarning, match="2 of 5 video frames"):
+        camera = read_scene(_written(tmp_path / "s.mcap", info, frames)).camera
+    assert camera is not None
+    np.testing.assert_allclose(camera.detections.time, [0, 0.5, 1, 1.5, 2])
+    assert camera.detections.frame.tolist() == [1, 4]
+    with pytest.raises(FileFormatError, match="video frame 1 comes twice or late"):
+        read_scene(_written(tmp_path / "t.mcap", info, frames[::-1]))
+
+
+def test_a_camera_without_intrinsics_is_left_out(tmp_path: Path) -> None:
+    from vip_factors.io.mcap_reader import read_contents
+
+    write_scene(filmed_walk(2), tmp_path / "whole.mcap")
+    with open(tmp_path / "s.mcap", "wb") as file, MessageWriter(file) as writer:
+        writer.copy(read_contents(tmp_path / "whole.mcap"), ("/camera/calibration",))
+    with pytest.warns(McapWarning, match=r"camera is left out.*found /camera/info"):
+        assert read_scene(tmp_path / "s.mcap").camera is None
+
+
+@pytest.mark.parametrize("frame", [2**64 - 1, 10**9])
+def test_frame_numbers_that_no_video_has_are_refused(frame: int) -> None:
+    with pytest.raises(FileFormatError, match=f"video frame {frame}: expected at most 20,000,000"):
+        detections_of(
+            CameraInfo(keypoint_set="coco17"), [Detections2D(frame=0), Detections2D(frame=frame, seconds=1.0)]
+        )

@@ -109,17 +109,16 @@ class GrowingFile(RecordFile):
         """Wait until the file has this many bytes; False if it does not grow any more."""
         known, since = -1, time.monotonic()
         while not self._stop.is_set():
-            if self.size >= end:
-                return True
             self.size = os.fstat(self.file.fileno()).st_size
             if self.size < self.at:
                 raise FileFormatError(f"{self.path} has become shorter while it was followed: start anew with it")
+            if self.size >= end:
+                return True
             if self.size != known:
                 known, since = self.size, time.monotonic()
             elif time.monotonic() - since > self._settings.growth_wait:
                 return False
-            if self.size < end:
-                self._stop.wait(LOOK_EVERY)
+            self._stop.wait(LOOK_EVERY)
         return False
 
     def skips(self, opcode: int, length: int) -> bool:

@@ -6,7 +6,7 @@ Separator, comment lines and header lines are told or found. A TRC marker ``knee
 
 import csv
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -164,10 +164,8 @@ def read_text_table(path: Path, dialect: Dialect | None = None) -> TextTable:
     dialect = dialect or Dialect()
     text = read_text(path)
     lines = text.splitlines()
-    if text.startswith("PathFileType"):
-        return _read_trc(path, lines)
-    if path.suffix.lower() in (".sto", ".mot"):
-        return _read_sto(path, lines)
+    if text.startswith("PathFileType") or path.suffix.lower() in (".sto", ".mot"):
+        return _read_opensim(path, lines)
     comments = (dialect.comment,) if dialect.comment else COMMENTS
     numbered = [(i + 1, line) for i, line in enumerate(lines) if line.strip() and not line.startswith(comments)]
     return _read_plain(path, numbered, lines, dialect, text.endswith(("\n", "\r")))
@@ -328,60 +326,43 @@ def _width(row: str, separator: str) -> int:
     return len(split(row, separator)) if not separator or '"' in row else row.count(separator) + 1
 
 
-def _read_trc(path: Path, lines: list[str]) -> TextTable:
-    """OpenSim's table of triples: five lines of header, the fourth with the names."""
-    at = next((i for i, line in enumerate(lines[:LOOKED_AT]) if line.startswith("Frame#")), None)
-    if at is None:
+def _read_opensim(path: Path, lines: list[str]) -> TextTable:
+    """OpenSim's tables, whose lines may end in blank cells.
+
+    TRC has triples below five lines of header, the fourth with the names. STO has a header up to ``endheader``, a line
+    of names, and cells of one number or of several.
+    """
+    is_trc, first = lines[:1] and lines[0].startswith("PathFileType"), lines[:LOOKED_AT]
+    mark = "frame#" if is_trc else "endheader"
+    at = next((i for i, line in enumerate(first) if line.strip().lower().partition("\t")[0] == mark), None)
+    if is_trc and at is None:
         raise FileFormatError(f"{path}: no line 'Frame#  Time  name …': expected OpenSim's TRC")
-    found = [cell.strip() for cell in lines[at].split("\t") if cell.strip()]
-    names = (*found[:2], *(f"{name}_{axis}" for name in found[2:] for axis in "xyz"))
-    numbered = [(i + 1, line) for i, line in enumerate(lines) if i > at + 1 and line.strip()]
-    return _filled(path, names, numbered, lambda line: line.split("\t"), lines[:at])
-
-
-def _read_sto(path: Path, lines: list[str]) -> TextTable:
-    """OpenSim's storage: a header up to ``endheader``, a line of names, cells of one number or of several."""
-    at = next((i for i, line in enumerate(lines[:LOOKED_AT]) if line.strip().lower() == "endheader"), None)
     if at is None or at + 1 >= len(lines):
         raise FileFormatError(f"{path}: no 'endheader' line followed by column names: expected OpenSim's STO")
-    labels = [cell.strip() for cell in lines[at + 1].split("\t")]
     numbered = [(i + 1, line) for i, line in enumerate(lines) if i > at + 1 and line.strip()]
-    widest = [1] * len(labels)
-    for _, line in numbered[:LOOKED_AT]:
-        for i, cell in enumerate(line.split("\t")[: len(labels)]):
-            widest[i] = max(widest[i], cell.count(",") + 1)
-    names: list[str] = []
-    for label, count in zip(labels, widest, strict=True):
-        letters = COMPONENTS.get(count, [str(i) for i in range(count)])
-        names += [label] if count == 1 else [f"{label}_{letter}" for letter in letters]
-
-    def cells(line: str) -> list[str]:
-        found: list[str] = []
-        for cell, count in zip(line.split("\t"), widest, strict=False):
-            parts = cell.strip("()~[] ").split(",")
-            found += ["nan"] * count if cell.strip().lower() in MISSING else parts
-        return found
-
-    return _filled(path, tuple(names), numbered, cells, lines[:at])
-
-
-def _filled(
-    path: Path,
-    names: tuple[str, ...],
-    numbered: list[tuple[int, str]],
-    cells: Callable[[str], list[str]],
-    preamble: Sequence[str],
-) -> TextTable:
-    """A table of OpenSim's, whose lines may end in blank cells."""
     if not numbered:
         raise FileFormatError(f"{path}: no rows below its header")
-    blanks = len(names) - 1
-    rows = [
-        line
-        if line.count("\t") == blanks and "\t\t" not in line and "," not in line
-        else "\t".join(cell.strip() or "nan" for cell in cells(line)[: len(names)])
-        for _, line in numbered
-    ]
-    return table_of_rows(
-        path, names, [(line, row) for (line, _), row in zip(numbered, rows, strict=True)], "\t", preamble
-    )
+    labels = [cell.strip() for cell in lines[at if is_trc else at + 1].split("\t")]
+    if is_trc:
+        labels = [label for label in labels if label]
+        names = [*labels[:2], *(f"{name}_{axis}" for name in labels[2:] for axis in "xyz")]
+        counts = [1] * len(names)
+    else:
+        looked_at = [line.split("\t") for _, line in numbered[:LOOKED_AT]]
+        counts = [max(row[i].count(",") + 1 if i < len(row) else 1 for row in looked_at) for i in range(len(labels))]
+        names = []
+        for label, count in zip(labels, counts, strict=True):
+            letters = COMPONENTS.get(count, [str(i) for i in range(count)])
+            names += [label] if count == 1 else [f"{label}_{letter}" for letter in letters]
+
+    def as_cells(line: str) -> str:
+        if line.count("\t") == len(names) - 1 and "\t\t" not in line and "," not in line:
+            return line
+        cells: list[str] = []
+        for cell, count in zip(line.split("\t"), counts, strict=False):
+            parts = [cell.strip()] if count == 1 else cell.strip("()~[] ").split(",")
+            cells += ["nan"] * count if cell.strip().lower() in MISSING else parts
+        return "\t".join(part.strip() or "nan" for part in cells[: len(names)])
+
+    rows = [(line, as_cells(row)) for line, row in numbered]
+    return table_of_rows(path, tuple(names), rows, "\t", lines[:at])

@@ -132,8 +132,6 @@ def write_estimate(
             writer.write(SCENE_INFO, SCENE_HEAD.encode(closed, wearer_topics=prefixes, start_ns=start_ns), end_ns)
             for one, prefix in zip(closed.wearers, prefixes, strict=True):
                 writer.write(prefix + CALIBRATION, codecs.CALIBRATION.encode(one.calibration), end_ns)
-            if camera is not None and closed.camera is not None:
-                camera.write_info(closed.camera, end_ns)
 
 
 @contextmanager

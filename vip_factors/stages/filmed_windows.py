@@ -173,7 +173,6 @@ def _closed(head: Estimate, source: SceneSource, plan: WindowPlan, gathered: _Ga
     return replace(
         head,
         wearers=wearers,
-        camera=camera,
         wearer_of_detection=np.concatenate([before, *gathered.wearer, after]).astype(int),
         findings=(*gathered.findings.sentences(), *_drifts(wearers), *clock),
     )

@@ -20,8 +20,7 @@ import numpy as np
 from vip_factors.errors import FileFormatError
 from vip_factors.io.importers import table
 from vip_factors.io.importers.column_map import QUANTITIES, UP_OR_DOWN, ColumnMap, Columns, SensorColumns
-from vip_factors.io.importers.packet_clock import SAME_RATE
-from vip_factors.io.importers.shared import ImportedLog, LogFormat, candidates
+from vip_factors.io.importers.shared import SAME_RATE, ImportedLog, LogFormat, candidates
 from vip_factors.io.importers.text_table import (
     COMPONENTS,
     SEPARATORS,

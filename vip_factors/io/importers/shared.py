@@ -159,6 +159,7 @@ def likely_sites(names: list[str]) -> dict[str, str]:
 
 GRAVITY = 9.80665  # m/s², standard; what vendors subtract
 UP = np.array([0.0, 0.0, 1.0])
+SAME_RATE = 0.02  # two statements of one rate agree within 2 %: clocks are better than 0.01 %, exports round
 # Averaged over a file, specific force points up to within a few degrees in every recording looked at.
 TILT_LIMIT_DEG = 30.0
 # Half a turn about x: the fixed rotation that puts a z-down frame upright.

@@ -18,19 +18,9 @@ import numpy as np
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order
 from vip_factors.geometry.rotations import Array, nearest_rotation, rotation_x, rotation_y, rotation_z, transpose
-from vip_factors.io.importers.packet_clock import (
-    CLOCK_MODULUS,
-    COUNTER_MODULUS,
-    PLAUSIBLE_RATE_HZ,
-    SAME_RATE,
-    Packets,
-    clock_tick,
-    common_base,
-    order_packets,
-    unwrap,
-)
 from vip_factors.io.importers.shared import (
     GRAVITY,
+    SAME_RATE,
     UP,
     ImportedLog,
     LogFormat,
@@ -59,6 +49,11 @@ ACCELERATION = ("Acc_X", "Acc_Y", "Acc_Z")
 FREE_ACCELERATION = (("FreeAcc_X", "FreeAcc_Y", "FreeAcc_Z"), ("FreeAcc_E", "FreeAcc_N", "FreeAcc_U"))
 ANGULAR_RATE = ("Gyr_X", "Gyr_Y", "Gyr_Z")
 
+COUNTER_MODULUS = 2**16  # MTw and DOT packet counters
+CLOCK_MODULUS = 2**32  # SampleTimeFine
+# Radio delivers packets a few places late at most; a longer way back is a restarted sensor.
+OUT_OF_ORDER_PACKETS = 1000
+PLAUSIBLE_RATE_HZ = (4.0, 2000.0)
 DEFAULT_RATE_HZ = 100.0  # of an MTw Awinda with up to nine sensors, and of every export seen without a rate
 # North-east-down to east-north-up, for exports whose comment says NED.
 R_ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -66,6 +61,9 @@ R_ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 GRAVITY_FREE_MEAN = 3.0
 # The same tolerance as for quaternions: a matrix further off is not a rounded rotation but a mistake.
 MATRIX_TOLERANCE = 0.05
+
+Packets = tuple[np.ndarray, np.ndarray]
+"""Indices ``(M,)`` of the rows kept of a file, in order, and their unwrapped counts, which increase strictly."""
 
 
 def _is_mtw(path: Path) -> bool:
@@ -157,13 +155,12 @@ DOT = LogFormat("xsens_dot", partial(_matches, _is_dot), _read_dot)
 def _import_tables(path: Path, name: str, files: dict[str, Path], rate_unit: float) -> ImportedLog:
     """Read one file per sensor and put all on one clock; ``rate_unit`` is the angular rate's in rad/s."""
     tables = {sensor: _read_table(file) for sensor, file in files.items()}
-    packets = {sensor: _packets(table) for sensor, table in tables.items()}
     notes = [note for table in tables.values() for note in table.notes]
-    notes += [note for one in packets.values() for note in one.notes]
+    packets = {sensor: _packets(table, notes) for sensor, table in tables.items()}
     times = _times(path, tables, packets, notes)
     imus = {}
     for sensor, table in tables.items():
-        rows = packets[sensor].rows
+        rows, _ = packets[sensor]
         force, R, rate = (None if values is None else values[rows] for values in _channels(table, rate_unit, notes))
         imus[sensor] = ImuStream.from_samples(sensor, times[sensor], force, R, rate)
         if lost := len(rows) - len(imus[sensor]):
@@ -180,13 +177,73 @@ def _read_table(path: Path) -> TextTable:
     return read_text_table(path, Dialect(separator, header=(at + 1,), same_digits=True))
 
 
-def _packets(table: TextTable) -> Packets:
+def _packets(table: TextTable, notes: list[str]) -> Packets:
     counter, name = table.group(["PacketCounter"]), table.path.name
     if counter is None:
-        rows = np.arange(len(table))
-        return Packets(rows, rows, (f"{name}: no PacketCounter, so lost packets cannot be seen",))
+        notes.append(f"{name}: no PacketCounter, so lost packets cannot be seen")
+        return np.arange(len(table)), np.arange(len(table))
     wide = np.nanmax(counter) >= COUNTER_MODULUS
-    return order_packets(counter[:, 0], name, CLOCK_MODULUS if wide else COUNTER_MODULUS)
+    return order_packets(counter[:, 0], name, CLOCK_MODULUS if wide else COUNTER_MODULUS, notes)
+
+
+def unwrap(values: Array, modulus: int) -> np.ndarray:
+    """Integers ``(N,)`` that stepped over ``modulus`` made continuous; a step of over half the range is one back."""
+    whole = np.asarray(values).astype(np.int64)
+    half = modulus // 2
+    step = (np.diff(whole) + half) % modulus - half
+    return whole[0] + np.concatenate([[0], np.cumsum(step)])
+
+
+def order_packets(counter: Array, name: str, modulus: int, notes: list[str]) -> Packets:
+    """Unwrap, sort and de-duplicate the packet counter of one file; rows without a counter are left out.
+
+    Raises:
+        FileFormatError: if the counter goes back by more than radio can explain, or no row has one.
+    """
+    known = np.flatnonzero(np.isfinite(counter))
+    if not len(known):
+        raise FileFormatError(f"{name}: no row has a packet counter")
+    count = unwrap(counter[known], modulus)
+    late = np.maximum.accumulate(count) - count
+    if late.max() > OUT_OF_ORDER_PACKETS:
+        row = int(np.argmax(late > OUT_OF_ORDER_PACKETS))
+        raise FileFormatError(
+            f"{name}: at sample {known[row]} the packet counter falls from {counter[known[row - 1]]:g} to "
+            f"{counter[known[row]]:g}: expected it to grow; split the file where the sensor was restarted"
+        )
+    kept, first = np.unique(count, return_index=True)
+    if twice := len(count) - len(kept):
+        notes.append(f"{name}: {twice} packets came twice; the first was kept")
+    if np.any(np.diff(first) < 0):
+        notes.append(f"{name}: packets came out of order and were sorted")
+    if blank := len(counter) - len(known):
+        notes.append(f"{name}: {blank} rows without a packet counter dropped")
+    if lost := int(kept[-1] - kept[0] + 1 - len(kept)):
+        notes.append(f"{name}: {lost} of {int(kept[-1] - kept[0] + 1)} packets lost")
+    return known[first], kept
+
+
+def common_base(counts: list[np.ndarray], modulus: int) -> list[np.ndarray]:
+    """Counts of several files shifted by whole turns so that their starts lie together, the earliest at zero."""
+    half = modulus // 2
+    reference = counts[0][0]
+    shifted = [count + ((reference - count[0] + half) // modulus) * modulus for count in counts]
+    earliest = min(count[0] for count in shifted)
+    return [count - earliest for count in shifted]
+
+
+def clock_tick(clock: Array, count: np.ndarray) -> tuple[float, float] | None:
+    """Seconds per tick of SampleTimeFine and samples per second it implies, or None if neither unit is plausible.
+
+    MTw stations count tenths of milliseconds, DOTs microseconds; the ticks between packets tell which.
+    """
+    if len(count) < 2:
+        return None
+    ticks = float(np.median(np.diff(unwrap(clock, CLOCK_MODULUS)) / np.diff(count)))
+    for tick, low, high in ((1e-4, 1.0, 900.0), (1e-6, 900.0, 250000.0)):
+        if low <= ticks < high:
+            return tick, 1 / (tick * ticks)
+    return None
 
 
 def _times(path: Path, tables: dict[str, TextTable], packets: dict[str, Packets], notes: list[str]) -> dict[str, Array]:
@@ -204,7 +261,7 @@ def _times(path: Path, tables: dict[str, TextTable], packets: dict[str, Packets]
     rate = stated[fast] if fast else DEFAULT_RATE_HZ
     if not fast:
         notes.append(f"{path.name}: no file says its update rate; {rate:g} Hz assumed")
-    counts = common_base([one.count for one in packets.values()], COUNTER_MODULUS)
+    counts = common_base([count for _, count in packets.values()], COUNTER_MODULUS)
     return {sensor: count / rate for sensor, count in zip(packets, counts, strict=True)}
 
 
@@ -220,10 +277,10 @@ def _clock_times(
     """Times by SampleTimeFine, or None where a file lacks it or the clocks have nothing in common."""
     clocks, ticks, said = [], set(), []
     for sensor, table in tables.items():
-        column, rows = table.group(["SampleTimeFine"]), packets[sensor].rows
+        column, (rows, count) = table.group(["SampleTimeFine"]), packets[sensor]
         if column is None or not np.all(np.isfinite(column[rows])):
             return None
-        found = clock_tick(column[rows, 0], packets[sensor].count)
+        found = clock_tick(column[rows, 0], count)
         clock = unwrap(column[rows, 0], CLOCK_MODULUS)
         if found is None or np.any(np.diff(clock) <= 0):
             return None

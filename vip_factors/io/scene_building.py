@@ -219,7 +219,7 @@ def _camera(scene: Scene, options: CameraOptions) -> Camera:
         if options.rate is not None and abs(options.rate / facts.rate - 1) > 0.01:
             _warn(f"{facts.path} has {facts.rate:.2f} frames a second, not {options.rate:g}: the file's times are used")
     check_detections(detections, model, options.detections, options.camera, size_known=facts is not None)
-    _tell_times(scene, camera)
+    _warn_of_clocks(scene, camera)
     return camera if video is None else replace(camera, detections=with_torso_colours(camera.detections, video))
 
 
@@ -317,7 +317,7 @@ def check_detections(
         )
 
 
-def _tell_times(scene: Scene, camera: Camera) -> None:
+def _warn_of_clocks(scene: Scene, camera: Camera) -> None:
     """Warn where video and sensors have little or no time in common."""
     time = camera.timed_detections.time
     for wearer in scene.wearers:

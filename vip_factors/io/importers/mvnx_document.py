@@ -4,6 +4,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,17 +21,11 @@ SENSOR_CHANNELS = {
 }
 
 
-@dataclass(frozen=True)
-class MvnxFrame:
+class MvnxFrame(NamedTuple):
     """One frame: its attributes, and the numbers of the channels it has, one row per segment or sensor."""
 
     attributes: dict[str, str]
     channels: dict[str, Array]
-
-    @property
-    def is_sample(self) -> bool:
-        """Whether it is a moment of the recording, not a pose of the calibration (identity, tpose, npose …)."""
-        return self.attributes.get("type", "normal") == "normal"
 
 
 @dataclass
@@ -46,7 +41,8 @@ class MvnxDocument:
         segments, sensors: labels, in the order of the rows of every channel.
         points: (segment, point) → metres, in the segment's axes in the T-pose (x forward, y left, z up).
         joints: pairs of (segment, point), parent first, that coincide.
-        frames: in order.
+        samples: frames of the recording, in order.
+        calibration_poses: frames before it: identity, T-pose, N-pose …
         truncated: what is wrong with the end of the file, if it breaks off.
     """
 
@@ -59,18 +55,9 @@ class MvnxDocument:
     sensors: list[str] = field(default_factory=list)
     points: dict[tuple[str, str], Array] = field(default_factory=dict)
     joints: list[tuple[tuple[str, str], tuple[str, str]]] = field(default_factory=list)
-    frames: list[MvnxFrame] = field(default_factory=list)
+    samples: list[MvnxFrame] = field(default_factory=list)
+    calibration_poses: list[MvnxFrame] = field(default_factory=list)
     truncated: str = ""
-
-    @property
-    def samples(self) -> list[MvnxFrame]:
-        """The frames of the recording."""
-        return [frame for frame in self.frames if frame.is_sample]
-
-    @property
-    def calibration_poses(self) -> list[MvnxFrame]:
-        """The frames before the recording: identity, T-pose, N-pose …"""
-        return [frame for frame in self.frames if not frame.is_sample]
 
     def channel(self, name: str) -> Array | None:
         """One channel of all samples, ``(N, rows, width)``, NaN where a sample lacks it; None if all do."""
@@ -140,7 +127,8 @@ def _take(document: MvnxDocument, tag: str, element: ET.Element) -> None:
         if len(ends) == 2 and all(len(end) == 2 for end in ends):
             document.joints.append((ends[0], ends[1]))  # type: ignore[arg-type]
     elif tag == "frame":
-        document.frames.append(_frame(document, element))
+        is_sample = element.get("type", "normal") == "normal"
+        (document.samples if is_sample else document.calibration_poses).append(_frame(document, element))
 
 
 def _frame(document: MvnxDocument, element: ET.Element) -> MvnxFrame:
@@ -149,7 +137,7 @@ def _frame(document: MvnxDocument, element: ET.Element) -> MvnxFrame:
         name = child.tag.rpartition("}")[2]
         if name in SEGMENT_CHANNELS or name in SENSOR_CHANNELS:
             labels, width = _channel_shape(document, name)
-            where = f"<{name}> of frame {element.get('index', len(document.frames))}"
+            where = f"<{name}> of frame {element.get('index', len(document.samples))}"
             channels[name] = _numbers(document.path, child, where, len(labels) * width).reshape(-1, width)
     return MvnxFrame(dict(element.attrib), channels)
 

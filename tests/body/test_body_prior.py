@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.studies.body_prior_training import BodyTraining, centre_covariance
+from tests.studies.body_prior_training import BodyTraining, centre_covariance, save_body_prior
 from vip_factors.body.body_prior import (
     GROUPS,
     SIZE,
@@ -14,7 +14,6 @@ from vip_factors.body.body_prior import (
     BodyGaussian,
     Observation,
     load_body_prior,
-    save_body_prior,
 )
 from vip_factors.body.lengths import BODY_LENGTHS, skeleton_of_lengths
 from vip_factors.body.skeleton import joint_index

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.studies.gait import hip_flexion_of
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.joint_angles import (
@@ -20,7 +21,7 @@ from vip_factors.body.joint_angles import (
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
 from vip_factors.errors import InputError
-from vip_factors.evaluate.body import hip_flexion_of, knee_flexion_of
+from vip_factors.evaluate.body import knee_flexion_of
 from vip_factors.geometry.rotations import Array, exp, rotation_of_sequence, rotation_z
 from vip_factors.simulate.gestures import gestures
 

@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.studies.pose_prior_training import HELD_OUT_CLIPS, PriorTraining, held_out_names, train_pose_prior
+from tests.studies.pose_prior_training import (
+    HELD_OUT_CLIPS,
+    PriorTraining,
+    held_out_names,
+    save_pose_prior,
+    train_pose_prior,
+)
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.pose_prior import (
@@ -14,7 +20,6 @@ from vip_factors.body.pose_prior import (
     joint_vector,
     load_pose_prior,
     mirror_joint_vector,
-    save_pose_prior,
 )
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError, InputError

@@ -86,7 +86,7 @@ def test_segments_reach_every_joint_and_mirror() -> None:
 
 def test_the_crown_is_as_high_as_the_person() -> None:
     skeleton = skeleton_from_stature(1.8)
-    head = next(s for s in mannequin(skeleton) if s.part == "head" and s.p_bone_start.any())
+    head = next(s for s in mannequin(skeleton) if s.region == "head" and s.p_bone_start.any())
     top = skeleton.p_pelvis_joint[head.bone, 1] + head.p_bone_end[1] + head.radius_end
     heel = skeleton.landmarks["left_heel"]
     sole = skeleton.p_pelvis_joint[heel.bone, 1] + heel.p_bone_point[1]

@@ -72,13 +72,11 @@ def test_right_jacobian_is_the_derivative_of_exp(v: np.ndarray, w: np.ndarray) -
 
 
 @given(rotation_vectors(), directions())
-def test_inverse_jacobians_are_the_derivatives_of_log(v: np.ndarray, w: np.ndarray) -> None:
+def test_inverse_right_jacobian_is_the_derivative_of_log(v: np.ndarray, w: np.ndarray) -> None:
     v = v * min(1.0, 3.1 / max(np.linalg.norm(v), 1e-9))  # log jumps at half turns: stay a step away
     h, R = 1e-6, so3.exp(v)
     right = (so3.log(R @ so3.exp(h * w)) - so3.log(R @ so3.exp(-h * w))) / (2 * h)
-    left = (so3.log(so3.exp(h * w) @ R) - so3.log(so3.exp(-h * w) @ R)) / (2 * h)
     np.testing.assert_allclose(so3.inverse_right_jacobian(v) @ w, right, atol=1e-7)
-    np.testing.assert_allclose(so3.inverse_left_jacobian(v) @ w, left, atol=1e-7)
 
 
 @given(rotation_vectors())

@@ -6,6 +6,8 @@ sex in their definitions too: de Leva's female thigh is 0.212 of stature, real w
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -164,3 +166,12 @@ def centre_covariance(settings: BodyTraining) -> Array:
     ]
     columns = np.array([[sigma * move.get(name, 0.0) for sigma, move in moves] for name in VARIABLES])
     return columns @ columns.T
+
+
+def save_body_prior(prior: BodyPrior, path: str | Path) -> None:
+    """Write a prior over bodies as npz."""
+    arrays: dict[str, Any] = {"variables": np.array(VARIABLES), "provenance": np.array(prior.provenance)}
+    for name, group in prior.groups.items():
+        arrays |= {f"{name}_mean": group.mean, f"{name}_covariance": group.covariance}
+    with Path(path).open("wb") as file:
+        np.savez_compressed(file, **arrays)

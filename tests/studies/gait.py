@@ -17,16 +17,7 @@ from vip_factors.body.joint_angles import R_BODY_ISB
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
-from vip_factors.evaluate.body import (
-    bend_deg,
-    hip_flexion_deg,
-    hip_flexion_of,
-    inclination_deg,
-    knee_flexion_deg,
-    knee_flexion_of,
-    rmse,
-    rmse_without_offset,
-)
+from vip_factors.evaluate.body import knee_flexion_deg, knee_flexion_of, rmse, rmse_without_offset
 from vip_factors.geometry.poses import align_rigid
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
@@ -319,3 +310,40 @@ def _correlation(names: list[str], sensors: GaitMotion, video: GaitMotion, lag: 
     pairs = [_shifted(name, sensors, video, lag) for name in names]
     ours, theirs = (np.concatenate([pair[k] - np.mean(pair[k]) for pair in pairs]) for k in range(2))
     return float(ours @ theirs / max(np.linalg.norm(ours) * np.linalg.norm(theirs), 1e-9))
+
+
+def hip_flexion_deg(R_world_pelvis: Array, R_world_thigh: Array) -> Array:
+    """Hip flexion ``(...)`` in degrees, of pelvis and thigh orientations ``(..., 3, 3)``; forward is positive.
+
+    The convention of :func:`knee_flexion_deg`, but flexion takes the thigh forward, which is a turn about −x.
+    """
+    return -knee_flexion_deg(R_world_pelvis, R_world_thigh)
+
+
+def hip_flexion_of(motion: Motion, side: str) -> Array:
+    """Hip flexion ``(T,)`` in degrees of the ``"left"`` or ``"right"`` hip of a motion."""
+    R_world_bone = motion.state.R_world_bone
+    return hip_flexion_deg(R_world_bone[:, joint_index("pelvis")], R_world_bone[:, joint_index(f"{side}_hip")])
+
+
+def bend_deg(p_above: Array, p_joint: Array, p_below: Array) -> Array:
+    """How far ``(...)`` degrees a knee or an elbow is from straight, of joint centres ``(..., 3)``; never negative.
+
+    No axes of bones are needed, which no two skeletons share.
+    """
+    above, below = p_joint - p_above, p_below - p_joint
+    cosine = np.sum(above * below, axis=-1) / np.linalg.norm(above, axis=-1) / np.linalg.norm(below, axis=-1)
+    return np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def inclination_deg(up: Array, left: Array) -> Array:
+    """How far ``(T,)`` degrees an axis of the trunk leans forward, seen from where the person's left is.
+
+    Args:
+        up: ``(T, 3)`` along the axis, in a world with z up; from the middle of the hips to that of the shoulders, say,
+            which all skeletons have, or a bone's own axis, about whose zero no two skeletons agree.
+        left: ``(T, 3)`` from the right hip to the left one.
+    """
+    forward = np.stack([left[..., 1], -left[..., 0]], axis=-1)
+    forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
+    return np.rad2deg(np.arctan2(np.sum(up[..., :2] * forward, axis=-1), up[..., 2]))

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -106,3 +107,14 @@ def _regularised(covariance: Array, settings: PriorTraining) -> Array:
     for joint in (JOINT_NAMES.index("left_elbow") - 1, JOINT_NAMES.index("right_elbow") - 1):
         floor[joint, [0, 2]] = settings.minimum_pronation_sigma_deg
     return shrunk + np.diag(np.radians(floor.ravel()) ** 2)
+
+
+def save_pose_prior(prior: PosePrior, path: str | Path) -> None:
+    """Write a prior as npz (single precision: a tenth of a milliradian is nothing here)."""
+    with Path(path).open("wb") as file:
+        np.savez_compressed(
+            file,
+            mean=prior.mean.astype(np.float32),
+            whitening=prior.whitening.astype(np.float32),
+            provenance=np.array(prior.provenance),
+        )

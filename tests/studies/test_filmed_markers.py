@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.studies.gait import inclination_deg
 from tests.studies.marker_body import (
     ARMS,
     ELBOW_M,
@@ -20,7 +21,6 @@ from tests.studies.marker_body import (
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
-from vip_factors.evaluate.body import inclination_deg
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.sensors.calibration import preset
 from vip_factors.simulate.gestures import gestures

@@ -13,12 +13,18 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from tests.studies.body_prior_training import DIMENSIONS, BodyTraining, train_body_prior
-from tests.studies.pose_prior_training import DAMAGED_CLIPS, PriorTraining, held_out_names, train_pose_prior
+from tests.studies.body_prior_training import DIMENSIONS, BodyTraining, save_body_prior, train_body_prior
+from tests.studies.pose_prior_training import (
+    DAMAGED_CLIPS,
+    PriorTraining,
+    held_out_names,
+    save_pose_prior,
+    train_pose_prior,
+)
 from tests.studies.study import Study, Tell
 from vip_factors.atomic import atomic_path, check_target
-from vip_factors.body.body_prior import BodyPrior, save_body_prior
-from vip_factors.body.pose_prior import PosePrior, save_pose_prior
+from vip_factors.body.body_prior import BodyPrior
+from vip_factors.body.pose_prior import PosePrior
 from vip_factors.cli.options import Output
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array

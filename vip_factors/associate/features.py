@@ -24,21 +24,21 @@ def major_joints(names: Sequence[str]) -> np.ndarray:
     return np.array([name.split("_")[-1] in MAJOR_JOINTS for name in names], dtype=bool)
 
 
-def given_keypoints(found: Array) -> np.ndarray:
-    """Which keypoints ``(K,)`` a detector gives, by how often ``(K,)`` each is found."""
-    return np.asarray((found > 0) & (found >= GIVEN * found.max(initial=0.0)))
+def given_keypoints(frequency: Array) -> np.ndarray:
+    """Which keypoints ``(K,)`` a detector gives, by how often ``(K,)`` it gives each."""
+    return np.asarray((frequency > 0) & (frequency >= GIVEN * frequency.max(initial=0.0)))
 
 
-def counts_for(names: Sequence[str], found: Array) -> float:
+def counts_for(names: Sequence[str], frequency: Array) -> float:
     """For how many major joints each one counts: more than one where the detector gives fewer than usual.
 
     The choice of wearers was learned from people of whom twelve or thirteen can be seen.
 
     Args:
         names: of the ``K`` keypoints.
-        found: ``(K,)`` how often each is.
+        frequency: ``(K,)`` how often each is detected.
     """
-    given = int(np.sum(major_joints(names) & given_keypoints(found)))
+    given = int(np.sum(major_joints(names) & given_keypoints(frequency)))
     return max(1.0, ALL_JOINTS / given) if given else 1.0
 
 
@@ -99,7 +99,7 @@ class Context:
 
     @property
     def rate(self) -> float:
-        """Video frames per second."""
+        """Video frames per second, by the median step between them."""
         return 1 / float(np.median(np.diff(self.time))) if len(self.time) > 1 else 30.0
 
 
@@ -211,14 +211,6 @@ def _agreed_up(context: Context) -> Array:
         length = np.linalg.norm(total, axis=1, keepdims=True)
         agreed = np.where(length > 1e-6, total / np.maximum(length, 1e-6), agreed)
     return agreed
-
-
-def _pair_index(context: Context) -> Array:
-    """Row ``(wearers, N)`` of each hypothesis, −1 where there is none."""
-    h = context.hypotheses
-    index = np.full((len(context.wearers), len(context.track)), -1)
-    index[h.wearer, h.detection] = np.arange(len(h))
-    return index
 
 
 def _later(context: Context, seconds: float) -> np.ndarray:

@@ -156,7 +156,7 @@ class _Field:
         return np.log(total), slope / total[:, None]
 
     def normals(self, p: Array, chosen: np.ndarray) -> Array:
-        """Outwards ``(V, 3)``, unit."""
+        """Unit normals ``(V, 3)`` of the skin, outwards."""
         slope = self._value(p, chosen)[1]
         return -slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
 

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -128,12 +127,3 @@ def load_body_prior(path: str | Path | None = None) -> BodyPrior:
         FileFormatError: if the file is not one.
     """
     return _read(Path(path) if path is not None else SHIPPED_BODY_PRIOR)
-
-
-def save_body_prior(prior: BodyPrior, path: str | Path) -> None:
-    """Write a prior over bodies as npz."""
-    arrays: dict[str, Any] = {"variables": np.array(VARIABLES), "provenance": np.array(prior.provenance)}
-    for name, group in prior.groups.items():
-        arrays |= {f"{name}_mean": group.mean, f"{name}_covariance": group.covariance}
-    with Path(path).open("wb") as file:
-        np.savez_compressed(file, **arrays)

@@ -46,7 +46,7 @@ class Hinge:
 
     @property
     def index(self) -> int:
-        """Of the joint."""
+        """Number of the joint in the skeleton."""
         return joint_index(self.joint)
 
     def direction(self, tilt: Array) -> Array:
@@ -133,7 +133,7 @@ class HingeEstimate:
 
     @property
     def hinge(self) -> Hinge:
-        """What it may do."""
+        """The joint's usual axis, and how it may tilt."""
         return HINGE_OF[self.joint]
 
     @property
@@ -176,14 +176,14 @@ class HingePrior:
     covariance: Array = field(default_factory=lambda: np.diag(HINGE_SIGMAS**2))
 
     @classmethod
-    def about(cls, found: Sequence[HingeEstimate]) -> "HingePrior":
+    def about(cls, estimates: Sequence[HingeEstimate]) -> "HingePrior":
         """Of somebody some of whose hinges were found before, on another recording; the others are anybody's.
 
         None is believed better than :data:`LEAST_SIGMA`.
         """
         usual = cls()
         mean, covariance = usual.mean, usual.covariance
-        for one in found:
+        for one in estimates:
             values, vectors = np.linalg.eigh(one.covariance)
             columns = one.hinge.columns
             mean[columns] = one.variables
@@ -192,11 +192,11 @@ class HingePrior:
 
     @property
     def whitening(self) -> Array:
-        """``(H, H)`` per radian."""
+        """``(H, H)`` per radian, the inverse square root of the covariance."""
         return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)))
 
     def hinges(self) -> tuple[HingeEstimate, ...]:
-        """One by one."""
+        """The Gaussian of each hinge by itself."""
         return hinge_estimates(self.mean, self.covariance)
 
 

@@ -17,7 +17,7 @@ from vip_factors.geometry.rotations import Array
 
 
 @dataclass(frozen=True)
-class _Place:
+class _KeypointSite:
     """On ``bone``, from its joint (or from the middle of ``joints`` at rest, or a skeleton's landmark) by ``offset``.
 
     ``offset`` is in fractions of stature, bone axes: x left, y up, z forward.
@@ -29,38 +29,44 @@ class _Place:
     landmark: str = ""
 
 
-def _both_sides(places: Mapping[str, _Place]) -> dict[str, _Place]:
-    def right(place: _Place) -> _Place:
-        x, y, z = place.offset
-        return _Place(
-            place.bone.replace("left_", "right_"), (-x, y, z), place.joints, place.landmark.replace("left_", "right_")
+def _both_sides(sites: Mapping[str, _KeypointSite]) -> dict[str, _KeypointSite]:
+    def right(site: _KeypointSite) -> _KeypointSite:
+        x, y, z = site.offset
+        return _KeypointSite(
+            site.bone.replace("left_", "right_"), (-x, y, z), site.joints, site.landmark.replace("left_", "right_")
         )
 
     return {
-        f"{side}_{name}": place if side == "left" else right(place)
-        for name, place in places.items()
+        f"{side}_{name}": site if side == "left" else right(site)
+        for name, site in sites.items()
         for side in ("left", "right")
     }
 
 
-_PLACES: dict[str, _Place] = {
-    "nose": _Place("head", (0.0, 0.010, 0.062)),
-    "head_top": _Place("head", landmark="head_top"),
-    "neck": _Place("spine3", joints=("left_shoulder", "right_shoulder")),  # detectors learn the shoulders' middle
-    "mid_hip": _Place("pelvis", (0.0, 0.008, 0.0), joints=("left_hip", "right_hip")),  # in the middle of its hips
+_SITES: dict[str, _KeypointSite] = {
+    "nose": _KeypointSite("head", (0.0, 0.010, 0.062)),
+    "head_top": _KeypointSite("head", landmark="head_top"),
+    "neck": _KeypointSite(
+        "spine3", joints=("left_shoulder", "right_shoulder")
+    ),  # detectors learn the shoulders' middle
+    "mid_hip": _KeypointSite(
+        "pelvis", (0.0, 0.008, 0.0), joints=("left_hip", "right_hip")
+    ),  # in the middle of its hips
     **_both_sides(
         {
-            "eye": _Place("head", (0.018, 0.028, 0.050)),
-            "ear": _Place("head", (0.042, 0.020, 0.0)),
-            "shoulder": _Place("left_shoulder", (0.0, 0.005, 0.0)),  # annotators point at the skin above the joint
-            "elbow": _Place("left_elbow"),
-            "wrist": _Place("left_wrist"),
-            "hip": _Place("left_hip", (0.008, 0.008, 0.0)),  # and towards the trochanter, wider than the joint
-            "knee": _Place("left_knee"),
-            "ankle": _Place("left_ankle"),
-            "heel": _Place("left_ankle", landmark="left_heel"),
-            "big_toe": _Place("left_foot", landmark="left_toe_tip"),
-            "small_toe": _Place("left_foot", (0.022, 0.0, 0.004)),
+            "eye": _KeypointSite("head", (0.018, 0.028, 0.050)),
+            "ear": _KeypointSite("head", (0.042, 0.020, 0.0)),
+            "shoulder": _KeypointSite(
+                "left_shoulder", (0.0, 0.005, 0.0)
+            ),  # annotators point at the skin above the joint
+            "elbow": _KeypointSite("left_elbow"),
+            "wrist": _KeypointSite("left_wrist"),
+            "hip": _KeypointSite("left_hip", (0.008, 0.008, 0.0)),  # and towards the trochanter, wider than the joint
+            "knee": _KeypointSite("left_knee"),
+            "ankle": _KeypointSite("left_ankle"),
+            "heel": _KeypointSite("left_ankle", landmark="left_heel"),
+            "big_toe": _KeypointSite("left_foot", landmark="left_toe_tip"),
+            "small_toe": _KeypointSite("left_foot", (0.022, 0.0, 0.004)),
         }
     ),
 }
@@ -70,22 +76,32 @@ _PLACES: dict[str, _Place] = {
 # OpenPose beside markers on two walkers; no other detector was ever published beside markers with directions. Needham
 # et al. 2021 (Scientific Reports 11: 20673) tell sizes: hips and knees 30–50 mm, ankles 1–15 mm.
 _FEET_PLACES = {
-    "heel": _Place("left_ankle", (-0.003, 0.014, 0.018), landmark="left_heel"),  # on the shoe's side, not under it
-    "big_toe": _Place("left_foot", (-0.003, 0.012, -0.012), landmark="left_toe_tip"),
-    "small_toe": _Place("left_foot", (0.022, 0.003, 0.013)),
+    "heel": _KeypointSite(
+        "left_ankle", (-0.003, 0.014, 0.018), landmark="left_heel"
+    ),  # on the shoe's side, not under it
+    "big_toe": _KeypointSite("left_foot", (-0.003, 0.012, -0.012), landmark="left_toe_tip"),
+    "small_toe": _KeypointSite("left_foot", (0.022, 0.003, 0.013)),
 }
-_UPPER_NECK = _Place("spine3", (0.0, 0.037, -0.002), joints=("left_shoulder", "right_shoulder"))
+_UPPER_NECK = _KeypointSite("spine3", (0.0, 0.037, -0.002), joints=("left_shoulder", "right_shoulder"))
 _OPENPOSE_PLACES = _both_sides(
-    {"hip": _Place("left_hip", (0.009, 0.008, 0.009)), "knee": _Place("left_knee", (0.0, 0.002, 0.007)), **_FEET_PLACES}
+    {
+        "hip": _KeypointSite("left_hip", (0.009, 0.008, 0.009)),
+        "knee": _KeypointSite("left_knee", (0.0, 0.002, 0.007)),
+        **_FEET_PLACES,
+    }
 )
 _COCO_PLACES = _both_sides(
-    {"hip": _Place("left_hip", (0.009, 0.008, 0.007)), "knee": _Place("left_knee", (0.0, 0.002, 0.005)), **_FEET_PLACES}
+    {
+        "hip": _KeypointSite("left_hip", (0.009, 0.008, 0.007)),
+        "knee": _KeypointSite("left_knee", (0.0, 0.002, 0.005)),
+        **_FEET_PLACES,
+    }
 )
 _BLAZEPOSE_PLACES = _both_sides(
-    {"hip": _Place("left_hip", (0.008, 0.008, 0.004)), "knee": _Place("left_knee", (0.0, 0.002, 0.002)),
-     **_FEET_PLACES, "big_toe": _Place("left_foot", (0.003, 0.014, -0.016), landmark="left_toe_tip")}
+    {"hip": _KeypointSite("left_hip", (0.008, 0.008, 0.004)), "knee": _KeypointSite("left_knee", (0.0, 0.002, 0.002)),
+     **_FEET_PLACES, "big_toe": _KeypointSite("left_foot", (0.003, 0.014, -0.016), landmark="left_toe_tip")}
 )  # fmt: skip
-_FAMILIES: dict[str, dict[str, _Place]] = {
+_FAMILIES: dict[str, dict[str, _KeypointSite]] = {
     "coco17": _COCO_PLACES,
     "openpose18": _OPENPOSE_PLACES,
     "body25": _OPENPOSE_PLACES,
@@ -166,27 +182,27 @@ class KeypointSet:
             swap = {"left": "right", "right": "left"}
             return "_".join(swap.get(word, word) for word in name.split("_"))
 
-        place = {name: row for row, name in enumerate(self.keypoints)}
-        return np.array([place.get(twin(name), row) for row, name in enumerate(self.keypoints)])
+        row_of = {name: row for row, name in enumerate(self.keypoints)}
+        return np.array([row_of.get(twin(name), row) for row, name in enumerate(self.keypoints)])
 
     def on_body(self, skeleton: Skeleton) -> tuple[Landmark | None, ...]:
         """Where each keypoint sits on a skeleton; None where it is not on our body."""
-        places = _PLACES | _FAMILIES.get(self.name, {})
-        return tuple(_placed(places[name], skeleton) if name in places else None for name in self.keypoints)
+        sites = _SITES | _FAMILIES.get(self.name, {})
+        return tuple(_landmark(sites[name], skeleton) if name in sites else None for name in self.keypoints)
 
 
-def _placed(place: _Place, skeleton: Skeleton) -> Landmark | None:
-    rest, bone = skeleton.p_pelvis_joint, joint_index(place.bone)
+def _landmark(site: _KeypointSite, skeleton: Skeleton) -> Landmark | None:
+    rest, bone = skeleton.p_pelvis_joint, joint_index(site.bone)
     centre = np.zeros(3)
-    if place.landmark:
-        landmark = skeleton.landmarks.get(place.landmark)
+    if site.landmark:
+        landmark = skeleton.landmarks.get(site.landmark)
         if landmark is None:
             return None
         bone, centre = landmark.bone, landmark.p_bone_point
-    if place.joints:
-        centre = np.mean([rest[joint_index(name)] for name in place.joints], axis=0) - rest[bone]
+    if site.joints:
+        centre = np.mean([rest[joint_index(name)] for name in site.joints], axis=0) - rest[bone]
     height = skeleton.stature if {"head_top", "left_heel"} <= set(skeleton.landmarks) else 1.72
-    return Landmark(bone, centre + height * np.array(place.offset))
+    return Landmark(bone, centre + height * np.array(site.offset))
 
 
 KEYPOINT_SETS: dict[str, KeypointSet] = {
@@ -280,24 +296,24 @@ class OffsetTraining:
 
 
 def pooled_offsets(
-    found: Sequence[KeypointOffsets], usual: Array, settings: OffsetTraining | None = None
+    persons: Sequence[KeypointOffsets], usual: Array, settings: OffsetTraining | None = None
 ) -> PooledOffsets:
     """What to expect of a detector before the next person; with nobody to learn from, zero and the usual sigmas.
 
     Every keypoint by itself: the spread of people, alike in all axes for few tell little, is the mean of what is usual
-    and of what was found, the noise of each taken off; the habit's mean is weighted by that spread, and drawn to zero
-    by its share of the usual.
+    and of what was estimated, the noise of each taken off; the habit's mean is weighted by that spread, and drawn to
+    zero by its share of the usual.
 
     Args:
-        found: of each person, with the sigmas of what was found.
+        persons: the estimate of each person, with its sigmas.
         usual: ``(K, 3)`` metres, sigmas of a detector of which nothing is known.
         settings: of the training.
     """
     settings = settings or OffsetTraining()
     habit, people = settings.habit_share * usual**2, (1 - settings.habit_share) * usual**2
-    if not found:
+    if not persons:
         return PooledOffsets(KeypointOffsets(np.zeros(SHAPE), usual), 0)
-    mean, noise = np.stack([one.mean for one in found]), np.stack([one.sigma**2 for one in found])
+    mean, noise = np.stack([one.mean for one in persons]), np.stack([one.sigma**2 for one in persons])
     # Who was seen too vaguely to say how people scatter counts less. About its own mean a sum of squares is smaller.
     sure = (people / (people + noise)) ** 2
     own = sure / np.sum(sure, axis=0)
@@ -310,4 +326,4 @@ def pooled_offsets(
     weight = 1 / (spread + noise)
     information = np.sum(weight, axis=0) + 1 / habit
     sigma = np.sqrt(spread + 1 / information)
-    return PooledOffsets(KeypointOffsets(np.sum(weight * mean, axis=0) / information, sigma), len(found))
+    return PooledOffsets(KeypointOffsets(np.sum(weight * mean, axis=0) / information, sigma), len(persons))

@@ -83,27 +83,6 @@ class BodyState:
         """Derivatives ``(T, n, 3, 6)`` of points ``(T, n, 3)`` by the twists of their bones."""
         return twists_at(p_world_point - self.p_world_joint[:, :1])
 
-    def orientation_jacobian(self, bone: int) -> tuple[tuple[int, ...], Array]:
-        """How a bone turns, in the world, when the joints of its chain are perturbed.
-
-        Returns:
-            The chain of joints, root first, and ``(T, len(chain), 3, 3)`` with ``R_world_bone ←
-            Exp(J δ) R_world_bone``: simply each joint's own world rotation (thesis eq. 3.23).
-        """
-        chain = ancestors(bone)
-        return chain, self.R_world_bone[:, chain]
-
-    def point_jacobian(self, bone: int, p_bone_point: Array) -> tuple[tuple[int, ...], Array]:
-        """Derivative of :meth:`point` by the joint perturbations of its chain (thesis eq. 3.25).
-
-        Returns:
-            The chain of joints, root first, and ``(T, len(chain), 3, 3)`` in metres per radian. The derivative by
-            the root translation is the identity.
-        """
-        chain = ancestors(bone)
-        arm = self.point(bone, p_bone_point)[:, None] - self.p_world_joint[:, chain]
-        return chain, -hat(arm) @ self.R_world_bone[:, chain]
-
 
 def twists_at(arms: Array) -> Array:
     """Derivatives ``(..., 3, 6)`` of points at ``arms`` ``(..., 3)`` from the root by the twists of their bones.

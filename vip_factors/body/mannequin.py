@@ -37,7 +37,7 @@ def side_of(bone: int) -> Side:
     return Side(first) if first in ("left", "right") and joint != "collar" else Side.MIDDLE
 
 
-def part_of(bone: int) -> str:
+def region_of(bone: int) -> str:
     """The larger piece of the body that a bone belongs to: ``head``, ``trunk``, ``left_arm``, ``right_leg`` …"""
     first, _, joint = JOINT_NAMES[bone].partition("_")
     if side_of(bone) is Side.MIDDLE:
@@ -63,13 +63,13 @@ class Segment:
 
     @property
     def side(self) -> Side:
-        """Of the wearer."""
+        """Side of the wearer that it is on."""
         return side_of(self.bone)
 
     @property
-    def part(self) -> str:
+    def region(self) -> str:
         """The larger piece of the body that it belongs to."""
-        return part_of(self.bone)
+        return region_of(self.bone)
 
 
 Point = tuple[float, float, float, float]

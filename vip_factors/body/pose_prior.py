@@ -96,14 +96,3 @@ def load_pose_prior(path: str | Path | None = None) -> PosePrior:
         FileFormatError: if the file is not one.
     """
     return _read(Path(path) if path is not None else SHIPPED_PRIOR)
-
-
-def save_pose_prior(prior: PosePrior, path: str | Path) -> None:
-    """Write a prior as npz (single precision: a tenth of a milliradian is nothing here)."""
-    with Path(path).open("wb") as file:
-        np.savez_compressed(
-            file,
-            mean=prior.mean.astype(np.float32),
-            whitening=prior.whitening.astype(np.float32),
-            provenance=np.array(prior.provenance),
-        )

@@ -180,25 +180,25 @@ class PersonDetector:
         self._model, self._least_score, self._overlap = model, least_score, overlap
         self._anchors = anchor_centres()
 
-    def find(self, image: np.ndarray, part: Square) -> list[DetectedPerson]:
+    def find(self, image: np.ndarray, region: Square) -> list[DetectedPerson]:
         """People in an upright square part of an image ``(height, width, 3)``, red first, bytes; best first."""
-        given = _shrunk(image, part).astype(np.float32) / 127.5 - 1
+        given = _shrunk(image, region).astype(np.float32) / 127.5 - 1
         raw, logit = self._model(given[None])
         rows, score = decoded(raw, logit, self._anchors)
         sure = score >= self._least_score
         found = []
         for row, best in merged(rows[sure], score[sure], self._overlap):
-            hip, top = (part.to_image(row[one], 1) for one in (HIP_COLUMNS, TOP_COLUMNS))
+            hip, top = (region.to_image(row[one], 1) for one in (HIP_COLUMNS, TOP_COLUMNS))
             found.append(DetectedPerson(square_of(hip, top), best))
         return [one for one in found if one.square.side > 0]
 
 
-def _shrunk(image: np.ndarray, part: Square) -> np.ndarray:
-    """The part as the detector's input; black beyond the image. Averaged, so that small people do not fall between."""
+def _shrunk(image: np.ndarray, region: Square) -> np.ndarray:
+    """A region as the detector's input; black beyond the image. Averaged, so that small people do not fall between."""
     import cv2
 
-    side = max(1, round(part.side))
-    left, upper = round(part.x - side / 2), round(part.y - side / 2)
+    side = max(1, round(region.side))
+    left, upper = round(region.x - side / 2), round(region.y - side / 2)
     height, width = image.shape[:2]
     inside = image[max(upper, 0) : upper + side, max(left, 0) : left + side]
     over = (max(-upper, 0), max(upper + side - height, 0), max(-left, 0), max(left + side - width, 0))

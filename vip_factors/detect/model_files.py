@@ -50,13 +50,13 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or usual) / "vip-factors" / "blazepose"
 
 
-def blazepose_files(source: Path | None, tell: Callable[[str], None] = lambda sentence: None) -> BlazePoseFiles:
+def blazepose_files(source: Path | None, on_message: Callable[[str], None] = lambda sentence: None) -> BlazePoseFiles:
     """The models of a wheel or folder, or the cached ones, fetched with pip if there are none yet.
 
     Args:
         source: wheel of MediaPipe (``.whl``), or a folder that holds the two ``.tflite`` files at any depth; None for
             the cache.
-        tell: called with what is fetched from where, before it is.
+        on_message: called with what is fetched from where, before it is.
 
     Raises:
         InputError: if a file is missing or cannot be fetched: what to do instead is said.
@@ -68,7 +68,7 @@ def blazepose_files(source: Path | None, tell: Callable[[str], None] = lambda se
     if source is not None:
         _unpack(source, cache)
     elif not all(_is_published(cache / name, name) for name in MEMBERS):
-        _fetch(cache, tell)
+        _fetch(cache, on_message)
     return BlazePoseFiles(cache / DETECTOR, cache / LANDMARKS)
 
 
@@ -103,8 +103,8 @@ def _unpack(wheel: Path, cache: Path) -> None:
             path.write_bytes(data)
 
 
-def _fetch(cache: Path, tell: Callable[[str], None]) -> None:
-    tell(f"fetching BlazePose's models with pip, once: from the wheel of {MEDIAPIPE} (35 MB) into {cache}")
+def _fetch(cache: Path, on_message: Callable[[str], None]) -> None:
+    on_message(f"fetching BlazePose's models with pip, once: from the wheel of {MEDIAPIPE} (35 MB) into {cache}")
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "pip", "download", "--no-deps", *WHEEL_OF, "--dest", folder, "--quiet"]
         done = subprocess.run([*command, MEDIAPIPE], capture_output=True, text=True, check=False)

@@ -91,9 +91,9 @@ def body_metrics(
     return table | consistency_metrics("lengths", length_nees(body, truth.skeleton, tuple(lengths)), 1)
 
 
-def length_nees(body: BodyEstimate, truth: Skeleton, known: Collection[str] = (*LIMBS, *WIDTHS)) -> Array:
-    """NEES of the limbs and widths that were found and are ``known`` of the truth, one by one ``(n,)``."""
-    sure = [name for name in known if name not in UNSURE and name in body.names]
+def length_nees(body: BodyEstimate, truth: Skeleton, lengths: Collection[str] = (*LIMBS, *WIDTHS)) -> Array:
+    """NEES of the estimated limbs and widths, of those ``lengths`` that the truth knows, one by one ``(n,)``."""
+    sure = [name for name in lengths if name not in UNSURE and name in body.names]
     true = {name: length for name, length in true_lengths(truth).items() if name in sure}
     places = [body.names.index(name) for name in true]
     error = np.array(list(true.values())) - body.found[places]
@@ -147,43 +147,6 @@ def knee_flexion_of(motion: Motion, side: str) -> Array:
     """Knee flexion ``(T,)`` in degrees of the ``"left"`` or ``"right"`` knee of a motion."""
     R_world_bone = motion.state.R_world_bone
     return knee_flexion_deg(R_world_bone[:, joint_index(f"{side}_hip")], R_world_bone[:, joint_index(f"{side}_knee")])
-
-
-def hip_flexion_deg(R_world_pelvis: Array, R_world_thigh: Array) -> Array:
-    """Hip flexion ``(...)`` in degrees, of pelvis and thigh orientations ``(..., 3, 3)``; forward is positive.
-
-    The convention of :func:`knee_flexion_deg`, but flexion takes the thigh forward, which is a turn about −x.
-    """
-    return -knee_flexion_deg(R_world_pelvis, R_world_thigh)
-
-
-def hip_flexion_of(motion: Motion, side: str) -> Array:
-    """Hip flexion ``(T,)`` in degrees of the ``"left"`` or ``"right"`` hip of a motion."""
-    R_world_bone = motion.state.R_world_bone
-    return hip_flexion_deg(R_world_bone[:, joint_index("pelvis")], R_world_bone[:, joint_index(f"{side}_hip")])
-
-
-def bend_deg(p_above: Array, p_joint: Array, p_below: Array) -> Array:
-    """How far ``(...)`` degrees a knee or an elbow is from straight, of joint centres ``(..., 3)``; never negative.
-
-    No axes of bones are needed, which no two skeletons share.
-    """
-    above, below = p_joint - p_above, p_below - p_joint
-    cosine = np.sum(above * below, axis=-1) / np.linalg.norm(above, axis=-1) / np.linalg.norm(below, axis=-1)
-    return np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
-
-
-def inclination_deg(up: Array, left: Array) -> Array:
-    """How far ``(T,)`` degrees an axis of the trunk leans forward, seen from where the person's left is.
-
-    Args:
-        up: ``(T, 3)`` along the axis, in a world with z up; from the middle of the hips to that of the shoulders, say,
-            which all skeletons have, or a bone's own axis, about whose zero no two skeletons agree.
-        left: ``(T, 3)`` from the right hip to the left one.
-    """
-    forward = np.stack([left[..., 1], -left[..., 0]], axis=-1)
-    forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
-    return np.rad2deg(np.arctan2(np.sum(up[..., :2] * forward, axis=-1), up[..., 2]))
 
 
 def rmse(estimate: Array, truth: Array) -> float:

@@ -38,12 +38,12 @@ class CalibrationError:
 
     @property
     def heading_magnitude(self) -> Array:
-        """Absolute heading errors, radians."""
+        """Absolute heading errors ``(S,)`` in radians."""
         return np.abs(np.array(list(self.heading.values())))
 
     @property
     def mounting_magnitude(self) -> Array:
-        """Geodesic mounting errors, radians."""
+        """Geodesic mounting errors ``(S,)`` in radians."""
         return np.linalg.norm(np.array(list(self.mounting.values())), axis=-1)
 
     def of(self, sensors: Collection[str]) -> "CalibrationError":

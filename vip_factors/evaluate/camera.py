@@ -27,12 +27,12 @@ class CameraError:
 
     @property
     def rotation(self) -> Array:
-        """Geodesic angles ``(T,)``, radians."""
+        """Geodesic angles ``(T,)`` off the truth, radians."""
         return np.linalg.norm(self.tangent[:, :3], axis=1)
 
     @property
     def translation(self) -> Array:
-        """Distances ``(T,)``, metres."""
+        """Distances ``(T,)`` from the truth, metres."""
         return np.linalg.norm(self.tangent[:, 3:], axis=1)
 
 

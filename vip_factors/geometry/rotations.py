@@ -32,7 +32,7 @@ def hat(v: ArrayLike) -> Array:
 
 
 def _square(v: Array) -> Array:
-    """Squared length ``(..., 1)``."""
+    """Squared lengths ``(..., 1)`` of vectors ``(..., 3)``."""
     return np.einsum("...i,...i->...", v, v)[..., None]
 
 
@@ -113,11 +113,6 @@ def inverse_right_jacobian(rotation_vector: ArrayLike) -> Array:
     # (1 − (θ/2) cot(θ/2))/θ²: finite up to θ < 2π.
     outer = np.where(small, 1 / 12 + square * (1 / 720 + square / 30240), (1 - cotangent) / np.where(small, 1, square))
     return _combined(v, one, 0.5, outer)
-
-
-def inverse_left_jacobian(rotation_vector: ArrayLike) -> Array:
-    """``J_l⁻¹`` with ``Log(Exp(δ) R) ≈ Log(R) + J_l⁻¹ δ``; it is the transpose of the right one."""
-    return np.swapaxes(inverse_right_jacobian(rotation_vector), -1, -2)
 
 
 def rotation_x(angle: ArrayLike) -> Array:

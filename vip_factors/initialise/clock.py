@@ -144,23 +144,23 @@ def find_clock_offset(scene: Scene, settings: ClockSettings | None = None) -> Cl
 
 
 def _with_drift(
-    found: ClockOffset, scene: Scene, camera: Camera, tracks: Sequence[ImageTrack], settings: ClockSettings
+    offset: ClockOffset, scene: Scene, camera: Camera, tracks: Sequence[ImageTrack], settings: ClockSettings
 ) -> ClockOffset:
     """The same with the drift that stretches of the recording tell; the offset is that of the middle then."""
-    found = replace(found, clock=VideoClock(found.seconds))
-    if not (found.determined and settings.drift.use):
-        return found
+    offset = replace(offset, clock=VideoClock(offset.seconds))
+    if not (offset.determined and settings.drift.use):
+        return offset
     independent_hz = settings.independent / settings.smoothing.width
-    drift = find_drift(scene, camera, tracks, found.seconds, independent_hz, settings.smoothing, settings.drift)
+    drift = find_drift(scene, camera, tracks, offset.seconds, independent_hz, settings.smoothing, settings.drift)
     if drift is None or not drift.matters(settings.drift):
-        return replace(found, drift=drift)
+        return replace(offset, drift=drift)
     ms, ppm = 1e3 * drift.per_second * drift.duration, 1e6 * drift.per_second
     sentence = (
-        f"{found.sentence}; it drifts by {ms:+.0f} ms from the video's start to its end ({ppm:+.0f} ± "
+        f"{offset.sentence}; it drifts by {ms:+.0f} ms from the video's start to its end ({ppm:+.0f} ± "
         f"{1e6 * drift.sigma:.0f} ppm, from {drift.stretches} stretches), and is {drift.seconds:+.3f} s in between"
     )
     clock = VideoClock(drift.seconds - drift.per_second * drift.middle, drift.per_second)
-    return replace(found, seconds=drift.seconds, sentence=sentence, drift=drift, clock=clock)
+    return replace(offset, seconds=drift.seconds, sentence=sentence, drift=drift, clock=clock)
 
 
 def _oriented(recording: Recording) -> Recording:

@@ -63,7 +63,7 @@ class Events:
     strength: Array
 
     def strongest(self, most: int) -> "Events":
-        """At most so many."""
+        """At most so many events, in the order of time."""
         keep = np.sort(np.argsort(-self.strength)[:most])
         return Events(self.time[keep], self.strength[keep])
 

@@ -50,13 +50,13 @@ class JointSignal:
 
     Attributes:
         time: ``(T,)`` seconds.
-        known: ``(T,)`` whether all samples around are there.
+        valid: ``(T,)`` whether all samples around are there.
         spline: of ``(3, 4)``: the sensor's acceleration in its inertial frame in m/s², and what the arm ``(3,)`` in the
             sensor's frame is to be multiplied with to get that of a point.
     """
 
     time: Array
-    known: np.ndarray
+    valid: np.ndarray
     spline: BSpline
 
 
@@ -88,7 +88,7 @@ def link_delay(parent: JointSignal, child: JointSignal) -> LinkDelay | None:
     time = np.arange(
         max(parent.time[0], child.time[0]) + margin, min(parent.time[-1], child.time[-1]) - margin, STEP
     )  # fmt: skip
-    time = time[_known(parent, time, STEP) & _known(child, time, margin)] if len(time) else time
+    time = time[_complete(parent, time, STEP) & _complete(child, time, margin)] if len(time) else time
     if len(time) * STEP < LEAST_BLOCKS * BLOCK:
         return None
     above = parent.spline(time)
@@ -96,9 +96,9 @@ def link_delay(parent: JointSignal, child: JointSignal) -> LinkDelay | None:
     return _refined(above, child.spline, time, start[1], start[2])
 
 
-def _known(signal: JointSignal, time: Array, reach: float) -> np.ndarray:
+def _complete(signal: JointSignal, time: Array, reach: float) -> np.ndarray:
     """Whether nothing is missing within the reach of each of the times."""
-    missing = np.r_[0, np.cumsum(~signal.known)]
+    missing = np.r_[0, np.cumsum(~signal.valid)]
     first, last = (np.searchsorted(signal.time, time + sign * reach) for sign in (-1, 1))
     return missing[last] == missing[first]
 

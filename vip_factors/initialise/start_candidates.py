@@ -242,30 +242,30 @@ class Particles:
         return _together(self, Particles(headings, mountings))
 
 
-def likely_particles(candidates: Candidates, costs: Sequence[Array], kept: int = KEPT) -> Particles:
+def likely_particles(candidates: Candidates, costs: Sequence[Array], count: int = KEPT) -> Particles:
     """The likeliest candidates of each sensor that differ, likeliest first; where there are few, the first again.
 
     ``costs`` by sensor ``(K, M)`` are least costs with each candidate.
     """
-    chosen = [_distinct(candidates, s, cost, kept) for s, cost in enumerate(costs)]
+    chosen = [_distinct(candidates, s, cost, count) for s, cost in enumerate(costs)]
     return Particles(
         np.stack([candidates.headings[s, one[:, 0]] for s, one in enumerate(chosen)]),
         np.stack([candidates.R_bone_sensor[s][one[:, 0], one[:, 1]] for s, one in enumerate(chosen)]),
     )
 
 
-def _distinct(candidates: Candidates, s: int, cost: Array, kept: int) -> np.ndarray:
+def _distinct(candidates: Candidates, s: int, cost: Array, count: int) -> np.ndarray:
     left, chosen = np.round(cost, TIED), list[tuple[int, int]]()
     headings, mountings = candidates.headings[s], candidates.R_bone_sensor[s]
     rows = mountings.reshape(*mountings.shape[:2], 9)
     worst = float(cost.min()) + SLACK
-    while len(chosen) < kept and float(left.min()) < worst:
+    while len(chosen) < count and float(left.min()) < worst:
         k, m = np.unravel_index(int(left.argmin()), left.shape)
         # The trace of the rotation between two, of which one plus twice its angle's cosine is made.
         alike = rows @ rows[k, m] > 1 + 2 * np.cos(DISTINCT)
         left[alike & (np.abs(wrap_angle(headings - headings[k])) < DISTINCT)[:, None]] = np.inf
         chosen.append((int(k), int(m)))
-    return np.array([*chosen, *[chosen[0]] * (kept - len(chosen))])
+    return np.array([*chosen, *[chosen[0]] * (count - len(chosen))])
 
 
 def perturbed(particles: Particles, size: float, root: int, random: np.random.Generator) -> Particles:

@@ -247,9 +247,9 @@ class StartSearch:
         return Starts(best, rival, float(max(margin, 0.0)), tuple(sorted(doubtful)))
 
 
-def _chosen(candidates: Candidates, found: TreeMinimum, like: InitialCalibration) -> InitialCalibration:
-    headings = np.array([candidates.headings[s, k] for s, (k, _) in enumerate(found.choice)])
-    mountings = np.stack([candidates.R_bone_sensor[s][k, m] for s, (k, m) in enumerate(found.choice)])
+def _chosen(candidates: Candidates, minimum: TreeMinimum, like: InitialCalibration) -> InitialCalibration:
+    headings = np.array([candidates.headings[s, k] for s, (k, _) in enumerate(minimum.choice)])
+    mountings = np.stack([candidates.R_bone_sensor[s][k, m] for s, (k, m) in enumerate(minimum.choice)])
     return replace(like, headings=headings, R_bone_sensor=mountings)
 
 
@@ -266,11 +266,11 @@ def _turned(grid: Candidates, s: int, heading: int, mounting: int) -> Array:
     return np.maximum(off, np.abs(wrap_angle(grid.headings[s] - grid.headings[s, heading]))[:, None])
 
 
-def _heading_sigma(grid: Candidates, found: TreeMinimum) -> Array:
+def _heading_sigma(grid: Candidates, minimum: TreeMinimum) -> Array:
     """``(S,)`` radians by which headings scatter, each candidate weighing as it is likely."""
-    sigma = np.zeros(len(found.choice))
-    for s, costs in enumerate(found.marginals):
-        likely = np.exp(found.cost - costs).sum(axis=1)
-        off = wrap_angle(grid.headings[s] - grid.headings[s, found.choice[s][0]])
+    sigma = np.zeros(len(minimum.choice))
+    for s, costs in enumerate(minimum.marginals):
+        likely = np.exp(minimum.cost - costs).sum(axis=1)
+        off = wrap_angle(grid.headings[s] - grid.headings[s, minimum.choice[s][0]])
         sigma[s] = np.sqrt(np.sum(likely * off**2) / likely.sum() + STEP_SIGMA**2)
     return sigma

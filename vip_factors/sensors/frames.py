@@ -45,7 +45,7 @@ class ImuFrames:
 
     @property
     def step(self) -> float:
-        """Seconds between frames."""
+        """Seconds between two frames."""
         if self.period:
             return self.period
         return float(self.time[1] - self.time[0]) if len(self) > 1 else 1.0

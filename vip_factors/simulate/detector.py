@@ -26,14 +26,14 @@ class DetectedPeople:
 
     Attributes:
         pixels: ``(P, F, K, 2)``.
-        confidence: ``(P, F, K)``, 0 where a keypoint is not found.
+        confidence: ``(P, F, K)``, 0 where a keypoint is not detected.
     """
 
     pixels: Array
     confidence: Array
 
     def joined(self, others: "DetectedPeople") -> "DetectedPeople":
-        """These people and others."""
+        """These people and others, in one."""
         return DetectedPeople(
             np.concatenate([self.pixels, others.pixels]), np.concatenate([self.confidence, others.confidence])
         )
@@ -81,14 +81,14 @@ FALSE_CONFIDENCE, FALSE_KEYPOINTS = 0.3, 0.5  # of detections of nobody: mean co
 
 
 def swapped_sides(
-    found: DetectedPeople, view: View, keypoints: KeypointSet, step: float, settings: DetectorSettings,
+    people: DetectedPeople, view: View, keypoints: KeypointSet, step: float, settings: DetectorSettings,
     random: np.random.Generator,
 ) -> DetectedPeople:  # fmt: skip
     """Left and right arms or legs exchanged for a while, mostly when seen from the side or from behind."""
-    P, F, _ = found.confidence.shape
+    P, F, _ = people.confidence.shape
     share = np.where(view.facing > FRONT, settings.swap_front, settings.swap_side)
     share = np.where(view.facing < BACK, settings.swap_back, share)
-    pixels, confidence = found.pixels.copy(), found.confidence.copy()
+    pixels, confidence = people.pixels.copy(), people.confidence.copy()
     for words in GROUPS.values():
         group = np.array([any(word in name for word in words) for name in keypoints.keypoints])
         chance = lasting_chance(random, F, step, settings.event_time_s, P).T
@@ -100,7 +100,7 @@ def swapped_sides(
 
 
 def mixed_people(
-    found: DetectedPeople, view: View, keypoints: KeypointSet, step: float, settings: DetectorSettings,
+    people: DetectedPeople, view: View, keypoints: KeypointSet, step: float, settings: DetectorSettings,
     random: np.random.Generator,
 ) -> tuple[DetectedPeople, np.ndarray]:  # fmt: skip
     """Overlapping people with limbs of each other.
@@ -108,9 +108,9 @@ def mixed_people(
     Returns:
         The people, and ``(P, F)`` whether somebody has been merged into somebody else and is gone.
     """
-    P, F, _ = found.confidence.shape
+    P, F, _ = people.confidence.shape
     limb = _limbs(keypoints)
-    pixels, confidence = found.pixels.copy(), found.confidence.copy()
+    pixels, confidence = people.pixels.copy(), people.confidence.copy()
     absent = np.zeros((P, F), bool)
     middle = _middles(view)
     for a, b in combinations(range(P), 2):
@@ -216,29 +216,29 @@ def detect(
 
     bias = settings.bias_m * random["bias"].standard_normal((len(people), len(keypoints), 3))
     view = look(people, camera, model, keypoints, bias)
-    found = single_people(view, keypoints, step, settings, random["errors"])
-    found = swapped_sides(found, view, keypoints, step, settings, random["sides"])
-    found, absent = mixed_people(found, view, keypoints, step, settings, random["mixed"])
+    detected = single_people(view, keypoints, step, settings, random["errors"])
+    detected = swapped_sides(detected, view, keypoints, step, settings, random["sides"])
+    detected, absent = mixed_people(detected, view, keypoints, step, settings, random["mixed"])
     overlooked = lasting_chance(random["people"], len(camera), step, settings.event_time_s, len(people)).T
     absent |= overlooked < settings.missed_person
     absent |= ~(view.height >= settings.least_height_px)
-    found.confidence[absent] = 0
-    found = found.joined(false_people(view, model, keypoints, step, settings, random["false"]))
-    return _listed(found, view, camera, model, keypoints, settings, random["order"])
+    detected.confidence[absent] = 0
+    detected = detected.joined(false_people(view, model, keypoints, step, settings, random["false"]))
+    return _listed(detected, view, camera, model, keypoints, settings, random["order"])
 
 
 def _listed(
-    found: DetectedPeople, view: View, camera: CameraPath, model: CameraModel, keypoints: KeypointSet,
+    people: DetectedPeople, view: View, camera: CameraPath, model: CameraModel, keypoints: KeypointSet,
     settings: DetectorSettings, random: np.random.Generator,
 ) -> tuple[Detections, np.ndarray, Array]:  # fmt: skip
     """The detections of all frames in one list, and whose they are."""
-    confidence = np.where(model.inside(found.pixels), found.confidence, 0.0)
+    confidence = np.where(model.inside(people.pixels), people.confidence, 0.0)
     confidence[confidence < settings.least_confidence] = 0
     person, frame = np.nonzero(np.sum(confidence > 0, axis=2) >= max(1, settings.least_keypoints))
     order = np.lexsort((random.random(len(frame)), frame))
     person, frame = person[order], frame[order]
     confidence = confidence[person, frame]
-    pixels = np.where(confidence[..., None] > 0, found.pixels[person, frame], np.nan)
+    pixels = np.where(confidence[..., None] > 0, people.pixels[person, frame], np.nan)
     detections = Detections(keypoints, camera.time, frame, pixels, confidence)
     owner = owners(detections, view, keypoints)
     truth = np.where((owner >= 0)[:, None, None], view.pixels[owner, frame], np.nan)

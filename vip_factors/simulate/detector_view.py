@@ -52,7 +52,7 @@ class Person:
 
     @property
     def stature(self) -> float:
-        """Metres."""
+        """Metres, by the skeleton's landmarks or usual."""
         return self.skeleton.stature if {"head_top", "left_heel"} <= set(self.skeleton.landmarks) else TALL_M
 
 

@@ -208,5 +208,5 @@ def _error(
 
 
 def _into(R: Array, v: Array) -> Array:
-    """``Rᵀ v`` for stacks."""
+    """``Rᵀ v`` of stacks ``(N, 3, 3)`` and ``(N, 3)``."""
     return np.einsum("nji,nj->ni", R, v)

@@ -76,24 +76,17 @@ def with_initial_pose(
     if blended >= len(motion):
         raise InputError(f"motion '{motion.name}' is shorter than the blend of {blend_s:g} s: shorten the blend")
     R_held, p_held = _held_pose(motion, pose, pose_error_deg, seed)
-    phase = np.arange(blended) / max(blended, 1)
-    weight = phase**3 * (10 - 15 * phase + 6 * phase**2)
+    weight = _smooth_step(blended)
     R, p = motion.R_parent_child.copy(), motion.p_world_pelvis.copy()
     turn = log(transpose(R_held) @ R[:blended])
     R[:blended] = R_held @ exp(weight[:, None, None] * turn)
     p[:blended] = p_held + weight[:, None] * (p[:blended] - p_held)
-    p[:blended, 2] += _lift(motion, R[:blended], p[:blended], p_held, R_held, weight)
+    own = motion.frames(slice(0, blended))
+    held_pose, follows = (R_held[None], p_held[None]), (own.R_parent_child, own.p_world_pelvis)
+    p[:blended, 2] += _blended_lift(motion, R[:blended], p[:blended], held_pose, follows, weight)
     R = np.concatenate([np.repeat(R_held[None], held, axis=0), R])
     p = np.concatenate([np.repeat(p_held[None], held, axis=0), p])
     return replace(motion, R_parent_child=R, p_world_pelvis=p)
-
-
-def _lift(motion: Motion, R: Array, p: Array, p_held: Array, R_held: Array, weight: Array) -> Array:
-    """How far to raise the root of blended frames ``(B,)``: between two stances the feet must not dip or float."""
-    skeleton, B = motion.skeleton, len(R)
-    before = floor_height(skeleton, forward_kinematics(skeleton, R_held[None], p_held[None]))
-    after = floor_height(skeleton, motion.frames(slice(0, max(B, 1))).state)[:B]
-    return before + weight * (after - before) - floor_height(skeleton, forward_kinematics(skeleton, R, p))
 
 
 def _held_pose(motion: Motion, pose: str, pose_error_deg: float, seed: int) -> tuple[Array, Array]:
@@ -152,16 +145,16 @@ def lasting(motion: Motion, seconds: float) -> Motion:
     home = (p[:, :2].min(axis=0) + p[:, :2].max(axis=0)) / 2
     while len(p) < frames:
         R_next, p_next = _turned_home(motion, R[-blend:], p[-blend:], home)
-        weight = _fade(blend)
+        weight = _smooth_step(blend)
         joined_R = R[-blend:] @ exp(weight[:, None, None] * log(transpose(R[-blend:]) @ R_next[:blend]))
         joined_p = p[-blend:] + weight[:, None] * (p_next[:blend] - p[-blend:])
-        joined_p[:, 2] += _standing(motion, joined_R, joined_p, (R[-blend:], p[-blend:]), (R_next, p_next), weight)
+        joined_p[:, 2] += _blended_lift(motion, joined_R, joined_p, (R[-blend:], p[-blend:]), (R_next, p_next), weight)
         R = np.concatenate([R[:-blend], joined_R, R_next[blend:]])
         p = np.concatenate([p[:-blend], joined_p, p_next[blend:]])
     return replace(motion, R_parent_child=R[:frames], p_world_pelvis=p[:frames])
 
 
-def _fade(count: int) -> Array:
+def _smooth_step(count: int) -> Array:
     """Weights from 0 to 1 with vanishing first and second derivatives at both ends."""
     phase = np.arange(count) / max(count, 1)
     return phase**3 * (10 - 15 * phase + 6 * phase**2)
@@ -185,7 +178,7 @@ def _turned_home(motion: Motion, R_end: Array, p_end: Array, home: Array) -> tup
     return R, motion.p_world_pelvis @ R_turn.T + shift
 
 
-def _standing(
+def _blended_lift(
     motion: Motion, R: Array, p: Array, before: tuple[Array, Array], after: tuple[Array, Array], weight: Array
 ) -> Array:
     """How far to raise the root of blended frames, so that the feet neither dip nor float."""

@@ -183,7 +183,9 @@ class Study:
         made = [Trial(one.number + 1, dict(one.params), one.user_attrs["errors"]) for one in complete]
         return (Trial(0, dict(self._task.untouched), self.before), *made)
 
-    def run(self, count: int, judge: Judge, tell: Callable[[str, float], None] = lambda stage, done: None) -> None:
+    def run(
+        self, count: int, judge: Judge, on_progress: Callable[[str, float], None] = lambda stage, done: None
+    ) -> None:
         """Go on until there are ``count`` trials, beside the settings as they were.
 
         Settings with which a recording cannot be solved are a trial that failed; an interrupt leaves all before it.
@@ -191,17 +193,17 @@ class Study:
         Args:
             count: trials in all, those of earlier runs counted.
             judge: measures.
-            tell: called with what is done and the fraction of all.
+            on_progress: called with what is done and the fraction of all.
         """
         self._study.sampler = self._optuna.samplers.TPESampler(
             n_startup_trials=min(STARTUP, max(1, count // STARTUP_SHARE)),
             seed=self._seed + len(self._study.trials),  # continued, it does not draw the same numbers again
         )
         if self.before is None:
-            tell("settings as they are", 0.0)
+            on_progress("settings as they are", 0.0)
             self._study.set_user_attr("before", self._errors(self._task.untouched, judge))
         while (made := self._made()) < count:
-            tell(f"trial {made + 1} of {count}", made / count)
+            on_progress(f"trial {made + 1} of {count}", made / count)
             self._try_one(judge)
 
     def _made(self) -> int:

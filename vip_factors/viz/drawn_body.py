@@ -67,7 +67,7 @@ def draw_body(svg: Svg, skeleton: Skeleton, state: BodyState, eye: Eye, paler: f
         radii = eye.scale * np.array([segment.radius_start, segment.radius_end])
         red, green, blue = ESTIMATE_COLOURS[segment.side]
         colour = tinted(f"#{red:02x}{green:02x}{blue:02x}", paler)
-        parts.setdefault(segment.part, []).append((float(depth.min()), _outline(pixels, radii), colour))
+        parts.setdefault(segment.region, []).append((float(depth.min()), _outline(pixels, radii), colour))
     depths = {part: float(np.mean([depth for depth, _, _ in pieces])) for part, pieces in parts.items()}
     for part in sorted(parts, key=lambda name: NEARER_M.get(name.rpartition("_")[2], 0.0) - depths[name]):
         for _, outline, colour in parts[part]:  # a white rim parts the limb from what is behind

@@ -13,10 +13,9 @@ from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.wearer import knot_weights
 from vip_factors.solve import chain_system
-from vip_factors.solve.chain import eliminate
 from vip_factors.solve.chain_system import frame_keys, knot_key
+from vip_factors.solve.elimination import eliminate, last_marginals
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
-from vip_factors.solve.marginals import last_marginals
 
 
 def in_order_of_elimination(whole: FactorGraph) -> list[int]:

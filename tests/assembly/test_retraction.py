@@ -9,8 +9,8 @@ from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.graph import factor_graph_of
 from vip_factors.factor_graph.variables import Kind
 from vip_factors.live.problem import FrameState, moved_frames, without_frames
-from vip_factors.problem.blocks import scene_layout
 from vip_factors.problem.state import SceneState
+from vip_factors.problem.variables import scene_layout
 from vip_factors.solve.chain_system import frame_keys, knot_key, static_key
 
 NEAR, FAR = 0.01, np.deg2rad(40.0)  # rad and m of one sigma
@@ -58,7 +58,7 @@ def test_a_solution_moves_the_state_as_gtsam_moves_its_values(kind: str, far: fl
         ]
         return np.concatenate([np.zeros(0), *found])
 
-    for number, part in enumerate(objective.layout.parts):
+    for number, part in enumerate(objective.layout.chains):
         kinds = (Kind.JOINT, Kind.ROOT) if part.owner.kind == "wearer" else (Kind.CAMERA,)
         for t, key in enumerate(frame_keys(number, problem.frames)):
             delta.insert(key, of(kinds, frame=t, wearer=part.owner.number))

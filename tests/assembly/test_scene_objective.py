@@ -11,11 +11,11 @@ from vip_factors.assembly import objective as assembly
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.graph import factor_graph_of
 from vip_factors.geometry.rotations import rotation_z
-from vip_factors.problem.blocks import CAMERA, scene_layout
 from vip_factors.problem.scene import KeypointView
 from vip_factors.problem.state import CameraPoses
+from vip_factors.problem.variables import CAMERA, scene_layout
+from vip_factors.solve.elimination import chain_marginals, last_marginals
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
-from vip_factors.solve.marginals import chain_marginals, last_marginals
 
 
 @pytest.mark.parametrize("kind", KINDS)

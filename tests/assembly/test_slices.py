@@ -11,9 +11,9 @@ from small_problems import KINDS, SILENCES, T, small_scene
 
 from vip_factors.assembly.charts import Charts
 from vip_factors.assembly.objective import SceneObjective, scene_slices
-from vip_factors.problem.blocks import scene_layout
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
+from vip_factors.problem.variables import scene_layout
 from vip_factors.solve.slices import Slices, shared_key, slice_key
 
 

@@ -17,7 +17,7 @@ from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import in_stretches
-from vip_factors.solve.marginals import chain_marginals
+from vip_factors.solve.elimination import chain_marginals
 
 
 def graph_of(problem: WearerProblem, state: WearerState) -> FactorGraph:
@@ -85,7 +85,7 @@ def test_stretches_with_time_between_them_are_one_problem() -> None:
         {kind: before[kind] for kind in before.keys() - gauge}
     )
     assert after["gauge prior"] != pytest.approx(before["gauge prior"])
-    following = objective.linearise(state).parts[0].following
+    following = objective.linearise(state).chains[0].following
     assert following is not None
     assert following[0].any()
     assert not following[2].any()

@@ -24,9 +24,9 @@ from vip_factors.factor_graph.keys import (
     wearer_key,
 )
 from vip_factors.geometry.rotations import Array
-from vip_factors.problem.blocks import scene_layout
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
+from vip_factors.problem.variables import scene_layout
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 from vip_factors.solve.slices import Slices
 

@@ -7,7 +7,7 @@ import pytest
 from filmed_gestures import QUICK, filmed_gestures
 
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.factor_graph.optimise import optimise_with_gtsam
+from vip_factors.factor_graph.graph import optimise_with_gtsam
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.pipeline import factor_graph, smooth
 from vip_factors.settings import SolverName

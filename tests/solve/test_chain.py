@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from vip_factors.errors import SolveError
-from vip_factors.solve.chain import eliminate
+from vip_factors.solve.chain_system import Chain, ChainSystem, StaticGroup, chain_step, is_one_chain, static_key
+from vip_factors.solve.elimination import chain_marginals, eliminate, last_covariance
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
-from vip_factors.solve.marginals import chain_marginals, last_covariance
 
 T, D, S = 7, 3, 2
 
@@ -136,3 +136,46 @@ def test_the_banana_valley_is_walked_to_its_end() -> None:
 def test_a_cost_that_is_not_finite_is_refused() -> None:
     with pytest.raises(SolveError, match="not finite"):
         levenberg_marquardt(Rosenbrock(), np.array([np.nan, 1.0]), SolveSettings())
+
+
+T, W = 6, 4
+
+
+def random_chain(tied: bool) -> ChainSystem:
+    """Positive definite: every frame with the next two, or alone."""
+    random, part = np.random.default_rng(1), Chain.empty(0, T, np.array([1.0, 2.0, 0.5, 3.0]), tied)
+    for t in range(T - 2):
+        J = random.standard_normal((5, 3 * W))
+        H = (J.T @ J).reshape(3, W, 3, W)
+        for i in range(3):
+            part.own[t + i] += H[i, :, i]
+            for j in range(i + 1, 3):
+                if part.following is not None:
+                    part.following[t + i, j - i - 1] += H[i, :, j]
+    part.own += np.eye(W)
+    part.gradient += random.standard_normal((T, W))
+    return ChainSystem([part], [], np.zeros((0, 0)), np.zeros(0), np.zeros(0))
+
+
+@pytest.mark.parametrize("tied", [True, False])
+@pytest.mark.parametrize("damping", [0.0, 0.7])
+def test_the_step_is_gtsams(tied: bool, damping: float) -> None:
+    system = random_chain(tied)
+    expected, step = eliminate(system.stretches(damping)).optimize(), chain_step(system.chains[0], damping)
+    assert step is not None
+    for key in system.chains[0].keys:
+        np.testing.assert_allclose(step.at(key), expected.at(key), rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("tied", [True, False])
+def test_what_is_not_determined_has_no_step(tied: bool) -> None:
+    system = random_chain(tied)
+    system.chains[0].own[3] = -np.eye(W)
+    assert chain_step(system.chains[0], 0.0) is None
+
+
+def test_what_frames_share_makes_it_no_single_chain() -> None:
+    system = random_chain(True)
+    assert is_one_chain(system)
+    system.groups.append(StaticGroup(static_key(0), slice(0, 2)))
+    assert not is_one_chain(system)

@@ -47,7 +47,7 @@ def run(graphs: list[gtsam.GaussianFactorGraph], lag: int = LAG) -> FixedLagChai
     chain = FixedLagChain()
     for t, graph in enumerate(graphs):
         chain.eliminate(t, [frame_key(t)], graph)
-        chain.forget(t - lag)
+        chain.marginalise_before(t - lag)
     return chain
 
 

@@ -59,8 +59,8 @@ def test_isam2_in_the_place_of_the_chain_says_the_same_with_frames_replaced() ->
         for key in [*map(frame_key, chain.numbers), Z]:
             np.testing.assert_allclose(solution.at(key), other.at(key), atol=1e-9)
         np.testing.assert_allclose(solution.covariance(frame_key(t)), isam.covariance(frame_key(t)), atol=1e-9)
-        chain.forget(t - LAG)
-        isam.forget(t - LAG)
+        chain.marginalise_before(t - LAG)
+        isam.marginalise_before(t - LAG)
 
 
 def _of_frames(graph: gtsam.GaussianFactorGraph, frames: int) -> list[gtsam.GaussianFactor]:
@@ -112,7 +112,7 @@ def _ours(window: RecordedWindow, settings: LiveSettings, lag: int) -> Answers:
             smoother.update()
         state = smoother.state(newest)
         answers.append((state.R_parent_child[0], state.p_world_pelvis[0]))
-        smoother.forget(newest - lag - 1)
+        smoother.marginalise_before(newest - lag - 1)
     return answers
 
 

@@ -19,15 +19,15 @@ from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.geometry.rotations import Array, log, transpose, wrap_angle
 from vip_factors.io.motions import read_motion
 from vip_factors.pipeline import smooth
-from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.layout import ROOT, Owner, OwnerId
 from vip_factors.problem.state import CameraState
+from vip_factors.problem.variables import CAMERA
 from vip_factors.sensors.calibration import PRESETS
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.simulate.settings import CameraKind
+from vip_factors.solve.elimination import chain_marginals
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
-from vip_factors.solve.marginals import chain_marginals
 from vip_factors.stages.decode import static_covariance
 
 # From the truth, to the last digit: what is asked is whether the covariance is right, not whether the start was good.

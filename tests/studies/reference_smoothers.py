@@ -129,7 +129,7 @@ class Isam2Chain:
         (self._frames[number],) = keys
         self._new[number] = factors
 
-    def forget(self, before: int) -> None:
+    def marginalise_before(self, before: int) -> None:
         """Marginalise frames with a smaller number."""
         gone = [number for number in self._frames if number < before]
         if gone:

@@ -21,7 +21,7 @@ from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.settings import SceneSettings
 from vip_factors.simulate.staging import with_initial_pose
-from vip_factors.solve.chain import eliminate
+from vip_factors.solve.elimination import eliminate
 from vip_factors.solve.levenberg_marquardt import Objective, State
 from vip_factors.stages.inertial import inertial_tracker
 from vip_factors.stages.inertial_model import with_contacts

@@ -216,13 +216,13 @@ def timed_lag(window: RecordedWindow, settings: LiveSettings, lag: int, chain: I
     for frame, state in zip(window.frames[: lag + 1], window.states[: lag + 1], strict=True):
         smoother.append(frame, state)
     smoother.update(0)
-    smoother.forget(0)
+    smoother.marginalise_before(0)
     seconds, found = [], []
     for frame, state in zip(window.frames[lag + 1 :], window.states[lag + 1 :], strict=True):
         begin = perf_counter(), process_time()
         smoother.append(frame, state)
         smoother.update()
         found.append(smoother.state(frame.number).p_world_pelvis[0])
-        smoother.forget(frame.number - lag)
+        smoother.marginalise_before(frame.number - lag)
         seconds.append((perf_counter() - begin[0], process_time() - begin[1]))
     return np.array(seconds), np.array(found)

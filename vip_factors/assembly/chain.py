@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from vip_factors.assembly.accumulator import Accumulator, PlacedPart, Slot, at_an_instant
+from vip_factors.assembly.accumulator import Accumulator
+from vip_factors.assembly.scatter import PlacedBlock, Slot
 from vip_factors.geometry.rotations import Array
-from vip_factors.problem.layout import STATIC, Layout, Place
+from vip_factors.problem.layout import STATIC, ColumnRange, Layout
 from vip_factors.solve.chain_system import ChainSystem
-from vip_factors.terms.equations import KnotEquations, Residuals
+from vip_factors.terms.equations import AT_THE_FIRST_KNOT, JacobianBlock, KnotEquations, Residuals
 
 
 class ChainAccumulator(Accumulator):
@@ -36,29 +37,29 @@ class ChainAccumulator(Accumulator):
         """Counted from the earlier of the two frames."""
         return (0, j - i), i
 
-    def frame_frame(self, part: int, i: int, other: int, j: int) -> Array:
+    def frame_frame(self, chain: int, i: int, other: int, j: int) -> Array:
         """See the base."""
-        if part != other:
-            return self._system.between[part, other][self._frames]
+        if chain != other:
+            return self._system.between[chain, other][self._frames]
         if i == j:
-            return self._system.parts[part].own[self._frames]
-        following = self._system.parts[part].following
+            return self._system.chains[chain].own[self._frames]
+        following = self._system.chains[chain].following
         assert following is not None
         return following[self._frames, j - 1]
 
     def _group(self, columns: slice) -> int:
         return next(g for g, own in enumerate(self._group_columns) if own.start <= columns.start < own.stop)
 
-    def frame_static(self, part: int, i: int, columns: slice) -> Array:
+    def frame_static(self, chain: int, i: int, columns: slice) -> Array:
         """See the base."""
         group = self._group(columns)
         start = self._group_columns[group].start
-        blocks = self._system.coupling[part, group]
+        blocks = self._system.coupling[chain, group]
         return blocks[self._frames, :, columns.start - start : columns.stop - start]
 
-    def frame_gradient(self, part: int, i: int) -> Array:
+    def frame_gradient(self, chain: int, i: int) -> Array:
         """See the base."""
-        return self._system.parts[part].gradient[self._frames]
+        return self._system.chains[chain].gradient[self._frames]
 
     def add_static(self, rows: np.ndarray, columns: np.ndarray, block: Array, at: Residuals, mirror: bool) -> None:
         """See the base."""
@@ -75,37 +76,39 @@ class ChainAccumulator(Accumulator):
 
     # What walks
 
-    def walks(self, place: Place) -> bool:
+    def walks(self, columns: ColumnRange) -> bool:
         """See the base."""
-        if place.part != STATIC:
+        if columns.chain != STATIC:
             return False
-        group = self._group(place.columns)
-        return self._system.groups[group].knots is not None and place.columns.start == self._group_columns[group].start
+        group = self._group(columns.columns)
+        return self._system.groups[group].knots is not None and columns.start == self._group_columns[group].start
 
     def add_knots(self, equations: KnotEquations) -> None:
         """See the base."""
-        place = self.layout.place(equations.owner, equations.block)
-        if place is None or self.begin:
+        columns = self.layout.columns_of(equations.owner, equations.block)
+        if columns is None or self.begin:
             return
-        knots = self._system.groups[self._group(place.columns)].knots
+        knots = self._system.groups[self._group(columns.columns)].knots
         assert knots is not None
         knots.add_between(equations.root, equations.residual[..., 0])
 
-    def add_each(self, part: int, i: int, place: Place, later: int, block: Array) -> None:
+    def add_each(self, chain: int, i: int, columns: ColumnRange, later: int, block: Array) -> None:
         """See the base."""
         if later == 0:
-            super().add_each(part, i, place, later, block)
+            super().add_each(chain, i, columns, later, block)
             return
-        knots = self._system.groups[self._group(place.columns)].knots
+        knots = self._system.groups[self._group(columns.columns)].knots
         assert knots is not None
-        knots.beside[self.begin : self.begin + len(block), 0 if later > 0 else 1] += block
+        knots.adjacent[self.begin : self.begin + len(block), 0 if later > 0 else 1] += block
 
-    def add_static_parts(self, one: PlacedPart, other: PlacedPart, block: Array, at: Residuals, mirror: bool) -> None:
+    def add_static_blocks(
+        self, one: PlacedBlock, other: PlacedBlock, block: Array, at: Residuals, mirror: bool
+    ) -> None:
         """See the base."""
-        if not (self.walks(one.place) and at_an_instant(one.part)):
-            super().add_static_parts(one, other, block, at, mirror)
+        if not (self.walks(one.range) and _at_an_instant(one.block)):
+            super().add_static_blocks(one, other, block, at, mirror)
             return
-        group = self._group(one.place.columns)
+        group = self._group(one.range.columns)
         knots, start = self._system.groups[group].knots, self._group_columns[group].start
         assert knots is not None
         source, target = self.rows(one.ahead, at)
@@ -113,14 +116,19 @@ class ChainAccumulator(Accumulator):
         into = knots.own[self._frames][target]
         into[:, rows[:, :, None], columns[:, None, :]] += block[source]
 
-    def add_static_gradient_part(self, one: PlacedPart, vector: Array, at: Residuals) -> None:
+    def add_static_block_gradient(self, one: PlacedBlock, vector: Array, at: Residuals) -> None:
         """See the base."""
-        if not (self.walks(one.place) and at_an_instant(one.part)):
-            super().add_static_gradient_part(one, vector, at)
+        if not (self.walks(one.range) and _at_an_instant(one.block)):
+            super().add_static_block_gradient(one, vector, at)
             return
-        group = self._group(one.place.columns)
+        group = self._group(one.range.columns)
         knots = self._system.groups[group].knots
         assert knots is not None
         source, target = self.rows(one.ahead, at)
         into = knots.gradient[self._frames][target]
         into[:, one.columns - self._group_columns[group].start] += vector[source]
+
+
+def _at_an_instant(block: JacobianBlock) -> bool:
+    """Whether factors see a block that may walk as it is at a frame."""
+    return block.ahead != AT_THE_FIRST_KNOT

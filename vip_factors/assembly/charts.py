@@ -21,7 +21,7 @@ class Charts:
     """Derivatives of steps by coordinates, at given coordinates.
 
     Attributes:
-        turns: by body part: ``(T, 24, 3, 3)`` of its joints.
+        turns: by chain, of bodies: ``(T, 24, 3, 3)`` of its joints.
         poses: ``(T, 6, 6)`` of a moving camera, or None.
         static: by owner and block ``(items, c, c)``.
     """
@@ -34,16 +34,16 @@ class Charts:
     def at(cls, layout: Layout, frames: Array, static: Array) -> "Charts":
         """At coordinates ``(T, w)`` of frames and ``(s,)`` of what they share."""
         turns, poses = {}, None
-        bodies = [number for number, part in enumerate(layout.parts) if part.owner.kind is Owner.WEARER]
+        bodies = [number for number, one in enumerate(layout.chains) if one.owner.kind is Owner.WEARER]
         vectors = [
-            frames[:, layout.part_columns[number]][:, :ROOT].reshape(len(frames), JOINT_COUNT, 3) for number in bodies
+            frames[:, layout.chain_columns[number]][:, :ROOT].reshape(len(frames), JOINT_COUNT, 3) for number in bodies
         ]
         if bodies:
             stacked = right_jacobian(np.stack(vectors))
             turns = dict(zip(bodies, stacked, strict=True))
-        for number, part in enumerate(layout.parts):
-            if part.owner.kind is Owner.CAMERA:
-                poses = pose_right_jacobian(frames[:, layout.part_columns[number]])
+        for number, one in enumerate(layout.chains):
+            if one.owner.kind is Owner.CAMERA:
+                poses = pose_right_jacobian(frames[:, layout.chain_columns[number]])
         blocks = {
             (owner, block.name): block.chart(static[columns])
             for owner, block, columns in layout.placed()
@@ -51,13 +51,13 @@ class Charts:
         }
         return cls(turns, poses, blocks)
 
-    def joints(self, part: int, first: int, count: int) -> Array:
+    def joints(self, chain: int, first: int, count: int) -> Array:
         """Of joints 1 … 23 of a body in a stretch of frames ``(count, 23, 3, 3)``."""
-        return self.turns[part][first : first + count, 1:]
+        return self.turns[chain][first : first + count, 1:]
 
-    def screws(self, part: int, screws: Array) -> Array:
+    def screws(self, chain: int, screws: Array) -> Array:
         """Screws ``(T, 25, 6, 3)`` by the coordinates."""
-        by_joints = screws[:, :-1] @ self.turns[part][: len(screws)]
+        by_joints = screws[:, :-1] @ self.turns[chain][: len(screws)]
         return np.concatenate([by_joints, screws[:, -1:]], axis=1)
 
     def of_item(self, owner: OwnerId, block: str, item: int, frame: int) -> Array | None:
@@ -67,14 +67,14 @@ class Charts:
             return static[item]
         return self.poses[frame] if block == "poses" and self.poses is not None else None
 
-    def part(self, part: JacobianBlock, first: int) -> Array:
-        """A part's derivative ``(t, n, m, c)`` by the coordinates."""
-        frames = slice(first + part.ahead, first + part.ahead + len(part.jacobian))
-        static = self.static.get((part.owner, part.block))
+    def jacobian(self, block: JacobianBlock, first: int) -> Array:
+        """A block's derivative ``(t, n, m, c)`` by the coordinates."""
+        frames = slice(first + block.ahead, first + block.ahead + len(block.jacobian))
+        static = self.static.get((block.owner, block.block))
         if static is not None:
-            return part.jacobian @ static
-        if part.block == "poses" and self.poses is not None:
-            return part.jacobian @ self.poses[frames, None]
-        if part.block in JOINT_NAMES:
-            return part.jacobian @ self.turns[part.owner.number][frames, None, joint_index(part.block)]
-        return part.jacobian
+            return block.jacobian @ static
+        if block.block == "poses" and self.poses is not None:
+            return block.jacobian @ self.poses[frames, None]
+        if block.block in JOINT_NAMES:
+            return block.jacobian @ self.turns[block.owner.number][frames, None, joint_index(block.block)]
+        return block.jacobian

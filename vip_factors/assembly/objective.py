@@ -1,23 +1,24 @@
 """A whole problem as one objective: every term of the registry, summed over all frames."""
 
-from collections.abc import Iterator, Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from vip_factors.assembly.accumulator import Accumulator
 from vip_factors.assembly.chain import ChainAccumulator
 from vip_factors.assembly.charts import Charts
-from vip_factors.assembly.parallel import side_by_side
 from vip_factors.assembly.slices import SliceAccumulator
 from vip_factors.geometry.rotations import Array
-from vip_factors.problem.blocks import STEP_ANGLE, scene_layout
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
+from vip_factors.problem.variables import STEP_ANGLE, scene_layout
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.solve.chain_system import ChainPart, ChainSystem, StaticGroup, frame_keys, knot_key, static_key
+from vip_factors.solve.chain_system import Chain, ChainSystem, StaticGroup, frame_keys, knot_key, static_key
 from vip_factors.solve.knots import KnotSystem
 from vip_factors.solve.slices import Slices
 from vip_factors.terms.equations import Equations
@@ -104,8 +105,8 @@ class SceneObjective:
 
     def frame_keys(self, owner: OwnerId) -> list[int] | None:
         """GTSAM's names of an owner's frames in the linear system; None where it has none."""
-        part = self.layout.part_of(owner)
-        return None if part is None else frame_keys(part, self.problem.frames)
+        chain = self.layout.chain_of(owner)
+        return None if chain is None else frame_keys(chain, self.problem.frames)
 
     def static_columns(self, owner: OwnerId) -> tuple[int, slice] | None:
         """GTSAM's name of an owner's static variables, and their columns in the static vector; None without any."""
@@ -129,7 +130,7 @@ class SceneObjective:
         evaluation, T = SceneEvaluation(self.problem, state, self._wearers_move), self.problem.frames
         system = self._empty_system()
         sums = [ChainAccumulator(self.layout, system, t, min(CHUNK, T - t)) for t in range(0, T, CHUNK)]
-        side_by_side(evaluation.add_bodies_to, sums)
+        parallel_map(evaluation.add_bodies_to, sums)
         camera = ChainAccumulator(self.layout, system, 0, T)
         evaluation.add_camera_to(camera)
         for one in (*sums, camera):
@@ -141,23 +142,22 @@ class SceneObjective:
 
     def _empty_system(self) -> ChainSystem:
         layout, T = self.layout, self.problem.frames
-        parts = [
-            ChainPart.empty(number, T, part.step**-2.0, self._is_tied(part.owner))
-            for number, part in enumerate(layout.parts)
+        chains = [
+            Chain.empty(number, T, one.step**-2.0, self._is_tied(one.owner)) for number, one in enumerate(layout.chains)
         ]
         groups = [
             StaticGroup(key, columns, self._knots(group, owner, columns))
             for group, (key, (owner, columns)) in enumerate(zip(self.static_keys, layout.owners, strict=True))
         ]
         s = layout.static_width
-        system = ChainSystem(parts, groups, np.zeros((s, s)), np.zeros(s), layout.per_column("step") ** -2.0)
-        for p, part in enumerate(layout.parts):
-            for q, other in enumerate(layout.parts[p + 1 :], start=p + 1):
+        system = ChainSystem(chains, groups, np.zeros((s, s)), np.zeros(s), layout.per_column("step") ** -2.0)
+        for p, chain in enumerate(layout.chains):
+            for q, other in enumerate(layout.chains[p + 1 :], start=p + 1):
                 if other.owner.kind is not Owner.WEARER:
-                    system.between[p, q] = np.zeros((T, part.width, other.width))
+                    system.between[p, q] = np.zeros((T, chain.width, other.width))
             for g, (owner, columns) in enumerate(layout.owners):
-                if owner == part.owner or owner.kind is not Owner.WEARER or part.owner.kind is not Owner.WEARER:
-                    system.coupling[p, g] = np.zeros((T, part.width, columns.stop - columns.start))
+                if owner == chain.owner or owner.kind is not Owner.WEARER or chain.owner.kind is not Owner.WEARER:
+                    system.coupling[p, g] = np.zeros((T, chain.width, columns.stop - columns.start))
         return system
 
     def _is_tied(self, owner: OwnerId) -> bool:
@@ -175,22 +175,22 @@ class SceneObjective:
         return [knot_key(group, knot) for knot in range(1, knots)]
 
     def _knots(self, group: int, owner: OwnerId, columns: slice) -> KnotSystem | None:
-        part = self.layout.part_of(owner)
-        if part is None or not self._walking(owner):
+        chain = self.layout.chain_of(owner)
+        if chain is None or not self._walking(owner):
             return None
         wearer = self.problem.wearers[owner.number]
         weights = wearer.knot_weights()
         assert weights is not None
         return KnotSystem.empty(
-            part, self._knot_keys(group, owner), weights, self.layout.parts[part].width, len(wearer.sensors),
+            chain, self._knot_keys(group, owner), weights, self.layout.chains[chain].width, len(wearer.sensors),
             columns.stop - columns.start, STEP_ANGLE**-2.0,
         )  # fmt: skip
 
     def retract(self, state: SceneState, delta: Step) -> SceneState:
         """The state moved by a solution of the linear system."""
         layout = self.layout
-        if layout.parts:
-            keys = [frame_keys(number, self.problem.frames) for number in range(len(layout.parts))]
+        if layout.chains:
+            keys = [frame_keys(number, self.problem.frames) for number in range(len(layout.chains))]
             steps = np.concatenate([np.array([delta.at(key) for key in own]) for own in keys], axis=1)
             state = state.retract_frames(layout, steps)
         static = np.concatenate([np.zeros(0), *(delta.at(key) for key in self.static_keys)])
@@ -238,3 +238,19 @@ def scene_slices(
     evaluation.add_camera_to(sums)
     evaluation.add_bodies_to(sums)
     return slices
+
+
+THREADS = min(4, os.cpu_count() or 1)  # beyond four the interpreter's own share is what takes the time
+
+
+Stretch = TypeVar("Stretch")
+
+
+def parallel_map(work: Callable[[Stretch], None], stretches: Sequence[Stretch]) -> None:
+    """Do the work for each stretch of frames, in threads; stretches write to places of their own."""
+    if len(stretches) < 2 or THREADS < 2:
+        for stretch in stretches:
+            work(stretch)
+        return
+    with ThreadPoolExecutor(min(THREADS, len(stretches))) as pool:
+        list(pool.map(work, stretches))  # the list raises what a stretch raised

@@ -9,13 +9,14 @@ from itertools import combinations
 
 import numpy as np
 
-from vip_factors.assembly.accumulator import Accumulator, Slot
+from vip_factors.assembly.accumulator import Accumulator
 from vip_factors.assembly.charts import Charts
+from vip_factors.assembly.scatter import Slot
 from vip_factors.body.kinematics import BodyState
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.problem.layout import Layout
 from vip_factors.solve.slices import REACH, Slices
-from vip_factors.terms.equations import Residuals
+from vip_factors.terms.equations import KnotEquations, Residuals
 
 
 class SliceAccumulator(Accumulator):
@@ -37,23 +38,23 @@ class SliceAccumulator(Accumulator):
         """Counted from the first frame of the slice."""
         return (i, j), 0
 
-    def _columns(self, part: int, i: int) -> slice:
-        own = self.layout.part_columns[part]
+    def _columns(self, chain: int, i: int) -> slice:
+        own = self.layout.chain_columns[chain]
         return slice(i * self._width + own.start, i * self._width + own.stop)
 
-    def frame_frame(self, part: int, i: int, other: int, j: int) -> Array:
+    def frame_frame(self, chain: int, i: int, other: int, j: int) -> Array:
         """See the base."""
-        return self._hessian[:, self._columns(part, i), self._columns(other, j)]
+        return self._hessian[:, self._columns(chain, i), self._columns(other, j)]
 
-    def frame_static(self, part: int, i: int, columns: slice) -> Array:
+    def frame_static(self, chain: int, i: int, columns: slice) -> Array:
         """See the base."""
         return self._hessian[
-            :, self._columns(part, i), slice(self._static + columns.start, self._static + columns.stop)
+            :, self._columns(chain, i), slice(self._static + columns.start, self._static + columns.stop)
         ]
 
-    def frame_gradient(self, part: int, i: int) -> Array:
+    def frame_gradient(self, chain: int, i: int) -> Array:
         """See the base."""
-        return self._gradient[:, self._columns(part, i)]
+        return self._gradient[:, self._columns(chain, i)]
 
     def add_static(self, rows: np.ndarray, columns: np.ndarray, block: Array, at: Residuals, mirror: bool) -> None:
         """See the base."""
@@ -69,10 +70,14 @@ class SliceAccumulator(Accumulator):
         into = self._gradient[target]
         into[:, self._static + columns] += vector[source]
 
+    def add_knots(self, equations: KnotEquations) -> None:
+        """See the base."""
+        raise NotImplementedError("headings of a stream walk from step to step, not between knots")
+
     def finish(self, bodies: Sequence[BodyState]) -> None:
         """Also fill what lies below the diagonal within a frame: what a body has in common with a camera."""
         super().finish(bodies)
-        H, parts = self._hessian, range(len(self.layout.parts))
+        H, parts = self._hessian, range(len(self.layout.chains))
         for i in range(REACH + 1):
             for p, q in combinations(parts, 2):
                 here, there = self._columns(p, i), self._columns(q, i)

@@ -23,7 +23,7 @@ from vip_factors.problem.layout import STATIC, Layout
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.solve.chain_system import frame_keys, knot_key, static_key
-from vip_factors.solve.hessian import coupling_factor
+from vip_factors.solve.elimination import coupling_factor
 from vip_factors.solve.slices import REACH, Slices
 
 ExtraFactors = Callable[[Array, int], gtsam.NonlinearFactorGraph]
@@ -41,7 +41,7 @@ class LinearFactor:
 
     variables: tuple[Variable, ...]
     information: Array
-    pull: Array
+    information_vector: Array
 
     @property
     def frames(self) -> range:
@@ -133,7 +133,7 @@ class _ChainPlaces:
     """Where variables are in the vectors of a chain."""
 
     def __init__(self, layout: Layout, frames: int) -> None:
-        self._layout, self._keys = layout, [frame_keys(number, frames) for number in range(len(layout.parts))]
+        self._layout, self._keys = layout, [frame_keys(number, frames) for number in range(len(layout.chains))]
 
     def spread(self, linear: LinearFactor) -> Iterator[gtsam.GaussianFactor]:
         """A factor on variables as factors on the vectors that hold them; what is kept is left out."""
@@ -151,7 +151,7 @@ class _ChainPlaces:
         for number, key in enumerate(keys):
             own, into = np.concatenate(rows[key]), np.concatenate(columns[key])
             H, g = np.zeros((widths[key], widths[key])), np.zeros(widths[key])
-            H[np.ix_(into, into)], g[into] = linear.information[np.ix_(own, own)], linear.pull[own]
+            H[np.ix_(into, into)], g[into] = linear.information[np.ix_(own, own)], linear.information_vector[own]
             yield gtsam.HessianFactor(key, H, g, 0.0)
             for other in keys[number + 1 :]:
                 theirs, there = np.concatenate(rows[other]), np.concatenate(columns[other])
@@ -169,9 +169,9 @@ class _ChainPlaces:
         columns = variable_columns(self._layout, one)
         if columns is None:
             return None
-        part, start = columns
-        if part != STATIC:
-            return self._keys[part][one.frame], start, self._layout.parts[part].width
+        chain, start = columns
+        if chain != STATIC:
+            return self._keys[chain][one.frame], start, self._layout.chains[chain].width
         for group, (_, own) in enumerate(self._layout.owners):
             if own.start <= start < own.stop:
                 return static_key(group), start - own.start, own.stop - own.start
@@ -179,15 +179,15 @@ class _ChainPlaces:
 
 
 def variable_columns(layout: Layout, one: Variable) -> tuple[int, int] | None:
-    """A variable's frame part (or ``STATIC``) and first column there; None where it is kept."""
+    """A variable's chain (or ``STATIC``) and first column there; None where it is kept."""
     owner = owner_of(one)
     if one.is_of_a_frame:
-        part = layout.part_of(owner)
-        if part is None:
+        chain = layout.chain_of(owner)
+        if chain is None:
             return None
-        return part, layout.parts[part].names["root"].start if one.kind is Kind.ROOT else 3 * one.item
-    place = layout.place(owner, BLOCKS[one.kind])
-    return None if place is None else (place.part, place.start + one.width * one.item * (one.kind not in WHOLE))
+        return chain, layout.chains[chain].names["root"].start if one.kind is Kind.ROOT else 3 * one.item
+    found = layout.columns_of(owner, BLOCKS[one.kind])
+    return None if found is None else (found.chain, found.start + one.width * one.item * (one.kind not in WHOLE))
 
 
 class StreamedTerms:
@@ -221,10 +221,10 @@ class StreamedTerms:
                 )
             self._factors.setdefault(first, []).append(factor)
 
-    def forget(self, before: int) -> None:
+    def drop_before(self, number: int) -> None:
         """Drop those of earlier frames: what they said is in the marginal."""
-        for number in [one for one in self._factors if one < before]:
-            del self._factors[number]
+        for old in [one for one in self._factors if one < number]:
+            del self._factors[old]
 
     def add_to(self, slices: Slices, state: SceneState, first: int, charts: Charts) -> None:
         """Add the factors of a stretch of frames, whose first has the number ``first``, to their slices."""
@@ -235,22 +235,22 @@ class StreamedTerms:
                     self._add(slices, linear, number - first, first, charts)
 
     def _add(self, slices: Slices, linear: LinearFactor, t: int, first: int, charts: Charts) -> None:
-        rows, columns, turns = list[np.ndarray](), list[np.ndarray](), np.eye(len(linear.pull))
+        rows, columns, turns = list[np.ndarray](), list[np.ndarray](), np.eye(len(linear.information_vector))
         for one, own in linear.blocks():
             found = variable_columns(self._layout, one)
             if found is None:
                 continue
-            part, start = found
+            chain, start = found
             ahead = one.frame - first - t
             base = (
                 (REACH + 1) * slices.frame
-                if part == STATIC
-                else (ahead * slices.frame + self._layout.part_columns[part].start)
+                if chain == STATIC
+                else (ahead * slices.frame + self._layout.chain_columns[chain].start)
             )
             rows.append(np.arange(own.start, own.stop))
             columns.append(base + start + np.arange(one.width))
             if one.kind is Kind.JOINT:
-                turns[own, own] = charts.turns[part][t + ahead, one.item]
+                turns[own, own] = charts.turns[chain][t + ahead, one.item]
             elif one.kind is not Kind.ROOT:
                 chart = charts.of_item(owner_of(one), BLOCKS[one.kind], one.item, t + ahead)
                 turns[own, own] = np.eye(one.width) if chart is None else chart
@@ -260,4 +260,4 @@ class StreamedTerms:
         place = np.minimum(into // slices.frame, REACH + 1)  # slices keep what is on and above the diagonal of blocks
         kept = place[:, None] <= place
         slices.hessian[t][np.ix_(into, into)] += kept * (J.T @ linear.information @ J)
-        slices.gradient[t][into] -= J.T @ linear.pull
+        slices.gradient[t][into] -= J.T @ linear.information_vector

@@ -9,7 +9,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import twists_at
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, ancestors, joint_index
-from vip_factors.factor_graph.adapter import custom_factor
+from vip_factors.errors import SolveError
 from vip_factors.factor_graph.variables import KINDS, Kind, Variable, frames_of, state_of
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout, Owner, OwnerId
@@ -57,7 +57,7 @@ def term_factors(problem: SceneProblem, state: SceneState, layout: Layout) -> It
 def factors_from(problem: SceneProblem, state: SceneState, layout: Layout, t: int) -> Iterator[TermFactor]:
     """The factors whose first frame is ``t``."""
     for wearer in range(len(problem.wearers)):
-        if layout.part_of(OwnerId(Owner.WEARER, wearer)) is not None:
+        if layout.chain_of(OwnerId(Owner.WEARER, wearer)) is not None:
             for term in WEARER_TERMS:
                 yield from _of_term(term, partial(_wearer, number=wearer), problem, state, layout, t)
         for camera in range(1 + len(problem.further)):
@@ -170,7 +170,7 @@ class _Window:
         self, eq: BoneEquations | DifferenceEquations, at: Evaluation, by_twist: Array, bone: int | None, ahead: int
     ) -> Blocks:
         """By the joints above a bone, and by the root if more than a turn is seen; None: the root alone."""
-        if self.layout.part_of(eq.owner) is None:
+        if self.layout.chain_of(eq.owner) is None:
             return []
         number, t = eq.owner.number, self.first.start + ahead
         frame, k = self.begin + t, by_twist.shape[1]
@@ -197,14 +197,14 @@ class _Window:
             for ahead, D in enumerate(jacobians)
             for joint in range(JOINT_COUNT - 1)
         ]
-        if eq.mean is not None and self.layout.place(eq.owner, eq.mean) is not None:
+        if eq.mean is not None and self.layout.columns_of(eq.owner, eq.mean) is not None:
             blocks.append((Variable(KINDS[eq.mean], number), -eq.whitening))
         return blocks
 
     def _by_parts(self, parts: Sequence[JacobianBlock], row: int, n: int) -> Blocks:
         blocks: Blocks = []
         for part in parts:
-            if self.layout.place(part.owner, part.block) is not None:
+            if self.layout.columns_of(part.owner, part.block) is not None:
                 blocks += self._by_part(part, part.jacobian[row, n], n)
         return blocks
 
@@ -246,3 +246,42 @@ def noise_model(loss: RobustLoss, rows: int) -> gtsam.noiseModel.Base:
     if loss.loss is Loss.CAUCHY:
         return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(k), unit)
     return unit
+
+
+Evaluate = Callable[[gtsam.Values, bool], tuple[Array, list[Array]]]
+"""From values, and whether Jacobians are asked for, to the residual ``(m,)`` and one ``(m, d)`` per key, in the order
+of the keys; or to the residual alone."""
+
+
+def custom_factor(
+    name: str, noise: gtsam.noiseModel.Base, keys: Sequence[int], dimensions: Sequence[int], evaluate: Evaluate
+) -> gtsam.CustomFactor:
+    """A GTSAM factor from a plain function.
+
+    Args:
+        name: of the factor kind, for messages.
+        noise: its noise model; its dimension is the residual's.
+        keys: of its variables.
+        dimensions: tangent dimension of each variable.
+        evaluate: residual, and Jacobians if asked for; must not hold on to the graph (it would never be freed).
+
+    Raises:
+        SolveError: from inside GTSAM, if ``evaluate`` returns wrong shapes or numbers that are not finite.
+    """
+    rows = noise.dim()
+
+    def callback(_: gtsam.CustomFactor, values: gtsam.Values, H: list[Array] | None) -> Array:
+        residual, jacobians = evaluate(values, H is not None)
+        if residual.shape != (rows,) or not np.all(np.isfinite(residual)):
+            raise SolveError(f"{name} factor: residual {residual}: expected {rows} finite numbers")
+        if H is not None:
+            for index, (jacobian, columns) in enumerate(zip(jacobians, dimensions, strict=True)):
+                if jacobian.shape != (rows, columns) or not np.all(np.isfinite(jacobian)):
+                    raise SolveError(
+                        f"{name} factor: Jacobian {index} has shape {jacobian.shape}: expected a finite "
+                        f"({rows}, {columns})"
+                    )
+                H[index] = np.asfortranarray(jacobian)
+        return residual
+
+    return gtsam.CustomFactor(noise, list(keys), callback)

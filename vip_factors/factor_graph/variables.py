@@ -158,7 +158,7 @@ def variables_of(layout: Layout, frames: int, knots: dict[int, int] | None = Non
         knots: of each wearer whose headings walk.
     """
     for t in range(frames):
-        for part in layout.parts:
+        for part in layout.chains:
             if part.owner.kind is Owner.CAMERA:
                 yield Variable(Kind.CAMERA, frame=t)
                 continue

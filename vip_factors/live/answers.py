@@ -12,8 +12,8 @@ from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracking import Tracking
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
-from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.layout import FRAME, ROOT, Owner, OwnerId
+from vip_factors.problem.variables import CAMERA
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.live import LiveSetup
 
@@ -103,7 +103,7 @@ class Answers:
         for number in numbers:
             seconds = clock.perf_counter() - begin if number == numbers[-1] else 0.0
             answers.append(self._estimate(tracking, number, number - self._lag, seconds))
-        smoother.forget(numbers[-1] - self._lag - 1)
+        smoother.marginalise_before(numbers[-1] - self._lag - 1)
         return [answer for answer in answers if answer.frame >= first]
 
     def of(self, tracking: Tracking, begin: float) -> LiveEstimate:

@@ -8,10 +8,10 @@ import numpy as np
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.measurement import FrameMeasurement
 from vip_factors.live.settings import LiveSettings
-from vip_factors.problem.blocks import scene_layout
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem, Viewpoint
 from vip_factors.problem.state import CameraPoses, SceneState
+from vip_factors.problem.variables import scene_layout
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames
 

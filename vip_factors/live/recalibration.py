@@ -18,7 +18,7 @@ from vip_factors.live.start import Known, Started, solve_coarsely, started, unse
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.solve.marginals import last_covariance
+from vip_factors.solve.elimination import last_covariance
 from vip_factors.stages.fusion import FusionSolution
 
 NO_PRIOR = np.pi  # radians, of headings and mountings: what is known of them, the information says

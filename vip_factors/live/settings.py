@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields
 
 from vip_factors.errors import InputError
-from vip_factors.problem.blocks import RELINEARISE_DEG, WanderSettings
+from vip_factors.problem.variables import RELINEARISE_DEG, ProcessNoiseSettings
 from vip_factors.ranges import NotNegative, NotNegativeInt, Share
 from vip_factors.settings import CalibrationSettings, FusionSettings, Settings
 
@@ -224,7 +224,7 @@ class LiveSettings(Settings):
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
     online_association: OnlineAssociationSettings = field(default_factory=OnlineAssociationSettings)
     recalibration: RecalibrationSettings = field(default_factory=RecalibrationSettings)
-    walk: WanderSettings = field(default_factory=WanderSettings)
+    walk: ProcessNoiseSettings = field(default_factory=ProcessNoiseSettings)
     watch: WatchSettings = field(default_factory=WatchSettings)
     slip: SlipSettings = field(default_factory=SlipSettings)
     relinearisation: RelinearisationSettings = field(default_factory=RelinearisationSettings)

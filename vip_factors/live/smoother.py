@@ -158,15 +158,15 @@ class LagSmoother:
             one.linearised, one.shared = one.coordinates, self._coordinates
         self._take(newest)
 
-    def forget(self, before: int) -> None:
+    def marginalise_before(self, before: int) -> None:
         """Marginalise frames with smaller numbers."""
         while self._frames and self._frames[0].frame.number < before:
             gone = self._frames.popleft().frame.number
             self._walks.pop(gone, None)
             self._epoch.pop(gone, None)
         if self._extra is not None:
-            self._extra.forget(before)
-        self._chain.forget(before)
+            self._extra.drop_before(before)
+        self._chain.marginalise_before(before)
 
     def covariance(self, number: int) -> Array:
         """Marginal covariance ``(w, w)`` of a frame's coordinates."""
@@ -190,7 +190,7 @@ class LagSmoother:
         """Frames that are estimated each by itself stay where they were predicted in what nothing tells of them."""
         for number, wearer in enumerate(self.problem.wearers):
             if not wearer.use_acceleration:
-                columns = self._layout.part_columns[number]
+                columns = self._layout.chain_columns[number]
                 own = np.arange(columns.start, columns.stop)
                 slices.hessian[: len(kept), own, own] += 1 / PREDICTED_SIGMA**2
                 slices.gradient[: len(kept), own] += (
@@ -233,6 +233,6 @@ class LagSmoother:
 def _limits(layout: Layout, settings: RelinearisationSettings) -> Array:
     """From which change on each column of a frame is linearised anew."""
     limits = np.full(layout.frame_width, np.deg2rad(settings.angle_deg))
-    for columns in layout.part_columns:
+    for columns in layout.chain_columns:
         limits[columns.stop - 3 : columns.stop] = settings.length_m  # every part ends with a position
     return limits

@@ -249,7 +249,7 @@ class FixedLagTracker:
         found = problem.filmed and not before.filmed
         if not found and sum(map(len, problem.sensors)) <= sum(map(len, before.sensors)):
             return tracking
-        again.smoother.forget(newest - self._lag - 1)
+        again.smoother.marginalise_before(newest - self._lag - 1)
         self._answers.begin_anew()
         self._answers.find("a wearer was found in the video" if found else "another sensor is used from here on")
         return again

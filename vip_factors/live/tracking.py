@@ -17,8 +17,8 @@ from vip_factors.live.sensor_slips import SensorWatch, SlipTest
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import Started
-from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.layout import Owner, OwnerId
+from vip_factors.problem.variables import CAMERA
 from vip_factors.sensors.live import LiveSetup, VideoFrame
 from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.terms.reprojection import whitened_reprojections
@@ -167,7 +167,7 @@ class Tracking:
             self._learn()
             findings = self._notice_slips()
             self._changed, self._unsolved, self._was_seen = [], 0, bool(changed)
-        smoother.forget(measured.frame - lag - 1)  # the frame told last stays for its successor to follow
+        smoother.marginalise_before(measured.frame - lag - 1)  # the frame told last stays for its successor to follow
         return findings
 
     def _notice_jumps(self, last: LagFrame, frame: LagFrame) -> list[int]:

@@ -16,7 +16,7 @@ from vip_factors.geometry.rotations import Array, exp, right_jacobian
 ROOT = 3 * JOINT_COUNT  # first column of the root translation in a wearer's frame
 FRAME = ROOT + 3  # width of a wearer's frame
 POSE = 6  # width of a camera's pose: rotation, then translation
-STATIC = -1  # in the place of a frame's part: what all frames share
+STATIC = -1  # instead of a chain's number: what all frames share
 
 
 class Manifold(StrEnum):
@@ -116,7 +116,7 @@ class StaticBlock:
 
 
 @dataclass(frozen=True)
-class FramePart:
+class FrameBlock:
     """What one owner has of its own in every frame: ``width`` columns, of which some have names."""
 
     owner: OwnerId
@@ -126,16 +126,16 @@ class FramePart:
 
 
 @dataclass(frozen=True)
-class Place:
-    """Columns of a block: of frame part ``part``, or of the static vector where that is ``STATIC``."""
+class ColumnRange:
+    """Columns of a block: in the frames of ``chain``, or in the static vector where that is ``STATIC``."""
 
-    part: int
+    chain: int
     start: int
     stop: int
 
     @property
     def columns(self) -> slice:
-        """The same."""
+        """The same as a slice."""
         return slice(self.start, self.stop)
 
 
@@ -143,26 +143,26 @@ class Place:
 class Layout:
     """All variables of a problem that move.
 
-    A frame's vector is its parts side by side; the static vector is the free blocks side by side, those of one owner
-    together.
+    A frame's vector is what each owner has in it, side by side: the chains. The static vector is the free blocks side
+    by side, those of one owner together.
 
     Attributes:
-        parts: of a frame.
+        chains: what each owner has in a frame.
         blocks: of all owners, by owner.
     """
 
-    parts: tuple[FramePart, ...]
+    chains: tuple[FrameBlock, ...]
     blocks: tuple[tuple[OwnerId, tuple[StaticBlock, ...]], ...]
 
     @cached_property
     def frame_width(self) -> int:
         """Of a whole frame."""
-        return sum(part.width for part in self.parts)
+        return sum(one.width for one in self.chains)
 
     @cached_property
-    def part_columns(self) -> tuple[slice, ...]:
-        """Of each part in a frame's vector."""
-        return _side_by_side([part.width for part in self.parts])
+    def chain_columns(self) -> tuple[slice, ...]:
+        """Of each chain in a frame's vector."""
+        return _consecutive([one.width for one in self.chains])
 
     @cached_property
     def static_width(self) -> int:
@@ -181,40 +181,40 @@ class Layout:
     def owners(self) -> tuple[tuple[OwnerId, slice], ...]:
         """Those that have free blocks, each with its columns in the static vector."""
         widths = [sum(block.width for block in blocks) for _, blocks in self.blocks]
-        columns = _side_by_side(widths)
+        columns = _consecutive(widths)
         return tuple((owner, own) for (owner, _), own, width in zip(self.blocks, columns, widths, strict=True) if width)
 
     @cached_property
-    def _places(self) -> dict[tuple[OwnerId, str], tuple[Place, StaticBlock | None]]:
-        places: dict[tuple[OwnerId, str], tuple[Place, StaticBlock | None]] = {}
+    def _ranges(self) -> dict[tuple[OwnerId, str], tuple[ColumnRange, StaticBlock | None]]:
+        ranges: dict[tuple[OwnerId, str], tuple[ColumnRange, StaticBlock | None]] = {}
         for owner, block, columns in self.placed():
             if block.free:
-                places[owner, block.name] = Place(STATIC, columns.start, columns.stop), block
-        for number, part in enumerate(self.parts):
-            for name, columns in part.names.items():
-                places[part.owner, name] = Place(number, columns.start, columns.stop), None
-        return places
+                ranges[owner, block.name] = ColumnRange(STATIC, columns.start, columns.stop), block
+        for number, one in enumerate(self.chains):
+            for name, columns in one.names.items():
+                ranges[one.owner, name] = ColumnRange(number, columns.start, columns.stop), None
+        return ranges
 
-    def place(self, owner: OwnerId, name: str) -> Place | None:
+    def columns_of(self, owner: OwnerId, name: str) -> ColumnRange | None:
         """Where a block's columns are; None where it does not move."""
-        found = self._places.get((owner, name))
+        found = self._ranges.get((owner, name))
         return None if found is None else found[0]
 
     def block(self, owner: OwnerId, name: str) -> StaticBlock | None:
         """A free static block."""
-        found = self._places.get((owner, name))
+        found = self._ranges.get((owner, name))
         return None if found is None else found[1]
 
-    def part_of(self, owner: OwnerId) -> int | None:
-        """Number of an owner's frame part; None where it has none."""
-        return next((number for number, part in enumerate(self.parts) if part.owner == owner), None)
+    def chain_of(self, owner: OwnerId) -> int | None:
+        """Number of an owner's chain; None where it has none."""
+        return next((number for number, one in enumerate(self.chains) if one.owner == owner), None)
 
     def columns(self, owner: OwnerId, name: str) -> np.ndarray:
         """Columns of a static block in the static vector; empty where it does not move."""
-        place = self.place(owner, name)
-        if place is None or place.part != STATIC:
+        found = self.columns_of(owner, name)
+        if found is None or found.chain != STATIC:
             return np.zeros(0, dtype=int)
-        return np.arange(place.columns.start, place.columns.stop)
+        return np.arange(found.start, found.stop)
 
     def item_columns(self, owner: OwnerId, name: str, item: int) -> np.ndarray:
         """Columns of one item of a static block; empty where the block does not move."""
@@ -229,9 +229,9 @@ class Layout:
     @cached_property
     def frame_step(self) -> Array:
         """What one unit of damping is a prior of, for each column of a frame."""
-        return np.concatenate([np.zeros(0), *(part.step for part in self.parts)])
+        return np.concatenate([np.zeros(0), *(one.step for one in self.chains)])
 
 
-def _side_by_side(widths: Sequence[int]) -> tuple[slice, ...]:
+def _consecutive(widths: Sequence[int]) -> tuple[slice, ...]:
     ends = np.cumsum([0, *widths]).tolist()
     return tuple(slice(start, stop) for start, stop in itertools.pairwise(ends))

@@ -209,8 +209,8 @@ class SceneState:
     def retract_frames(self, layout: Layout, steps: Array) -> "SceneState":
         """Every frame moved by steps ``(T, w)`` of the layout's frames."""
         changed: dict[OwnerId, Any] = {}
-        for part, columns in zip(layout.parts, layout.part_columns, strict=True):
-            changed[part.owner] = self.of(part.owner).retract_frames(steps[:, columns])
+        for one, columns in zip(layout.chains, layout.chain_columns, strict=True):
+            changed[one.owner] = self.of(one.owner).retract_frames(steps[:, columns])
         return self.replaced(changed)
 
 

@@ -1,7 +1,7 @@
 """Normal equations of parallel chains that share static variables, as GTSAM Hessian factors, stretch by stretch.
 
-A part is what one owner has of its own in every frame: a body, a camera's pose. A group is what all frames share of one
-owner. What they are about is not known here.
+A chain is what one owner has of its own in every frame: a body, a camera's pose. A group is what all frames share of
+one owner. What they are about is not known here.
 """
 
 from collections.abc import Iterator
@@ -9,17 +9,18 @@ from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
+from scipy.linalg.lapack import dpbtrf, dpbtrs
 
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.hessian import coupling_factor
+from vip_factors.solve.elimination import coupling_factor
 from vip_factors.solve.knots import KnotSystem
 
 STRETCH = 100  # frames handed to GTSAM at once: its factors take more room than the arrays they are made from
 
 
-def frame_keys(part: int, frames: int) -> list[int]:
-    """GTSAM's names of a part's vectors, frame by frame."""
-    return [gtsam.symbol("x", (part << 44) + t) for t in range(frames)]
+def frame_keys(chain: int, frames: int) -> list[int]:
+    """GTSAM's names of a chain's vectors, frame by frame."""
+    return [gtsam.symbol("x", (chain << 44) + t) for t in range(frames)]
 
 
 def static_key(group: int) -> int:
@@ -33,7 +34,7 @@ def knot_key(group: int, knot: int) -> int:
 
 
 @dataclass
-class ChainPart:
+class Chain:
     """What one owner has of its own in every frame.
 
     Attributes:
@@ -51,7 +52,7 @@ class ChainPart:
     damping: Array
 
     @classmethod
-    def empty(cls, number: int, frames: int, damping: Array, tied: bool) -> "ChainPart":
+    def empty(cls, number: int, frames: int, damping: Array, tied: bool) -> "Chain":
         """Zeros."""
         w = len(damping)
         following = np.zeros((frames, 2, w, w)) if tied else None
@@ -79,16 +80,16 @@ class ChainSystem:
     """A linearisation: blocks of the Hessian, and the gradient.
 
     Attributes:
-        parts, groups: of a frame, and of what all share.
-        between: of two parts ``(T, w, w')`` in the same frame, by their numbers, the smaller first.
-        coupling: of a part and a group ``(T, w, s)``, by their numbers. Where the group's first columns walk, theirs
+        chains, groups: of a frame, and of what all share.
+        between: of two chains ``(T, w, w')`` in the same frame, by their numbers, the smaller first.
+        coupling: of a chain and a group ``(T, w, s)``, by their numbers. Where the group's first columns walk, theirs
             are by the values at the frame's own instant.
         static, static_gradient: ``(s, s)`` and ``(s,)`` of the whole static vector.
         static_damping: ``(s,)``.
         extra: further linear factors, each with the first frame that it sees.
     """
 
-    parts: list[ChainPart]
+    chains: list[Chain]
     groups: list[StaticGroup]
     static: Array
     static_gradient: Array
@@ -100,7 +101,7 @@ class ChainSystem:
     @property
     def frames(self) -> int:
         """Number of frames."""
-        return len(self.parts[0].keys) if self.parts else 0
+        return len(self.chains[0].keys) if self.chains else 0
 
     def stretches(self, damping: float) -> Iterator[tuple[gtsam.GaussianFactorGraph, gtsam.Ordering]]:
         """The factors with ``damping`` units on the diagonal, with the keys to eliminate, stretch by stretch.
@@ -111,16 +112,16 @@ class ChainSystem:
         for start in range(0, max(T, 1), STRETCH):
             graph, ordering = gtsam.GaussianFactorGraph(), gtsam.Ordering()
             stop = min(start + STRETCH, T)
-            for part in self.parts:
-                _append_frames(part, graph, start, stop, damping)
+            for chain in self.chains:
+                _append_frames(chain, graph, start, stop, damping)
             self._append_between(graph, start, stop)
             self._append_coupling(graph, start, stop)
             for frame, factor in self.extra:
                 if start <= frame < stop or stop == T == start:
                     graph.push_back(factor)
             for t in range(start, stop):
-                for part in self.parts:
-                    ordering.push_back(part.keys[t])
+                for chain in self.chains:
+                    ordering.push_back(chain.keys[t])
             for group in self.groups:
                 for key in self._append_passed(group, graph, start, stop, damping):
                     ordering.push_back(key)
@@ -133,12 +134,12 @@ class ChainSystem:
     def _append_between(self, graph: gtsam.GaussianFactorGraph, start: int, stop: int) -> None:
         for (p, q), blocks in self.between.items():
             for t in _frames_with(blocks, start, stop):
-                graph.push_back(coupling_factor(self.parts[p].keys[t], self.parts[q].keys[t], blocks[t]))
+                graph.push_back(coupling_factor(self.chains[p].keys[t], self.chains[q].keys[t], blocks[t]))
 
     def _append_coupling(self, graph: gtsam.GaussianFactorGraph, start: int, stop: int) -> None:
         for (p, g), blocks in self.coupling.items():
-            keys, group = self.parts[p].keys, self.groups[g]
-            if group.knots is not None and p == group.knots.part:
+            keys, group = self.chains[p].keys, self.groups[g]
+            if group.knots is not None and p == group.knots.chain:
                 for t in range(start, stop):
                     group.knots.append_couplings(graph, t, keys[t], group.key, blocks[t])
                 continue
@@ -173,17 +174,72 @@ def _frames_with(blocks: Array, start: int, stop: int) -> list[int]:
     return found
 
 
-def _append_frames(part: ChainPart, graph: gtsam.GaussianFactorGraph, start: int, stop: int, damping: float) -> None:
+def _append_frames(chain: Chain, graph: gtsam.GaussianFactorGraph, start: int, stop: int, damping: float) -> None:
     """Append the factors of frames ``start`` to ``stop``."""
-    T, w = len(part.keys), part.own.shape[1]
-    zero, none, extra = np.zeros((w, w)), np.zeros(w), np.diag(damping * part.damping)
+    T, w = len(chain.keys), chain.own.shape[1]
+    zero, none, extra = np.zeros((w, w)), np.zeros(w), np.diag(damping * chain.damping)
     for t in range(start, stop):
-        key, G, g = part.keys[t], part.own[t] + extra, part.gradient[t]
-        if part.following is None or t == T - 1:
+        key, G, g = chain.keys[t], chain.own[t] + extra, chain.gradient[t]
+        if chain.following is None or t == T - 1:
             graph.push_back(gtsam.HessianFactor(key, G, -g, 0.0))
         elif t == T - 2:
-            graph.push_back(gtsam.HessianFactor(key, part.keys[t + 1], G, part.following[t, 0], -g, zero, none, 0.0))
+            graph.push_back(gtsam.HessianFactor(key, chain.keys[t + 1], G, chain.following[t, 0], -g, zero, none, 0.0))
         else:
-            after, last = part.keys[t + 1], part.keys[t + 2]
-            G12, G13 = part.following[t]
+            after, last = chain.keys[t + 1], chain.keys[t + 2]
+            G12, G13 = chain.following[t]
             graph.push_back(gtsam.HessianFactor(key, after, last, G, G12, G13, -g, zero, zero, none, zero, none, 0.0))
+
+
+@dataclass(frozen=True)
+class ChainStep:
+    """A step ``(T, w)`` of every frame of a chain, by GTSAM's names."""
+
+    rows: dict[int, int]
+    steps: Array
+
+    def at(self, key: int) -> Array:
+        """Of one frame."""
+        return np.asarray(self.steps[self.rows[key]])
+
+
+def is_one_chain(system: object) -> bool:
+    """Whether a system is a single chain, without anything that its frames share and without further factors."""
+    return (
+        isinstance(system, ChainSystem)
+        and len(system.chains) == 1
+        and not (system.groups or system.between or system.coupling or system.extra)
+    )
+
+
+def chain_step(chain: Chain, damping: float) -> ChainStep | None:
+    """The minimum of the damped quadratic; None where it is not determined."""
+    extra = damping * chain.damping
+    if chain.following is None:
+        steps = _independent(chain.own + np.diag(extra), chain.gradient)
+    else:
+        steps = _tied(chain.own, extra, chain.following, chain.gradient)
+    return None if steps is None else ChainStep({key: t for t, key in enumerate(chain.keys)}, steps)
+
+
+def _independent(own: Array, gradient: Array) -> Array | None:
+    try:
+        factor = np.linalg.cholesky(own)  # it alone says whether the matrix is positive
+    except np.linalg.LinAlgError:
+        return None
+    half = np.linalg.solve(factor, -gradient[..., None])
+    return np.asarray(np.linalg.solve(factor.swapaxes(1, 2), half)[..., 0])
+
+
+def _tied(own: Array, extra: Array, following: Array, gradient: Array) -> Array | None:
+    """Of frames tied to the next two: the columns of the lower band, one below the other."""
+    T, w = gradient.shape
+    band = np.zeros((T, w, 3 * w))
+    for a in range(w):
+        band[:, a, : w - a] = own[:, a, a:]
+        band[:, a, w - a : 3 * w - a] = following[:, :, a].reshape(T, 2 * w)
+    band[:, :, 0] += extra
+    factor, failed = dpbtrf(band.reshape(T * w, 3 * w).T, lower=1, overwrite_ab=1)
+    if failed:
+        return None
+    steps, _ = dpbtrs(factor, -gradient.reshape(T * w, 1), lower=1)
+    return np.asarray(steps.reshape(T, w))

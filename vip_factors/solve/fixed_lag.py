@@ -15,7 +15,7 @@ from scipy.linalg import solve_triangular
 
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.chain import eliminate_part
+from vip_factors.solve.elimination import eliminate_part
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,11 @@ class _Eliminated:
 
 
 class FixedLagChain:
-    """The eliminated frames of the lag. Forgetting the oldest marginalises it: later ones hold all that it said."""
+    """The eliminated frames of the lag. Of marginalised ones later frames hold all that they said."""
 
     def __init__(self) -> None:
         self._frames: dict[int, _Eliminated] = {}
-        self._past: gtsam.GaussianFactorGraph | None = None  # what is known from the frames that were forgotten
+        self._past: gtsam.GaussianFactorGraph | None = None  # what is known from the frames that were marginalised
 
     @property
     def numbers(self) -> range:
@@ -62,10 +62,10 @@ class FixedLagChain:
         net, rest = _eliminated(graph, keys)
         self._frames[number] = _Eliminated(tuple(net.at(index) for index in range(net.size())), rest)
 
-    def forget(self, before: int) -> None:
-        """Keep no frame with a smaller number, but what is known from them."""
-        for number in [kept for kept in self._frames if kept < before]:
-            self._past = self._frames.pop(number).rest
+    def marginalise_before(self, number: int) -> None:
+        """Marginalise the frames with a smaller number: what is known from them stays."""
+        for kept in [one for one in self._frames if one < number]:
+            self._past = self._frames.pop(kept).rest
 
     def solution(self, shared: int | None) -> "LagSolution":
         """All variables of the lag; ``shared`` is the key of what the newest frame shares with those to come, if any.

@@ -12,7 +12,7 @@ import gtsam
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.hessian import coupling_factor
+from vip_factors.solve.elimination import coupling_factor
 
 
 @dataclass
@@ -20,21 +20,21 @@ class KnotSystem:
     """The ``S`` first columns of a static group of ``s``, which walk.
 
     Attributes:
-        part: whose frames see them.
+        chain: whose frames see them.
         keys: GTSAM's names of the ``K − 1`` later knots.
         weights: ``(T, K)`` of the knots in each frame.
         own, gradient: ``(T, S, s)`` and ``(T, S)`` of the values at each frame's instant with the group's columns.
-        beside: ``(T, 2, w, S)`` blocks of a frame with the values of the next frame and of the one before.
+        adjacent: ``(T, 2, w, S)`` blocks of a frame with the values of the next frame and of the one before.
         diagonal, following, knot_gradient: ``(K, S)``, ``(K − 1, S)`` and ``(K, S)`` of what ties knots to one another.
         damping: what one unit of damping adds to the diagonal.
     """
 
-    part: int
+    chain: int
     keys: Sequence[int]
     weights: Array
     own: Array
     gradient: Array
-    beside: Array
+    adjacent: Array
     diagonal: Array
     following: Array
     knot_gradient: Array
@@ -42,13 +42,13 @@ class KnotSystem:
 
     @classmethod
     def empty(
-        cls, part: int, keys: Sequence[int], weights: Array, frame_width: int, walking: int, static_width: int,
+        cls, chain: int, keys: Sequence[int], weights: Array, frame_width: int, walking: int, static_width: int,
         damping: float,
     ) -> "KnotSystem":  # fmt: skip
         """Zeros."""
         (T, K), S = weights.shape, walking
         return cls(
-            part, keys, weights, np.zeros((T, S, static_width)), np.zeros((T, S)), np.zeros((T, 2, frame_width, S)),
+            chain, keys, weights, np.zeros((T, S, static_width)), np.zeros((T, S)), np.zeros((T, 2, frame_width, S)),
             np.zeros((K, S)), np.zeros((K - 1, S)), np.zeros((K, S)), damping,
         )  # fmt: skip
 
@@ -73,7 +73,7 @@ class KnotSystem:
         static = block.copy()
         static[:, :S] = 0.0
         for k in np.flatnonzero(here + after + before).tolist():
-            by_knot = here[k] * block[:, :S] + after[k] * self.beside[t, 0] + before[k] * self.beside[t, 1]
+            by_knot = here[k] * block[:, :S] + after[k] * self.adjacent[t, 0] + before[k] * self.adjacent[t, 1]
             if k == 0:
                 static[:, :S] = by_knot
             else:

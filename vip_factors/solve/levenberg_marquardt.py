@@ -14,9 +14,8 @@ import numpy as np
 from vip_factors.errors import SolveError
 from vip_factors.estimate import Iteration, SolveReport
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.chain import LinearSystem, eliminate
-from vip_factors.solve.chain_system import ChainSystem
-from vip_factors.solve.one_chain import chain_step, is_one_chain
+from vip_factors.solve.chain_system import ChainSystem, chain_step, is_one_chain
+from vip_factors.solve.elimination import LinearSystem, eliminate
 
 State = TypeVar("State")
 
@@ -126,7 +125,7 @@ def levenberg_marquardt(
 def _step(system: LinearSystem, damping: float) -> Step | None:
     """The minimum of the damped linear problem, or None where it is not determined."""
     if isinstance(system, ChainSystem) and is_one_chain(system):
-        return chain_step(system.parts[0], damping)
+        return chain_step(system.chains[0], damping)
     try:
         return eliminate(system.stretches(damping)).optimize()
     except SolveError:

@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.hessian import coupling_factor
+from vip_factors.solve.elimination import coupling_factor
 
 REACH = 2  # frames that a factor reaches ahead of its first one
 

@@ -10,10 +10,10 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import CameraEstimate, PoseCovariance, SolveReport, WearerEstimate
 from vip_factors.geometry.rotations import Array, wrap_angle
-from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.layout import FRAME, ROOT, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
+from vip_factors.problem.variables import CAMERA
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera_model import VideoClock

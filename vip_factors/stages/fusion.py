@@ -8,9 +8,9 @@ import numpy as np
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array, angle_between
-from vip_factors.problem.blocks import CAMERA
 from vip_factors.problem.scene import CameraProblem, ExtraTerms, KeypointView, SceneProblem, Viewpoint
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState, seconds_late
+from vip_factors.problem.variables import CAMERA
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath

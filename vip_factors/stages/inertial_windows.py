@@ -26,7 +26,7 @@ from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.sources import RecordingSource, frames_of, samples_around, without_gaps
 from vip_factors.settings import Settings, flatten
-from vip_factors.solve.marginals import chain_marginals
+from vip_factors.solve.elimination import chain_marginals
 from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.decode import decode, pose_covariance
 from vip_factors.stages.drift import drift_findings

@@ -10,17 +10,21 @@ from vip_factors.body.keypoints import SHAPE, KeypointOffsets
 from vip_factors.errors import InputError, SolveError
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration
-from vip_factors.problem.blocks import DETECTOR
 from vip_factors.problem.scene import KeypointView
 from vip_factors.problem.state import WearerState
+from vip_factors.problem.variables import DETECTOR
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
-from vip_factors.solve.marginals import last_marginals
-from vip_factors.stages.association import associate_cameras, associate_cameras_again, usable_cameras
+from vip_factors.solve.elimination import last_marginals
+from vip_factors.stages.association import (
+    associate_cameras,
+    associate_cameras_again,
+    usable_cameras,
+)
 from vip_factors.stages.decode import motion_of, static_covariance
 from vip_factors.stages.fusion import FusionSolution, fusion_problem
 from vip_factors.stages.fusion_start import start_fusion

@@ -14,11 +14,11 @@ from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import SolveError
 from vip_factors.estimate import BodyEstimate, DetectorEstimate, Estimate, SensorPlaceEstimate, SolveReport
 from vip_factors.geometry.rotations import Array
-from vip_factors.problem.blocks import DETECTOR
 from vip_factors.problem.layout import Owner, OwnerId
+from vip_factors.problem.variables import DETECTOR
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
-from vip_factors.solve.marginals import chain_marginals, last_marginals
+from vip_factors.solve.elimination import chain_marginals, last_marginals
 from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.decode import (
     SceneCovariance,

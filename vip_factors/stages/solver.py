@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from vip_factors.assembly.objective import SceneObjective, WearerObjective
 from vip_factors.estimate import SolveReport
-from vip_factors.factor_graph.optimise import optimise_with_gtsam
+from vip_factors.factor_graph.graph import optimise_with_gtsam
 from vip_factors.problem.scene import ExtraTerms
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.settings import SolverName

@@ -8,10 +8,10 @@ import numpy as np
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log
-from vip_factors.problem.blocks import DETECTOR
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.scene import CameraProblem, KeypointView
 from vip_factors.problem.state import CameraPoses, CameraState, WearerState, seconds_late
+from vip_factors.problem.variables import DETECTOR
 from vip_factors.problem.wearer import BodyPoints, WearerProblem, sole_shift
 from vip_factors.terms.equations import JacobianBlock
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.geometry.rotations import Array
-from vip_factors.problem.blocks import DETECTOR
+from vip_factors.problem.variables import DETECTOR
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
 from vip_factors.terms.evaluation import CameraEvaluation
 

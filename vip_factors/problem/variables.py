@@ -13,7 +13,7 @@ from vip_factors.problem.layout import (
     FRAME,
     POSE,
     ROOT,
-    FramePart,
+    FrameBlock,
     Layout,
     Manifold,
     Owner,
@@ -37,7 +37,7 @@ DETECTOR = OwnerId(Owner.DETECTOR)
 
 
 @dataclass(frozen=True)
-class WanderSettings:
+class ProcessNoiseSettings:
     """How fast what all frames share may wander in a stream, per √second.
 
     Beyond drift it stands for what repeats from frame to frame: taken as new each time it would make headings and
@@ -54,7 +54,7 @@ class WanderSettings:
 RELINEARISE_DEG = 0.3  # heading or mounting: they are seen by all frames, 1.0 costs 2 mm
 
 
-def wearer_blocks(wearer: WearerProblem, wander: WanderSettings, relinearise: float) -> tuple[StaticBlock, ...]:
+def wearer_blocks(wearer: WearerProblem, wander: ProcessNoiseSettings, relinearise: float) -> tuple[StaticBlock, ...]:
     """A wearer's."""
     S, limit = len(wearer.sensors), relinearise
     heading, mounting = float(np.deg2rad(wander.heading_deg)), float(np.deg2rad(wander.mounting_deg))
@@ -69,7 +69,7 @@ def wearer_blocks(wearer: WearerProblem, wander: WanderSettings, relinearise: fl
     )
 
 
-def camera_blocks(camera: CameraProblem, wander: WanderSettings, relinearise: float) -> tuple[StaticBlock, ...]:
+def camera_blocks(camera: CameraProblem, wander: ProcessNoiseSettings, relinearise: float) -> tuple[StaticBlock, ...]:
     """The camera's; its pose only where it stands still."""
     limit, has_imu, turn = relinearise, camera.imu is not None, float(np.deg2rad(wander.camera_deg))
     heading, standing = float(np.deg2rad(wander.heading_deg)), camera.free_pose and not camera.moving
@@ -93,28 +93,28 @@ def detector_blocks(scene: SceneProblem) -> tuple[StaticBlock, ...]:
 
 def scene_layout(
     scene: SceneProblem,
-    wander: WanderSettings | None = None,
+    wander: ProcessNoiseSettings | None = None,
     relinearise_deg: float = RELINEARISE_DEG,
     wearers_move: bool = True,
 ) -> Layout:
     """All variables of a scene that move; without the wearers' if these are kept as they are."""
-    wander, limit = wander or WanderSettings(), float(np.deg2rad(relinearise_deg))
-    parts, blocks = list[FramePart](), list[tuple[OwnerId, tuple[StaticBlock, ...]]]()
+    wander, limit = wander or ProcessNoiseSettings(), float(np.deg2rad(relinearise_deg))
+    chains, blocks = list[FrameBlock](), list[tuple[OwnerId, tuple[StaticBlock, ...]]]()
     if wearers_move:
         for number, wearer in enumerate(scene.wearers):
             owner = OwnerId(Owner.WEARER, number)
-            parts.append(_wearer_part(owner))
+            chains.append(_wearer_frame(owner))
             blocks.append((owner, wearer_blocks(wearer, wander, limit)))
     if scene.camera.free_pose and scene.camera.moving:
         step = np.repeat([STEP_ANGLE, STEP_LENGTH], 3)
-        parts.append(FramePart(CAMERA, POSE, step, {"poses": slice(0, POSE)}))
+        chains.append(FrameBlock(CAMERA, POSE, step, {"poses": slice(0, POSE)}))
     blocks.append((CAMERA, camera_blocks(scene.camera, wander, limit)))
     blocks.append((DETECTOR, detector_blocks(scene)))
-    return Layout(tuple(parts), tuple(blocks))
+    return Layout(tuple(chains), tuple(blocks))
 
 
-def _wearer_part(owner: OwnerId) -> FramePart:
+def _wearer_frame(owner: OwnerId) -> FrameBlock:
     step = np.repeat([STEP_ANGLE, STEP_LENGTH], [ROOT, 3])
     names = {name: slice(3 * joint, 3 * joint + 3) for joint, name in enumerate(JOINT_NAMES)}
     names["root"] = slice(ROOT, FRAME)
-    return FramePart(owner, FRAME, step, names)
+    return FrameBlock(owner, FRAME, step, names)

@@ -37,6 +37,7 @@ FENCED = {
     "mcap_ros2": {"io"},
     "google": {"io"},
     "rerun": {"viz"},
+    "matplotlib": {"viz"},
     "websockets": {"io"},
     "pygltflib": {"io"},
     "pythonosc": {"io"},

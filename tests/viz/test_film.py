@@ -13,6 +13,7 @@ from scene_sample import Injected, estimate_of, scene_sample
 from vip_factors.body.body_mesh import body_mesh
 from vip_factors.errors import InputError
 from vip_factors.sensors.scene import Scene, Video
+from vip_factors.viz.colours import skin_colours
 from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
 from vip_factors.viz.eye import Eye, Lens, looking_at, room_model, scaled, viewpoints
 from vip_factors.viz.figure import Figure, blend, lit_from
@@ -20,7 +21,6 @@ from vip_factors.viz.film import film, film_times, layout
 from vip_factors.viz.film_file import FilmSettings
 from vip_factors.viz.film_panes import CameraPane, heading_errors
 from vip_factors.viz.room import Backdrop, Room
-from vip_factors.viz.wearer_colours import skin_colours
 
 SMALL = FilmSettings(video_height=96, video_rate=10.0)
 LATE = replace(SMALL, video_seconds=(7.0, 9.0))

@@ -7,7 +7,6 @@ import pytest
 
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
 from vip_factors.errors import InputError
-from vip_factors.viz.chart import tick_step
 from vip_factors.viz.picture import filmstrip
 
 
@@ -49,8 +48,3 @@ def test_bad_requests_are_refused_in_a_sentence(scene, tmp_path: Path) -> None:
         filmstrip(None, replace(scene.recording, truth=None), None, tmp_path / "b.png")
     assert (tmp_path / "a.png").read_text() == "precious"
     assert len(list(tmp_path.iterdir())) == 1
-
-
-@pytest.mark.parametrize(("span", "step"), [(46.0, 20.0), (4.0, 1.0), (0.9, 0.25), (130.0, 50.0), (0.0, 1.0)])
-def test_ticks_are_round(span: float, step: float) -> None:
-    assert tick_step(span, 4) == pytest.approx(step)

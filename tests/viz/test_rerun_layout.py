@@ -10,15 +10,15 @@ from scene_sample import estimate_of, scene_sample
 from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.simulate.gestures import gestures
+from vip_factors.viz.charts import colour_legend, pixels
+from vip_factors.viz.colours import sensor_colours
 from vip_factors.viz.drawn_scene import drawn_scene
 from vip_factors.viz.live_summary import KEPT, live_summary
 from vip_factors.viz.rerun_body import cut_skin, see_through
 from vip_factors.viz.rerun_eye import NEAREST_M, abreast, centre_path, eye, forward_of, spread_of
 from vip_factors.viz.rerun_layout import span_axis
-from vip_factors.viz.rerun_series import sensor_colours
 from vip_factors.viz.scene_layout import span_of
 from vip_factors.viz.scene_summary import finding_lines, scene_summary
-from vip_factors.viz.sensor_legend import legend
 from vip_factors.viz.summary import paragraphs
 
 
@@ -78,7 +78,7 @@ def test_a_streams_text_says_what_is_newest_and_what_is_smoothed() -> None:
 
 def test_the_legend_shows_every_sensors_colour() -> None:
     colours = sensor_colours([f"sensor_{index}" for index in range(13)])
-    picture = legend(colours).pixels()[..., ::-1].astype(int)
+    picture = pixels(colour_legend(colours)).astype(int)
     for colour in colours.values():
         assert (np.abs(picture - colour).max(axis=-1) < 3).sum() > 200
 

@@ -8,8 +8,8 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.simulate.gestures import gestures
 from vip_factors.viz import rerun_body
+from vip_factors.viz.colours import UNCLAIMED
 from vip_factors.viz.rerun_camera import log_people
-from vip_factors.viz.wearer_colours import UNCLAIMED
 
 
 class Heard(rr.RecordingStream):

@@ -6,17 +6,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene, Video
+from vip_factors.viz.charts import INK, LINE_COLOURS, scene_charts
+from vip_factors.viz.colours import wearer_colour
 from vip_factors.viz.drawn_scene import drawn_scene
-from vip_factors.viz.headings_chart import INK
-from vip_factors.viz.images import video_frames
-from vip_factors.viz.scene_charts import LINE_COLOURS, scene_charts
-from vip_factors.viz.scene_picture import PLANE, scene_filmstrip
-from vip_factors.viz.wearer_colours import wearer_colour
+from vip_factors.viz.film_panes import PLANE
+from vip_factors.viz.images import video_stream
+from vip_factors.viz.picture import scene_filmstrip
 
 ERRORS = Injected(yaw=0.8, heading=0.2, camera_m=0.05)
 
@@ -24,6 +25,11 @@ ERRORS = Injected(yaw=0.8, heading=0.2, camera_m=0.05)
 @pytest.fixture(scope="module")
 def sample() -> Scene:
     return scene_sample(0.5)
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    red, green, blue = (round(255 * channel) for channel in to_rgb(colour))
+    return red, green, blue
 
 
 def pixels_like(png: Path, colour: tuple[int, int, int], tolerance: int = 10) -> int:
@@ -60,11 +66,11 @@ def test_frames_are_found_in_files_and_rubbish_is_left_out(tmp_path: Path) -> No
     for level in range(0, 250, 25):
         writer.write(np.full((48, 64, 3), level, np.uint8))
     writer.release()
-    found = video_frames(Video(path), [7, 2, 99])
-    assert sorted(found) == [2, 7]
-    assert found[7].mean() == pytest.approx(175, abs=3)
-    assert video_frames(Video(None, {0: b"no image"}), [0]) == {}
-    assert video_frames(None, [0]) == {}
+    found = list(video_stream(Video(path), [2, 7, 99]))
+    assert [one is not None for one in found] == [True, True, False]
+    assert found[1].mean() == pytest.approx(175, abs=3)
+    assert list(video_stream(Video(None, {0: b"no image"}), [0])) == [None]
+    assert list(video_stream(None, [0])) == [None]
 
 
 def test_charts_show_every_estimate_and_the_headings(sample: Scene, tmp_path: Path) -> None:
@@ -72,11 +78,11 @@ def test_charts_show_every_estimate_and_the_headings(sample: Scene, tmp_path: Pa
     wobbly = replace(one, wearers=tuple(_off(wearer, 0.05) for wearer in one.wearers))
     worse = replace(other, wearers=tuple(_off(wearer, 0.10) for wearer in other.wearers))
     scene_charts({"IT": worse, "VIP": wobbly}, tmp_path / "a.png")
-    for colour in (*LINE_COLOURS[:2], wearer_colour(0), wearer_colour(1), INK):
+    for colour in (*map(rgb, (*LINE_COLOURS[:2], INK)), wearer_colour(0), wearer_colour(1)):
         assert pixels_like(tmp_path / "a.png", colour) > 100
     alone = drawn_scene(None, estimate_of(sample))
     scene_charts({"VIP": alone}, tmp_path / "b.png")  # without truth: headings alone
-    assert pixels_like(tmp_path / "b.png", LINE_COLOURS[0]) < 20
+    assert pixels_like(tmp_path / "b.png", rgb(LINE_COLOURS[0])) < 20
 
 
 def _off(wearer, metres: float):

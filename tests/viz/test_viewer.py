@@ -11,10 +11,10 @@ from scene_sample import estimate_of, scene_sample
 
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.viz import viewer as module
+from vip_factors.viz.colours import wearer_colour
 from vip_factors.viz.rerun_scene import show_scene
 from vip_factors.viz.rerun_view import SaveTo, show
 from vip_factors.viz.viewer import address, screenshot, serve
-from vip_factors.viz.wearer_colours import wearer_colour
 
 
 def test_what_cannot_be_rendered_is_said_before_a_viewer_starts(tmp_path: Path) -> None:

@@ -13,8 +13,6 @@ from vip_factors.cli.options import Flag, Output, beside, parse_with_settings
 if TYPE_CHECKING:
     from vip_factors.initialise.clock import ClockOffset, ClockSettings
 
-WIDTH, HEIGHT = 1200, 520  # pixels of the picture
-
 
 @dataclass(frozen=True)
 class SyncOptions:
@@ -109,20 +107,12 @@ def draw_offset(found: "ClockOffset", path: Path, overwrite: bool = False) -> No
     Raises:
         InputError: if motions were not compared, or the file exists or is not named ``.png``.
     """
-    import numpy as np
-
     from vip_factors.errors import InputError
-    from vip_factors.viz.canvas import Canvas
-    from vip_factors.viz.chart import draw_chart
+    from vip_factors.viz.charts import Curve, curve_chart
 
     if found.curve is None:
         raise InputError(f"{path}: there is no curve to draw: events only were compared; choose method auto or motion")
-    dark = (45, 50, 60)
-    canvas = Canvas(WIDTH, HEIGHT)
     title = f"video {found.seconds:+.3f} s" + (f" ± {1e3 * found.sigma:.0f} ms" if found.determined else ": not clear")
-    canvas.text((80.0, 48.0), title, dark, 26, 600)
-    canvas.text((80.0, HEIGHT - 22.0), "seconds to add to the video's times", (120, 128, 140), 17)
-    box = (80.0, 110.0, WIDTH - 40.0, HEIGHT - 90.0)
-    label = "agreement of limbs in the image and sensors on them (log-likelihood)"
-    draw_chart(canvas, box, found.curve.offset, found.curve.gain, label, np.array([found.seconds]))
-    canvas.save(path, overwrite)
+    above = "agreement of limbs in the image and sensors on them (log-likelihood)"
+    curve = Curve("", found.curve.offset, found.curve.gain)
+    curve_chart(path, title, curve, (above, "seconds to add to the video's times"), found.seconds, overwrite)

@@ -99,7 +99,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 
 def _picture(opened: Opened, png: Path, overwrite: bool) -> None:
     if opened.scene is not None:
-        from vip_factors.viz.scene_picture import scene_filmstrip
+        from vip_factors.viz.picture import scene_filmstrip
 
         scene, estimate = opened.as_scene()
         assert scene is not None
@@ -117,8 +117,8 @@ def _picture(opened: Opened, png: Path, overwrite: bool) -> None:
 
 def _chart(paths: Sequence[Path], png: Path, overwrite: bool) -> None:
     """Every file's estimate against the scene (or recording) among the files; curves are named by method or file."""
+    from vip_factors.viz.charts import scene_charts
     from vip_factors.viz.drawn_scene import drawn_scene
-    from vip_factors.viz.scene_charts import scene_charts
 
     opened = {path: open_one(path).as_scene() for path in paths}
     scenes = [scene for scene, _ in opened.values() if scene is not None]

@@ -8,12 +8,11 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from markupsafe import Markup
 
-from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Colour, Side
+from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
 from vip_factors.geometry.rotations import Array
 from vip_factors.report.blocks import Chart
-from vip_factors.viz.chart import tick_step
+from vip_factors.viz.colours import body_colours, hexadecimal, wearer_colour
 from vip_factors.viz.svg import MUTED, RULE, Svg
-from vip_factors.viz.wearer_colours import body_colours, wearer_colour
 
 WIDTH, HEIGHT = 540.0, 190.0
 LEFT, RIGHT, TOP, BOTTOM = 44.0, 14.0, 10.0, 24.0  # margins
@@ -143,11 +142,6 @@ def _whole(values: Array) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
 
 
-def hexadecimal(colour: Colour) -> str:
-    """``#rrggbb``."""
-    return "#" + "".join(f"{channel:02x}" for channel in colour)
-
-
 SIDE_COLOURS = {side: hexadecimal(colour) for side, colour in ESTIMATE_COLOURS.items()}
 TRUTH = hexadecimal(TRUTH_COLOUR)
 
@@ -160,3 +154,14 @@ def wearer_mark(index: int, of: int) -> str:
 def sides_of(index: int, of: int) -> dict[Side, str]:
     """Of a body in the 3D view: by side of one wearer alone, else all in the wearer's own."""
     return SIDE_COLOURS if of == 1 else {side: hexadecimal(one) for side, one in body_colours(index).items()}
+
+
+TICKS = (1.0, 2.0, 2.5, 5.0, 10.0)  # times a power of ten: steps that people count in
+
+
+def tick_step(span: float, most: int) -> float:
+    """The smallest round step that divides ``span`` into at most ``most`` parts."""
+    if not span > 0:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(span / most))
+    return float(next(tick * power for tick in TICKS if tick * power * most >= span * (1 - 1e-9)))

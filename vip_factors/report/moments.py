@@ -12,8 +12,7 @@ from vip_factors.report.fit import joined, mean_residual
 from vip_factors.report.material import Material, Wearer
 from vip_factors.report.words import joint_words
 from vip_factors.viz.images import jpeg_bytes, png_bytes
-from vip_factors.viz.picture import pose_picture
-from vip_factors.viz.scene_picture import frame_picture
+from vip_factors.viz.picture import frame_picture, pose_picture
 
 APART_S = 1.0  # between two moments of one wearer
 SMOOTH_S = 0.2  # a moment lasts: single frames do not count

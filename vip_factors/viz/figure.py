@@ -12,10 +12,10 @@ from vip_factors.body.mannequin import Colour, Side, side_of
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration, Placement
+from vip_factors.viz.colours import skin_colours
 from vip_factors.viz.drawn_scene import DrawnWearer
 from vip_factors.viz.eye import Eye
 from vip_factors.viz.triangles import COVERED_M, empty_depth, paint
-from vip_factors.viz.wearer_colours import skin_colours
 
 OVERSAMPLING = 2  # pixels a side, averaged: edges without steps
 NEARBY_M = 0.3  # nearer skin does not tell where in the picture a body is

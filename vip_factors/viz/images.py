@@ -1,6 +1,6 @@
 """Images: frames of a video wherever they are stored, 2D poses drawn over them, and bytes of image files."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from vip_factors.body.keypoints import LIMBS, KeypointSet
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.scene import Video
-from vip_factors.viz.wearer_colours import wearer_colour
+from vip_factors.viz.colours import wearer_colour
 
 # Where a set has a neck, the head hangs on it; otherwise it would float above the shoulders.
 _MORE = (("neck", "nose"), ("neck", "head_top"))
@@ -64,24 +64,11 @@ def _label(image: np.ndarray, points: Array, label: str, colour: tuple[int, int,
         cv2.putText(image, label, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, ink, max(1, round(thick * size)), cv2.LINE_AA)
 
 
-def video_frames(video: Video | None, wanted: Iterable[int]) -> dict[int, np.ndarray]:
-    """Images ``(height, width, 3)``, blue green red, of those wanted frames that exist and can be decoded."""
-    wanted = sorted(set(wanted))
-    if video is None:
-        return {}
-    found = {}
-    for index in wanted:
-        if index in video.images:
-            image = cv2.imdecode(np.frombuffer(video.images[index], np.uint8), cv2.IMREAD_COLOR)
-            if image is not None:
-                found[index] = image
-    if video.path is not None and video.path.is_file() and len(found) < len(wanted):
-        found = _from_file(str(video.path), [index for index in wanted if index not in found]) | found
-    return found
-
-
 def video_stream(video: Video | None, wanted: Sequence[int]) -> Iterator[np.ndarray | None]:
-    """One by one, increasing, the images of :func:`video_frames`; None for a frame that is not there."""
+    """One by one, increasing, images ``(height, width, 3)``, blue green red; None for one that cannot be decoded.
+
+    Files are read on from frame to frame: seeking is not exact in every container.
+    """
     reader, at = None, 0
     if video is not None and video.path is not None and video.path.is_file():
         reader = cv2.VideoCapture(str(video.path))
@@ -99,22 +86,6 @@ def video_stream(video: Video | None, wanted: Sequence[int]) -> Iterator[np.ndar
     finally:
         if reader is not None:
             reader.release()
-
-
-def _from_file(path: str, wanted: list[int]) -> dict[int, np.ndarray]:
-    """Read on from frame to frame: seeking is not exact in every container."""
-    reader, found, at = cv2.VideoCapture(path), {}, 0
-    try:
-        for index in wanted:
-            while at < index and reader.grab():
-                at += 1
-            good, image = reader.read()
-            if not good:
-                break
-            found[index], at = image, at + 1
-    finally:
-        reader.release()
-    return found
 
 
 def png_bytes(image: np.ndarray) -> bytes:

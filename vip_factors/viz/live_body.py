@@ -10,10 +10,9 @@ from vip_factors.body.mannequin import Colour, Side
 from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LivePose, LiveWearerEstimate
 from vip_factors.sensors.live import LiveWearer
+from vip_factors.viz.colours import GHOST_COLOUR, body_colours
 from vip_factors.viz.compare import moved
 from vip_factors.viz.rerun_body import log_joints, log_joints_style, log_poses, log_sensors, log_shape
-from vip_factors.viz.rerun_layout import GHOST_COLOUR
-from vip_factors.viz.wearer_colours import body_colours
 
 
 class LiveBody:

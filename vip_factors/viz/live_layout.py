@@ -8,9 +8,8 @@ from vip_factors.sensors.live import LiveSetup
 from vip_factors.viz.compare import APART_TITLE
 from vip_factors.viz.live_series import HEADING_SIGMAS, HEADINGS, POSE_SIGMAS, UPDATE_MS
 from vip_factors.viz.rerun_eye import abreast, eye, forward_of, spread_of
-from vip_factors.viz.rerun_layout import LEGEND_SHARE, LEVEL, UPRIGHT, world_view
+from vip_factors.viz.rerun_layout import LEGEND_SHARE, LEVEL, UPRIGHT, legend_view, world_view
 from vip_factors.viz.scene_layout import IN_IMAGE, image_view
-from vip_factors.viz.sensor_legend import legend_view
 
 SHOWN_S = 30.0  # seconds of the curves before now
 ROOM_M = 0.2  # to either side of where people stand at the start: they will move

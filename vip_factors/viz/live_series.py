@@ -7,9 +7,8 @@ from vip_factors.body.mannequin import Colour
 from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LiveEstimate, LiveWearerEstimate
 from vip_factors.sensors.live import LiveSetup
+from vip_factors.viz.colours import sensor_colours, wearer_colour
 from vip_factors.viz.rerun_body import time_column
-from vip_factors.viz.rerun_series import sensor_colours
-from vip_factors.viz.wearer_colours import wearer_colour
 
 HEADINGS, HEADING_SIGMAS = "plots/heading", "plots/heading_sigma"
 POSE_SIGMAS, UPDATE_MS = "plots/pose_sigma", "plots/update_ms"

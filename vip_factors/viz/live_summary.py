@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from vip_factors.sensors.live import LiveSetup
+from vip_factors.viz.colours import colour_name
 from vip_factors.viz.compare import APART
-from vip_factors.viz.wearer_colours import colour_name
 
 KEPT = 40  # findings that are shown: an hour's list would be sent again with each
 

@@ -16,6 +16,7 @@ from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import keypoints_in_image
 from vip_factors.sensors.live import LiveCamera, LiveSetup, VideoFrame
+from vip_factors.viz.colours import UNCLAIMED, wearer_colour
 from vip_factors.viz.compare import floor_height, moved, set_apart
 from vip_factors.viz.live_body import LiveBody
 from vip_factors.viz.live_layout import live_blueprint
@@ -37,8 +38,7 @@ from vip_factors.viz.rerun_camera import (
     log_people_style,
 )
 from vip_factors.viz.rerun_eye import CENTRE, centre_path, log_centre
-from vip_factors.viz.sensor_legend import log_legend
-from vip_factors.viz.wearer_colours import UNCLAIMED, wearer_colour
+from vip_factors.viz.rerun_series import log_legend
 
 CAMERA, IMAGE = "world/camera", "world/camera/image"
 FINDINGS, SUMMARY = "findings", "summary"

@@ -1,19 +1,34 @@
-"""A picture of a motion for a page: poses in a row, the truth in grey behind, sensors, and the error below."""
+"""Pictures for a page: poses in a row, the truth in grey behind, or frames of a video with bodies; errors below."""
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.lines import Line2D
 
 from vip_factors.body.body_mesh import body_mesh
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
 from vip_factors.errors import InputError
-from vip_factors.estimate import WearerEstimate
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_z, yaw_of
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.recording import Recording
-from vip_factors.viz.canvas import Canvas, Rod, mixed
-from vip_factors.viz.chart import draw_chart
+from vip_factors.sensors.scene import Scene
+from vip_factors.viz.charts import (
+    MARGIN,
+    SOFT_INK,
+    TEXT,
+    WIDTH,
+    Curve,
+    draw_curves,
+    page,
+    panel,
+    save,
+    size_of,
+    write,
+)
+from vip_factors.viz.colours import STRANGER_COLOUR, hexadecimal, mixed, wearer_colour
 from vip_factors.viz.compare import (
     Compare,
     check_frames,
@@ -24,14 +39,14 @@ from vip_factors.viz.compare import (
     onto_truth,
     position_error_mm,
 )
+from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
 from vip_factors.viz.eye import Eye, Lens
-from vip_factors.viz.figure import BOX_COLOUR, Figure, as_bytes, blend, lit_from, sensor_boxes
+from vip_factors.viz.figure import BOX_COLOUR, Figure, as_bytes, blend, figure_of, lit_from, sensor_boxes
+from vip_factors.viz.film_panes import PLANE, CameraPane
 from vip_factors.viz.room import Room, floor_light
 
-INK, SOFT_INK, WHITE = (40, 46, 58), (120, 128, 140), (255, 255, 255)
-GHOST = mixed(TRUTH_COLOUR, WHITE, 0.35)
-WIDTH, MARGIN = 1600, 60
-STRIP_TOP, STRIP_HEIGHT, CHART_HEIGHT = 130, 470, 190
+GHOST = mixed(TRUTH_COLOUR, (255, 255, 255), 0.35)
+GAP, HEADER, STRIP_HEIGHT, CHART_HEIGHT = 20, 130, 470, 190
 BODY_HEIGHTS = (1.95, 2.5)  # metres that fit into the strip: standing, and arms raised overhead
 HEADROOM_M = 0.35  # from the highest joint to the top: a head or a hand, and the perspective of looking down
 DISTANCE_M = 9.0  # of the eye: far enough for nearly parallel lines
@@ -42,6 +57,13 @@ GHOST_OPACITY = 0.55
 VIEW_YAW, VIEW_PITCH = np.deg2rad(32.0), np.deg2rad(9.0)  # from the wearer's front left, a little from above
 # At rest the body's z (forward) is turned onto the world's x: the yaw of a standing body facing x is that of this.
 R_WORLD_STANDING = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+COLUMNS = 3  # frames of a video beside each other
+OPACITY = 0.72  # of the bodies over the frames
+AROUND = 1.25  # around the people shown
+
+Entry = tuple[str, str, str]
+"""Of a legend: name, colour and matplotlib's marker ("-" for a bar)."""
+DOT = "   ·   "
 
 
 def filmstrip(
@@ -81,16 +103,16 @@ def filmstrip(
     else:
         raise InputError("nothing to draw: expected an estimate, or a recording with its truth")
     values, label = _curve(estimate, shown, ghost, known_bones(recording, truth))
-    canvas = Canvas(WIDTH, STRIP_TOP + STRIP_HEIGHT + (40 + CHART_HEIGHT if values is not None else 0) + 30)
     frames = np.round(np.linspace(0.04, 0.96, poses) * (len(shown) - 1)).astype(int)
     if title is None:
-        title = f"{estimate.name}, {estimate.method}" if estimate is not None else shown.name
-    _header(canvas, title, _subtitle(estimate, shown, values, ghost is not None), ghost is not None, recording)
-    _strip(canvas, shown, ghost, frames, estimate, recording)
-    if values is not None:
-        box = (MARGIN + 40, STRIP_TOP + STRIP_HEIGHT + 50, WIDTH - MARGIN, STRIP_TOP + STRIP_HEIGHT + CHART_HEIGHT)
-        draw_chart(canvas, box, shown.time, values, label, shown.time[frames])
-    canvas.save(path, overwrite)
+        title = ", ".join(filter(None, (estimate.name, estimate.method))) if estimate is not None else shown.name
+    entries = [(side.value, hexadecimal(ESTIMATE_COLOURS[side]), "-") for side in (Side.LEFT, Side.RIGHT)]
+    entries += [("truth", hexadecimal(GHOST), "-")] if ghost is not None else []
+    entries += [("sensor", hexadecimal(BOX_COLOUR), "s")] if recording is not None else []
+    curves = [Curve("", shown.time, values)] if values is not None else []
+    strip = _strip(shown, ghost, frames, estimate, recording)
+    subtitle = _subtitle(estimate, shown, values, ghost is not None)
+    _compose(path, title, subtitle, entries, strip, [], curves, label, shown.time[frames], overwrite)
 
 
 def pose_picture(motion: Motion, frame: int, size: tuple[int, int]) -> np.ndarray:
@@ -113,6 +135,95 @@ def pose_picture(motion: Motion, frame: int, size: tuple[int, int]) -> np.ndarra
     return as_bytes(np.ascontiguousarray(picture[..., ::-1]))
 
 
+def scene_filmstrip(
+    scene: Scene,
+    estimate: Estimate | None,
+    path: Path,
+    *,
+    frames: int = 6,
+    title: str | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Draw a PNG: frames of the video, three in a row, with joint (else reprojection) errors over time below.
+
+    Args:
+        scene: with a camera.
+        estimate: its bodies are laid over the frames in their wearers' colours; without it the truth's are.
+        path: of the PNG.
+        frames: how many, evenly over the time.
+        title: above the picture; name and method if None.
+        overwrite: replace an existing file.
+
+    Raises:
+        InputError: if the scene has no camera, or one without frames, or the file exists.
+    """
+    drawn = drawn_scene(scene, estimate)
+    if drawn.detections is None or drawn.model is None:
+        raise InputError(f"scene '{scene.name}' has no camera: expected one to draw what it saw")
+    count = len(drawn.detections.time)
+    if not count:
+        raise InputError(f"scene '{drawn.name}': its camera has no video frames to draw: was its file cut off?")
+    chosen = np.unique(np.round(np.linspace(0.04, 0.96, frames) * (count - 1)).astype(int))
+    curves, label = _scene_curves(drawn)
+    columns = min(COLUMNS, len(chosen))
+    rows = -(-len(chosen) // columns)
+    cell = (WIDTH - 2 * MARGIN - (columns - 1) * GAP) // columns
+    height = round(cell * drawn.model.height / drawn.model.width)
+    strip = rows * (height + GAP)
+    strip = np.full((rows * (height + GAP), WIDTH, 3), 255, np.uint8)
+    plates = []
+    for number, (frame, picture) in enumerate(zip(chosen, _pictures(drawn, chosen, (cell, height)), strict=True)):
+        left, top = MARGIN + (number % columns) * (cell + GAP), (number // columns) * (height + GAP)
+        strip[top : top + height, left : left + cell] = picture
+        plates.append((left, HEADER + top + height, f"{drawn.detections.time[frame]:.1f} s"))
+    if title is None:
+        title = f"{drawn.name}, {estimate.method}" if estimate is not None else drawn.name
+    entries = [(one.name, hexadecimal(wearer_colour(one.index)), "-") for one in drawn.wearers]
+    assert drawn.labels is not None
+    entries += [("nobody's", hexadecimal(STRANGER_COLOUR), "-")] if np.any(drawn.labels < 0) else []
+    given, time = int(np.sum(drawn.labels >= 0)), drawn.detections.time
+    subtitle = (f"{time[-1] - time[0]:.1f} s", f"{len(drawn.detections)} people detected", f"{given} given to wearers")
+    _compose(path, title, DOT.join(subtitle), entries, strip, plates, curves, label, time[chosen], overwrite)
+
+
+def _compose(
+    path: Path,
+    title: str,
+    subtitle: str,
+    entries: Sequence[Entry],
+    strip: np.ndarray,
+    plates: Sequence[tuple[float, float, str]],
+    curves: Sequence[Curve],
+    label: str,
+    marks: Array,
+    overwrite: bool,
+) -> None:
+    """Write the page: a header with its legend, the strip, plates on it (left, bottom, text), and curves below it."""
+    bottom = HEADER + strip.shape[0]
+    figure = page(WIDTH, bottom + (70 + CHART_HEIGHT if curves else 30))
+    write(figure, (MARGIN, 62), title, 28, weight="bold")
+    write(figure, (MARGIN, 98), subtitle, 19, SOFT_INK)
+    lines = [
+        Line2D([], [], color=colour, linewidth=12, solid_capstyle="round")
+        if marker == "-"
+        else Line2D([], [], color=colour, marker=marker, markersize=15, linestyle="none")
+        for _, colour, marker in entries
+    ]
+    figure.legend(
+        lines, [name for name, _, _ in entries], loc="upper right", ncols=len(entries), frameon=False, fontsize=19,
+        labelcolor=SOFT_INK, bbox_to_anchor=(1 - MARGIN / WIDTH, 1 - 30 / size_of(figure)[1]), handlelength=0.8,
+        columnspacing=1.4, borderaxespad=0.0,
+    )  # fmt: skip
+    figure.figimage(strip, 0, size_of(figure)[1] - bottom, origin="upper")
+    for left, low, text in plates:
+        box = {"facecolor": hexadecimal(PLANE), "edgecolor": "none", "pad": 8}
+        write(figure, (left + 10, low - 11), text, TEXT, "#ebeef2", bbox=box)
+    if curves:
+        axes = panel(figure, (MARGIN + 40, bottom + 50, WIDTH - MARGIN, bottom + 20 + CHART_HEIGHT))
+        draw_curves(axes, curves, label, marks.tolist())
+    save(figure, path, overwrite)
+
+
 def _curve(
     estimate: WearerEstimate | None, shown: Motion, ghost: Motion | None, bones: frozenset[str] | None
 ) -> tuple[Array | None, str]:
@@ -133,35 +244,17 @@ def _subtitle(estimate: WearerEstimate | None, shown: Motion, values: Array | No
         parts.append(f"{len(estimate.sensors)} inertial sensors")
     if compared and values is not None:
         parts.append(f"mean joint error {np.mean(values):.0f} mm")
-    return "   ·   ".join(parts)
-
-
-def _header(canvas: Canvas, title: str, subtitle: str, compared: bool, recording: Recording | None) -> None:
-    canvas.text((MARGIN, 62), title, INK, 30, 600)
-    canvas.text((MARGIN, 98), subtitle, SOFT_INK, 20)
-    entries = [("left", ESTIMATE_COLOURS[Side.LEFT]), ("right", ESTIMATE_COLOURS[Side.RIGHT])]
-    if compared:
-        entries.append(("truth", GHOST))
-    if recording is not None:
-        entries.append(("sensor", BOX_COLOUR))
-    x = WIDTH - MARGIN - sum(canvas.text_width(name, 20) + 52 for name, _ in entries) + 24
-    for name, colour in entries:
-        y = np.array([0.0, 55.0])
-        if name == "sensor":
-            canvas.polygon(np.array([x + 2, 47.0]) + np.array([[0, 0], [15, 0], [15, 15], [0, 15]]), BOX_COLOUR)
-        else:
-            canvas.limb([Rod(np.array([x, 0]) + y, np.array([x + 14, 0]) + y, (6.0, 6.0))], colour)
-        x = canvas.text((x + 28, 62), name, SOFT_INK, 20) + 24
+    return DOT.join(parts)
 
 
 def _strip(
-    canvas: Canvas,
     shown: Motion,
     ghost: Motion | None,
     frames: Array,
     estimate: WearerEstimate | None,
     recording: Recording | None,
-) -> None:
+) -> np.ndarray:
+    """Poses beside each other ``(H, W, 3)``, red green blue."""
     cell = (WIDTH - 2 * MARGIN) / len(frames)
     # Without the truth the height of an inertial reconstruction drifts: then every pose stands on its own lower foot.
     floors = [floor_height(ghost if ghost is not None else shown.frames(slice(f, f + 1))) for f in frames]
@@ -177,7 +270,7 @@ def _strip(
         picture[:, max(-left, 0) :][:, : part.shape[1]] = part
         _draw(picture, lens, ghost if ghost is not None else shown, int(frame), floor, body, behind)
         part[:] = picture[:, max(-left, 0) :][:, : part.shape[1]]
-    canvas.paste(as_bytes(np.ascontiguousarray(strip[..., ::-1])), 0, STRIP_TOP)
+    return as_bytes(strip)
 
 
 def _draw(
@@ -221,3 +314,62 @@ def _eye(motion: Motion, frame: int, floor: float, model: CameraModel) -> Eye:
     pelvis = state.p_world_joint[frame, 0]
     foot = np.array([pelvis[0], pelvis[1], floor])
     return Eye(model, R_view_world.T, foot - DISTANCE_M * R_view_world[2])
+
+
+def frame_picture(drawn: DrawnScene, frame: int, size: tuple[int, int]) -> np.ndarray:
+    """A frame of the video, near the people in it, with the bodies over it, or what was detected.
+
+    Args:
+        drawn: with a camera's model and detections.
+        frame: index of the video frame.
+        size: width and height in pixels.
+
+    Returns:
+        ``(height, width, 3)``, blue green red; dark behind where the video is not there.
+    """
+    return next(_pictures(drawn, np.array([frame]), size))[..., ::-1]
+
+
+def _scene_curves(drawn: DrawnScene) -> tuple[list[Curve], str]:
+    errors = [(wearer, wearer.error_mm, wearer.motion) for wearer in drawn.wearers]
+    joint = [
+        Curve(wearer.name, motion.time, error, hexadecimal(wearer_colour(wearer.index)))
+        for wearer, error, motion in errors
+        if error is not None and motion is not None
+    ]
+    if joint or drawn.estimate is None:
+        return joint, "joint error, mm (mean)"
+    assert drawn.detections is not None
+    pixels = [(wearer, drawn.reprojection_px(wearer)) for wearer in drawn.wearers]
+    time = drawn.detections.time
+    found = [Curve(w.name, time, one, hexadecimal(wearer_colour(w.index))) for w, one in pixels if one is not None]
+    return found, "reprojection error, px (mean)"
+
+
+def _pictures(drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int]) -> Iterator[np.ndarray]:
+    """The part of each frame where people are, ``(H, W, 3)`` red green blue, as in a film."""
+    assert drawn.detections is not None
+    assert drawn.model is not None
+    corner, share = _window(drawn, chosen)
+    whole = (round(size[0] / share), round(size[1] / share))
+    figures = [figure for figure in map(figure_of, drawn.wearers) if figure is not None]
+    left, top = (round(at * whole[0] / drawn.model.width) for at in corner)
+    left, top = min(left, whole[0] - size[0]), min(top, whole[1] - size[1])
+    pane = CameraPane(drawn, figures, drawn.detections.time[chosen], chosen, whole, OPACITY, coarse=False)
+    for number in range(len(chosen)):
+        yield pane.draw(number)[top : top + size[1], left : left + size[0]]
+
+
+def _window(drawn: DrawnScene, chosen: np.ndarray) -> tuple[tuple[float, float], float]:
+    """Corner (pixels) and share of the image that all frames show: where people are, not less than a half."""
+    assert drawn.detections is not None
+    assert drawn.model is not None
+    found = drawn.detections.pixels[np.isin(drawn.detections.frame, chosen)]
+    found = found[np.isfinite(found).all(axis=2)]
+    whole = np.array([drawn.model.width, drawn.model.height], dtype=float)
+    if not len(found):
+        return (0.0, 0.0), 1.0
+    low, high = np.clip(found.min(axis=0), 0, whole), np.clip(found.max(axis=0), 0, whole)
+    share = float(np.clip(AROUND * np.max((high - low) / whole), 0.5, 1.0))
+    corner = np.clip((low + high) / 2 - share * whole / 2, 0, (1 - share) * whole)
+    return (float(corner[0]), float(corner[1])), share

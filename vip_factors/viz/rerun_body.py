@@ -18,8 +18,8 @@ from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Skeleton, joint_inde
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.sensors.calibration import Calibration, Placement
+from vip_factors.viz.colours import UNCLAIMED, wearer_colour
 from vip_factors.viz.images import limb_pairs
-from vip_factors.viz.wearer_colours import UNCLAIMED, wearer_colour
 
 TIMELINE = "time"
 SENSOR_HALF_SIZE_M = (0.022, 0.016, 0.007)  # a usual body-worn IMU's box: 45 × 32 × 14 mm

@@ -8,11 +8,10 @@ import rerun.blueprint as rrb
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import Colour
 from vip_factors.viz.rerun_eye import eye, forward_of
-from vip_factors.viz.sensor_legend import legend_view
+from vip_factors.viz.rerun_series import LEGEND
 
 BACKGROUND: Colour = (222, 226, 231)  # bright, so that bodies stand out in every colour they have
 GRID: Colour = (178, 185, 194)
-GHOST_COLOUR: Colour = (92, 98, 108)  # what a body is compared with: dark on the bright background
 UPRIGHT, LEVEL = 1.1, 2.3  # width by height of the world's view: alone, and above a camera's image
 BESIDE_M = 0.6  # from the middle to either of two bodies that are compared side by side
 LEGEND_SHARE = 0.85  # of a plot's height
@@ -100,6 +99,11 @@ def span_axis(span: tuple[float, float]) -> rrb.TimeAxis:
     """The time axis of a plot: the recording's span in seconds, not that of whatever else was logged."""
     at = rr.TimeRangeBoundary.absolute
     return rrb.TimeAxis(view_range=rr.TimeRange(start=at(seconds=span[0]), end=at(seconds=span[1])))
+
+
+def legend_view() -> rrb.Spatial2DView:
+    """The view of the legend of the sensors' colours, on the dark of the plots that it explains."""
+    return rrb.Spatial2DView(origin=f"/{LEGEND}", name="Sensors' colours", background=(16, 17, 19))
 
 
 def _plot(group: str, kind: str, span: tuple[float, float]) -> rrb.TimeSeriesView:

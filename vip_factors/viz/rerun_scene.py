@@ -11,6 +11,7 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
+from vip_factors.viz.colours import GHOST_COLOUR, UNCLAIMED, body_colours, sensor_colours, wearer_colour
 from vip_factors.viz.compare import floor_height
 from vip_factors.viz.drawn_scene import NOBODY, DrawnCamera, DrawnScene, DrawnWearer, drawn_scene
 from vip_factors.viz.rerun_body import (
@@ -34,14 +35,11 @@ from vip_factors.viz.rerun_camera import (
     log_video,
 )
 from vip_factors.viz.rerun_eye import CENTRE, centre_path, log_centre
-from vip_factors.viz.rerun_layout import GHOST_COLOUR
 from vip_factors.viz.rerun_scene_series import log_scene_series
-from vip_factors.viz.rerun_series import sensor_colours
+from vip_factors.viz.rerun_series import log_legend
 from vip_factors.viz.rerun_view import LiveViewer, Sink, send
 from vip_factors.viz.scene_layout import scene_blueprint
 from vip_factors.viz.scene_summary import scene_summary
-from vip_factors.viz.sensor_legend import log_legend
-from vip_factors.viz.wearer_colours import UNCLAIMED, body_colours, wearer_colour
 
 IMAGE = "world/camera/image"
 NAME_COLOUR: Colour = (16, 18, 22)  # on the grey that Rerun puts behind labels

@@ -7,12 +7,12 @@ import rerun as rr
 
 from vip_factors.body.mannequin import Colour
 from vip_factors.geometry.rotations import angle_between
+from vip_factors.viz.charts import headings_image
+from vip_factors.viz.colours import wearer_colour
 from vip_factors.viz.drawn_scene import DrawnScene
 from vip_factors.viz.headings import heading_paths, implied_headings
 from vip_factors.viz.rerun_camera import CAMERA_COLOUR
 from vip_factors.viz.rerun_series import log_curve
-from vip_factors.viz.scene_charts import headings_image
-from vip_factors.viz.wearer_colours import wearer_colour
 
 HEADINGS_IMAGE = "charts/headings"
 

@@ -1,6 +1,6 @@
 """Time series in Rerun: error, residuals, and what the sensors measured."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import rerun as rr
@@ -11,19 +11,17 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.recording import Recording
 from vip_factors.viz.rerun_body import time_column
 
-# Seventeen tell-apart colours for up to seventeen sensors: hues in golden steps, three lightnesses.
-_HUE_STEP, _LIGHTNESS = 0.381966, (0.42, 0.56, 0.68)
+LEGEND = "legend/sensors"
 
 
-def sensor_colours(sensors: Sequence[str]) -> dict[str, Colour]:
-    """A colour per sensor, the same in every plot."""
-    from colorsys import hls_to_rgb
+def log_legend(stream: rr.RecordingStream, colours: Mapping[str, Colour]) -> bool:
+    """Log the legend of the sensors' colours for ever; returns whether there is any sensor to tell of."""
+    if colours:
+        from vip_factors.viz.charts import colour_legend, png
 
-    colours: dict[str, Colour] = {}
-    for index, sensor in enumerate(sensors):
-        red, green, blue = hls_to_rgb((0.58 + index * _HUE_STEP) % 1.0, _LIGHTNESS[index % 3], 0.65)
-        colours[sensor] = (round(255 * red), round(255 * green), round(255 * blue))
-    return colours
+        picture = rr.EncodedImage(contents=png(colour_legend(colours)), media_type="image/png")
+        stream.log(LEGEND, picture, static=True)
+    return bool(colours)
 
 
 def log_curve(

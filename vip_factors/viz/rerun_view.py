@@ -13,6 +13,7 @@ from vip_factors.body.mannequin import ESTIMATE_COLOURS, Colour, Side
 from vip_factors.errors import InputError
 from vip_factors.estimate import WearerEstimate
 from vip_factors.sensors.recording import Recording
+from vip_factors.viz.colours import GHOST_COLOUR, sensor_colours
 from vip_factors.viz.compare import (
     Compare,
     check_frames,
@@ -33,9 +34,8 @@ from vip_factors.viz.rerun_body import (
     log_trail,
 )
 from vip_factors.viz.rerun_file import complete
-from vip_factors.viz.rerun_layout import GHOST_COLOUR, blueprint
-from vip_factors.viz.rerun_series import log_curve, log_measurements, log_residuals, sensor_colours
-from vip_factors.viz.sensor_legend import log_legend
+from vip_factors.viz.rerun_layout import blueprint
+from vip_factors.viz.rerun_series import log_curve, log_legend, log_measurements, log_residuals
 from vip_factors.viz.summary import summary
 from vip_factors.viz.viewer import check_display, quiet, rerun_command
 

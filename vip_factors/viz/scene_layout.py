@@ -10,9 +10,8 @@ from vip_factors.viz.compare import APART_TITLE
 from vip_factors.viz.drawn_scene import DrawnScene
 from vip_factors.viz.rerun_body import see_through
 from vip_factors.viz.rerun_eye import abreast, centre_path, eye, forward_of, spread_of
-from vip_factors.viz.rerun_layout import LEGEND_SHARE, LEVEL, UPRIGHT, span_axis, world_view
+from vip_factors.viz.rerun_layout import LEGEND_SHARE, LEVEL, UPRIGHT, legend_view, span_axis, world_view
 from vip_factors.viz.rerun_scene_series import HEADINGS_IMAGE
-from vip_factors.viz.sensor_legend import legend_view
 
 IMAGE_BACKGROUND = (74, 81, 92)  # mid-tone: fine bright lines and coloured ones stand out
 IN_IMAGE = ("body", "detected")  # of a camera's image what does not belong into the world

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vip_factors.viz.colours import colour_name
 from vip_factors.viz.compare import APART
 from vip_factors.viz.drawn_scene import NOBODY, DrawnScene, DrawnWearer
 from vip_factors.viz.headings import rows_of
 from vip_factors.viz.summary import solve_lines
-from vip_factors.viz.wearer_colours import colour_name
 
 
 def scene_summary(drawn: DrawnScene, metrics: str = "") -> str:

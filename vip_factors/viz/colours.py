@@ -1,7 +1,9 @@
-"""One colour per wearer, the same in the image, in the world and in every plot; nobody's is grey."""
+"""Colours: one per wearer, the same in the image, in the world and in every plot (nobody's is grey), one per sensor."""
+
+from collections.abc import Sequence
+from colorsys import hls_to_rgb
 
 from vip_factors.body.mannequin import Colour, Side
-from vip_factors.viz.canvas import mixed
 
 # Bright enough on a dark video, dark enough on white paper, and apart for the common kinds of colour blindness
 # (after Okabe & Ito's set).
@@ -15,7 +17,32 @@ _PALETTE: tuple[Colour, ...] = (
 )
 _NAMES = ("orange", "blue", "green", "pink", "olive", "violet")
 STRANGER_COLOUR: Colour = (150, 154, 162)
+GHOST_COLOUR: Colour = (92, 98, 108)  # in the viewer what a body is compared with: dark on its bright background
 UNCLAIMED: Colour = (206, 210, 217)  # detections that are nobody's, over a picture: a lighter grey than on paper
+
+
+# Hues in golden steps and three lightnesses: seventeen sensors can be told apart.
+_HUE_STEP, _LIGHTNESS = 0.381966, (0.42, 0.56, 0.68)
+
+
+def mixed(colour: Colour, other: Colour, share: float) -> Colour:
+    """``share`` of another colour in a colour."""
+    red, green, blue = (round((1 - share) * a + share * b) for a, b in zip(colour, other, strict=True))
+    return red, green, blue
+
+
+def hexadecimal(colour: Colour) -> str:
+    """``#rrggbb``."""
+    return "#" + "".join(f"{channel:02x}" for channel in colour)
+
+
+def sensor_colours(sensors: Sequence[str]) -> dict[str, Colour]:
+    """A colour per sensor, the same in every plot."""
+    colours: dict[str, Colour] = {}
+    for index, sensor in enumerate(sensors):
+        red, green, blue = hls_to_rgb((0.58 + index * _HUE_STEP) % 1.0, _LIGHTNESS[index % 3], 0.65)
+        colours[sensor] = (round(255 * red), round(255 * green), round(255 * blue))
+    return colours
 
 
 def wearer_colour(index: int) -> Colour:

@@ -152,11 +152,11 @@ def _calibration(message: CalibrationEstimate) -> Calibration:
     return {one.sensor: SENSOR_CALIBRATION.decode(one) for one in message.sensors}
 
 
-def _sensor_places_message(places: Sequence[SensorPlaceEstimate]) -> SensorPlaceEstimates:
+def _sensor_positions_message(places: Sequence[SensorPlaceEstimate]) -> SensorPlaceEstimates:
     return SensorPlaceEstimates(sensors=[SENSOR_PLACE.encode(one) for one in places])
 
 
-def _sensor_places(message: SensorPlaceEstimates) -> tuple[SensorPlaceEstimate, ...]:
+def _sensor_positions(message: SensorPlaceEstimates) -> tuple[SensorPlaceEstimate, ...]:
     return tuple(SENSOR_PLACE.decode(one) for one in message.sensors)
 
 
@@ -180,7 +180,7 @@ def _detector(message: DetectorEstimateMessage) -> DetectorEstimate:
 
 CALIBRATION = Codec(CalibrationEstimate, _calibration_message, _calibration)
 """Headings and mountings of all sensors."""
-SENSOR_PLACES = Codec(SensorPlaceEstimates, _sensor_places_message, _sensor_places)
+SENSOR_PLACES = Codec(SensorPlaceEstimates, _sensor_positions_message, _sensor_positions)
 """Of one wearer's sensors."""
 DETECTOR = Codec(DetectorEstimateMessage, _detector_message, _detector)
 """Where a detector puts its keypoints."""

@@ -183,7 +183,7 @@ class _Head:
     def _camera(self, owner: str, start_ns: int) -> LiveCamera:
         of = self._of[owner]
         pose = of.get(POSE) if _stands_known(of[CAMERA_INFO]) else None
-        return camera_of(of[CAMERA_INFO], of[CALIBRATION], None if pose is None else _standing(pose, start_ns))
+        return camera_of(of[CAMERA_INFO], of[CALIBRATION], None if pose is None else _fixed_path(pose, start_ns))
 
 
 class _SampleReader:
@@ -235,7 +235,7 @@ def _stands_known(info: CameraInfo) -> bool:
     return info.known_poses == 1 and not info.moving
 
 
-def _standing(pose: Any, start_ns: int) -> CameraPath:
+def _fixed_path(pose: Any, start_ns: int) -> CameraPath:
     """A ``foxglove.PoseInFrame`` as the path of a camera that stands still."""
     at, q = pose.pose.position, pose.pose.orientation
     R_world_camera = matrix_from_quaternion([q.x, q.y, q.z, q.w], Order.XYZW)

@@ -156,13 +156,13 @@ def test_a_repeated_complaint_is_told_once_a_second_with_its_number() -> None:
     clock, told = Clock(), []
     throttle = Throttle(lambda finding: told.append(finding.sentence), clock)
     for number in range(4):
-        throttle.tell("quaternion", f"bad {number}")
-    throttle.tell("header", "again")
+        throttle.report("quaternion", f"bad {number}")
+    throttle.report("header", "again")
     assert told == ["bad 0", "again"]
     clock.now = 1.5
     throttle.flush()
     assert told[2:] == ["bad 3 (and 2 more of this kind)"]
-    throttle.tell("quaternion", "bad 4")
+    throttle.report("quaternion", "bad 4")
     assert len(told) == 3
     throttle.flush(every=True)
     assert told[3:] == ["bad 4"]

@@ -102,7 +102,7 @@ BAD_CLIENTS = {
 def test_a_bad_client_is_sent_away_with_one_line_and_the_next_one_is_heard(kind: str) -> None:
     data, complaint = BAD_CLIENTS[kind]
     scene, told = short_walk(), []
-    with open_source("tcp://127.0.0.1:0", settings=QUICK, tell=told.append) as source:
+    with open_source("tcp://127.0.0.1:0", settings=QUICK, on_finding=told.append) as source:
         assert isinstance(source, TcpServerSource)
         with Background(send_bytes, source.address, data):
             pass

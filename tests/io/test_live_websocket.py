@@ -15,8 +15,8 @@ connect = pytest.importorskip("websockets.sync.client", reason="needs the extra 
 ConnectionClosed = pytest.importorskip("websockets.exceptions").ConnectionClosed
 
 
-def listening(settings=QUICK, tell=None) -> WebSocketSource:  # type: ignore[no-untyped-def]
-    source = open_source("ws://127.0.0.1:0", settings=settings, tell=tell)
+def listening(settings=QUICK, on_finding=None) -> WebSocketSource:  # type: ignore[no-untyped-def]
+    source = open_source("ws://127.0.0.1:0", settings=settings, on_finding=on_finding)
     assert isinstance(source, WebSocketSource)
     return source
 
@@ -95,7 +95,7 @@ def test_a_bad_client_is_sent_away_with_one_line_and_the_next_one_is_heard(
 
 def test_a_client_that_speaks_no_websocket_is_told() -> None:
     told = []
-    with listening(tell=told.append) as source:
+    with listening(on_finding=told.append) as source:
         with socket.create_connection(source.address) as silent, socket.create_connection(source.address) as wrong:
             wrong.sendall(b"hello\r\n\r\n")
             while wrong.recv(1000):

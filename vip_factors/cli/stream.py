@@ -141,7 +141,7 @@ def _run(
     with ExitStack() as stack:
         source: LiveSource = open_source(
             options.source, follow=options.follow, real_time=options.real_time, settings=options.limits,
-            tell=lambda finding: line.note(f"note: {finding.sentence}"), token=read_token(options.token_file),
+            on_finding=lambda finding: line.note(f"note: {finding.sentence}"), token=read_token(options.token_file),
         )  # fmt: skip
         from vip_factors.live.tracker import FixedLagTracker  # takes a second: before the clock runs
 

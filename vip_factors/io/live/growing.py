@@ -34,23 +34,23 @@ class GrowingFileSource(LiveSource):
 
     Args:
         path: of the file, which may come a little later.
-        settings, tell: as of every source.
+        settings, on_finding: as of every source.
     """
 
     def __init__(
         self,
         path: str | os.PathLike[str],
         settings: LiveSourceSettings = DEFAULT,
-        tell: Callable[[LiveFinding], None] | None = None,
+        on_finding: Callable[[LiveFinding], None] | None = None,
     ) -> None:
-        super().__init__(str(path), settings, drops=False, tell=tell)
+        super().__init__(str(path), settings, drops=False, on_finding=on_finding)
         self._path = Path(path)
 
     def _read(self) -> None:
         throttle = Throttle(self._put)
 
         def on_finding(kind: str, sentence: str) -> None:
-            throttle.tell(kind, f"{self._path}: {sentence}")
+            throttle.report(kind, f"{self._path}: {sentence}")
 
         setup: LiveSetup | None = None
         head, early = _Head(), list[tuple[Route, Any]]()  # samples before the set-up is whole

@@ -50,7 +50,7 @@ class RecordingSource(LiveSource):
         scene: to be played back.
         real_time: whether each sample comes when it is due.
         speed: multiple of the scene's own time.
-        settings, tell: as of every source.
+        settings, on_finding: as of every source.
     """
 
     def __init__(
@@ -59,11 +59,11 @@ class RecordingSource(LiveSource):
         real_time: bool = False,
         speed: float = 1.0,
         settings: LiveSourceSettings = DEFAULT,
-        tell: Callable[[LiveFinding], None] | None = None,
+        on_finding: Callable[[LiveFinding], None] | None = None,
     ) -> None:
         if not 0 < speed < float("inf"):
             raise InputError(f"speed {speed}: expected a positive multiple of the recording's own time")
-        super().__init__(f"recording '{scene.name}'", settings, drops=real_time, tell=tell)
+        super().__init__(f"recording '{scene.name}'", settings, drops=real_time, on_finding=on_finding)
         self._scene = scene
         self._speed = speed if real_time else None
 
@@ -96,7 +96,7 @@ def open_source(
     real_time: bool = False,
     speed: float = 1.0,
     settings: LiveSourceSettings = DEFAULT,
-    tell: Callable[[LiveFinding], None] | None = None,
+    on_finding: Callable[[LiveFinding], None] | None = None,
     token: str = "",
 ) -> LiveSource:
     """The source that a text names, to be entered as a context.
@@ -108,7 +108,7 @@ def open_source(
         real_time: whether the file is played back in its own time.
         speed: multiple of its own time.
         settings: limits.
-        tell: gets the findings that come before the header, at once.
+        on_finding: gets the findings that come before the header, at once.
         token: that the header of a sender must have; any if empty.
 
     Raises:
@@ -121,22 +121,22 @@ def open_source(
     if follow and (real_time or speed != 1.0):
         raise InputError(f"{text}: a file that is followed comes in its own time: choose following or real time")
     if text == "-":
-        return StandardInputSource(settings, tell, token=token)
+        return StandardInputSource(settings, on_finding, token=token)
     if not is_file:
-        return _network(text, settings, tell, token)
+        return _network(text, settings, on_finding, token)
     if speed != 1.0 and not real_time:
         raise InputError(f"{text}: a speed is for playing back in real time: ask for that too")
     if follow:
         from vip_factors.io.live.growing import GrowingFileSource
 
-        return GrowingFileSource(text, settings, tell)
+        return GrowingFileSource(text, settings, on_finding)
     from vip_factors.io.mcap_recording import read_scene
 
-    return RecordingSource(read_scene(text), real_time, speed, settings, tell)
+    return RecordingSource(read_scene(text), real_time, speed, settings, on_finding)
 
 
 def _network(
-    text: str, settings: LiveSourceSettings, tell: Callable[[LiveFinding], None] | None, token: str
+    text: str, settings: LiveSourceSettings, on_finding: Callable[[LiveFinding], None] | None, token: str
 ) -> LiveSource:
     kinds: dict[str, type[TcpServerSource | TcpSenderSource | WebSocketSource]] = {
         "tcp": TcpServerSource,
@@ -160,7 +160,7 @@ def _network(
             f"{text}: it names no {missing}: expected {url.scheme}://host:port; to listen, no host, or "
             "127.0.0.1, is for senders on this machine, 0.0.0.0 for those in all its networks"
         )
-    return kinds[url.scheme](host, port, settings, tell, token)
+    return kinds[url.scheme](host, port, settings, on_finding, token)
 
 
 class ByteSink(Protocol):

@@ -18,19 +18,19 @@ class Throttle:
     """Keeps one sender's endless mistake from flooding the terminal.
 
     Args:
-        tell: gets the findings.
+        on_finding: gets the findings.
         clock: monotonic seconds.
     """
 
-    def __init__(self, tell: Callable[[LiveFinding], None], clock: Callable[[], float] = time.monotonic) -> None:
-        self._tell = tell
+    def __init__(self, on_finding: Callable[[LiveFinding], None], clock: Callable[[], float] = time.monotonic) -> None:
+        self._on_finding = on_finding
         self._clock = clock
-        self._told: dict[str, float] = {}
+        self._reported: dict[str, float] = {}
         self._held: dict[str, tuple[str, int]] = {}
 
-    def tell(self, kind: str, sentence: str) -> None:
+    def report(self, kind: str, sentence: str) -> None:
         """Tell a sentence, or hold it if one of its kind was told less than a second ago."""
-        if self._clock() - self._told.get(kind, -float("inf")) < TELL_EVERY:
+        if self._clock() - self._reported.get(kind, -float("inf")) < TELL_EVERY:
             _, times = self._held.get(kind, ("", 0))
             self._held[kind] = (sentence, times + 1)
         else:
@@ -41,13 +41,13 @@ class Throttle:
         if not self._held:
             return
         now = self._clock()
-        for kind in [kind for kind in self._held if every or now - self._told[kind] >= TELL_EVERY]:
+        for kind in [kind for kind in self._held if every or now - self._reported[kind] >= TELL_EVERY]:
             sentence, times = self._held.pop(kind)
             self._say(kind, sentence, times - 1)
 
     def _say(self, kind: str, sentence: str, more: int) -> None:
-        self._told[kind] = self._clock()
-        self._tell(LiveFinding(f"{sentence} (and {more} more of this kind)" if more else sentence))
+        self._reported[kind] = self._clock()
+        self._on_finding(LiveFinding(f"{sentence} (and {more} more of this kind)" if more else sentence))
 
 
 LEAST_S = 0.02  # a shorter wait costs more than it spares
@@ -96,7 +96,7 @@ class Session:
         self.setup: LiveSetup | None = None
         self._described = b""
 
-    def tell(self, sentence: str) -> None:
+    def report(self, sentence: str) -> None:
         """A finding."""
         self.put(LiveFinding(sentence))
 
@@ -163,30 +163,30 @@ class Client:
         elif not self.has_header:
             raise ClientError("it sent something else before its header")
         elif content is None:
-            self.tell("empty", "a message has neither header nor sample: it is left out")
+            self.report("empty", "a message has neither header nor sample: it is left out")
         else:
             try:
                 self._session.put(self._sample(message, content))
             except FileFormatError as error:
-                self.tell(content, str(error))
+                self.report(content, str(error))
 
     def flush(self) -> None:
         """Tell what has been held back for long enough."""
         self._throttle.flush()
 
-    def tell(self, kind: str, sentence: str) -> None:
+    def report(self, kind: str, sentence: str) -> None:
         """A finding about this client; those of one kind at most once a second."""
-        self._throttle.tell(kind, f"{self._name}: {sentence}")
+        self._throttle.report(kind, f"{self._name}: {sentence}")
 
     def leave(self, sentence: str = "") -> None:
         """The last words about this client."""
         self._throttle.flush(every=True)
         if sentence:
-            self._session.tell(f"{self._name}: {sentence}")
+            self._session.report(f"{self._name}: {sentence}")
 
     def _header(self, header: LiveHeader) -> None:
         if self.has_header:
-            self.tell("header", "a second header was sent: it is left out; the first one counts")
+            self.report("header", "a second header was sent: it is left out; the first one counts")
             return
         self._start_ns = self._session.begin(header)
         self.has_header = True

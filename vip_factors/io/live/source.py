@@ -107,7 +107,7 @@ class LiveQueue:
         self._findings: deque[tuple[int, LiveItem]] = deque()
         self._lost = {VideoFrame: 0, ImuSample: 0}  # since it was told last
         self._losing = False  # whether some were since it was said last
-        self._said = self._told = -float("inf")
+        self._said = self._reported = -float("inf")
         self._finished = False
         self._closed = False
 
@@ -181,12 +181,12 @@ class LiveQueue:
         """That some were dropped since it was said last, if it is time to say it."""
         now = self._clock()
         frames, samples = self._lost[VideoFrame], self._lost[ImuSample]
-        telling = frames + samples > 0 and (now - self._told >= TELL_EVERY or self._finished)
+        telling = frames + samples > 0 and (now - self._reported >= TELL_EVERY or self._finished)
         if not telling and not (self._losing and now - self._said >= SAY_EVERY):
             return None
         self._said, self._losing = now, False
         if telling:
-            self._told, self._lost = now, {VideoFrame: 0, ImuSample: 0}
+            self._reported, self._lost = now, {VideoFrame: 0, ImuSample: 0}
         what = [f"{number} {name}" for number, name in ((frames, "video frames"), (samples, "IMU samples")) if number]
         return LiveLoss(
             f"the tracker does not keep up: {' and '.join(what)} were dropped; this machine is too slow, or busy: use "
@@ -209,7 +209,7 @@ class LiveSource(ABC):
         name: for sentences.
         settings: limits.
         drops: whether samples that wait for too long are dropped; False makes the reader wait instead.
-        tell: gets the findings that come before the header, at once; without it they begin the iteration.
+        on_finding: gets the findings that come before the header, at once; without it they begin the iteration.
     """
 
     def __init__(
@@ -217,11 +217,11 @@ class LiveSource(ABC):
         name: str,
         settings: LiveSourceSettings = DEFAULT,
         drops: bool = True,
-        tell: Callable[[LiveFinding], None] | None = None,
+        on_finding: Callable[[LiveFinding], None] | None = None,
     ) -> None:
         self.name = name
         self._settings = settings
-        self._tell = tell
+        self._on_finding = on_finding
         self._queue = LiveQueue(settings.queue_limit, drops)
         self._stop = Event()
         self._changed = Condition()
@@ -258,13 +258,13 @@ class LiveSource(ABC):
         """
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._setup or self._ended or (self._tell and self._early))
-                early = self._early if self._tell else []
-                self._early = [] if self._tell else self._early
+                self._changed.wait_for(lambda: self._setup or self._ended or (self._on_finding and self._early))
+                early = self._early if self._on_finding else []
+                self._early = [] if self._on_finding else self._early
                 setup, ended = self._setup, self._ended
             for finding in early:
-                if self._tell is not None:
-                    self._tell(finding)
+                if self._on_finding is not None:
+                    self._on_finding(finding)
             if setup is not None:
                 return setup
             if ended and not self._early:

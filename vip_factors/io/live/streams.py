@@ -48,7 +48,7 @@ def listen(
             if not may_be_late:
                 return sentence
             told = True
-            client.tell("late", f"{sentence}; still waiting for it")
+            client.report("late", f"{sentence}; still waiting for it")
         if network and time.monotonic() - whole > settings.message_wait:
             return f"a message was not whole {settings.message_wait:g} s after its first byte"
         try:
@@ -71,7 +71,7 @@ def listen(
             whole = time.monotonic()
         wait = pace.take(client.messages - before)
         if wait:
-            client.tell("pace", f"it sends more than {settings.largest_rate:g} messages a second and has to wait")
+            client.report("pace", f"it sends more than {settings.largest_rate:g} messages a second and has to wait")
             stop.wait(wait)
             whole += wait
     return ""
@@ -87,7 +87,7 @@ class StandardInputSource(LiveSource):
     """Standard input, or any other descriptor that a sender writes to.
 
     Args:
-        settings, tell: as of every source.
+        settings, on_finding: as of every source.
         token: that the header must have; any if empty.
         descriptor: to read from instead; it stays open.
     """
@@ -95,11 +95,11 @@ class StandardInputSource(LiveSource):
     def __init__(
         self,
         settings: LiveSourceSettings = DEFAULT,
-        tell: Callable[[LiveFinding], None] | None = None,
+        on_finding: Callable[[LiveFinding], None] | None = None,
         descriptor: int | None = None,
         token: str = "",
     ) -> None:
-        super().__init__("standard input", settings, drops=not _is_file(descriptor), tell=tell)
+        super().__init__("standard input", settings, drops=not _is_file(descriptor), on_finding=on_finding)
         self._descriptor = descriptor
         self._token = token
 
@@ -142,7 +142,7 @@ class TcpServerSource(LiveSource):
 
     Args:
         host, port: to listen on; port 0 takes a free one, see :attr:`address`.
-        settings, tell: as of every source.
+        settings, on_finding: as of every source.
         token: that headers must have; any if empty.
     """
 
@@ -151,10 +151,10 @@ class TcpServerSource(LiveSource):
         host: str,
         port: int,
         settings: LiveSourceSettings = DEFAULT,
-        tell: Callable[[LiveFinding], None] | None = None,
+        on_finding: Callable[[LiveFinding], None] | None = None,
         token: str = "",
     ) -> None:
-        super().__init__(f"tcp://{host}:{port}", settings, tell=tell)
+        super().__init__(f"tcp://{host}:{port}", settings, on_finding=on_finding)
         self._where = host, port
         self._token = token
         self._server: socket.socket | None = None
@@ -218,7 +218,7 @@ class TcpSenderSource(LiveSource):
 
     Args:
         host, port: of the sender.
-        settings, tell: as of every source.
+        settings, on_finding: as of every source.
         token: that headers must have; any if empty.
     """
 
@@ -227,10 +227,10 @@ class TcpSenderSource(LiveSource):
         host: str,
         port: int,
         settings: LiveSourceSettings = DEFAULT,
-        tell: Callable[[LiveFinding], None] | None = None,
+        on_finding: Callable[[LiveFinding], None] | None = None,
         token: str = "",
     ) -> None:
-        super().__init__(f"tcp-connect://{host}:{port}", settings, tell=tell)
+        super().__init__(f"tcp-connect://{host}:{port}", settings, on_finding=on_finding)
         self._where = host, port
         self._token = token
         self._connection: socket.socket | None = None

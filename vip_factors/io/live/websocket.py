@@ -30,7 +30,7 @@ class WebSocketSource(LiveSource):
 
     Args:
         host, port: to listen on; port 0 takes a free one, see :attr:`address`.
-        settings, tell: as of every source.
+        settings, on_finding: as of every source.
         token: that headers must have; any if empty.
     """
 
@@ -39,10 +39,10 @@ class WebSocketSource(LiveSource):
         host: str,
         port: int,
         settings: LiveSourceSettings = DEFAULT,
-        tell: Callable[[LiveFinding], None] | None = None,
+        on_finding: Callable[[LiveFinding], None] | None = None,
         token: str = "",
     ) -> None:
-        super().__init__(f"ws://{host}:{port}", settings, tell=tell)
+        super().__init__(f"ws://{host}:{port}", settings, on_finding=on_finding)
         self._where = host, port
         self._server: Server | None = None
         self._token = token
@@ -149,7 +149,7 @@ class WebSocketSource(LiveSource):
             wait = pace.take()
             if wait:
                 rate = self._settings.largest_rate
-                client.tell("pace", f"it sends more than {rate:g} messages a second and has to wait")
+                client.report("pace", f"it sends more than {rate:g} messages a second and has to wait")
                 self._stop.wait(wait)
         return ""
 
@@ -164,11 +164,11 @@ class WebSocketSource(LiveSource):
         return f"the connection was lost ({error})"
 
     def _connection_class(self) -> "type[ServerConnection]":
-        """Connections that tell of a client which never speaks WebSocket; the library keeps silent about it."""
+        """Connections that speak of a client which never speaks WebSocket; the library keeps silent about it."""
         from websockets.protocol import State
         from websockets.sync.server import ServerConnection
 
-        tell, name, stop, opening = self._session.tell, self.name, self._stop, self._opening
+        report, name, stop, opening = self._session.report, self.name, self._stop, self._opening
         most = self._settings.clients
 
         class Connection(ServerConnection):
@@ -187,7 +187,9 @@ class WebSocketSource(LiveSource):
                 finally:
                     opening.discard(self)
                     if problem and not stop.is_set():
-                        tell(f"{_peer(name, self)}: it did not open a WebSocket ({problem}); its connection is closed")
+                        report(
+                            f"{_peer(name, self)}: it did not open a WebSocket ({problem}); its connection is closed"
+                        )
 
         return Connection
 
@@ -199,12 +201,12 @@ def take_message(client: Client, data: str | bytes) -> None:
         ClientError: if this client cannot be listened to any longer.
     """
     if isinstance(data, str):
-        client.tell("text", f"a text message of {len(data)} characters is left out: expected binary messages")
+        client.report("text", f"a text message of {len(data)} characters is left out: expected binary messages")
         return
     try:
         client.take(data)
     except FileFormatError as error:
-        client.tell("no message", f"a message is left out: {error}")
+        client.report("no message", f"a message is left out: {error}")
 
 
 def _peer(name: str, connection: "ServerConnection") -> str:

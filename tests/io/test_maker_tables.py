@@ -6,59 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table_samples import GRAVITY, STO_HEADER, sample, write_format7, write_named, write_quaternions
 
 from vip_factors.errors import FileFormatError
-from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.io.importers.maker_tables import APDM, OPENSENSE
 from vip_factors.io.importers.shared import mean_force_inertial
 
-GRAVITY = np.array([0.0, 0.0, 9.81])
 R_DOWN = np.diag([1.0, -1.0, -1.0])
-
-
-def sample(seed: int, count: int = 6) -> tuple[Array, Array, Array]:
-    rng = np.random.default_rng(seed)
-    rate = rng.normal(size=3)
-    R = exp(rng.normal(size=3)) @ exp(np.arange(count)[:, None] / 128 * rate)
-    return R, np.einsum("nji,j->ni", R, GRAVITY), np.tile(rate, (count, 1))
-
-
-def write_format7(path: Path, sensors: dict[str, tuple[Array, Array, Array]]) -> Path:
-    first, quantities, axes = ["Format=7"], ["Time"], [""]
-    for i, name in enumerate(sensors):
-        first += [str(5700 + i), "", "", name, *[""] * 10]
-        quantities += ["Accelerometer", "", "", "Gyroscope", "", "", "Magnetometer", "", "", "Barometer", "Orientation"]
-        quantities += [""] * 3
-        axes += [*"XYZXYZXYZ", "", "S", "X", "Y", "Z"]
-    lines = [",".join(cells) for cells in (first, quantities, axes)]
-    for row in range(6):
-        cells = [str(1550879504438281 + round(row * 1e6 / 128))]
-        for R, force, rate in sensors.values():
-            values = [*force[row], *rate[row], 0.1, 0.2, 0.3, 4.6e18, *quaternion_from_matrix(R[row], Order.WXYZ)]
-            cells += [f"{value:.6f}" for value in values]
-        lines.append(",".join(cells))
-    path.write_text("\n".join(lines) + "\n")
-    return path
-
-
-def write_named(path: Path, sensors: dict[str, tuple[Array, Array, Array]], units: tuple[str, str]) -> Path:
-    names, kinds = ["Time"], ["s"]
-    for name in sensors:
-        names += [f"{name}/Acceleration/{axis}" for axis in "XYZ"] + [
-            f"{name}/Angular Velocity/{axis}" for axis in "XYZ"
-        ]
-        names += [f"{name}/Orientation/{axis}" for axis in ("Scalar", "X", "Y", "Z")] + [f"{name}/Temperature/Scalar"]
-        kinds += [units[0]] * 3 + [units[1]] * 3 + [""] * 4 + ["deg C"]
-    lines = ["Test Name:,Swing", "Sample Rate:,128,Hz", ",".join(names), ",".join(kinds)]
-    for row in range(6):
-        cells = [f"{0.25 + row / 128:.9f}"]
-        for R, force, rate in sensors.values():
-            values = [*force[row], *rate[row], *quaternion_from_matrix(R[row], Order.WXYZ), 21.5]
-            cells += [f"{value:.9f}" for value in values]
-        lines.append(",".join(cells))
-    path.write_text("\n".join(lines) + "\n")
-    return path
 
 
 def test_format_7(tmp_path: Path) -> None:
@@ -140,20 +95,6 @@ def test_real_exports(data_folder: Path) -> None:
     assert all(len(stream) == 3 for stream in body.imus.values())
 
 
-HEADER = "DataRate=100.000000\nDataType=Quaternion\nversion=3\nOpenSimVersion=4.1\nendheader\n"
-
-
-def write(
-    path: Path, R: Array, names: list[str], start: float = 678.0, rate: float = 100.0, header: str = HEADER
-) -> Path:
-    """Rotations ``(T, sensors, 3, 3)`` as a table."""
-    lines = ["\t".join(["time", *names])]
-    for row, quaternions in enumerate(quaternion_from_matrix(R, Order.WXYZ)):
-        lines.append("\t".join([repr(start + row / rate), *(",".join(map(repr, map(float, q))) for q in quaternions)]))
-    path.write_text(header + "\n".join(lines) + "\n")
-    return path
-
-
 def rotations(count: int, sensors: int, seed: int = 0) -> Array:
     return exp(np.random.default_rng(seed).normal(size=(count, sensors, 3)))
 
@@ -161,8 +102,8 @@ def rotations(count: int, sensors: int, seed: int = 0) -> Array:
 @given(count=st.integers(1, 20), seed=st.integers(0, 1000), blank_first=st.booleans())
 def test_reads_back(tmp_path_factory: pytest.TempPathFactory, count: int, seed: int, blank_first: bool) -> None:
     R = rotations(count, 2, seed)
-    header = "\n" + HEADER if blank_first else HEADER
-    path = write(tmp_path_factory.mktemp("sto") / "a.sto", R, ["torso_imu", "tibia_r_imu"], header=header)
+    header = "\n" + STO_HEADER if blank_first else STO_HEADER
+    path = write_quaternions(tmp_path_factory.mktemp("sto") / "a.sto", R, ["torso_imu", "tibia_r_imu"], header=header)
     assert OPENSENSE.matches(path)
     log = OPENSENSE.read(path)
     np.testing.assert_allclose(log.imus["tibia_r_imu"].R_inertial_sensor, R[:, 1], atol=1e-12)
@@ -173,7 +114,7 @@ def test_reads_back(tmp_path_factory: pytest.TempPathFactory, count: int, seed: 
 
 
 def test_blank_cells_are_gaps_of_that_sensor(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.sto", rotations(4, 2), ["a", "b"])
+    path = write_quaternions(tmp_path / "a.sto", rotations(4, 2), ["a", "b"])
     lines = path.read_text().splitlines()
     lines[-3] = "\t".join([*lines[-3].split("\t")[:2], ""])
     lines[-2] = "\t".join([*lines[-2].split("\t")[:2], "nan,nan,nan,nan"])
@@ -184,7 +125,7 @@ def test_blank_cells_are_gaps_of_that_sensor(tmp_path: Path) -> None:
 
 
 def test_broken_tables(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.sto", rotations(4, 2), ["a", "b"])
+    path = write_quaternions(tmp_path / "a.sto", rotations(4, 2), ["a", "b"])
     whole = path.read_text()
     path.write_text(whole[:-50])
     log = OPENSENSE.read(path)
@@ -193,7 +134,7 @@ def test_broken_tables(tmp_path: Path) -> None:
     path.write_text(whole.replace("678.01\t", "678.01\tx"))
     with pytest.raises(FileFormatError, match="line 8: column 'a_w' is 'x"):
         OPENSENSE.read(path)
-    path.write_text(HEADER + "time\ta\n")
+    path.write_text(STO_HEADER + "time\ta\n")
     with pytest.raises(FileFormatError, match="no rows"):
         OPENSENSE.read(path)
     path.write_text(whole.replace("DataType=Quaternion", "DataType=double"))
@@ -201,7 +142,7 @@ def test_broken_tables(tmp_path: Path) -> None:
 
 
 def test_times_win_over_the_stated_rate(tmp_path: Path) -> None:
-    log = OPENSENSE.read(write(tmp_path / "a.sto", rotations(5, 1), ["a"], rate=60.0))
+    log = OPENSENSE.read(write_quaternions(tmp_path / "a.sto", rotations(5, 1), ["a"], rate=60.0))
     assert log.imus["a"].rate == pytest.approx(60)
     assert any("100 Hz" in note and "60.00 Hz" in note for note in log.notes)
 

@@ -7,61 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table_samples import GRAVITY, PREAMBLE, STEP_US, columns_of, turning, write_dot, write_mtw
 
 from vip_factors.errors import FileFormatError
-from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_y, rotation_z
 from vip_factors.io.importers.shared import mean_force_inertial, site_of_name
 from vip_factors.io.importers.xsens import DOT, MTW
-
-GRAVITY = np.array([0.0, 0.0, 9.81])
-MATRIX = [f"Mat[{row}][{column}]" for column in (1, 2, 3) for row in (1, 2, 3)]  # column-major, as exports have it
-PREAMBLE = "// Start Time: Unknown\n// Update Rate: 100.0Hz\n// Firmware Version: 4.0.2\n"
-
-
-def turning(count: int, seed: int = 0) -> tuple[Array, Array, Array]:
-    """Orientation, specific force and angular rate of a sensor that turns about and feels gravity only."""
-    rng = np.random.default_rng(seed)
-    rate = rng.normal(size=3)
-    R = exp(rng.normal(size=3)) @ exp(0.01 * np.arange(count)[:, None] * rate)
-    return R, np.einsum("nji,j->ni", R, GRAVITY), np.tile(rate, (count, 1))
-
-
-def columns_of(R: Array, force: Array | None, rate: Array | None, kind: str = "quaternion") -> dict[str, Array]:
-    columns: dict[str, Array] = {}
-    for name, values in (("Acc", force), ("Gyr", rate)):
-        if values is not None:
-            columns |= {f"{name}_{axis}": values[:, i] for i, axis in enumerate("XYZ")}
-    if kind == "quaternion":
-        quaternion = quaternion_from_matrix(R, Order.WXYZ)
-        columns |= {f"Quat_q{i}": quaternion[:, i] for i in range(4)}
-    elif kind == "matrix":
-        columns |= {name: R[:, int(name[4]) - 1, int(name[7]) - 1] for name in MATRIX}
-    elif kind == "euler":
-        columns["Roll"] = np.rad2deg(np.arctan2(R[:, 2, 1], R[:, 2, 2]))
-        columns["Pitch"] = np.rad2deg(-np.arcsin(np.clip(R[:, 2, 0], -1, 1)))
-        columns["Yaw"] = np.rad2deg(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
-    return columns
-
-
-def write(
-    path: Path,
-    columns: dict[str, Array],
-    counter: Array | None,
-    separator: str = "\t",
-    preamble: str = PREAMBLE,
-    blank: str = "",
-    order: list[str] | None = None,
-) -> Path:
-    """One sensor's file, with two empty columns as the exports have them."""
-    names = order or list(columns)
-    head = ["PacketCounter", "SampleTimeFine", "Year"] if counter is not None else []
-    lines = [separator.join([*head, *names])]
-    for row in range(len(next(iter(columns.values())))):
-        start = [f"{int(counter[row]):05d}", blank, blank] if counter is not None else []
-        lines.append(separator.join([*start, *(f"{columns[name][row]:.6f}" for name in names)]))
-    path.write_text(preamble + "\n".join(lines) + "\n", encoding="utf-8")
-    return path
 
 
 @given(
@@ -82,7 +33,7 @@ def test_every_dialect_reads_back(
     order = data.draw(st.permutations(list(columns)))
     with tempfile.TemporaryDirectory() as folder:
         counter = (first + rows) % 65536
-        path = write(Path(folder) / "walk_00B40000.txt", columns, counter, separator, blank=blank, order=order)
+        path = write_mtw(Path(folder) / "walk_00B40000.txt", columns, counter, separator, blank=blank, order=order)
         assert MTW.matches(path)
         log = MTW.read(path)
     stream = log.imus["00B40000"]
@@ -100,7 +51,7 @@ def test_files_share_the_packet_counter_across_its_wrap(first: int, late: int) -
     with tempfile.TemporaryDirectory() as folder:
         for sensor, begin in (("AA", first), ("BB", first + late)):
             counter = (begin + np.arange(8)) % 65536
-            write(Path(folder) / f"run-1_{sensor}.txt", columns_of(R, force, rate), counter)
+            write_mtw(Path(folder) / f"run-1_{sensor}.txt", columns_of(R, force, rate), counter)
         log = MTW.read(Path(folder) / "run-1")
     starts = {name: stream.time[0] for name, stream in log.imus.items()}
     assert min(starts.values()) == 0
@@ -124,7 +75,7 @@ def test_repeated_and_late_packets(tmp_path: Path) -> None:
     R, force, rate = turning(6)
     order = [0, 1, 1, 3, 2, 5]
     log = MTW.read(
-        write(tmp_path / "a_S.txt", columns_of(R[order], force[order], rate[order]), 65533 + np.array(order))
+        write_mtw(tmp_path / "a_S.txt", columns_of(R[order], force[order], rate[order]), 65533 + np.array(order))
     )
     np.testing.assert_allclose(log.imus["S"].time, np.array([0, 1, 2, 3, 5]) / 100)
     np.testing.assert_allclose(log.imus["S"].specific_force, force[[0, 1, 2, 3, 5]], atol=1e-5)
@@ -134,7 +85,7 @@ def test_repeated_and_late_packets(tmp_path: Path) -> None:
 
 def test_a_restarted_counter_is_an_error(tmp_path: Path) -> None:
     R, force, rate = turning(4)
-    path = write(tmp_path / "a_S.txt", columns_of(R, force, rate), np.array([5000, 5001, 1, 2]))
+    path = write_mtw(tmp_path / "a_S.txt", columns_of(R, force, rate), np.array([5000, 5001, 1, 2]))
     with pytest.raises(FileFormatError, match="counter falls from 5001 to 1"):
         MTW.read(path)
 
@@ -143,7 +94,7 @@ def test_free_acceleration_gets_gravity_back(tmp_path: Path) -> None:
     R, _, _ = turning(5)
     free = np.tile([1.0, -2.0, 0.5], (5, 1))
     columns = columns_of(R, None, None) | {f"FreeAcc_{axis}": free[:, i] for i, axis in enumerate("XYZ")}
-    stream = MTW.read(write(tmp_path / "a_S.txt", columns, np.arange(5))).imus["S"]
+    stream = MTW.read(write_mtw(tmp_path / "a_S.txt", columns, np.arange(5))).imus["S"]
     np.testing.assert_allclose(
         np.einsum("nij,nj->ni", R, stream.specific_force), free + np.array([0, 0, 9.80665]), atol=1e-4
     )
@@ -151,7 +102,7 @@ def test_free_acceleration_gets_gravity_back(tmp_path: Path) -> None:
 
 def test_acceleration_without_gravity_is_noticed(tmp_path: Path) -> None:
     R, _, rate = turning(5)
-    log = MTW.read(write(tmp_path / "a_S.txt", columns_of(R, np.full((5, 3), 0.1), rate), np.arange(5)))
+    log = MTW.read(write_mtw(tmp_path / "a_S.txt", columns_of(R, np.full((5, 3), 0.1), rate), np.arange(5)))
     assert any("gravity had been removed" in note for note in log.notes)
     np.testing.assert_allclose(np.linalg.norm(log.imus["S"].specific_force, axis=1), 9.9, atol=0.1)
 
@@ -161,7 +112,9 @@ def test_a_frame_with_z_down_is_turned_over(tmp_path: Path, turn: str) -> None:
     R, force, rate = turning(5)
     R_ned_enu = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
     preamble = PREAMBLE + ("// Coordinate system: NED\n" if turn == "comment" else "")
-    log = MTW.read(write(tmp_path / "a_S.txt", columns_of(R_ned_enu @ R, force, rate), np.arange(5), "\t", preamble))
+    log = MTW.read(
+        write_mtw(tmp_path / "a_S.txt", columns_of(R_ned_enu @ R, force, rate), np.arange(5), "\t", preamble)
+    )
     stream = log.imus["S"]
     assert mean_force_inertial(stream.R_inertial_sensor, stream.specific_force)[2] > 9.7
     if turn == "comment":
@@ -171,7 +124,7 @@ def test_a_frame_with_z_down_is_turned_over(tmp_path: Path, turn: str) -> None:
 
 def test_euler_angles_turn_about_z_then_y_then_x(tmp_path: Path) -> None:
     columns = {name: np.full(3, degrees) for name, degrees in (("Roll", 10.0), ("Pitch", 20.0), ("Yaw", 30.0))}
-    stream = MTW.read(write(tmp_path / "a_S.txt", columns, np.arange(3))).imus["S"]
+    stream = MTW.read(write_mtw(tmp_path / "a_S.txt", columns, np.arange(3))).imus["S"]
     expected = rotation_z(np.deg2rad(30)) @ rotation_y(np.deg2rad(20)) @ rotation_x(np.deg2rad(10))
     np.testing.assert_allclose(stream.R_inertial_sensor[0], expected, atol=1e-9)
 
@@ -181,7 +134,7 @@ def test_samples_with_holes_are_dropped_and_counted(tmp_path: Path) -> None:
     columns = columns_of(R, force, rate)
     columns["Acc_X"][1] = np.nan
     columns["Quat_q0"][3], columns["Quat_q1"][3] = 0.0, 3.0
-    log = MTW.read(write(tmp_path / "a_S.txt", columns, np.arange(6)))
+    log = MTW.read(write_mtw(tmp_path / "a_S.txt", columns, np.arange(6)))
     np.testing.assert_allclose(log.imus["S"].time, [0, 0.02, 0.04, 0.05])
     assert any("2 samples with missing values" in note for note in log.notes)
     assert any("not of unit length" in note for note in log.notes)
@@ -189,7 +142,7 @@ def test_samples_with_holes_are_dropped_and_counted(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("cut", [3, 20])
 def test_a_truncated_last_line_is_dropped(tmp_path: Path, cut: int) -> None:
-    path = write(tmp_path / "a_S.txt", columns_of(*turning(6)), np.arange(6))
+    path = write_mtw(tmp_path / "a_S.txt", columns_of(*turning(6)), np.arange(6))
     path.write_text(path.read_text()[: -cut - 1])
     log = MTW.read(path)
     assert len(log.imus["S"]) == 5
@@ -197,20 +150,20 @@ def test_a_truncated_last_line_is_dropped(tmp_path: Path, cut: int) -> None:
 
 
 def test_a_last_line_without_newline_is_kept(tmp_path: Path) -> None:
-    path = write(tmp_path / "a_S.txt", columns_of(*turning(6)), np.arange(6))
+    path = write_mtw(tmp_path / "a_S.txt", columns_of(*turning(6)), np.arange(6))
     path.write_text(path.read_text().rstrip("\n"))
     assert len(MTW.read(path).imus["S"]) == 6
 
 
 def test_decimal_commas_of_a_semicolon_export(tmp_path: Path) -> None:
     R, force, rate = turning(4)
-    path = write(tmp_path / "a_S.txt", columns_of(R, force, rate), np.arange(4), ";", preamble="// Rate\n")
+    path = write_mtw(tmp_path / "a_S.txt", columns_of(R, force, rate), np.arange(4), ";", preamble="// Rate\n")
     path.write_text(path.read_text().replace(".", ","))
     np.testing.assert_allclose(MTW.read(path).imus["S"].specific_force, force, atol=1e-5)
 
 
 def test_without_rate_100_hz_are_assumed_aloud(tmp_path: Path) -> None:
-    log = MTW.read(write(tmp_path / "a_S.txt", columns_of(*turning(3)), np.arange(3), preamble="// General\n"))
+    log = MTW.read(write_mtw(tmp_path / "a_S.txt", columns_of(*turning(3)), np.arange(3), preamble="// General\n"))
     np.testing.assert_allclose(log.imus["S"].time, [0, 0.01, 0.02])
     assert any("100 Hz assumed" in note for note in log.notes)
 
@@ -218,7 +171,7 @@ def test_without_rate_100_hz_are_assumed_aloud(tmp_path: Path) -> None:
 def test_rates_that_disagree_are_an_error_with_both(tmp_path: Path) -> None:
     for sensor, rate in (("A", "100.0"), ("B", "60.0")):
         preamble = PREAMBLE.replace("100.0", rate)
-        write(tmp_path / f"a_{sensor}.txt", columns_of(*turning(3)), np.arange(3), preamble=preamble)
+        write_mtw(tmp_path / f"a_{sensor}.txt", columns_of(*turning(3)), np.arange(3), preamble=preamble)
     with pytest.raises(FileFormatError, match=r"60 Hz and a_A\.txt 100"):
         MTW.read(tmp_path)
 
@@ -228,8 +181,8 @@ def test_broken_files_say_what_and_where(tmp_path: Path) -> None:
     columns, counter = columns_of(R, force, rate), np.arange(4)
     gyro_only = {name: values for name, values in columns.items() if name.startswith("Gyr")}
     with pytest.raises(FileFormatError, match="neither orientation"):
-        MTW.read(write(tmp_path / "a_S.txt", gyro_only, counter))
-    path = write(tmp_path / "a_S.txt", columns, counter)
+        MTW.read(write_mtw(tmp_path / "a_S.txt", gyro_only, counter))
+    path = write_mtw(tmp_path / "a_S.txt", columns, counter)
     whole = path.read_text()
     path.write_text(whole.replace("00002\t\t\t", "00002\t\t\tx"))
     with pytest.raises(FileFormatError, match="line 7: column 'Acc_X' is 'x"):
@@ -240,14 +193,14 @@ def test_broken_files_say_what_and_where(tmp_path: Path) -> None:
     path.write_text(whole.split("00000")[0])
     with pytest.raises(FileFormatError, match="no samples"):
         MTW.read(path)
-    write(tmp_path / "a_S.txt", columns | {f"Quat_q{i}": np.full(4, 2.0) for i in range(4)}, counter)
+    write_mtw(tmp_path / "a_S.txt", columns | {f"Quat_q{i}": np.full(4, 2.0) for i in range(4)}, counter)
     with pytest.raises(FileFormatError, match="not of unit length"):
         MTW.read(path)
 
 
 def test_two_recordings_in_a_folder_must_be_told_apart(tmp_path: Path) -> None:
     for name in ("walk-1_A", "walk-2_A"):
-        write(tmp_path / f"{name}.txt", columns_of(*turning(3)), np.arange(3))
+        write_mtw(tmp_path / f"{name}.txt", columns_of(*turning(3)), np.arange(3))
     with pytest.raises(FileFormatError, match=r"walk-1.*such as"):
         MTW.read(tmp_path)
     assert list(MTW.read(tmp_path / "walk-2").imus) == ["A"]
@@ -313,33 +266,6 @@ def test_real_walk_of_the_opensense_example(data_folder: Path) -> None:
     for stream in log.imus.values():
         rest = stream.cut(0, 0.5)
         np.testing.assert_allclose(mean_force_inertial(rest.R_inertial_sensor, rest.specific_force)[2], 9.81, atol=0.15)
-
-
-DOT_PREAMBLE = (
-    "sep=,\nDeviceTag:,abc\nFirmwareVersion:,2.0.0\nSyncStatus:,Synced\nOutputRate:,60Hz\n"
-    "Measurement Mode:,Sensor fusion Mode - Extended(Quaternion)\n"
-    "StartTime: ,2021-08-20_20:21:13_{ms} GMT+8\n© Xsens Technologies\n\n"
-)
-STEP_US = 16667
-
-
-def write_dot(path: Path, R: Array, free: Array, clock_us: Array, ms: int = 839, kind: str = "quaternion") -> Path:
-    names = ["PacketCounter", "SampleTimeFine"]
-    if kind == "quaternion":
-        names += ["Quat_W", "Quat_X", "Quat_Y", "Quat_Z"]
-        orientation = quaternion_from_matrix(R, Order.WXYZ)
-    else:
-        names += ["Euler_X", "Euler_Y", "Euler_Z"]
-        roll, yaw = np.arctan2(R[:, 2, 1], R[:, 2, 2]), np.arctan2(R[:, 1, 0], R[:, 0, 0])
-        orientation = np.rad2deg(np.stack([roll, -np.arcsin(R[:, 2, 0]), yaw], axis=1))
-    names += ["FreeAcc_X", "FreeAcc_Y", "FreeAcc_Z", "Gyr_X", "Gyr_Y", "Gyr_Z", "Status"]
-    rows = [
-        ",".join([str(i + 1), str(clock), *(f"{v:.6f}" for v in (*orientation[i], *free[i], 90.0, 0.0, 0.0)), "0"])
-        for i, clock in enumerate(clock_us)
-    ]
-    text = DOT_PREAMBLE.format(ms=ms) + "\n".join([",".join(names), *rows])
-    path.write_text(text, encoding="utf-8")
-    return path
 
 
 def sample(count: int) -> tuple[Array, Array]:

@@ -1,0 +1,142 @@
+"""Tables of sensors as their makers export them: Xsens MTw and DOT, APDM in both layouts, OpenSense's quaternions."""
+
+from pathlib import Path
+
+import numpy as np
+
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array, exp
+
+GRAVITY = np.array([0.0, 0.0, 9.81])
+MATRIX = [f"Mat[{row}][{column}]" for column in (1, 2, 3) for row in (1, 2, 3)]  # column-major, as exports have it
+PREAMBLE = "// Start Time: Unknown\n// Update Rate: 100.0Hz\n// Firmware Version: 4.0.2\n"
+
+
+def turning(count: int, seed: int = 0) -> tuple[Array, Array, Array]:
+    """Orientation, specific force and angular rate of a sensor that turns about and feels gravity only."""
+    rng = np.random.default_rng(seed)
+    rate = rng.normal(size=3)
+    R = exp(rng.normal(size=3)) @ exp(0.01 * np.arange(count)[:, None] * rate)
+    return R, np.einsum("nji,j->ni", R, GRAVITY), np.tile(rate, (count, 1))
+
+
+def columns_of(R: Array, force: Array | None, rate: Array | None, kind: str = "quaternion") -> dict[str, Array]:
+    columns: dict[str, Array] = {}
+    for name, values in (("Acc", force), ("Gyr", rate)):
+        if values is not None:
+            columns |= {f"{name}_{axis}": values[:, i] for i, axis in enumerate("XYZ")}
+    if kind == "quaternion":
+        quaternion = quaternion_from_matrix(R, Order.WXYZ)
+        columns |= {f"Quat_q{i}": quaternion[:, i] for i in range(4)}
+    elif kind == "matrix":
+        columns |= {name: R[:, int(name[4]) - 1, int(name[7]) - 1] for name in MATRIX}
+    elif kind == "euler":
+        columns["Roll"] = np.rad2deg(np.arctan2(R[:, 2, 1], R[:, 2, 2]))
+        columns["Pitch"] = np.rad2deg(-np.arcsin(np.clip(R[:, 2, 0], -1, 1)))
+        columns["Yaw"] = np.rad2deg(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
+    return columns
+
+
+def write_mtw(
+    path: Path,
+    columns: dict[str, Array],
+    counter: Array | None,
+    separator: str = "\t",
+    preamble: str = PREAMBLE,
+    blank: str = "",
+    order: list[str] | None = None,
+) -> Path:
+    """One sensor's file, with two empty columns as the exports have them."""
+    names = order or list(columns)
+    head = ["PacketCounter", "SampleTimeFine", "Year"] if counter is not None else []
+    lines = [separator.join([*head, *names])]
+    for row in range(len(next(iter(columns.values())))):
+        start = [f"{int(counter[row]):05d}", blank, blank] if counter is not None else []
+        lines.append(separator.join([*start, *(f"{columns[name][row]:.6f}" for name in names)]))
+    path.write_text(preamble + "\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+DOT_PREAMBLE = (
+    "sep=,\nDeviceTag:,abc\nFirmwareVersion:,2.0.0\nSyncStatus:,Synced\nOutputRate:,60Hz\n"
+    "Measurement Mode:,Sensor fusion Mode - Extended(Quaternion)\n"
+    "StartTime: ,2021-08-20_20:21:13_{ms} GMT+8\n© Xsens Technologies\n\n"
+)
+STEP_US = 16667
+
+
+def write_dot(path: Path, R: Array, free: Array, clock_us: Array, ms: int = 839, kind: str = "quaternion") -> Path:
+    names = ["PacketCounter", "SampleTimeFine"]
+    if kind == "quaternion":
+        names += ["Quat_W", "Quat_X", "Quat_Y", "Quat_Z"]
+        orientation = quaternion_from_matrix(R, Order.WXYZ)
+    else:
+        names += ["Euler_X", "Euler_Y", "Euler_Z"]
+        roll, yaw = np.arctan2(R[:, 2, 1], R[:, 2, 2]), np.arctan2(R[:, 1, 0], R[:, 0, 0])
+        orientation = np.rad2deg(np.stack([roll, -np.arcsin(R[:, 2, 0]), yaw], axis=1))
+    names += ["FreeAcc_X", "FreeAcc_Y", "FreeAcc_Z", "Gyr_X", "Gyr_Y", "Gyr_Z", "Status"]
+    rows = [
+        ",".join([str(i + 1), str(clock), *(f"{v:.6f}" for v in (*orientation[i], *free[i], 90.0, 0.0, 0.0)), "0"])
+        for i, clock in enumerate(clock_us)
+    ]
+    text = DOT_PREAMBLE.format(ms=ms) + "\n".join([",".join(names), *rows])
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def sample(seed: int, count: int = 6) -> tuple[Array, Array, Array]:
+    rng = np.random.default_rng(seed)
+    rate = rng.normal(size=3)
+    R = exp(rng.normal(size=3)) @ exp(np.arange(count)[:, None] / 128 * rate)
+    return R, np.einsum("nji,j->ni", R, GRAVITY), np.tile(rate, (count, 1))
+
+
+def write_format7(path: Path, sensors: dict[str, tuple[Array, Array, Array]]) -> Path:
+    first, quantities, axes = ["Format=7"], ["Time"], [""]
+    for i, name in enumerate(sensors):
+        first += [str(5700 + i), "", "", name, *[""] * 10]
+        quantities += ["Accelerometer", "", "", "Gyroscope", "", "", "Magnetometer", "", "", "Barometer", "Orientation"]
+        quantities += [""] * 3
+        axes += [*"XYZXYZXYZ", "", "S", "X", "Y", "Z"]
+    lines = [",".join(cells) for cells in (first, quantities, axes)]
+    for row in range(6):
+        cells = [str(1550879504438281 + round(row * 1e6 / 128))]
+        for R, force, rate in sensors.values():
+            values = [*force[row], *rate[row], 0.1, 0.2, 0.3, 4.6e18, *quaternion_from_matrix(R[row], Order.WXYZ)]
+            cells += [f"{value:.6f}" for value in values]
+        lines.append(",".join(cells))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def write_named(path: Path, sensors: dict[str, tuple[Array, Array, Array]], units: tuple[str, str]) -> Path:
+    names, kinds = ["Time"], ["s"]
+    for name in sensors:
+        names += [f"{name}/Acceleration/{axis}" for axis in "XYZ"] + [
+            f"{name}/Angular Velocity/{axis}" for axis in "XYZ"
+        ]
+        names += [f"{name}/Orientation/{axis}" for axis in ("Scalar", "X", "Y", "Z")] + [f"{name}/Temperature/Scalar"]
+        kinds += [units[0]] * 3 + [units[1]] * 3 + [""] * 4 + ["deg C"]
+    lines = ["Test Name:,Swing", "Sample Rate:,128,Hz", ",".join(names), ",".join(kinds)]
+    for row in range(6):
+        cells = [f"{0.25 + row / 128:.9f}"]
+        for R, force, rate in sensors.values():
+            values = [*force[row], *rate[row], *quaternion_from_matrix(R[row], Order.WXYZ), 21.5]
+            cells += [f"{value:.9f}" for value in values]
+        lines.append(",".join(cells))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+STO_HEADER = "DataRate=100.000000\nDataType=Quaternion\nversion=3\nOpenSimVersion=4.1\nendheader\n"
+
+
+def write_quaternions(
+    path: Path, R: Array, names: list[str], start: float = 678.0, rate: float = 100.0, header: str = STO_HEADER
+) -> Path:
+    """Rotations ``(T, sensors, 3, 3)`` as a table."""
+    lines = ["\t".join(["time", *names])]
+    for row, quaternions in enumerate(quaternion_from_matrix(R, Order.WXYZ)):
+        lines.append("\t".join([repr(start + row / rate), *(",".join(map(repr, map(float, q))) for q in quaternions)]))
+    path.write_text(header + "\n".join(lines) + "\n")
+    return path

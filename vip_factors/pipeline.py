@@ -84,10 +84,10 @@ def smooth_chunks(
                 "extra factors among several wearers need a camera that sees them: else each is in a world of its own"
             )
         each = [smooth_wearer(one, settings, on_progress, extra) for one in source.wearers]
-    return _side_by_side(source.head.name, each, findings, settings)
+    return _each_in_own_world(source.head.name, each, findings, settings)
 
 
-def _side_by_side(
+def _each_in_own_world(
     name: str, each: Sequence[EstimateChunks], findings: tuple[str, ...], settings: Settings
 ) -> EstimateChunks:
     """Estimates of wearers who have no world in common, as one."""

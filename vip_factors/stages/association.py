@@ -60,7 +60,7 @@ def associate_cameras(
             motions,
             settings.association,
             gravity_camera=gravity_in_camera(camera, detections.time),
-            progress=_part(on_progress, number, len(scene.cameras)),
+            progress=_share_of_progress(on_progress, number, len(scene.cameras)),
         )
         seen = tuple(_sightings(association, number, detections, one) for number, one in enumerate(wearers))
         associated.append(AssociatedCamera(camera, detections, association, seen))
@@ -81,7 +81,7 @@ def associate_cameras_again(
         association = associate(
             detections, each.camera.model, motions, settings.association,
             each.camera.known_path if number else path, gravity_in_camera(each.camera, detections.time),
-            _part(on_progress, number, len(associated)),
+            _share_of_progress(on_progress, number, len(associated)),
         )  # fmt: skip
         again.append(replace(each, association=association))
     return tuple(again)
@@ -127,14 +127,14 @@ def gravity_in_camera(camera: Camera, time: Array) -> Array | None:
     return -mount.imu.R_inertial_sensor[nearest, 2] @ mount.R_camera_imu.T
 
 
-def _sightings(association: Association, wearer: int, detections: Detections, tracked: InertialSolution) -> Sightings:
+def _sightings(association: Association, wearer: int, detections: Detections, inertial: InertialSolution) -> Sightings:
     """The hypothesis cameras of one wearer."""
-    rows, own = np.flatnonzero(association.wearer == wearer), tracked.model.frames.time
+    rows, own = np.flatnonzero(association.wearer == wearer), inertial.model.frames.time
     time = detections.time[detections.frame[rows]]
     inside = (time >= own[0]) & (time <= own[-1])
     rows, time = rows[inside], time[inside]
     R, p = association.R_camera_world[rows], association.p_camera_world[rows]
-    root = path_at(tracked.state.p_world_pelvis, own, time)
+    root = path_at(inertial.state.p_world_pelvis, own, time)
     return Sightings(time, R, np.einsum("nij,nj->ni", R, root) + p)
 
 
@@ -143,7 +143,7 @@ def path_at(p: Array, time: Array, wanted: Array) -> Array:
     return np.stack([np.interp(wanted, time, column) for column in p.T], axis=1).reshape(-1, 3)
 
 
-def _part(on_progress: Callable[[float], None], number: int, count: int) -> Callable[[float], None]:
+def _share_of_progress(on_progress: Callable[[float], None], number: int, count: int) -> Callable[[float], None]:
     return lambda done: on_progress((number + done) / count)
 
 
@@ -181,10 +181,10 @@ def share_seen(associated: Sequence[AssociatedCamera], wearer: int) -> float:
     return found / max(shown, 1)
 
 
-def _calibrated(tracked: InertialSolution, settings: Settings, solver: Solver) -> InertialSolution:
+def _calibrated(inertial: InertialSolution, settings: Settings, solver: Solver) -> InertialSolution:
     """Calibrated, but for the mean pose: that is the fusion's to find."""
-    found = calibrated(tracked, settings, solver)
-    return replace(found, state=replace(found.state, pose_mean=tracked.state.pose_mean))
+    found = calibrated(inertial, settings, solver)
+    return replace(found, state=replace(found.state, pose_mean=inertial.state.pose_mean))
 
 
 def _motions(wearers: Sequence[InertialSolution], names: Sequence[str]) -> list[Motion]:
@@ -207,9 +207,9 @@ def _starting(
     return tuple(changed), before
 
 
-def _look(each: AssociatedCamera, number: int, tracked: InertialSolution, name: str) -> Hypotheses:
+def _look(each: AssociatedCamera, number: int, inertial: InertialSolution, name: str) -> Hypotheses:
     """The hypothesis cameras of a motion for the detections that were given to a wearer."""
     own = each.detections.select(each.association.wearer == number)
-    motion = motion_of(tracked.model, tracked.state, name)
+    motion = motion_of(inertial.model, inertial.state, name)
     points = wearer_points(motion, own.keypoints, own.time)
     return hypotheses(own, each.camera.model.normalise(own.pixels), [points])

@@ -84,9 +84,9 @@ def solve_scene_window(
         for recording, one, known, begin in zip(scene.wearers, source.wearers, calibration.wearers, begins, strict=True)
     ]
     last = (calibration.camera_path, 0.0) if before is None else _last(before)
-    filmed, fused, associated = _coarsely(scene, trackers, begins, last, settings, solver)
-    fine = fuse_finely(scene, filmed, fused, associated, time, settings, solver)
-    covariance = _covariance(scene, fused, fine) if settings.covariance else None
+    initial, solution, associated = _coarsely(scene, trackers, begins, last, settings, solver)
+    fine = fuse_finely(scene, initial, solution, associated, time, settings, solver)
+    covariance = _covariance(scene, solution, fine) if settings.covariance else None
     names = scene.names
     estimates = tuple(decode_wearers(names, "VIP", fine.model, fine.state, covariance))
     first = measured.cameras[0]
@@ -97,7 +97,7 @@ def solve_scene_window(
         span,
         estimates,
         decode_camera(first.name, fine.model, fine.state, covariance, clock),
-        tuple(Headings.of(*one) for one in zip(fused.model.wearers, fused.state.wearers, strict=True)),
+        tuple(Headings.of(*one) for one in zip(solution.model.wearers, solution.state.wearers, strict=True)),
         first.timed_detections.time[first.detections.frame],
         wearer,
         any(each.shows_somebody and each.camera.known_path is not None for each in associated),
@@ -137,21 +137,21 @@ def _coarsely(
             associated = (replace(filmed_by[0], camera=first), *associated)
     if not any(each.shows_somebody for each in associated):  # who is seen is not to be found by a guess
         settings = replace(settings, fusion=replace(settings.fusion, rounds=1))
-    filmed = with_window_starts(start_fusion(associated, trackers, settings), trackers, associated, begins, settings)
-    fused, associated = fuse_in_rounds(filmed, associated, names, settings, solver)
-    return filmed, fused, associated
+    initial = with_window_starts(start_fusion(associated, trackers, settings), trackers, associated, begins, settings)
+    solution, associated = fuse_in_rounds(initial, associated, names, settings, solver)
+    return initial, solution, associated
 
 
-def _covariance(scene: Scene, fused: FusionSolution, fine: FusionSolution) -> SceneCovariance:
+def _covariance(scene: Scene, solution: FusionSolution, fine: FusionSolution) -> SceneCovariance:
     """Of a window's poses, with mountings as sure as they were found."""
     wearers = tuple(
         replace(
             model, free_mountings=True,
             mounting_sigma=np.array([one.placement.site(name).mounting_sigma for name in model.frames.sensors]),
         )
-        for one, model in zip(scene.wearers, fused.model.wearers, strict=True)
+        for one, model in zip(scene.wearers, solution.model.wearers, strict=True)
     )  # fmt: skip
-    return full_rate_covariance(replace(fused, model=replace(fused.model, wearers=wearers)), fine)
+    return full_rate_covariance(replace(solution, model=replace(solution.model, wearers=wearers)), fine)
 
 
 def _findings(
@@ -194,10 +194,10 @@ def track_from_start(
     nearest = begin.headings.at(max(float(time[0]), begin.known_until))
     calibration = InitialCalibration(nearest, np.zeros(len(sensors)), mountings)
     if begin.R_parent_child is not None and not frames.orientation_valid.any():
-        tracked = _unmoved(recording, frames, calibration, begin.R_parent_child, settings)
+        inertial = _unmoved(recording, frames, calibration, begin.R_parent_child, settings)
     else:
-        tracked = inertial_tracker(recording, frames, settings, solver, calibration)
-    model, state = tracked.model, tracked.state
+        inertial = inertial_tracker(recording, frames, settings, solver, calibration)
+    model, state = inertial.model, inertial.state
     factors = replace(model.settings, sole=replace(model.settings.sole, thickness=known.sole))
     model = replace(model, settings=factors, prior_headings=begin.headings.at(float(time[0])))
     if model.headings_walk and len(known.drift_deg):
@@ -222,7 +222,7 @@ def _unmoved(
 
 
 def with_window_starts(
-    filmed: FusionStart,
+    initial: FusionStart,
     trackers: Sequence[InertialSolution],
     associated: Sequence[AssociatedCamera],
     begins: Sequence[WindowStart],
@@ -235,7 +235,7 @@ def with_window_starts(
     at the beginning or at the end walks on his feet, as without a camera: nothing else holds him.
     """
     wearers = []
-    for number, (one, tracker, begin) in enumerate(zip(filmed.wearers, trackers, begins, strict=True)):
+    for number, (one, tracker, begin) in enumerate(zip(initial.wearers, trackers, begins, strict=True)):
         seen = np.concatenate([each.seen[number].time for each in associated])
         one = replace(one, model=replace(one.model, prior_headings=tracker.model.prior_headings))
         if begin.p_world_pelvis is not None and not np.any(seen <= begin.known_until):
@@ -247,17 +247,17 @@ def with_window_starts(
             one = replace(one, model=replace(one.model, settings=replace(one.model.settings, foot_contact=loose)))
         wearers.append(one)
     return replace(
-        filmed, wearers=tuple(wearers), state=replace(filmed.state, wearers=tuple(one.state for one in wearers))
+        initial, wearers=tuple(wearers), state=replace(initial.state, wearers=tuple(one.state for one in wearers))
     )
 
 
-def _from_before(tracked: InertialSolution, p_world_start: Array, seen: Array) -> InertialSolution:
+def _from_before(inertial: InertialSolution, p_world_start: Array, seen: Array) -> InertialSolution:
     """A wearer who begins where the window before has him, and goes to where he is ``seen`` first, if he is."""
-    time, p = tracked.model.frames.time, tracked.state.p_world_pelvis
+    time, p = inertial.model.frames.time, inertial.state.p_world_pelvis
     first = float(seen.min()) if len(seen) else np.inf
     left = np.clip((first - time) / (first - time[0]), 0.0, 1.0) if np.isfinite(first) else np.ones(len(time))
-    state = replace(tracked.state, p_world_pelvis=p + left[:, None] * (p_world_start - p[0]))
-    return replace(tracked, model=replace(tracked.model, is_gauge=True), state=state)
+    state = replace(inertial.state, p_world_pelvis=p + left[:, None] * (p_world_start - p[0]))
+    return replace(inertial, model=replace(inertial.model, is_gauge=True), state=state)
 
 
 def camera_without_sight(

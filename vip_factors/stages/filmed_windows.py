@@ -49,9 +49,9 @@ class GatheredFindings:
 
     def sentences(self) -> tuple[str, ...]:
         """All of them."""
-        return (*self._known, *(self._told(kind) for kind in self._found))
+        return (*self._known, *(self._sentence(kind) for kind in self._found))
 
-    def _told(self, kind: str) -> str:
+    def _sentence(self, kind: str) -> str:
         (sentence, start, end), again = self._found[kind], self._again[kind]
         more = f", and in {again} more windows" if again else ""
         return f"{sentence} (from {start:.0f} to {end:.0f} s{more})"

@@ -104,24 +104,26 @@ def _scatter_before(
 
 
 def fuse(
-    filmed: FusionStart,
+    initial: FusionStart,
     before: FusionSolution | None,
     associated: Sequence[AssociatedCamera],
     settings: Settings,
     solver: Solver,
 ) -> FusionSolution:
     """Everything free, on the coarse frames; ``before`` is the round before this one."""
-    start = fusion_problem(filmed, before, associated, settings, solver.extra)
+    start = fusion_problem(initial, before, associated, settings, solver.extra)
     solved = solver.solve(SceneObjective(start.model), start.state, "video-inertial fusion")
     return with_found_bodies(replace(start, state=solved))
 
 
-def with_found_bodies(fused: FusionSolution) -> FusionSolution:
+def with_found_bodies(solution: FusionSolution) -> FusionSolution:
     """The same with the bodies that were found in the place of those that were supposed."""
-    found = [one.body for one in fused.state.wearers]
-    wearers = tuple(one.with_body(lengths) for one, lengths in zip(fused.model.wearers, found, strict=True))
-    states = tuple(replace(one, body=np.zeros_like(one.body)) for one in fused.state.wearers)
-    return replace(fused, model=replace(fused.model, wearers=wearers), state=replace(fused.state, wearers=states))
+    found = [one.body for one in solution.state.wearers]
+    wearers = tuple(one.with_body(lengths) for one, lengths in zip(solution.model.wearers, found, strict=True))
+    states = tuple(replace(one, body=np.zeros_like(one.body)) for one in solution.state.wearers)
+    return replace(
+        solution, model=replace(solution.model, wearers=wearers), state=replace(solution.state, wearers=states)
+    )
 
 
 def _with_body_of(model: WearerProblem, other: WearerProblem) -> WearerProblem:
@@ -130,17 +132,17 @@ def _with_body_of(model: WearerProblem, other: WearerProblem) -> WearerProblem:
 
 
 def fusion_problem(
-    filmed: FusionStart,
+    initial: FusionStart,
     before: FusionSolution | None,
     associated: Sequence[AssociatedCamera],
     settings: Settings,
     extra: ExtraTerms | None = None,
 ) -> FusionSolution:
     """The problem of :func:`fuse`, and where it starts."""
-    start = before.state if before else filmed.state
+    start = before.state if before else initial.state
     usual = (settings.camera.reprojection.spread,) * len(start.wearers)
     spreads = before.measured_spreads() if before else (usual,) * len(associated)
-    problems = [_with_free_body(one.model, settings) for one in filmed.wearers]
+    problems = [_with_free_body(one.model, settings) for one in initial.wearers]
     if before is not None:
         problems = [_with_body_of(one, other) for one, other in zip(problems, before.model.wearers, strict=True)]
         problems = [with_found_drift(one, state) for one, state in zip(problems, start.wearers, strict=True)]
@@ -149,7 +151,7 @@ def fusion_problem(
         for one, state in zip(problems, start.wearers, strict=True)
     )
     known = before is not None
-    model = _scene_model(wearers, filmed.camera, filmed.further, start, associated, spreads, path_known=known)
+    model = _scene_model(wearers, initial.camera, initial.further, start, associated, spreads, path_known=known)
     model = replace(model, extra=extra, free_keypoints=settings.calibration.estimate_keypoints)
     return FusionSolution(model, start, spreads)
 
@@ -167,7 +169,7 @@ def _with_free_body(model: WearerProblem, settings: Settings) -> WearerProblem:
 
 def fuse_finely(
     scene: Scene,
-    filmed: FusionStart,
+    initial: FusionStart,
     coarse: FusionSolution,
     associated: Sequence[AssociatedCamera],
     time: Array,
@@ -179,7 +181,7 @@ def fuse_finely(
     The coarse solution has settled how camera and wearers lie to each other: what is left is fast and small. A moving
     camera follows the wearers as they are, and then each wearer is refined in front of it, by itself.
     """
-    model, state, spreads = at_full_rate(scene, filmed, coarse, associated, time, settings)
+    model, state, spreads = at_full_rate(scene, initial, coarse, associated, time, settings)
     model = replace(model, extra=solver.extra)
     states, camera = list(state.wearers), model.camera
     if camera.moving and camera.free_pose:
@@ -189,14 +191,14 @@ def fuse_finely(
         return FusionSolution(model, solver.solve(SceneObjective(together), state, "full rate"), spreads)
     for number, name in enumerate(scene.names):
         start = replace(state, wearers=(state.wearers[number],))
-        refined = solver.solve(SceneObjective(_alone(model, number)), start, f"full rate, {name}")
+        refined = solver.solve(SceneObjective(_one_wearer(model, number)), start, f"full rate, {name}")
         states[number] = refined.wearers[0]
     return FusionSolution(model, replace(state, wearers=tuple(states)), spreads)
 
 
 def at_full_rate(
     scene: Scene,
-    filmed: FusionStart,
+    initial: FusionStart,
     coarse: FusionSolution,
     associated: Sequence[AssociatedCamera],
     time: Array,
@@ -206,10 +208,10 @@ def at_full_rate(
     before = coarse.model.wearers[0].frames.time
     wearers, states = [], []
     found = zip(coarse.model.wearers, coarse.state.wearers, strict=True)
-    for recording, tracked, (fused, own) in zip(scene.wearers, filmed.wearers, found, strict=True):
+    for recording, inertial, (found_model, own) in zip(scene.wearers, initial.wearers, found, strict=True):
         states.append(at_frames(own, before, time))
-        bodied = _with_body_of(tracked.model, fused)
-        frames = frames_of(recording.imus, tracked.model.frames.sensors, time)
+        bodied = _with_body_of(inertial.model, found_model)
+        frames = frames_of(recording.imus, inertial.model.frames.sensors, time)
         wearers.append(with_contacts(on_frames_with_fixed_calibration(bodied, frames), states[-1], True))
     camera = replace(camera_problem(associated[0].camera, time, settings), free_clock=False)
     filming = coarse.state.camera
@@ -218,11 +220,11 @@ def at_full_rate(
         camera = replace(camera, prior_R_camera_imu=filming.R_camera_imu)
     state = SceneState(tuple(states), _camera_at(coarse, time), coarse.state.detector)
     spreads = coarse.measured_spreads()
-    model = _scene_model(tuple(wearers), camera, filmed.further, state, associated, spreads, path_known=True)
+    model = _scene_model(tuple(wearers), camera, initial.further, state, associated, spreads, path_known=True)
     return model, state, spreads
 
 
-def _alone(model: SceneProblem, number: int) -> SceneProblem:
+def _one_wearer(model: SceneProblem, number: int) -> SceneProblem:
     """One wearer before cameras that are kept as they are."""
     further = tuple(replace(one, views=one.views[number : number + 1]) for one in model.further)
     wearers, views = model.wearers[number : number + 1], model.views[number : number + 1]
@@ -282,7 +284,7 @@ def _views(
 
 
 def fuse_in_rounds(
-    filmed: FusionStart,
+    initial: FusionStart,
     associated: Sequence[AssociatedCamera],
     names: Sequence[str],
     settings: Settings,
@@ -291,7 +293,7 @@ def fuse_in_rounds(
     """The coarse solution, and the association that it was made from.
 
     Args:
-        filmed: where to start.
+        initial: where to start.
         associated: by the first association, of the cameras that are of use.
         names: of the wearers.
         settings: of all rooms.
@@ -301,23 +303,25 @@ def fuse_in_rounds(
         SolveError: if the problem is not determined.
     """
     on_progress = solver.progress_of("association")
-    fused = fuse(filmed, None, associated, settings, solver)
+    solution = fuse(initial, None, associated, settings, solver)
     for _ in range(settings.fusion.rounds - 1):
         associated = associate_cameras_again(
-            associated, fused.camera_path, fused.clock, fused.motions(names), settings, on_progress
+            associated, solution.camera_path, solution.clock, solution.motions(names), settings, on_progress
         )
-        fused = fuse(filmed, fused, associated, settings, solver)
+        solution = fuse(initial, solution, associated, settings, solver)
     for _ in range(settings.fusion.refits):
-        if not fused.is_consistent():
-            fused = fuse(filmed, fused, associated, settings, solver)
-    fused = _reconsidered(filmed, fused, associated, settings, solver)
-    associated = add_left_over_detections(associated, fused.camera_path, fused.clock, fused.motions(names), settings)
-    return fused, associated
+        if not solution.is_consistent():
+            solution = fuse(initial, solution, associated, settings, solver)
+    solution = _reconsidered(initial, solution, associated, settings, solver)
+    associated = add_left_over_detections(
+        associated, solution.camera_path, solution.clock, solution.motions(names), settings
+    )
+    return solution, associated
 
 
 def _reconsidered(
-    filmed: FusionStart,
-    fused: FusionSolution,
+    initial: FusionStart,
+    solution: FusionSolution,
     associated: Sequence[AssociatedCamera],
     settings: Settings,
     solver: Solver,
@@ -328,17 +332,17 @@ def _reconsidered(
     valley, from which no way leads back.
     """
     cautious = [
-        _with_unlikely_fixed(one, own) for one, own in zip(fused.model.wearers, fused.state.wearers, strict=True)
+        _with_unlikely_fixed(one, own) for one, own in zip(solution.model.wearers, solution.state.wearers, strict=True)
     ]
-    if all(one is own for one, own in zip(cautious, fused.model.wearers, strict=True)):
-        return fused
+    if all(one is own for one, own in zip(cautious, solution.model.wearers, strict=True)):
+        return solution
     likely = [
         replace(one, model=replace(one.model, mounting_sigma=held.mounting_sigma, free_hinges=held.free_hinges))
-        for one, held in zip(filmed.wearers, cautious, strict=True)
+        for one, held in zip(initial.wearers, cautious, strict=True)
     ]
-    other = fuse(replace(filmed, wearers=tuple(likely)), None, associated, settings, solver)
-    other = fuse(filmed, other, associated, settings, solver)
-    return min(fused, other, key=lambda one: _cost(one, fused))
+    other = fuse(replace(initial, wearers=tuple(likely)), None, associated, settings, solver)
+    other = fuse(initial, other, associated, settings, solver)
+    return min(solution, other, key=lambda one: _cost(one, solution))
 
 
 def _with_unlikely_fixed(model: WearerProblem, state: WearerState) -> WearerProblem:

@@ -92,7 +92,7 @@ def start_fusion(
     known = [each for each in associated if each.camera.known_path is not None]
     settled = [number for number in range(len(placed)) if any(len(each.seen[number]) for each in known)]
     for number in settled:
-        look = _look(known, number)
+        look = _sightings_of_known(known, number)
         placed[number] = _placed(placed[number], look, time)
         seen[number] = seen[number].turned(world_turn(*look))
     first = max([n for n in settled if len(seen[n])] or range(len(placed)), key=lambda number: len(seen[number]))
@@ -126,7 +126,7 @@ def _with_found_mounting(camera: Camera, problem: CameraProblem, seen: Sightings
     return replace(problem, prior_R_camera_imu=camera_mounting(R_world_camera, R_inertial_imu)[0])
 
 
-def _look(known: Sequence[AssociatedCamera], wearer: int) -> tuple[CameraPath, Sightings]:
+def _sightings_of_known(known: Sequence[AssociatedCamera], wearer: int) -> tuple[CameraPath, Sightings]:
     """What the cameras of known pose saw of a wearer."""
     looks = [
         (each.camera.known_path, each.seen[wearer])
@@ -143,25 +143,25 @@ def _known_viewpoint(camera: Camera, settings: Settings) -> Viewpoint:
     return Viewpoint(problem, CameraState(poses), ())
 
 
-def _anchored(tracked: InertialSolution, cameras: Sequence[Camera], settings: Settings) -> InertialSolution:
+def _anchored(inertial: InertialSolution, cameras: Sequence[Camera], settings: Settings) -> InertialSolution:
     """The wearer with looser foot contacts, or without any, if a camera holds the root without them."""
     anchor = any(not camera.moving or camera.known_path is not None for camera in cameras)
-    factors, fusion = tracked.model.settings, settings.fusion
+    factors, fusion = inertial.model.settings, settings.fusion
     contact = replace(factors.foot_contact, sigma=fusion.contact_loosening * factors.foot_contact.sigma)
     if anchor and not fusion.contacts_with_standing_camera:
         contact = replace(contact, use=False)
     loose = replace(factors, foot_contact=contact)
-    return replace(tracked, model=replace(tracked.model, settings=loose))
+    return replace(inertial, model=replace(inertial.model, settings=loose))
 
 
 def _first_path(
-    camera: Camera, problem: CameraProblem, tracked: InertialSolution, seen: Sightings, time: Array
+    camera: Camera, problem: CameraProblem, inertial: InertialSolution, seen: Sightings, time: Array
 ) -> tuple[CameraPath, float]:
     """The camera's path in the first wearer's world (or the known one in its own), and its IMU's heading."""
     if camera.known_path is not None:
         known = camera.known_path if not camera.moving else camera.known_path.at(time)
         return known, _heading_on(known.at(time), problem)
-    root = path_at(tracked.state.p_world_pelvis, time, seen.time)
+    root = path_at(inertial.state.p_world_pelvis, time, seen.time)
     if not camera.moving:
         path = standing_camera(seen, root)
         return path, _heading_on(path.at(time), problem)
@@ -187,12 +187,12 @@ def inertial_orientations(problem: CameraProblem, frames: int) -> tuple[np.ndarr
 
 
 def _placed(
-    tracked: InertialSolution, look: tuple[CameraPath, Sightings], time: Array, is_gauge: bool = False
+    inertial: InertialSolution, look: tuple[CameraPath, Sightings], time: Array, is_gauge: bool = False
 ) -> InertialSolution:
     """A wearer in the world of a camera that saw them; one that was never seen stays in their own."""
-    model, state = tracked.model, tracked.state
+    model, state = inertial.model, inertial.state
     if not len(look[1]):
-        return tracked
+        return inertial
     turn = 0.0 if is_gauge else world_turn(*look)
     state = state.turned(turn)
     state = replace(state, p_world_pelvis=filmed_path(*look, state.p_world_pelvis, time))

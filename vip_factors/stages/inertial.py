@@ -53,14 +53,20 @@ class InertialSolution:
 
 
 def inertial_tracker(
-    recording: Recording, frames: ImuFrames, settings: Settings, solver: Solver, known: InitialCalibration | None = None
+    recording: Recording,
+    frames: ImuFrames,
+    settings: Settings,
+    solver: Solver,
+    known_calibration: InitialCalibration | None = None,
 ) -> InertialSolution:
     """Orientations and priors alone, every frame by itself (IT; thesis eq. 4.10); then the root, on standing feet.
 
-    A ``known`` calibration, of earlier frames, spares the guess from straps and the declared pose.
+    A ``known_calibration``, of earlier frames, spares the guess from straps and the declared pose.
     """
     calibration, starts = (
-        (known, None) if known else find_start(recording, frames, settings, solver.progress_of("start"))
+        (known_calibration, None)
+        if known_calibration
+        else find_start(recording, frames, settings, solver.progress_of("start"))
     )
     model = inertial_model(recording, frames, calibration, settings)
     state = solver.solve_wearer(WearerObjective(frame_by_frame(model)), _start(model, calibration), "inertial tracker")
@@ -88,14 +94,14 @@ def inertial_trackers(scene: Scene, time: Array, settings: Settings, solver: Sol
 
 
 def calibrated(
-    tracked: InertialSolution, settings: Settings, solver: Solver, extra: ExtraTerms | None = None
+    inertial: InertialSolution, settings: Settings, solver: Solver, extra: ExtraTerms | None = None
 ) -> InertialSolution:
     """The sparse inertial poser on the tracker's frames, with headings, mountings and the mean pose free."""
-    free, state = with_inflated_contact_sigma(tracked.model, settings.calibration), tracked.state
+    free, state = with_inflated_contact_sigma(inertial.model, settings.calibration), inertial.state
     for _ in range(settings.calibration.passes):
         state = solver.solve_wearer(WearerObjective(with_contacts(free, state), extra), state, "calibration")
         free = with_found_drift(free, state)
-    return replace(tracked, model=with_found_drift(tracked.model, state), state=state)
+    return replace(inertial, model=with_found_drift(inertial.model, state), state=state)
 
 
 def first_calibration(recording: Recording, frames: ImuFrames, settings: Settings) -> InitialCalibration:

@@ -78,20 +78,20 @@ def smooth_wearer(
     plan = WindowPlan.of(recording.head.name, recording.interval, settings, whole=extra is not None)
     solver = Solver(settings.solve, on_progress, name=settings.solver, extra=extra)
     recording, about_sensors = with_sensors_checked(recording, plan, settings)
-    found = calibrate(recording, plan, settings, solver)
-    windows = solve_windows(found, recording, plan, settings, solver)
+    shared = calibrate(recording, plan, settings, solver)
+    windows = solve_windows(shared, recording, plan, settings, solver)
     if plan.is_one_window:
         window = next(windows).wearers[0]
-        estimate = _with_findings(replace(window, reports=tuple(solver.reports)), window.motion, recording, found)
+        estimate = _with_findings(replace(window, reports=tuple(solver.reports)), window.motion, recording, shared)
     else:
-        sample = decode_wearer(recording, found.model, found.state, settings)
+        sample = decode_wearer(recording, shared.model, shared.state, settings)
         none = sample.frames(slice(0, 0))
         head = replace(
             none, motion=replace(none.motion, rate=plan.rate, start=plan.start), reports=tuple(solver.reports)
         )
-        estimate = _with_findings(head, sample.motion, recording, found)
+        estimate = _with_findings(head, sample.motion, recording, shared)
     if settings.acceleration:
-        estimate = with_calibration_sigmas(estimate, found, settings.calibration, extra)
+        estimate = with_calibration_sigmas(estimate, shared, settings.calibration, extra)
     whole = Estimate.of_one(replace(estimate, findings=(*about_sensors, *estimate.findings)))
     if plan.is_one_window:
         return EstimateChunks.of(whole)
@@ -108,17 +108,17 @@ def numbered(windows: Iterator[SolvedWindow], plan: WindowPlan, on_progress: Pro
 
 
 def _with_findings(
-    estimate: WearerEstimate, motion: Motion, recording: RecordingSource, found: InertialSolution
+    estimate: WearerEstimate, motion: Motion, recording: RecordingSource, shared: InertialSolution
 ) -> WearerEstimate:
     """The estimate with what is odd about it, in the frames of a ``motion``, and how its start was found."""
-    head, sensors = recording.head, found.model.frames.sensors
-    who, mountings = f"wearer '{head.subject.name}'", found.model.prior_R_bone_sensor
+    head, sensors = recording.head, shared.model.frames.sensors
+    who, mountings = f"wearer '{head.subject.name}'", shared.model.prior_R_bone_sensor
     findings = (
-        *start_findings(who, sensors, found.starts),
+        *start_findings(who, sensors, shared.starts),
         *posture_findings(who, head, motion, estimate.calibration, mountings),
         *drift_findings(who, estimate.calibration),
     )
-    return replace(estimate, findings=findings, start=start_choice(sensors, found.starts))
+    return replace(estimate, findings=findings, start=start_choice(sensors, shared.starts))
 
 
 def with_sensors_checked(
@@ -173,10 +173,10 @@ def calibrate(recording: RecordingSource, plan: WindowPlan, settings: Settings, 
     calibration, starts = find_start(together, evenly, settings, solver.progress_of("start"))
     if not plan.all_calibrate:
         settings = _with_knots_in_stretches(plan, settings)
-    tracked = inertial_tracker(together, frames, settings, solver, calibration)
+    inertial = inertial_tracker(together, frames, settings, solver, calibration)
     if settings.acceleration:
-        tracked = calibrated(tracked, settings, solver, solver.extra)
-    return replace(tracked, starts=starts)
+        inertial = calibrated(inertial, settings, solver, solver.extra)
+    return replace(inertial, starts=starts)
 
 
 def _with_knots_in_stretches(plan: WindowPlan, settings: Settings) -> Settings:
@@ -189,12 +189,12 @@ def _with_knots_in_stretches(plan: WindowPlan, settings: Settings) -> Settings:
 
 
 def solve_windows(
-    found: InertialSolution, recording: RecordingSource, plan: WindowPlan, settings: Settings, solver: Solver
+    shared: InertialSolution, recording: RecordingSource, plan: WindowPlan, settings: Settings, solver: Solver
 ) -> Iterator[SolvedWindow]:
     """Every window, one after another, each where the one before it has the wearer.
 
     Args:
-        found: what all of them share.
+        shared: what all of them share.
         recording, plan, settings: of all.
         solver: of all if they are one; else each has its own like it.
 
@@ -205,7 +205,7 @@ def solve_windows(
     before: SolvedWindow | None = None
     for span in plan.windows():
         own = solver if plan.is_one_window else replace(solver, on_progress=_silent, reports=[])
-        model, state = _solve_window(found, recording, plan, span, before, settings, own)
+        model, state = _solve_window(shared, recording, plan, span, before, settings, own)
         covariance = None
         if settings.covariance:
             measured = before is None or model.frames.orientation_valid.any()
@@ -221,19 +221,19 @@ def _silent(stage: str, fraction: float) -> None:
 
 
 def _solve_window(
-    found: InertialSolution, recording: RecordingSource, plan: WindowPlan, span: slice, before: SolvedWindow | None,
+    shared: InertialSolution, recording: RecordingSource, plan: WindowPlan, span: slice, before: SolvedWindow | None,
     settings: Settings, solver: Solver,
 ) -> tuple[WearerProblem, WearerState]:  # fmt: skip
     """The problem on all of a window's frames, and its solution."""
     time = plan.time(span)
     streams = recording.between() if plan.is_one_window else samples_around(recording, time)
-    frames, model, state = frames_of(streams, recording.sensors, time), found.model, found.state
+    frames, model, state = frames_of(streams, recording.sensors, time), shared.model, shared.state
     if before is not None and not frames.orientation_valid.any():
         return replace(model, frames=frames, initial_pose=None), _as_last_seen(state, before, span)
     if not plan.all_calibrate:
         coarse = frames_of(streams, recording.sensors, time[:: plan.factor])
         model = replace(model, frames=coarse, initial_pose=model.initial_pose if span.start == 0 else None)
-        state = _tracked(model, state, solver)
+        state = _track_window(model, state, solver)
         if settings.acceleration:
             state = _settled(model, state, settings, solver)
     if not settings.acceleration:
@@ -243,13 +243,13 @@ def _solve_window(
     return fine, solver.solve_wearer(WearerObjective(fine, solver.extra), state, "sparse inertial poser")
 
 
-def _tracked(model: WearerProblem, found: WearerState, solver: Solver) -> WearerState:
+def _track_window(model: WearerProblem, shared: WearerState, solver: Solver) -> WearerState:
     """The inertial tracker's solution on a window's frames, on standing feet; what all frames share is kept."""
     middle = model.knot_weights(slice(len(model.frames) // 2, len(model.frames) // 2 + 1))
-    headings = found.headings if middle is None else middle[0] @ found.heading_knots
-    calibration = InitialCalibration(headings, np.full(len(headings), np.inf), found.R_bone_sensor)
+    headings = shared.headings if middle is None else middle[0] @ shared.heading_knots
+    calibration = InitialCalibration(headings, np.full(len(headings), np.inf), shared.R_bone_sensor)
     R = first_poses(model.frames, [sensor.bone for sensor in model.sensors], calibration, model.prior)
-    state = replace(found, R_parent_child=R, p_world_pelvis=np.zeros((len(R), 3)))
+    state = replace(shared, R_parent_child=R, p_world_pelvis=np.zeros((len(R), 3)))
     state = solver.solve_wearer(WearerObjective(frame_by_frame(model)), state, "inertial tracker")
     return placed_on_floor(model, state)
 
@@ -271,12 +271,12 @@ def _where_it_was(state: WearerState, before: SolvedWindow | None, span: slice) 
     return replace(state, p_world_pelvis=state.p_world_pelvis + (there - state.p_world_pelvis[0]))
 
 
-def _as_last_seen(found: WearerState, before: SolvedWindow, span: slice) -> WearerState:
+def _as_last_seen(shared: WearerState, before: SolvedWindow, span: slice) -> WearerState:
     """A window in which nobody measured anything: the wearer stays as at its first frame, which the one before has."""
     last = before.wearers[0].motion.frames(slice(span.start - before.frames.start, None))
     T = span.stop - span.start
     R, p_world = np.tile(last.R_parent_child[:1], (T, 1, 1, 1)), np.tile(last.p_world_pelvis[:1], (T, 1))
-    return replace(found, R_parent_child=R, p_world_pelvis=p_world)
+    return replace(shared, R_parent_child=R, p_world_pelvis=p_world)
 
 
 def _unknown(frames: ImuFrames) -> PoseCovariance:

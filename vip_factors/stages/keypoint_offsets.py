@@ -79,10 +79,10 @@ def offsets_in_recording(scene: Scene, settings: Settings, on_progress: Callable
     for number, one in enumerate(true):
         alone = Scene(scene.name, (one,), cameras[0], None, cameras[1:])
 
-        def part(done: float, number: int = number) -> None:
+        def on_wearer_progress(done: float, number: int = number) -> None:
             on_progress((number + done) / len(true))
 
-        offsets = _offsets_before(alone, _for_training(settings), part)
+        offsets = _offsets_before(alone, _for_training(settings), on_wearer_progress)
         if offsets is not None:
             found.append(FoundOffsets(cameras[0].detections.keypoints.name, one.subject.name, offsets))
     if not found:
@@ -123,27 +123,27 @@ def _offsets_before(scene: Scene, settings: Settings, on_progress: Callable[[flo
     )
     if not associated:
         return None
-    filmed = start_fusion(associated, [true], settings)
-    filmed = replace(filmed, wearers=(true,), state=replace(filmed.state, wearers=(true.state,)))
-    path, clock, fused = scene.cameras[0].known_path, VideoClock(), None
+    initial = start_fusion(associated, [true], settings)
+    initial = replace(initial, wearers=(true,), state=replace(initial.state, wearers=(true.state,)))
+    path, clock, solution = scene.cameras[0].known_path, VideoClock(), None
     for done in range(ROUNDS):
         if path is not None:
             associated = associate_cameras_again(associated, path, clock, [motion], settings, lambda done: None)
         if not any(np.any(one.association.wearer == 0) for one in associated):
             return None
-        start = _of_joints(fusion_problem(filmed, fused, associated, settings))
+        start = _of_joints(fusion_problem(initial, solution, associated, settings))
         state = solver.solve(SceneObjective(start.model, wearers_move=False), start.state, "keypoint offsets")
-        fused = replace(start, state=state)
-        path, clock = fused.camera_path, fused.clock
+        solution = replace(start, state=state)
+        path, clock = solution.camera_path, solution.clock
         on_progress(0.5 + 0.5 * (done + 1) / ROUNDS)
-    assert fused is not None
-    scattered = max(one[0] for one in fused.measured_spreads())
+    assert solution is not None
+    scattered = max(one[0] for one in solution.measured_spreads())
     if scattered > WIDEST_SCATTER:
         raise InputError(
             f"scene '{scene.name}': the 2D poses of '{recording.subject.name}' lie {scattered:.1f} OKS sigmas beside "
             "the true body: expected truth and cameras in the same world and on the same clock"
         )
-    return _decoded(fused)
+    return _decoded(solution)
 
 
 def _frames_with_truth(scene: Scene, recording: Recording, settings: Settings) -> Array:
@@ -172,27 +172,27 @@ def _true(recording: Recording, time: Array, settings: Settings) -> InertialSolu
     return InertialSolution(inertial_model(recording, frames, nothing, settings), at_frames(state, motion.time, time))
 
 
-def _of_joints(fused: FusionSolution) -> FusionSolution:
+def _of_joints(solution: FusionSolution) -> FusionSolution:
     """The same without the keypoints that have no offset: faces and toes are no surer of their places than the others.
 
     They would draw a camera whose pose is free to where the table has them.
     """
 
-    def kept(view: KeypointView) -> KeypointView:
+    def with_offsets_only(view: KeypointView) -> KeypointView:
         return replace(view, seen=view.seen & (view.offsets[0] >= 0))
 
-    model = fused.model
-    further = tuple(replace(one, views=tuple(kept(view) for view in one.views)) for one in model.further)
-    model = replace(model, views=tuple(kept(view) for view in model.views), further=further)
-    return replace(fused, model=model)
+    model = solution.model
+    further = tuple(replace(one, views=tuple(with_offsets_only(view) for view in one.views)) for one in model.further)
+    model = replace(model, views=tuple(with_offsets_only(view) for view in model.views), further=further)
+    return replace(solution, model=model)
 
 
-def _decoded(fused: FusionSolution) -> KeypointOffsets:
-    objective = SceneObjective(fused.model, wearers_move=False)
+def _decoded(solution: FusionSolution) -> KeypointOffsets:
+    objective = SceneObjective(solution.model, wearers_move=False)
     try:
-        marginals = last_marginals(objective.linearise(fused.state), objective.static_keys)
+        marginals = last_marginals(objective.linearise(solution.state), objective.static_keys)
     except SolveError as error:
         raise InputError(f"the offsets are not determined ({error}): expected a longer recording") from error
     covariance = static_covariance(objective, DETECTOR, "keypoint_offsets", marginals)
     assert covariance is not None
-    return KeypointOffsets(fused.state.detector.keypoint_offsets, np.sqrt(np.diag(covariance)).reshape(SHAPE))
+    return KeypointOffsets(solution.state.detector.keypoint_offsets, np.sqrt(np.diag(covariance)).reshape(SHAPE))

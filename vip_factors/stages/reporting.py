@@ -52,7 +52,7 @@ def scene_estimate(
         replace(
             with_sigmas(estimate, coarse.model, number, shared),
             body=body_estimate(coarse, number, shared),
-            sensor_places=sensor_places(coarse, number, shared),
+            sensor_places=sensor_position_estimates(coarse, number, shared),
         )
         for number, estimate in enumerate(decode_wearers(names, "VIP", fine.model, fine.state, covariance))
     )
@@ -113,27 +113,27 @@ def at_nearest(covariance: SceneCovariance, coarse: FusionSolution, time: Array)
     return covariance.at(np.searchsorted((coarse_time[1:] + coarse_time[:-1]) / 2, time))
 
 
-def marginals_of_shared(fused: FusionSolution) -> Mapping[int, Array] | None:
+def marginals_of_shared(solution: FusionSolution) -> Mapping[int, Array] | None:
     """How sure what all frames share is, by key; None if the data do not determine it."""
-    objective = SceneObjective(fused.model)
+    objective = SceneObjective(solution.model)
     if not objective.static_keys:
         return {}
     try:
-        return last_marginals(objective.linearise(fused.state), objective.static_keys)
+        return last_marginals(objective.linearise(solution.state), objective.static_keys)
     except SolveError:
         return None
 
 
-def body_estimate(fused: FusionSolution, number: int, marginals: Mapping[int, Array] | None) -> BodyEstimate | None:
+def body_estimate(solution: FusionSolution, number: int, marginals: Mapping[int, Array] | None) -> BodyEstimate | None:
     """One wearer's body; None if nothing of it was a variable.
 
     Args:
-        fused: whose bodies were found and are the problem's.
+        solution: whose bodies were found and are the problem's.
         number: of the wearer.
         marginals: of what all frames share, by key; None if the data do not determine it.
     """
-    model, hinges = fused.model.wearers[number], fused.state.wearers[number].hinges
-    objective, owner = SceneObjective(fused.model), OwnerId(Owner.WEARER, number)
+    model, hinges = solution.model.wearers[number], solution.state.wearers[number].hinges
+    objective, owner = SceneObjective(solution.model), OwnerId(Owner.WEARER, number)
 
     def covariance(block: str, size: int) -> Array:
         known = None if marginals is None else static_covariance(objective, owner, block, marginals)
@@ -158,21 +158,21 @@ def body_estimate(fused: FusionSolution, number: int, marginals: Mapping[int, Ar
     )
 
 
-def sensor_places(
-    fused: FusionSolution, number: int, marginals: Mapping[int, Array] | None
+def sensor_position_estimates(
+    solution: FusionSolution, number: int, marginals: Mapping[int, Array] | None
 ) -> tuple[SensorPlaceEstimate, ...]:
     """Of one wearer's sensors; none if they were no variables.
 
     Args:
-        fused: whose bodies were found and are the problem's.
+        solution: whose bodies were found and are the problem's.
         number: of the wearer.
         marginals: of what all frames share, by key; None if the data do not determine it.
     """
-    model = fused.model.wearers[number]
+    model = solution.model.wearers[number]
     if not model.free_places:
         return ()
-    points, found = model.sensor_points, fused.state.wearers[number].sensor_places
-    sigmas = _sigmas(fused, OwnerId(Owner.WEARER, number), "sensor_places", found.shape, marginals)
+    points, found = model.sensor_points, solution.state.wearers[number].sensor_places
+    sigmas = _sigmas(solution, OwnerId(Owner.WEARER, number), "sensor_places", found.shape, marginals)
     whitening = np.linalg.inv(sensor_position_whitening(model))
     prior_sigmas = np.sqrt(np.einsum("sij,sij->si", whitening, whitening))
     return tuple(
@@ -183,19 +183,19 @@ def sensor_places(
     )
 
 
-def detector_estimate(fused: FusionSolution, marginals: Mapping[int, Array] | None) -> DetectorEstimate | None:
-    """The detector's keypoint offsets; None if they were no variables. ``marginals`` as in :func:`sensor_places`."""
-    if not fused.model.free_keypoints:
+def detector_estimate(solution: FusionSolution, marginals: Mapping[int, Array] | None) -> DetectorEstimate | None:
+    """The detector's keypoint offsets; None if they were no variables. ``marginals`` are of what all share."""
+    if not solution.model.free_keypoints:
         return None
-    found = fused.state.detector.keypoint_offsets
-    prior = fused.model.camera.prior_offsets
-    sigma = _sigmas(fused, DETECTOR, "keypoint_offsets", found.shape, marginals)
+    found = solution.state.detector.keypoint_offsets
+    prior = solution.model.camera.prior_offsets
+    sigma = _sigmas(solution, DETECTOR, "keypoint_offsets", found.shape, marginals)
     return DetectorEstimate(OFFSET_KEYPOINTS, prior.mean, found, prior.sigma, sigma)
 
 
 def _sigmas(
-    fused: FusionSolution, owner: OwnerId, block: str, shape: tuple[int, ...], marginals: Mapping[int, Array] | None
+    solution: FusionSolution, owner: OwnerId, block: str, shape: tuple[int, ...], marginals: Mapping[int, Array] | None
 ) -> Array:
     """Standard deviations of a static block in its shape; NaN if not known."""
-    known = None if marginals is None else static_covariance(SceneObjective(fused.model), owner, block, marginals)
+    known = None if marginals is None else static_covariance(SceneObjective(solution.model), owner, block, marginals)
     return np.full(shape, np.nan) if known is None else np.sqrt(np.diag(known)).reshape(shape)

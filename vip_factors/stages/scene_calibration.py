@@ -109,23 +109,23 @@ class SceneCalibration:
 
     @classmethod
     def of(
-        cls, scene: Scene, fused: FusionSolution, filmed_by: Camera, mounting_sigmas: Sequence[Array],
+        cls, scene: Scene, solution: FusionSolution, filmed_by: Camera, mounting_sigmas: Sequence[Array],
         corrections: Sequence[Corrections],
     ) -> "SceneCalibration":  # fmt: skip
         """Of a stretch's coarse solution.
 
         Args:
             scene: the stretch.
-            fused: the solution.
+            solution: the solution.
             filmed_by: the camera whose path it has: the first one, if that is of use.
             mounting_sigmas: ``(S, 3)`` radians of each wearer, NaN if unknown.
             corrections: of each wearer's sensors.
         """
-        model, state = fused.model, fused.state
+        model, state = solution.model, solution.state
         wearers = zip(scene.wearers, model.wearers, state.wearers, mounting_sigmas, corrections, strict=True)
         offsets = KeypointOffsets(state.detector.keypoint_offsets, model.camera.prior_offsets.sigma)
         known = any(camera.known_path is not None for camera in scene.cameras)
-        path = fused.camera_path if filmed_by is scene.camera else None
+        path = solution.camera_path if filmed_by is scene.camera else None
         return cls(
             tuple(WearerCalibration.of(*one) for one in wearers), path, state.camera.R_camera_imu, offsets,
             found_clock(state.camera, model.camera.clock_middle, scene.cameras[0].clock), known,
@@ -191,9 +191,9 @@ class SolvedStretch:
         scene: the stretch, its sensors put right.
         corrections: of each wearer's sensors.
         about_sensors: findings on them.
-        tracked: the wearers by their sensors alone.
-        filmed: where the fusion started.
-        fused: the solution.
+        inertial: the wearers by their sensors alone.
+        initial: where the fusion started.
+        solution: the solution.
         associated: the cameras that it was made from.
         solver: of all this, with its reports.
     """
@@ -201,9 +201,9 @@ class SolvedStretch:
     scene: Scene
     corrections: tuple[Corrections, ...]
     about_sensors: tuple[str, ...]
-    tracked: tuple[InertialSolution, ...]
-    filmed: FusionStart
-    fused: FusionSolution
+    inertial: tuple[InertialSolution, ...]
+    initial: FusionStart
+    solution: FusionSolution
     associated: tuple[AssociatedCamera, ...]
     solver: Solver
 
@@ -214,33 +214,33 @@ class SolvedStretch:
 
     def estimate(self, settings: Settings, time: Array | None = None) -> Estimate:
         """The estimate at its coarse frames, or at the full rate at ``time`` ``(T,)``."""
-        fine = self.fused
+        fine = self.solution
         if time is not None:
-            fine = fuse_finely(self.scene, self.filmed, fine, self.associated, time, settings, self.solver)
+            fine = fuse_finely(self.scene, self.initial, fine, self.associated, time, settings, self.solver)
         else:
             settings = replace(settings, covariance=False)
         reports = tuple(self.solver.reports)
-        estimate = scene_estimate(self.scene, self.fused, fine, self.associated, reports, settings)
-        sensors = [one.model.frames.sensors for one in self.tracked]
+        estimate = scene_estimate(self.scene, self.solution, fine, self.associated, reports, settings)
+        sensors = [one.model.frames.sensors for one in self.inertial]
         wearers = tuple(
-            replace(one, start=start_choice(own, tracked.starts))
-            for one, own, tracked in zip(estimate.wearers, sensors, self.tracked, strict=True)
+            replace(one, start=start_choice(own, inertial.starts))
+            for one, own, inertial in zip(estimate.wearers, sensors, self.inertial, strict=True)
         )
         about_starts = (
             sentence
-            for recording, own, tracked in zip(self.scene.wearers, sensors, self.tracked, strict=True)
-            for sentence in start_findings(f"wearer '{recording.subject.name}'", own, tracked.starts)
+            for recording, own, inertial in zip(self.scene.wearers, sensors, self.inertial, strict=True)
+            for sentence in start_findings(f"wearer '{recording.subject.name}'", own, inertial.starts)
         )
         return replace(estimate, wearers=wearers, findings=(*self.about_sensors, *estimate.findings, *about_starts))
 
     def windows(self, plan: WindowPlan, settings: Settings) -> Iterator[SolvedWindow]:
         """Windows at the full rate, which start from the solution of all coarse frames and are in its world."""
         names = self.scene.names
-        covariance = coarse_covariance(self.fused) if settings.covariance else None
+        covariance = coarse_covariance(self.solution) if settings.covariance else None
         for span in plan.windows():
             time, own = plan.time(span), replace(self.solver, reports=[])
-            fine = fuse_finely(self.scene, self.filmed, self.fused, self.associated, time, settings, own)
-            sure = None if covariance is None else at_nearest(covariance, self.fused, time)
+            fine = fuse_finely(self.scene, self.initial, self.solution, self.associated, time, settings, own)
+            sure = None if covariance is None else at_nearest(covariance, self.solution, time)
             wearers = tuple(decode_wearers(names, "VIP", fine.model, fine.state, sure))
             first = self.scene.cameras[0]
             camera = decode_camera(first.name, fine.model, fine.state, sure, first.clock)
@@ -249,7 +249,7 @@ class SolvedStretch:
     def calibration(self, estimate: Estimate) -> SceneCalibration:
         """What it says of all frames, given its own estimate."""
         sigmas = [np.array([one.calibration[name].mounting_sigma for name in one.sensors]) for one in estimate.wearers]
-        return SceneCalibration.of(self.scene, self.fused, self.associated[0].camera, sigmas, self.corrections)
+        return SceneCalibration.of(self.scene, self.solution, self.associated[0].camera, sigmas, self.corrections)
 
 
 def calibrate_scene(
@@ -283,15 +283,15 @@ def _solved_stretch(
     if stretch.start:
         scene = replace(scene, wearers=tuple(replace(one, initial_pose="none") for one in scene.wearers))
     scene, corrections, about_sensors = checked_scene(scene, settings)
-    tracked = inertial_trackers(scene, time, settings, solver)
-    tracked, filmed_by = first_association(scene, tracked, settings, solver)
+    inertial = inertial_trackers(scene, time, settings, solver)
+    inertial, filmed_by = first_association(scene, inertial, settings, solver)
     associated = usable_cameras(filmed_by)
     if not associated:
         return who_is_who(scene, filmed_by)
-    filmed = start_fusion(associated, tracked, settings)
+    initial = start_fusion(associated, inertial, settings)
     names = scene.names
-    fused, associated = fuse_in_rounds(filmed, associated, names, settings, solver)
-    return SolvedStretch(scene, corrections, about_sensors, tracked, filmed, fused, associated, solver)
+    solution, associated = fuse_in_rounds(initial, associated, names, settings, solver)
+    return SolvedStretch(scene, corrections, about_sensors, inertial, initial, solution, associated, solver)
 
 
 def fusion_solve_settings(settings: Settings) -> SolveSettings:

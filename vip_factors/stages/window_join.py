@@ -77,11 +77,11 @@ class SolvedWindow:
     def numbered(self, number: int) -> "SolvedWindow":
         """The same with reports that tell the window's number, counted from 0."""
 
-        def told(reports: tuple[SolveReport, ...]) -> tuple[SolveReport, ...]:
+        def with_number(reports: tuple[SolveReport, ...]) -> tuple[SolveReport, ...]:
             return tuple(replace(one, stage=f"{one.stage}, window {number + 1}") for one in reports)
 
-        wearers = tuple(replace(one, reports=told(one.reports)) for one in self.wearers)
-        return replace(self, wearers=wearers, reports=told(self.reports))
+        wearers = tuple(replace(one, reports=with_number(one.reports)) for one in self.wearers)
+        return replace(self, wearers=wearers, reports=with_number(self.reports))
 
 
 def overlap_middle(before: SolvedWindow, window: SolvedWindow) -> slice:
@@ -131,14 +131,14 @@ def chunks_of(windows: Iterator[SolvedWindow], head: Estimate) -> Iterator[Estim
         windows: two at a time are in memory.
         head: the estimate without its frames.
     """
-    done, before, told = 0, next(windows), -np.inf
+    done, before, with_number = 0, next(windows), -np.inf
     for window in windows:
         meeting = overlap_middle(before, window)
         boundary = float(window.wearers[0].motion.time[meeting.start - window.frames.start])
-        yield _chunk(before.within(slice(done, meeting.start)), told, boundary, head)
+        yield _chunk(before.within(slice(done, meeting.start)), with_number, boundary, head)
         yield _chunk(_between(before.within(meeting), window.within(meeting)), boundary, boundary, head)
-        done, before, told = meeting.stop, window, boundary
-    yield _chunk(before.within(slice(done, before.frames.stop)), told, np.inf, head)
+        done, before, with_number = meeting.stop, window, boundary
+    yield _chunk(before.within(slice(done, before.frames.stop)), with_number, np.inf, head)
 
 
 def _chunk(window: SolvedWindow, start: float, end: float, head: Estimate) -> Estimate:

@@ -28,7 +28,7 @@ from vip_factors.sensors.scene import Camera, CameraMount, SceneTruth, Video
 
 if TYPE_CHECKING:
     from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
-
+    from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
 WORLD = "world"
 IMAGE_FORMATS = {b"\xff\xd8": "jpeg", b"\x89P": "png", b"RI": "webp"}  # by their first two bytes
@@ -83,11 +83,8 @@ def path_messages(
         yield time_ns, channel, message.SerializeToString()
 
 
-def path_of(topics: Topics, topic: str, start_ns: int) -> CameraPath | None:
-    """The poses on a topic, times to the nanosecond; None if there are none."""
-    from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-
-    poses = topics.all(topic, PoseInFrame)
+def path_of(poses: "Sequence[PoseInFrame]", start_ns: int) -> CameraPath | None:
+    """The path of ``foxglove.PoseInFrame``, times to the nanosecond; None if there are none."""
     if not poses:
         return None
     time = np.array([(time_ns_of(one.timestamp) - start_ns) / NS_PER_S for one in poses])
@@ -215,6 +212,7 @@ def camera_of(topics: Topics, own: CameraTopics, start_ns: int) -> tuple[Camera 
     """The camera of a file and who is known to be who; None, and a warning, if too little of it is left."""
     from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
     from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+    from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
     path = topics.path
     info, intrinsics = topics.last(own("info"), CameraInfo), topics.last(own("calibration"), CameraCalibration)
@@ -232,7 +230,7 @@ def camera_of(topics: Topics, own: CameraTopics, start_ns: int) -> tuple[Camera 
         model=intrinsics_of(intrinsics),
         detections=detections,
         mount=_mount_left(topics, own, info, start_ns),
-        known_path=path_of(topics, own("pose"), start_ns),
+        known_path=path_of(topics.all(own("pose"), PoseInFrame), start_ns),
         video=video_of(info.video, images, path) if info.HasField("video") else None,
         **HEAD.values(info),
     )
@@ -253,10 +251,12 @@ def camera_truth_of(
     topics: Topics, own: CameraTopics, start_ns: int, wearers: DetectionTruth | None
 ) -> SceneTruth | None:
     """What a file knows of a camera and of who is who before it; None if it does not, or too little is left."""
+    from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+
     info = topics.last(own.truth("info"), CameraTruth)
     if info is None or wearers is None:
         return None
-    poses = path_of(topics, own.truth("pose"), start_ns)
+    poses = path_of(topics.all(own.truth("pose"), PoseInFrame), start_ns)
     if poses is None:
         warn(topics.path, f"no pose is left on {own.truth('pose')}: the truth of the camera is left out")
         return None

@@ -92,7 +92,9 @@ def _stream(path: Path, name: str, samples: Sequence[ImuSample], start_ns: int) 
     )
     order = np.argsort(time, kind="stable")  # other writers may log out of order
     stream = ImuStream.from_samples(
-        name, time[order], *(None if one is None else one[order] for one in (force, _rotations(wxyz), rate))
+        name,
+        time[order],
+        *(None if one is None else one[order] for one in (force, rotations_where_finite(wxyz, Order.WXYZ), rate)),
     )
     if len(stream) < len(samples):
         warn(path, f"sensor '{name}': {len(samples) - len(stream)} incomplete samples are left out")
@@ -108,12 +110,13 @@ def _measured(present: list[bool], rows: list[tuple[float, ...]]) -> Array | Non
     return values
 
 
-def _rotations(wxyz: Array | None) -> Array | None:
-    if wxyz is None:
+def rotations_where_finite(quaternions: Array | None, order: Order) -> Array | None:
+    """``(N, 3, 3)`` of ``(N, 4)``, NaN where a quaternion is."""
+    if quaternions is None:
         return None
-    good = np.all(np.isfinite(wxyz), axis=1)
-    R = np.full((len(wxyz), 3, 3), np.nan)
-    R[good] = matrix_from_quaternion(wxyz[good], Order.WXYZ)
+    good = np.all(np.isfinite(quaternions), axis=1)
+    R = np.full((len(quaternions), 3, 3), np.nan)
+    R[good] = matrix_from_quaternion(quaternions[good], order)
     return R
 
 

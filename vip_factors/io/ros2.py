@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.errors import FileFormatError
-from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
+from vip_factors.geometry.quaternions import Order
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.mcap_messages import naming, warn
 from vip_factors.io.mcap_reader import McapContents, McapMessages, read_contents
 from vip_factors.io.mcap_records import McapChannel
+from vip_factors.io.mcap_samples import rotations_where_finite
 from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording, Subject
@@ -150,9 +151,5 @@ def _rotations(xyzw: Array | None) -> Array | None:
     """Rotations; NaN for the zero quaternions that some drivers send without an orientation, None if all are."""
     if xyzw is None:
         return None
-    good = np.all(np.isfinite(xyzw), axis=1) & np.any(xyzw != 0, axis=1)
-    if not np.any(good):
-        return None
-    R = np.full((len(xyzw), 3, 3), np.nan)
-    R[good] = matrix_from_quaternion(xyzw[good], Order.XYZW)
-    return R
+    xyzw[np.all(xyzw == 0, axis=1)] = np.nan
+    return rotations_where_finite(xyzw, Order.XYZW) if np.any(np.all(np.isfinite(xyzw), axis=1)) else None

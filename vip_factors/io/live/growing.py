@@ -5,22 +5,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from vip_factors.errors import FileFormatError
-from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
-from vip_factors.io.codec import NS_PER_S, time_ns_of
+from vip_factors.io.codec import time_ns_of
 from vip_factors.io.live.growing_file import CAMERA, Channels, GrowingFile, OnFinding, Route, open_when_it_comes
 from vip_factors.io.live.messages import camera_of, imu_sample_of, video_frame_of, wearer_of
 from vip_factors.io.live.session import Throttle
 from vip_factors.io.live.source import DEFAULT, LiveSource, LiveSourceSettings
+from vip_factors.io.mcap_camera import path_of
 from vip_factors.io.mcap_messages import naming
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
 from vip_factors.sensors.camera_model import VideoClock
-from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.live import LiveCamera, LiveFinding, LiveSample, LiveSetup
 
 SAMPLES = (ImuSample, Detections2D)
@@ -183,7 +180,7 @@ class _Head:
     def _camera(self, owner: str, start_ns: int) -> LiveCamera:
         of = self._of[owner]
         pose = of.get(POSE) if _stands_known(of[CAMERA_INFO]) else None
-        return camera_of(of[CAMERA_INFO], of[CALIBRATION], None if pose is None else _fixed_path(pose, start_ns))
+        return camera_of(of[CAMERA_INFO], of[CALIBRATION], None if pose is None else path_of([pose], start_ns))
 
 
 class _SampleReader:
@@ -233,11 +230,3 @@ class _SampleReader:
 def _stands_known(info: CameraInfo) -> bool:
     """Whether a camera stands still at a pose that the file tells."""
     return info.known_poses == 1 and not info.moving
-
-
-def _fixed_path(pose: Any, start_ns: int) -> CameraPath:
-    """A ``foxglove.PoseInFrame`` as the path of a camera that stands still."""
-    at, q = pose.pose.position, pose.pose.orientation
-    R_world_camera = matrix_from_quaternion([q.x, q.y, q.z, q.w], Order.XYZW)
-    time = (time_ns_of(pose.timestamp) - start_ns) / NS_PER_S
-    return CameraPath(np.array([time]), R_world_camera[None], np.array([[at.x, at.y, at.z]]))

@@ -107,3 +107,63 @@ def write_bvh(
     lines += [" ".join(f"{value:.9f}" for value in row) for row in np.concatenate(columns, axis=1)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
+
+
+# name: (parent, direction at rest, length in metres, axis in degrees, dof). Legs are spread by 20° at rest, as CMU's.
+S, C = np.sin(np.radians(20)), np.cos(np.radians(20))
+MIDDLE = {
+    "lowerback": ("root", (0, 1, 0), 0.12, (0, 0, 0), "rx ry rz"),
+    "upperback": ("lowerback", (0, 1, 0), 0.12, (0, 0, 0), "rx ry rz"),
+    "thorax": ("upperback", (0, 1, 0), 0.12, (0, 0, 0), "rx ry rz"),
+    "lowerneck": ("thorax", (0, 1, 0), 0.09, (0, 0, 0), "rx ry rz"),
+    "upperneck": ("lowerneck", (0, 1, 0), 0.09, (0, 0, 0), "rx ry rz"),
+    "head": ("upperneck", (0, 1, 0), 0.09, (0, 0, 0), "rx ry rz"),
+}
+
+
+def side_bones(side: str, x: float) -> dict[str, tuple]:
+    return {
+        f"{side}hipjoint": ("root", (x, -0.6, 0), 0.12, (0, 0, 0), ""),
+        f"{side}femur": (f"{side}hipjoint", (x * S, -C, 0), 0.42, (0, 0, x * 20), "rx ry rz"),
+        f"{side}tibia": (f"{side}femur", (x * S, -C, 0), 0.42, (0, 0, x * 20), "rx"),
+        f"{side}foot": (f"{side}tibia", (x * S * 0.26, -C * 0.26, 0.966), 0.13, (-90, 0, x * 20), "rx rz"),
+        f"{side}toes": (f"{side}foot", (0, 0, 1), 0.06, (-90, 0, x * 20), "rx"),
+        f"{side}clavicle": ("thorax", (x, 0.2, 0), 0.18, (0, 0, 0), "ry rz"),
+        f"{side}humerus": (f"{side}clavicle", (x, 0, 0), 0.29, (180, x * -30, x * -90), "rx ry rz"),
+        f"{side}radius": (f"{side}humerus", (x, 0, 0), 0.18, (180, x * -30, x * -90), "rx"),
+        f"{side}wrist": (f"{side}radius", (x, 0, 0), 0.09, (0, x * 90, x * 90), "ry"),
+        f"{side}hand": (f"{side}wrist", (x, 0, 0), 0.05, (0, x * 90, x * 90), "rx rz"),
+        f"{side}fingers": (f"{side}hand", (x, 0, 0), 0.06, (0, x * 90, x * 90), "rx"),
+    }
+
+
+BONES = MIDDLE | side_bones("l", 1.0) | side_bones("r", -1.0)
+UNIT = 0.0254 / 0.45
+
+
+def write_asf(path: Path) -> Path:
+    lines = [":version 1.10", ":units", "  length 0.45", "  angle deg", ":root", "  order TX TY TZ RX RY RZ",
+             "  axis XYZ", "  position 0 0 0", "  orientation 0 0 0", ":bonedata"]  # fmt: skip
+    for number, (name, (_, direction, length, axis, dof)) in enumerate(BONES.items(), start=1):
+        lines += ["  begin", f"    id {number}", f"    name {name}", "    direction {} {} {}".format(*direction)]
+        lines += [f"    length {length / UNIT}", "    axis {} {} {} XYZ".format(*axis)]
+        lines += [f"    dof {dof}", "    limits (-90 90)"] if dof else []
+        lines += ["  end"]
+    lines += [":hierarchy", "  begin"]
+    for parent in ["root", *BONES]:
+        children = [name for name, bone in BONES.items() if bone[0] == parent]
+        lines += [f"    {parent} {' '.join(children)}"] if children else []
+    path.write_text("\n".join([*lines, "  end"]) + "\n")
+    return path
+
+
+def write_amc(path: Path, frames: list[dict[str, list[float]]]) -> Path:
+    lines = ["#!OML:ASF somewhere", ":FULLY-SPECIFIED", ":DEGREES"]
+    for number, frame in enumerate(frames, start=1):
+        lines += [str(number), "root " + " ".join(map(str, frame.get("root", [0, 17, 0, 0, 0, 0])))]
+        for name, bone in BONES.items():
+            if bone[4]:
+                lines.append(f"{name} " + " ".join(map(str, frame.get(name, [0.0] * len(bone[4].split())))))
+    path.write_text("\n".join(lines) + "\n")
+    write_asf(path.with_name("07.asf"))
+    return path

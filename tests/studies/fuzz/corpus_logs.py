@@ -18,7 +18,7 @@ from tests.io.table_samples import (
     write_named,
     write_quaternions,
 )
-from tests.studies.fuzz.case import Case, Files
+from tests.studies.fuzz.case import Case, Files, files_below
 from vip_factors.cli.info_text import recording_text
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp
@@ -178,7 +178,7 @@ def _written(write: Callable[[Path], object]) -> Files:
     """What is written into a folder."""
     with TemporaryDirectory() as name:
         write(Path(name))
-        return {path.name: path.read_bytes() for path in sorted(Path(name).iterdir())}
+        return files_below(Path(name))
 
 
 def _mtw(folder: Path, names: Sequence[str]) -> None:

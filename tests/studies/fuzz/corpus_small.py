@@ -3,13 +3,13 @@
 import json
 from collections.abc import Callable
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
+from tests.io.motion_samples import write_amc
+from tests.io.pose_files import person, write_alphapose, write_coco, write_mmpose, write_openpose
 from tests.studies.fuzz.case import Case, files_below
 from vip_factors.body.anthropometry import LengthPrior, likely_body
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, PooledOffsets, keypoint_set
@@ -86,8 +86,8 @@ def _motions() -> list[Case]:
     with TemporaryDirectory() as name:
         write_bvh(estimate, Path(name, "a.bvh"), ExportSettings())
         write_amass(estimate, Path(name, "a.npz"), ExportSettings())
+        write_amc(Path(name, "07_01.amc"), [{}, {}, {}])
         files = files_below(Path(name))
-    files |= {"07.asf": _asf().encode(), "07_01.amc": _amc().encode()}
     together = {"bvh": ("a.bvh",), "amass": ("a.npz",), "asf-amc": ("07_01.amc", "07.asf")}
     return [
         Case(
@@ -101,82 +101,25 @@ def _motions() -> list[Case]:
     ]
 
 
-_SIDE = {
-    "hipjoint": ("root", (1, -0.6, 0), 2.0, ""), "femur": ("hipjoint", (0.34, -0.94, 0), 7.4, "rx ry rz"),
-    "tibia": ("femur", (0.34, -0.94, 0), 7.4, "rx"), "foot": ("tibia", (0, -0.26, 0.97), 2.3, "rx rz"),
-    "toes": ("foot", (0, 0, 1), 1.0, "rx"), "clavicle": ("thorax", (1, 0.2, 0), 3.2, "ry rz"),
-    "humerus": ("clavicle", (1, 0, 0), 5.1, "rx ry rz"), "radius": ("humerus", (1, 0, 0), 3.2, "rx"),
-    "wrist": ("radius", (1, 0, 0), 1.6, "ry"), "hand": ("wrist", (1, 0, 0), 0.9, "rx rz"),
-    "fingers": ("hand", (1, 0, 0), 1.0, "rx"),
-}  # fmt: skip
-_MIDDLE = ("root", "lowerback", "upperback", "thorax", "lowerneck", "upperneck", "head")
-
-
-def _bones() -> dict[str, tuple[str, tuple[float, float, float], float, str]]:
-    """Parent, direction, length and degrees of freedom, as of the figures of CMU."""
-    bones = {name: (above, (0.0, 1.0, 0.0), 2.0, "rx ry rz") for above, name in pairwise(_MIDDLE)}
-    for side, sign in (("l", 1.0), ("r", -1.0)):
-        for name, (above, (x, y, z), length, freedom) in _SIDE.items():
-            bones[side + name] = (above if above in _MIDDLE else side + above, (sign * x, y, z), length, freedom)
-    return bones
-
-
-def _asf() -> str:
-    bones = _bones()
-    lines = [":version 1.10", ":units", "  length 0.45", "  angle deg", ":root", "  order TX TY TZ RX RY RZ",
-             "  axis XYZ", "  position 0 0 0", "  orientation 0 0 0", ":bonedata"]  # fmt: skip
-    for number, (name, (_, direction, length, freedom)) in enumerate(bones.items(), start=1):
-        lines += ["  begin", f"    id {number}", f"    name {name}", "    direction {} {} {}".format(*direction)]
-        lines += [f"    length {length}", "    axis 0 0 20 XYZ"]
-        lines += [f"    dof {freedom}", "    limits (-90 90)"] if freedom else []
-        lines += ["  end"]
-    lines += [":hierarchy", "  begin"]
-    for above in ("root", *bones):
-        below = [name for name, bone in bones.items() if bone[0] == above]
-        lines += [f"    {above} {' '.join(below)}"] if below else []
-    return "\n".join([*lines, "  end"]) + "\n"
-
-
-def _amc() -> str:
-    lines = ["#!OML:ASF somewhere", ":FULLY-SPECIFIED", ":DEGREES"]
-    for number in range(1, 4):
-        lines += [str(number), "root 0 17 0 0 0 0"]
-        lines += [f"{name} " + " ".join(["1.5"] * len(bone[3].split())) for name, bone in _bones().items() if bone[3]]
-    return "\n".join(lines) + "\n"
-
-
 def _detections() -> list[Case]:
     from vip_factors.io.detections.read import read_detections
 
     def read(folder: Path, name: str) -> None:
         read_detections(folder / name, 30.0)
 
-    rows = np.column_stack([100.0 + 10 * np.arange(34).reshape(17, 2), np.full(17, 0.8)])
-    flat, body25 = rows.ravel().tolist(), np.tile([120.5, 80.25, 0.7], 25).tolist()
-    openpose = {
-        f"poses/walk_{number:012d}_keypoints.json": {
-            "version": 1.3,
-            "people": [{"person_id": [-1], "pose_keypoints_2d": body25, "face_keypoints_2d": []}] * 2,
-        }
-        for number in range(3)
-    }
-    coco = [{"image_id": number, "category_id": 1, "keypoints": flat, "score": 0.9} for number in range(3)]
-    alphapose = [one | {"image_id": f"{one['image_id']}.jpg", "box": [0, 0, 1, 1], "idx": [0.0]} for one in coco]
-    instance = {"keypoints": rows[:, :2].tolist(), "keypoint_scores": rows[:, 2].tolist(), "bbox_score": 0.9}
-    frames = [{"frame_id": number, "instances": [instance] * 2} for number in range(1, 4)]
-    names = {str(i): name for i, name in enumerate(keypoint_set("coco17").keypoints)}
-    mmpose = {"meta_info": {"dataset_name": "coco", "keypoint_id2name": names}, "instance_info": frames}
-    trees: dict[str, dict[str, Any]] = {
-        "alphapose": {"a.json": alphapose},
-        "mmpose": {"a.json": mmpose},
-        "coco": {"a.json": coco},
-    }
+    names = keypoint_set("coco17").keypoints
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        write_openpose(folder / "poses", {number: [person("body25")] * 2 for number in range(3)})
+        for kind, write in (("alphapose", write_alphapose), ("coco", write_coco)):
+            write(folder / f"{kind}.json", {number: [person()] for number in range(3)})
+        write_mmpose(folder / "mmpose.json", {number: [person()] * 2 for number in range(1, 4)}, names)
+        files = files_below(folder)
     cases = []
-    kinds: dict[str, dict[str, Any]] = {"openpose": openpose, **trees}
-    for kind, files in kinds.items():
-        name = "poses" if kind == "openpose" else "a.json"
+    for kind in ("openpose", "alphapose", "mmpose", "coco"):
+        name = "poses" if kind == "openpose" else f"{kind}.json"
         command = f"vip-factors convert RECORDING.mcap out.mcap --detections {{}}/{name} --camera CAMERA.toml"
-        content = {one: json.dumps(tree).encode() for one, tree in files.items()}
+        content = {one: data for one, data in files.items() if one.startswith(name)}
         cases.append(Case(kind, content, partial(read, name=name), command + " --video-rate 30"))
     return cases
 

@@ -1,9 +1,9 @@
-"""Long recordings: windows against the whole, what is joined, and the memory that it takes."""
+"""Frames and windows: in step with the video, against the whole, what is joined, and the memory that it takes."""
 
 import gc
 import itertools
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -20,17 +20,20 @@ from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import in_stretches, resample, resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.sources import RecordingInMemory, frames_of, without_gaps
+from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.sources import RecordingInMemory, SceneInMemory, frames_of, without_gaps
 from vip_factors.settings import CalibrationSettings, Settings, WindowSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
+from vip_factors.simulate.scene import Performer, simulate_scene
+from vip_factors.simulate.settings import SceneSettings
 from vip_factors.simulate.staging import with_initial_pose
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.inertial_windows import calibrate, smooth_wearer, solve_windows
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.window_join import SolvedWindow, chunks_of, moved
-from vip_factors.stages.windows import WindowPlan
+from vip_factors.stages.windows import WindowPlan, scene_plan
 
 QUICK = Settings(
     frame_rate=10.0,
@@ -252,3 +255,51 @@ def _without(stream: ImuStream, start: float, end: float) -> ImuStream:
     assert stream.R_inertial_sensor is not None
     assert stream.specific_force is not None
     return ImuStream(stream.name, stream.time[kept], stream.specific_force[kept], stream.R_inertial_sensor[kept])
+
+
+@pytest.fixture(scope="module")
+def filmed_scene() -> Scene:
+    motion = gestures(2.0)
+    return simulate_scene([Performer("anna", motion, preset("sip6", motion.skeleton))], SceneSettings.noise_free())
+
+
+@pytest.mark.parametrize(("wanted", "given"), [(60.0, 60.0), (50.0, 60.0), (15.0, 15.0), (20.0, 15.0)])
+def test_a_whole_number_of_frames_goes_to_each_video_frame(filmed_scene: Scene, wanted: float, given: float) -> None:
+    plan = scene_plan(SceneInMemory(filmed_scene), replace(Settings(), frame_rate=wanted, calibration_rate=wanted))
+    assert plan.rate == pytest.approx(given)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.0123, -0.4])
+def test_coarse_frames_meet_video_frames(filmed_scene: Scene, offset: float) -> None:
+    assert filmed_scene.camera is not None
+    shifted = replace(filmed_scene, camera=replace(filmed_scene.camera, time_offset=offset))
+    coarse = scene_plan(SceneInMemory(shifted), Settings()).all_coarse_time
+    video = filmed_scene.camera.detections.time + offset
+    nearest = np.abs(coarse[:, None] - video).min(axis=1)
+    inside = (coarse >= video[0]) & (coarse <= video[-1])
+    assert nearest[inside].max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    "frames_of",
+    [
+        lambda scene: scene_plan(SceneInMemory(scene), Settings()),
+        lambda scene: WindowPlan.of("walk", scene.wearers[0].interval, Settings()),
+    ],
+)
+def test_a_sample_years_later_is_refused(filmed_scene: Scene, frames_of: Callable[[Scene], object]) -> None:
+    wearer = filmed_scene.wearers[0]
+    name, stream = next(iter(wearer.imus.items()))
+    late = replace(stream, time=np.append(stream.time[:-1], 1e9))
+    wearers = [replace(one, imus={**one.imus, name: late}) for one in (wearer, *filmed_scene.wearers[1:])]
+    damaged = replace(filmed_scene, wearers=tuple(wearers))
+    with pytest.raises(RecordingError, match=r"and 1e\+09 s: expected a day at most; .*'vip-factors info' tells"):
+        frames_of(damaged)
+
+
+def test_wearers_without_common_time_are_refused(filmed_scene: Scene) -> None:
+    wearer = filmed_scene.wearers[0]
+    late = {name: replace(stream, time=stream.time + 60.0) for name, stream in wearer.imus.items()}
+    other = replace(wearer, imus=late, subject=replace(wearer.subject, name="bob"))
+    with pytest.raises(RecordingError, match="all wearers together"):
+        scene_plan(SceneInMemory(replace(filmed_scene, wearers=(wearer, other))), Settings())

@@ -7,7 +7,6 @@ from small_problems import small_scene, walking_scene
 
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.graph import factor_graph_of
-from vip_factors.factor_graph.variables import Kind
 from vip_factors.live.problem import FrameState, moved_frames, without_frames
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
@@ -50,35 +49,35 @@ def test_a_solution_moves_the_state_as_gtsam_moves_its_values(kind: str, far: fl
     for one, step in by_variable.items():
         by_key.insert(one.key, step)
 
-    def of(kinds: tuple[Kind, ...], **where: int) -> np.ndarray:
+    def of(blocks: tuple[str, ...], **where: int) -> np.ndarray:
         found = [
             step
             for one, step in by_variable.items()
-            if one.kind in kinds and all(getattr(one, name) == value for name, value in where.items())
+            if one.block in blocks and all(getattr(one, name) == value for name, value in where.items())
         ]
         return np.concatenate([np.zeros(0), *found])
 
     for number, part in enumerate(objective.layout.chains):
-        kinds = (Kind.JOINT, Kind.ROOT) if part.owner.kind == "wearer" else (Kind.CAMERA,)
+        kinds = ("joint", "root") if part.owner.kind == "wearer" else ("poses",)
         for t, key in enumerate(frame_keys(number, problem.frames)):
             delta.insert(key, of(kinds, frame=t, wearer=part.owner.number))
     for group, (owner, _) in enumerate(objective.layout.owners):
         if owner.kind == "wearer":
-            first = of((Kind.HEADING,), wearer=owner.number, knot=0)
+            first = of(("headings",), wearer=owner.number, knot=0)
             rest = of(
-                (Kind.MOUNTING, Kind.BODY, Kind.SENSOR_PLACE, Kind.SOLE, Kind.HINGES, Kind.POSE_MEAN),
+                ("R_bone_sensor", "body", "sensor_places", "sole", "hinges", "pose_mean"),
                 wearer=owner.number,
             )
             for knot in range(1, len(problem.wearers[owner.number].heading_knots)):
-                delta.insert(knot_key(group, knot), of((Kind.HEADING,), wearer=owner.number, knot=knot))
+                delta.insert(knot_key(group, knot), of(("headings",), wearer=owner.number, knot=knot))
             delta.insert(static_key(group), np.concatenate([first, rest]))
         elif owner.kind == "detector":
-            delta.insert(static_key(group), of((Kind.KEYPOINT,)))
+            delta.insert(static_key(group), of(("keypoint_offsets",)))
         else:
-            standing = () if problem.camera.moving else (Kind.CAMERA,)
+            standing = () if problem.camera.moving else ("poses",)
             delta.insert(
                 static_key(group),
-                of((*standing, Kind.CAMERA_HEADING, Kind.CAMERA_MOUNTING, Kind.CLOCK, Kind.CLOCK_DRIFT)),
+                of((*standing, "heading", "R_camera_imu", "clock", "clock_drift")),
             )
     moved = whole.state_at(whole.values.retract(by_key))
     assert_same(objective.retract(state, delta), moved)

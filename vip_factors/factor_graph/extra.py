@@ -8,20 +8,12 @@ import numpy as np
 
 from vip_factors.assembly.charts import Charts
 from vip_factors.errors import InputError
-from vip_factors.factor_graph.variables import (
-    BLOCKS,
-    WHOLE,
-    Kind,
-    Variable,
-    frames_of,
-    owner_of,
-    values_of,
-    variable_of,
-)
+from vip_factors.factor_graph.variables import HEADINGS, JOINT, ROOT, Variable, frames_of, values_of, variable_of
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import STATIC, Layout
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
+from vip_factors.problem.variables import ROWS
 from vip_factors.solve.chain_system import frame_keys, knot_key, static_key
 from vip_factors.solve.elimination import coupling_factor
 from vip_factors.solve.slices import REACH, Slices
@@ -86,9 +78,7 @@ def _known(key: int, state: SceneState, first: int) -> Variable:
         raise InputError(
             f"an extra factor is on frame {one.frame} ({name}): expected one of {first} to {first + frames - 1}"
         )
-    if one.kind in (Kind.HEADING, Kind.MOUNTING, Kind.SENSOR_PLACE) and one.item >= len(
-        state.wearers[one.wearer].headings
-    ):
+    if one.block in ROWS and ROWS[one.block].of_sensors and one.item >= len(state.wearers[one.wearer].headings):
         raise InputError(f"an extra factor is on sensor {one.item} ({name}): the wearer has fewer")
     return one
 
@@ -161,10 +151,10 @@ class _ChainPlaces:
 
     def _place(self, one: Variable) -> tuple[int, int, int] | None:
         """The vector's key, the first column in it, and its width."""
-        owner = owner_of(one)
+        owner = one.owner
         if one.knot:
             group = next((g for g, (other, _) in enumerate(self._layout.owners) if other == owner), None)
-            block = self._layout.block(owner, "headings")
+            block = self._layout.block(owner, HEADINGS)
             return None if group is None or block is None else (knot_key(group, one.knot), one.item, block.width)
         columns = variable_columns(self._layout, one)
         if columns is None:
@@ -180,14 +170,14 @@ class _ChainPlaces:
 
 def variable_columns(layout: Layout, one: Variable) -> tuple[int, int] | None:
     """A variable's chain (or ``STATIC``) and first column there; None where it is kept."""
-    owner = owner_of(one)
+    owner = one.owner
     if one.is_of_a_frame:
         chain = layout.chain_of(owner)
         if chain is None:
             return None
-        return chain, layout.chains[chain].names["root"].start if one.kind is Kind.ROOT else 3 * one.item
-    found = layout.columns_of(owner, BLOCKS[one.kind])
-    return None if found is None else (found.chain, found.start + one.width * one.item * (one.kind not in WHOLE))
+        return chain, layout.chains[chain].names["root"].start if one.block == ROOT else 3 * one.item
+    found = layout.columns_of(owner, one.block)
+    return None if found is None else (found.chain, found.start + one.width * one.item * (not one.is_one_vector))
 
 
 class StreamedTerms:
@@ -249,10 +239,10 @@ class StreamedTerms:
             )
             rows.append(np.arange(own.start, own.stop))
             columns.append(base + start + np.arange(one.width))
-            if one.kind is Kind.JOINT:
+            if one.block == JOINT:
                 turns[own, own] = charts.turns[chain][t + ahead, one.item]
-            elif one.kind is not Kind.ROOT:
-                chart = charts.of_item(owner_of(one), BLOCKS[one.kind], one.item, t + ahead)
+            elif one.block != ROOT:
+                chart = charts.of_item(one.owner, one.block, one.item, t + ahead)
                 turns[own, own] = np.eye(one.width) if chart is None else chart
         if not rows:
             return

@@ -55,7 +55,7 @@ class FactorGraph:
     @property
     def variable_counts(self) -> Counter[str]:
         """How many variables there are of each kind."""
-        return Counter(str(one.kind) for one in self.variables)
+        return Counter(one.kind for one in self.variables)
 
 
 def factor_graph_of(problem: SceneProblem, state: SceneState, layout: Layout | None = None) -> FactorGraph:

@@ -40,27 +40,27 @@ def root_key(frame: int, wearer: int = 0) -> int:
 
 def heading_key(sensor: int, wearer: int = 0, knot: int = 0) -> int:
     """Key of the double γ, with R_world_inertial = Rz(γ), at a knot of its walk; a constant heading has the first."""
-    return int(gtsam.symbol("h", wearer * WEARER + knot * KNOT + sensor))
+    return shared_variable_key("h", sensor, wearer, knot)
 
 
 def mounting_key(sensor: int, wearer: int = 0) -> int:
     """Key of the ``Rot3`` R_bone_sensor."""
-    return int(gtsam.symbol("b", wearer * WEARER + sensor))
+    return shared_variable_key("b", sensor, wearer)
 
 
 def sensor_place_key(sensor: int, wearer: int = 0) -> int:
     """Key of the ``Point3`` from where a sensor was said to sit to where it does."""
-    return int(gtsam.symbol("p", wearer * WEARER + sensor))
+    return shared_variable_key("p", sensor, wearer)
 
 
 def wearer_key(letter: str, wearer: int = 0) -> int:
     """Key of what a wearer has one of: mean joint vector, lengths, axes of hinges, sole."""
-    return int(gtsam.symbol(letter, wearer * WEARER))
+    return shared_variable_key(letter, 0, wearer)
 
 
 def keypoint_key(keypoint: int) -> int:
     """Key of the ``Point3`` of one of the detector's :data:`~vip_factors.body.keypoints.OFFSET_KEYPOINTS`."""
-    return int(gtsam.symbol("k", keypoint))
+    return shared_variable_key("k", keypoint)
 
 
 def camera_key(frame: int) -> int:
@@ -70,19 +70,24 @@ def camera_key(frame: int) -> int:
 
 def camera_heading_key() -> int:
     """Key of the double γ of the IMU on the camera."""
-    return int(gtsam.symbol("g", 0))
+    return shared_variable_key("g")
 
 
 def camera_mounting_key() -> int:
     """Key of the ``Rot3`` R_camera_imu."""
-    return int(gtsam.symbol("q", 0))
+    return shared_variable_key("q")
 
 
 def clock_key() -> int:
     """Key of the double: seconds by which the video's clock must be put forward in the recording's middle."""
-    return int(gtsam.symbol("o", 0))
+    return shared_variable_key("o")
 
 
 def clock_drift_key() -> int:
     """Key of the double: by how many seconds more in every second from there."""
-    return int(gtsam.symbol("d", 0))
+    return shared_variable_key("d")
+
+
+def shared_variable_key(letter: str, item: int = 0, wearer: int = 0, knot: int = 0) -> int:
+    """Key of any variable that all frames share, by its letter."""
+    return int(gtsam.symbol(letter, wearer * WEARER + knot * KNOT + item))

@@ -7,8 +7,9 @@ from vip_factors.body.skeleton import JOINT_NAMES, ancestors
 from vip_factors.errors import InputError
 from vip_factors.factor_graph.graph import FactorGraph
 from vip_factors.factor_graph.term_factors import TermFactor
-from vip_factors.factor_graph.variables import Kind, Variable, owner_of
+from vip_factors.factor_graph.variables import JOINT, ROOT, Variable
 from vip_factors.problem.layout import Owner
+from vip_factors.problem.variables import ROWS
 from vip_factors.viz.graph_description import (
     FactorKind,
     FrameFactors,
@@ -68,7 +69,7 @@ class _Outline:
         return here and one.wearer == 0 and one.knot == 0
 
     def variable_kinds(self) -> tuple[VariableKind, ...]:
-        shared = {str(one.kind): not self._of_a_frame(one) for one in self.graph.variables}
+        shared = {one.kind: not self._of_a_frame(one) for one in self.graph.variables}
         return tuple(VariableKind(kind, n, shared[kind]) for kind, n in self.graph.variable_counts.items())
 
     def factor_kinds(self) -> tuple[FactorKind, ...]:
@@ -81,7 +82,7 @@ class _Outline:
         sees: dict[str, None] = {}  # in their order
         reach, begins = 0, set()
         for one in those:
-            sees.update((str(variable.kind), None) for variable in one.variables)
+            sees.update((variable.kind, None) for variable in one.variables)
             frames = self._frames(one)
             if frames:
                 reach = max(reach, max(frames) - min(frames) + 1)
@@ -94,16 +95,16 @@ class _Outline:
 
     def described(self, one: Variable) -> FrameVariable:
         """A variable in words."""
-        wearers, camera = self.graph.problem.wearers, owner_of(one).kind is Owner.CAMERA
+        wearers, camera = self.graph.problem.wearers, one.owner.kind is Owner.CAMERA
         label, joint, bone = "", None, None
-        if one.kind is Kind.JOINT:
+        if one.block == JOINT:
             label, joint = JOINT_NAMES[one.item], one.item
-        elif one.kind in (Kind.HEADING, Kind.MOUNTING, Kind.SENSOR_PLACE):
+        elif one.block in ROWS and ROWS[one.block].of_sensors:
             label = wearers[one.wearer].frames.sensors[one.item]
             bone = int(wearers[one.wearer].sensors[one.item].bone)
         owner = "camera" if camera else self.wearers[one.wearer]
         return FrameVariable(
-            str(one.kind), owner, label.replace("_", " "), joint, bone, not self._of_a_frame(one), not camera
+            one.kind, owner, label.replace("_", " "), joint, bone, not self._of_a_frame(one), not camera
         )
 
     def frame_factors(self) -> tuple[FrameFactors, ...]:
@@ -116,15 +117,15 @@ class _Outline:
         return tuple(FrameFactors(kind, sees, count) for (kind, sees), count in found.items())
 
     def _first_knot(self, one: Variable) -> Variable:
-        return Variable(one.kind, one.wearer, one.frame, one.item)
+        return Variable(one.block, one.wearer, one.frame, one.item)
 
     def _tips(self, seen: Sequence[Variable]) -> tuple[int, ...]:
         """Of a chain of joints from the pelvis, and the root below it, only the last joint; all else as it is."""
-        joints = {one.item for one in seen if one.kind is Kind.JOINT}
+        joints = {one.item for one in seen if one.block == JOINT}
         last = max(joints, default=0)  # children come after their parents
         if joints and joints == set(ancestors(last)):
-            seen = [one for one in seen if one.kind is not Kind.ROOT]
-            seen = [one for one in seen if one.kind is not Kind.JOINT or one.item == last]
+            seen = [one for one in seen if one.block != ROOT]
+            seen = [one for one in seen if one.block != JOINT or one.item == last]
         return tuple(dict.fromkeys(self.numbers[one] for one in seen))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from vip_factors.body.kinematics import twists_at
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, ancestors, joint_index
 from vip_factors.errors import SolveError
-from vip_factors.factor_graph.variables import KINDS, Kind, Variable, frames_of, state_of
+from vip_factors.factor_graph.variables import HEADINGS, JOINT, POSES, ROOT, Variable, frames_of, state_of
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
@@ -149,22 +149,22 @@ class _Window:
     def _blocks(self, eq: Equations, at: Evaluation, row: int, n: int) -> Blocks:
         match eq:
             case BoneEquations():
-                by_twist, parts = eq.derivatives()
-                return [*self._by_bone(eq, at, by_twist[row, n], eq.bones[n], 0), *self._by_parts(parts, row, n)]
+                by_twist, others = eq.derivatives()
+                return [*self._by_bone(eq, at, by_twist[row, n], eq.bones[n], 0), *self._by_blocks(others, row, n)]
             case DifferenceEquations():
                 blocks: Blocks = []
                 for ahead, c in enumerate(eq.coefficients):
                     arm = eq.arms[row + ahead, n]
                     blocks += self._by_bone(eq, at, c * twists_at(arm), eq.bones[n] if arm.any() else None, ahead)
-                return [*blocks, *self._by_parts(eq.blocks(), row, n)]
+                return [*blocks, *self._by_blocks(eq.blocks(), row, n)]
             case JointEquations():
                 return self._by_joints(eq, row, n)
             case DenseEquations():
-                return self._by_parts(eq.blocks(), row, n)
+                return self._by_blocks(eq.blocks(), row, n)
             case KnotEquations():
                 wearer, root = eq.owner.number, eq.root[row, n].reshape(1, 1)
                 signs = ((row, -root), (row + 1, root))
-                return [(Variable(Kind.HEADING, wearer, 0, n, knot), block) for knot, block in signs]
+                return [(Variable(HEADINGS, wearer, 0, n, knot), block) for knot, block in signs]
 
     def _by_bone(
         self, eq: BoneEquations | DifferenceEquations, at: Evaluation, by_twist: Array, bone: int | None, ahead: int
@@ -178,9 +178,9 @@ class _Window:
         assert not isinstance(at, CameraEvaluation)
         body = at.body if isinstance(at, WearerEvaluation) else at.wearer.body
         screws = body.screws[t, :, :k]
-        blocks = [(Variable(Kind.JOINT, number, frame, joint), by_twist @ screws[joint]) for joint in joints]
+        blocks = [(Variable(JOINT, number, frame, joint), by_twist @ screws[joint]) for joint in joints]
         if k == 6:
-            blocks.append((Variable(Kind.ROOT, number, frame), by_twist @ screws[JOINT_COUNT]))
+            blocks.append((Variable(ROOT, number, frame), by_twist @ screws[JOINT_COUNT]))
         return blocks
 
     def _by_joints(self, eq: JointEquations, row: int, n: int) -> Blocks:
@@ -190,49 +190,48 @@ class _Window:
             m = eq.residual.shape[2]
             joint, axis = divmod(n * m, 3)
             block = jacobians[0][row, joint, axis : axis + m]
-            return [(Variable(Kind.JOINT, number, frame, joint + 1), block)]
+            return [(Variable(JOINT, number, frame, joint + 1), block)]
         columns = eq.whitening.reshape(len(eq.whitening), JOINT_COUNT - 1, 3).swapaxes(0, 1)
         blocks = [
-            (Variable(Kind.JOINT, number, frame + ahead, joint + 1), columns[joint] @ D[row, joint])
+            (Variable(JOINT, number, frame + ahead, joint + 1), columns[joint] @ D[row, joint])
             for ahead, D in enumerate(jacobians)
             for joint in range(JOINT_COUNT - 1)
         ]
         if eq.mean is not None and self.layout.columns_of(eq.owner, eq.mean) is not None:
-            blocks.append((Variable(KINDS[eq.mean], number), -eq.whitening))
+            blocks.append((Variable(eq.mean, number), -eq.whitening))
         return blocks
 
-    def _by_parts(self, parts: Sequence[JacobianBlock], row: int, n: int) -> Blocks:
+    def _by_blocks(self, jacobians: Sequence[JacobianBlock], row: int, n: int) -> Blocks:
         blocks: Blocks = []
-        for part in parts:
-            if self.layout.columns_of(part.owner, part.block) is not None:
-                blocks += self._by_part(part, part.jacobian[row, n], n)
+        for one in jacobians:
+            if self.layout.columns_of(one.owner, one.block) is not None:
+                blocks += self._by_block(one, one.jacobian[row, n], n)
         return blocks
 
-    def _by_part(self, part: JacobianBlock, jacobian: Array, n: int) -> Blocks:
-        number = part.owner.number if part.owner.kind is Owner.WEARER else 0
-        frame = self.begin + self.first.start + max(part.ahead, 0)
-        if part.block in JOINT_NAMES:
-            return [(Variable(Kind.JOINT, number, frame, joint_index(part.block)), jacobian)]
-        if part.block == "root":
-            return [(Variable(Kind.ROOT, number, frame), jacobian)]
-        kind = KINDS[part.block]
-        if kind is Kind.CAMERA:
-            return [(Variable(kind, frame=frame if self.problem.camera.moving else 0), jacobian)]
-        items = [n] if part.each else range(jacobian.shape[1] // Variable(kind).width)
+    def _by_block(self, one: JacobianBlock, jacobian: Array, n: int) -> Blocks:
+        number = one.owner.number if one.owner.kind is Owner.WEARER else 0
+        frame = self.begin + self.first.start + max(one.ahead, 0)
+        if one.block in JOINT_NAMES:
+            return [(Variable(JOINT, number, frame, joint_index(one.block)), jacobian)]
+        if one.block == ROOT:
+            return [(Variable(ROOT, number, frame), jacobian)]
+        if one.block == POSES:
+            return [(Variable(POSES, frame=frame if self.problem.camera.moving else 0), jacobian)]
+        items = [n] if one.each else range(jacobian.shape[1] // Variable(one.block).width)
         blocks: Blocks = []
         for place, item in enumerate(items):
-            width = Variable(kind).width
+            width = Variable(one.block).width
             own = jacobian[:, place * width : (place + 1) * width]
-            for knot, weight in self._knots(part):
-                blocks.append((Variable(kind, number, 0, item, knot), weight * own))
+            for knot, weight in self._knots(one):
+                blocks.append((Variable(one.block, number, 0, item, knot), weight * own))
         return blocks
 
-    def _knots(self, part: JacobianBlock) -> list[tuple[int, float]]:
+    def _knots(self, one: JacobianBlock) -> list[tuple[int, float]]:
         """The knots that a block is seen through, and what each counts."""
-        if part.block != "headings" or part.ahead == AT_THE_FIRST_KNOT:
+        if one.block != HEADINGS or one.ahead == AT_THE_FIRST_KNOT:
             return [(0, 1.0)]
-        t = self.first.start + part.ahead
-        weights = self.problem.wearers[part.owner.number].knot_weights(slice(t, t + 1))
+        t = self.first.start + one.ahead
+        weights = self.problem.wearers[one.owner.number].knot_weights(slice(t, t + 1))
         if weights is None:
             return [(0, 1.0)]
         return [(int(knot), float(weights[0, knot])) for knot in np.flatnonzero(weights[0])]

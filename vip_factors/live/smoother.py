@@ -60,7 +60,7 @@ class LagSmoother:
         self._every = max(1, round(settings.walk.every_s * settings.frame_rate))
         self._loosened = np.zeros(problem.layout.static_width)  # variances of the step behind the newest frame
         self._layout = layout = problem.layout
-        self._usual_walk = layout.per_column("wander") * np.sqrt(settings.walk.every_s)
+        self._usual_walk = layout.per_column("process_noise") * np.sqrt(settings.walk.every_s)
         self._slices = Slices(layout.frame_width, layout.static_width, settings.relinearisation.most)
         self._limits, self._shared_limits = _limits(layout, settings.relinearisation), layout.per_column("relinearise")
 

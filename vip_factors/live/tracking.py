@@ -98,7 +98,7 @@ class Tracking:
         ]
         if any(len(own) < CALIBRATION for own in columns):
             return None
-        wander = layout.per_column("wander")[columns[0]]
+        wander = layout.per_column("process_noise")[columns[0]]
         return SlipTest(np.stack(columns), wander, self._settings.slip, self._settings.frame_rate, begin)
 
     def _gathered(self, started: Started, video: Sequence[tuple[int, VideoFrame]]) -> list[CameraObserver]:

@@ -64,7 +64,7 @@ class StaticBlock:
         free: whether they move; else they are kept as they are.
         step: one unit of damping is a prior of this size on each column of a step (rad, m, s); a number, or one for
             each column of an item.
-        wander: how far each column may wander, per √second, in a stream.
+        process_noise: how far each column may wander, per √second, in a stream.
         relinearise: a column that moved by more is linearised anew, in a stream.
     """
 
@@ -73,7 +73,7 @@ class StaticBlock:
     items: int
     free: bool
     step: float | tuple[float, ...]
-    wander: float | tuple[float, ...] = 0.0
+    process_noise: float | tuple[float, ...] = 0.0
     relinearise: float | tuple[float, ...] = np.inf
 
     @property
@@ -222,7 +222,7 @@ class Layout:
         return columns if block is None else columns[item * block.item_width : (item + 1) * block.item_width]
 
     def per_column(self, attribute: str) -> Array:
-        """An attribute of the blocks (``step``, ``wander``, ``relinearise``) for each column of the static vector."""
+        """``step``, ``process_noise`` or ``relinearise`` of the blocks, for each column of the static vector."""
         values = [block.per_column(getattr(block, attribute)) for _, block, _ in self.placed() if block.free]
         return np.concatenate([np.zeros(0), *values])
 

@@ -26,7 +26,7 @@ from vip_factors.viz.compare import (
     set_apart,
 )
 from vip_factors.viz.drawn_scene import drawn_scene
-from vip_factors.viz.scene_summary import scene_summary
+from vip_factors.viz.summaries import scene_summary
 
 
 def turned(motion, angle: float, shift):

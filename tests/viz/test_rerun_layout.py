@@ -13,13 +13,9 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.viz.charts import colour_legend, pixels
 from vip_factors.viz.colours import sensor_colours
 from vip_factors.viz.drawn_scene import drawn_scene
-from vip_factors.viz.live_summary import KEPT, live_summary
 from vip_factors.viz.rerun_body import cut_skin, see_through
-from vip_factors.viz.rerun_eye import NEAREST_M, abreast, centre_path, eye, forward_of, spread_of
-from vip_factors.viz.rerun_layout import span_axis
-from vip_factors.viz.scene_layout import span_of
-from vip_factors.viz.scene_summary import finding_lines, scene_summary
-from vip_factors.viz.summary import paragraphs
+from vip_factors.viz.rerun_layout import NEAREST_M, abreast, centre_path, eye, forward_of, span_axis, span_of, spread_of
+from vip_factors.viz.summaries import KEPT, finding_lines, live_summary, paragraphs, scene_summary
 
 
 def stepped(motion: Motion, x: float, y: float) -> Motion:

@@ -15,8 +15,7 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene, Video
-from vip_factors.viz.rerun_scene import show_scene
-from vip_factors.viz.rerun_view import SaveTo
+from vip_factors.viz.rerun_view import SaveTo, show_scene
 
 
 @pytest.fixture(scope="module")

@@ -23,10 +23,10 @@ def test_rerun_reads_back_body_sensors_plots_and_text(scene, tmp_path: Path) -> 
     show(scene.recording, scene.estimate, scene.truth, SaveTo(rrd))
     chunks = printed(rrd)
     for entity in (
-        "/world/estimate/left_knee",
-        "/world/estimate/left_knee/left_shank",
-        "/world/truth/left_knee",
-        "/plots/error/joint_error_mm",
+        "/world/walker/estimate/left_knee",
+        "/world/walker/estimate/left_knee/left_shank",
+        "/world/walker/truth/left_knee",
+        "/plots/joint_error_mm/walker",
         "/plots/residual/orientation_deg/pelvis",
         "/plots/imu/specific_force_m_s2/head",
         "/summary",
@@ -39,14 +39,14 @@ def test_rerun_reads_back_body_sensors_plots_and_text(scene, tmp_path: Path) -> 
 @pytest.mark.parametrize("compare", Compare)
 def test_every_way_to_compare_can_be_written(scene, tmp_path: Path, compare: Compare) -> None:
     show(None, scene.estimate, scene.truth, SaveTo(tmp_path / "a.rrd"), compare=compare)
-    assert "/world/truth/pelvis" in printed(tmp_path / "a.rrd")
+    assert "/truth/pelvis" in printed(tmp_path / "a.rrd")
 
 
 def test_a_bare_recording_stands_in_the_t_pose(scene, tmp_path: Path) -> None:
     show(replace(scene.recording, truth=None), None, None, SaveTo(tmp_path / "a.rrd"))
     chunks = printed(tmp_path / "a.rrd")
-    assert "/world/body/head/head" in chunks
-    assert "/world/estimate" not in chunks
+    assert "/world/walker/body/head/head" in chunks
+    assert "/estimate" not in chunks
 
 
 def test_residuals_that_are_missing_leave_no_samples(scene, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import numpy as np
 from vip_factors.estimate import BodyEstimate, WearerEstimate
 from vip_factors.simulate.gestures import gestures
 from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer
-from vip_factors.viz.scene_summary import scene_summary
+from vip_factors.viz.summaries import scene_summary
 
 
 def test_lengths_stand_beside_what_was_likely() -> None:

@@ -12,8 +12,7 @@ from scene_sample import estimate_of, scene_sample
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.viz import viewer as module
 from vip_factors.viz.colours import wearer_colour
-from vip_factors.viz.rerun_scene import show_scene
-from vip_factors.viz.rerun_view import SaveTo, show
+from vip_factors.viz.rerun_view import SaveTo, show, show_scene
 from vip_factors.viz.viewer import address, screenshot, serve
 
 

@@ -140,7 +140,7 @@ def _show(opened: Opened, save: Path | None, options: ViewOptions) -> None:
 
     sink = LiveViewer() if save is None else SaveTo(save, options.overwrite)
     if opened.is_scene:
-        from vip_factors.viz.rerun_scene import show_scene
+        from vip_factors.viz.rerun_view import show_scene
 
         show_scene(*opened.as_scene(), sink)
         return

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -32,7 +33,6 @@ ROW_HEIGHT, HEAD_HEIGHT, FOOT_HEIGHT, NAME_WIDTH, BLOCK_WIDTH, GAP = 28, 64, 44,
 # A bar that is longer than the first says "unknown" as well as one that fills the panel.
 WIDEST_ERROR_DEG, NARROWEST_ERROR_DEG = 90.0, 2.0
 LEGEND_COLUMNS, LEGEND_ROW_PX, LEGEND_PAPER = 5, 40, "#101113"  # dark as the plots of Rerun that it explains
-SVG = {"svg.fonttype": "none", "svg.hashsalt": "vip_factors"}  # text stays text; the same picture, the same file
 
 Box = tuple[float, float, float, float]
 """Left, top, right and bottom in pixels of the page; y goes down."""
@@ -62,7 +62,7 @@ def size_of(figure: Figure) -> tuple[float, float]:
 
 
 def write(
-    figure: Figure, at: tuple[float, float], text: str, size: float = TEXT, colour: str = INK, **more: object
+    figure: Figure, at: tuple[float, float], text: str, size: float = TEXT, colour: str = INK, **more: Any
 ) -> None:
     """Text from a point on its baseline, in pixels of the page."""
     width, height = size_of(figure)
@@ -103,7 +103,9 @@ def png(figure: Figure) -> bytes:
 def svg(figure: Figure) -> str:
     """The picture as SVG."""
     file = BytesIO()
-    with mpl.rc_context(SVG):
+    with mpl.rc_context(
+        {"svg.fonttype": "none", "svg.hashsalt": "vip_factors"}
+    ):  # text stays text, a file stays itself
         figure.savefig(file, format="svg", metadata={"Date": None})
     return file.getvalue().decode()
 

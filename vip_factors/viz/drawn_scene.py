@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.body.kinematics import Motion
+from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.poses import Alignment
@@ -16,7 +17,17 @@ from vip_factors.sensors.camera_path import CameraPath, move_motion, move_path, 
 from vip_factors.sensors.detections import Detections, keypoints_in_image, reprojection_error
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene, Video
-from vip_factors.viz.compare import check_frames, common_frames, known_truth, moved, position_error_mm, set_apart
+from vip_factors.viz.compare import (
+    Compare,
+    check_frames,
+    common_frames,
+    known_bones,
+    known_truth,
+    moved,
+    onto_truth,
+    position_error_mm,
+    set_apart,
+)
 
 NOBODY = -1
 
@@ -30,6 +41,8 @@ class DrawnWearer:
         index: in the scene, which gives the colour.
         motion: the estimate, turned and shifted with its whole scene onto the truth where that is known.
         truth: at the estimate's frames if there is one, or None.
+        bones: names of those of which the truth knows anything; None: all.
+        rest: how the wearer of a bare recording is drawn: standing still.
         gauge_yaw: radians that the estimate's world is turned against the true one; 0 if that is not known.
     """
 
@@ -40,6 +53,8 @@ class DrawnWearer:
     recording: Recording | None
     estimate: WearerEstimate | None
     gauge_yaw: float = 0.0
+    bones: frozenset[str] | None = None
+    rest: Motion | None = None
 
     @property
     def shown(self) -> Motion | None:
@@ -59,8 +74,7 @@ class DrawnWearer:
         """Joint error per frame ``(T,)``, or None."""
         if self.motion is None or self.truth is None:
             return None
-        of = self.recording.truth if self.recording is not None else None
-        return position_error_mm(self.motion, self.truth, of.known_bones if of is not None else None)
+        return position_error_mm(self.motion, self.truth, self.bones)
 
 
 @dataclass(frozen=True)
@@ -88,6 +102,7 @@ class DrawnScene:
         true_path: beside an estimated one.
         labels: ``(N,)`` wearer of each detection, −1 for nobody.
         further: cameras beside the first.
+        compare: how an estimate of one wearer was brought beside the truth; None for scenes.
         apart: whether the wearers were moved apart, because their places beside each other are unknown.
     """
 
@@ -102,6 +117,12 @@ class DrawnScene:
     estimate: Estimate | None = None
     further: tuple[DrawnCamera, ...] = ()
     apart: bool = False
+    compare: Compare | None = None
+
+    @property
+    def one_alone(self) -> bool:
+        """Whether it is one wearer without a camera: limbs are coloured by side, and single sensors are plotted."""
+        return len(self.wearers) == 1 and self.model is None and self.path is None
 
     def reprojected(self, wearer: DrawnWearer) -> Array | None:
         """Keypoints ``(F, K, 2)`` of a wearer in every video frame, or None without camera or motion."""
@@ -124,6 +145,51 @@ class DrawnScene:
         rms = np.full(len(self.detections.time), np.nan)
         rms[self.detections.frame[chosen[some]]] = np.sqrt(np.nanmean(off[some] ** 2, axis=1))
         return rms
+
+
+def drawn_wearer(
+    recording: Recording | None, estimate: WearerEstimate | None, truth: Motion | None, compare: Compare
+) -> DrawnScene:
+    """One wearer without a camera as a scene.
+
+    Args:
+        recording: its truth is used if ``truth`` is None; without any motion the wearer stands in the T-pose.
+        estimate: brought beside the truth.
+        truth: of the wearer.
+        compare: where the estimate is drawn beside the truth.
+
+    Raises:
+        InputError: if none is given, the estimate has no frames, or estimate and truth have no time in common.
+    """
+    if truth is None and recording is not None and recording.truth is not None:
+        truth = recording.truth.motion
+    truth = known_truth(truth)
+    bones, motion, rest = known_bones(recording, truth), None, None
+    if estimate is not None:
+        motion = check_frames(estimate.motion)
+        if truth is not None:
+            motion, truth = common_frames(motion, truth)
+            motion = onto_truth(motion, truth, compare)
+    elif truth is None:
+        if recording is None:
+            raise InputError("nothing to show: expected a recording, an estimate or a motion")
+        rest = _resting(recording)
+    shown = motion or truth or rest
+    assert shown is not None
+    subject = recording.subject.name if recording is not None else shown.name
+    wearer = DrawnWearer(subject or "wearer", 0, motion, truth, recording, estimate, bones=bones, rest=rest)
+    wearer = replace(wearer, gauge_yaw=_shared_heading_error(wearer))
+    name = estimate.name if estimate is not None else recording.name if recording is not None else shown.name
+    return DrawnScene(name, (wearer,), compare=compare)
+
+
+def _resting(recording: Recording) -> Motion:
+    """The wearer standing in the T-pose on the floor, facing x: all that a bare recording says about the body."""
+    skeleton = recording.subject.body()
+    R = np.tile(np.eye(3), (1, len(JOINT_NAMES), 1, 1))
+    R[0, 0] = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]  # body y up, z forward
+    height = -float(skeleton.p_pelvis_joint[:, 1].min()) + 0.02
+    return Motion(skeleton, R, np.array([[0.0, 0.0, height]]), 1.0, recording.interval[0], recording.name)
 
 
 def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
@@ -198,10 +264,11 @@ def _wearers_of(scene: Scene | None, estimate: Estimate | None) -> list[DrawnWea
         one = estimate.wearers[index] if estimate is not None else None
         motion = check_frames(one.motion) if one is not None else None
         truth = known_truth(recording.truth.motion if recording is not None and recording.truth is not None else None)
+        bones = known_bones(recording, truth)
         if motion is not None and truth is not None:
             motion, truth = common_frames(motion, truth)
         name = recording.subject.name if recording is not None else f"wearer {index + 1}"
-        wearers.append(DrawnWearer(name, index, motion, truth, recording, one))
+        wearers.append(DrawnWearer(name, index, motion, truth, recording, one, bones=bones))
     return wearers
 
 
@@ -215,8 +282,13 @@ def _moved_alone(wearer: DrawnWearer) -> DrawnWearer:
     if wearer.motion is None or wearer.truth is None:
         return wearer
     moved = _moved(wearer, scene_gauge([(wearer.motion, wearer.truth)]))
+    return replace(moved, gauge_yaw=_shared_heading_error(wearer)) if wearer.calibrations else moved
+
+
+def _shared_heading_error(wearer: DrawnWearer) -> float:
+    """Radians by which the headings are off on average; 0 where the truth is not known."""
     errors = [one.heading - true.heading for one, true in wearer.calibrations]
-    return replace(moved, gauge_yaw=float(np.angle(np.exp(1j * np.array(errors)).sum()))) if errors else moved
+    return float(np.angle(np.exp(1j * np.array(errors)).sum())) if errors else 0.0
 
 
 def _unknown_places(wearers: Sequence[DrawnWearer]) -> bool:

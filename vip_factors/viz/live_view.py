@@ -11,22 +11,24 @@ import rerun as rr
 
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import Motion
+from vip_factors.body.mannequin import Colour, Side
 from vip_factors.geometry.rotations import Array
-from vip_factors.live_estimate import LiveEstimate
+from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import keypoints_in_image
-from vip_factors.sensors.live import LiveCamera, LiveSetup, VideoFrame
-from vip_factors.viz.colours import UNCLAIMED, wearer_colour
+from vip_factors.sensors.live import LiveCamera, LiveSetup, LiveWearer, VideoFrame
+from vip_factors.viz.colours import GHOST_COLOUR, UNCLAIMED, body_colours, wearer_colour
 from vip_factors.viz.compare import floor_height, moved, set_apart
-from vip_factors.viz.live_body import LiveBody
-from vip_factors.viz.live_layout import live_blueprint
-from vip_factors.viz.live_series import LiveSeries, colours_of
-from vip_factors.viz.live_summary import live_summary
 from vip_factors.viz.rerun_body import (
     NOBODY_CLASS,
     class_of,
     log_joint_names,
+    log_joints,
+    log_joints_style,
     log_keypoint_names,
+    log_poses,
+    log_sensors,
+    log_shape,
     pale_colour,
 )
 from vip_factors.viz.rerun_camera import (
@@ -37,8 +39,9 @@ from vip_factors.viz.rerun_camera import (
     log_people_frames,
     log_people_style,
 )
-from vip_factors.viz.rerun_eye import CENTRE, centre_path, log_centre
-from vip_factors.viz.rerun_series import log_legend
+from vip_factors.viz.rerun_layout import CENTRE, centre_path, live_blueprint, log_centre
+from vip_factors.viz.rerun_series import LiveSeries, colours_of, log_legend
+from vip_factors.viz.summaries import live_summary
 
 CAMERA, IMAGE = "world/camera", "world/camera/image"
 FINDINGS, SUMMARY = "findings", "summary"
@@ -52,6 +55,55 @@ class _SeenFrame:
 
     frame: VideoFrame
     labels: np.ndarray
+
+
+class LiveBody:
+    """One wearer: the newest pose solid in the wearer's colour, the smoothed one, a lag earlier, a dark ghost.
+
+    Attributes:
+        shift: ``(3,)`` metres by which the wearer is drawn elsewhere.
+    """
+
+    def __init__(
+        self, stream: rr.RecordingStream, index: int, wearer: LiveWearer, rate: float, sensors: dict[str, Colour]
+    ) -> None:
+        self.shift: Array = np.zeros(3)
+        self._sensors = sensors
+        self._stream, self._wearer, self._rate = stream, wearer, rate
+        self._skeleton, self._colours = wearer.subject.body(), body_colours(index)
+        below = f"world/{rr.escape_entity_path_part(wearer.name)}"
+        self.newest, self._smoothed = f"{below}/newest", f"{below}/smoothed"
+        self._log_shape()
+        log_joints_style(stream, f"{self.newest}/joints", index)
+
+    def _log_shape(self) -> None:
+        ghost = dict.fromkeys(Side, GHOST_COLOUR)
+        log_shape(self._stream, self.newest, self._skeleton, self._colours)
+        log_shape(self._stream, self._smoothed, self._skeleton, ghost, ghost=True)
+
+    def motion(self, poses: Sequence[LivePose]) -> Motion:
+        """Poses one frame apart."""
+        R = np.array([one.R_parent_child for one in poses])
+        p = np.array([one.p_world_pelvis for one in poses])
+        return Motion(self._skeleton, R, p, self._rate, poses[0].time, self._wearer.name)
+
+    def log(self, answers: list[LiveWearerEstimate]) -> Motion:
+        """Log the poses; returns the newest ones."""
+        body = answers[-1].skeleton
+        if body is not None and not np.array_equal(body.p_parent_joint, self._skeleton.p_parent_joint):
+            self._skeleton = body
+            self._log_shape()
+        newest = self.motion([one.newest for one in answers])
+        log_poses(self._stream, self.newest, moved(newest, self.shift))
+        log_joints(self._stream, f"{self.newest}/joints", moved(newest, self.shift))
+        smoothed = [one.smoothed for one in answers if one.smoothed is not None]
+        if smoothed:
+            log_poses(self._stream, self._smoothed, moved(self.motion(smoothed), self.shift))
+        return newest
+
+    def log_sensors(self, answer: LiveWearerEstimate) -> None:
+        """The sensors on the bones, as their mountings are believed to be now."""
+        log_sensors(self._stream, self.newest, self._wearer.placement, answer.calibration, self._sensors)
 
 
 class LiveView:

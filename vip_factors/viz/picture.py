@@ -169,7 +169,6 @@ def scene_filmstrip(
     rows = -(-len(chosen) // columns)
     cell = (WIDTH - 2 * MARGIN - (columns - 1) * GAP) // columns
     height = round(cell * drawn.model.height / drawn.model.width)
-    strip = rows * (height + GAP)
     strip = np.full((rows * (height + GAP), WIDTH, 3), 255, np.uint8)
     plates = []
     for number, (frame, picture) in enumerate(zip(chosen, _pictures(drawn, chosen, (cell, height)), strict=True)):

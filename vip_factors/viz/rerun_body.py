@@ -63,15 +63,6 @@ def log_poses(stream: rr.RecordingStream, entity: str, motion: Motion) -> None:
         )
 
 
-def log_rest_body(stream: rr.RecordingStream, entity: str, motion: Motion, colours: Mapping[Side, Colour]) -> None:
-    """Log the first frame of a motion as a body that stands still for ever."""
-    state = motion.state
-    for bone, name in enumerate(JOINT_NAMES):
-        pose = rr.Transform3D(translation=state.p_world_joint[0, bone], mat3x3=state.R_world_bone[0, bone])
-        stream.log(f"{entity}/{name}", pose, static=True)
-    log_shape(stream, entity, motion.skeleton, colours)
-
-
 def log_sensors(
     stream: rr.RecordingStream,
     entity: str,

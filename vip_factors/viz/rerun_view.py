@@ -1,8 +1,11 @@
-"""Recording, estimate and truth in Rerun: everything as columns, so that minutes of motion are logged in seconds."""
+"""Recordings, estimates and their truth in Rerun: wearers and cameras of any number, in one world.
 
+Everything goes in as columns, so that minutes of motion are logged in seconds.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import rerun as rr
@@ -11,36 +14,43 @@ from vip_factors.atomic import atomic_path
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Colour, Side
 from vip_factors.errors import InputError
-from vip_factors.estimate import WearerEstimate
+from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.recording import Recording
-from vip_factors.viz.colours import GHOST_COLOUR, sensor_colours
-from vip_factors.viz.compare import (
-    Compare,
-    check_frames,
-    common_frames,
-    floor_height,
-    known_bones,
-    known_truth,
-    onto_truth,
-    position_error_mm,
-)
+from vip_factors.sensors.scene import Scene
+from vip_factors.viz.colours import GHOST_COLOUR, UNCLAIMED, body_colours, sensor_colours, wearer_colour
+from vip_factors.viz.compare import Compare, floor_height
+from vip_factors.viz.drawn_scene import NOBODY, DrawnCamera, DrawnScene, DrawnWearer, drawn_scene, drawn_wearer
 from vip_factors.viz.rerun_body import (
+    class_of,
     log_body,
     log_joint_names,
     log_joints,
     log_joints_style,
-    log_rest_body,
+    log_keypoint_names,
     log_sensors,
     log_trail,
+    pale_colour,
+)
+from vip_factors.viz.rerun_camera import (
+    FRUSTUM_COLOUR,
+    log_camera,
+    log_camera_trail,
+    log_image_border,
+    log_people,
+    log_true_camera,
+    log_video,
 )
 from vip_factors.viz.rerun_file import complete
-from vip_factors.viz.rerun_layout import blueprint
-from vip_factors.viz.rerun_series import log_curve, log_legend, log_measurements, log_residuals
-from vip_factors.viz.summary import summary
+from vip_factors.viz.rerun_layout import CENTRE, centre_path, log_centre, scene_blueprint
+from vip_factors.viz.rerun_series import log_legend, log_series
+from vip_factors.viz.summaries import scene_summary
 from vip_factors.viz.viewer import check_display, quiet, rerun_command
 
 APPLICATION = "vip_factors"
-ERROR_COLOUR = (196, 60, 70)
+IMAGE = "world/camera/image"
+NAME_COLOUR: Colour = (16, 18, 22)  # on the grey that Rerun puts behind labels
+NAME_ABOVE_HEAD_M = 0.32  # in the head's frame, above its joint: clear of the crown
 
 
 @dataclass(frozen=True)
@@ -82,23 +92,29 @@ def show(
         InputError: if there is nothing to show, estimate and truth have no time in common, or the file exists.
         OSError: if the file cannot be written.
     """
-    if truth is None and recording is not None and recording.truth is not None:
-        truth = recording.truth.motion
-    truth = known_truth(truth)
-    if estimate is not None:
-        check_frames(estimate.motion)
-    send(_Scene(recording, estimate, truth, compare, metrics), sink or LiveViewer())
+    send(drawn_wearer(recording, estimate, truth, compare), metrics, sink or LiveViewer())
 
 
-class View(Protocol):
-    """Something that can be sent to Rerun."""
+def show_scene(
+    scene: Scene | None = None, estimate: Estimate | None = None, sink: Sink | None = None, *, metrics: str = ""
+) -> None:
+    """Show what is given, in Rerun; the estimate in the truth's world where that is known.
 
-    def log(self, stream: rr.RecordingStream) -> None:
-        """Log everything and the layout."""
+    Args:
+        scene: camera, detections, sensors and truth.
+        estimate: bodies in their wearers' colours, camera, and who was assigned to what.
+        sink: a file or a live viewer (the default).
+        metrics: more text for the panel (Markdown).
+
+    Raises:
+        InputError: if there is nothing to show, the two do not belong together, or the file exists.
+        OSError: if the file cannot be written.
+    """
+    send(drawn_scene(scene, estimate), metrics, sink or LiveViewer())
 
 
-def send(view: View, sink: Sink) -> None:
-    """Write a view to a file, complete or not at all, or open the viewer and send it there.
+def send(drawn: DrawnScene, metrics: str, sink: Sink) -> None:
+    """Write what is drawn to a file, complete or not at all, or open the viewer and send it there.
 
     Raises:
         InputError: if the file exists, or there is no display for the viewer.
@@ -108,104 +124,154 @@ def send(view: View, sink: Sink) -> None:
         with atomic_path(sink.path, sink.overwrite) as partial:
             stream = rr.RecordingStream(APPLICATION)
             stream.save(partial)
-            view.log(stream)
+            _log(stream, drawn, metrics)
             complete(stream, partial, sink.path)
         return
     check_display("a file (SaveTo) instead of the live viewer")
     stream = rr.RecordingStream(APPLICATION)
     with quiet():
         rr.spawn(executable_path=rerun_command(), recording=stream)
-    view.log(stream)
+    _log(stream, drawn, metrics)
     stream.flush()
 
 
-@dataclass(frozen=True)
-class _Scene:
-    recording: Recording | None
-    estimate: WearerEstimate | None
-    truth: Motion | None
-    compare: Compare
-    metrics: str
-
-    def log(self, stream: rr.RecordingStream) -> None:
-        """Log everything and the layout."""
-        recording, estimate = self.recording, self.estimate
-        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        shown, ghost, error = self._bodies()
-        floor = floor_height(ghost if ghost is not None else shown)
-        body = "world/estimate" if estimate is not None else "world/truth" if self.truth is not None else "world/body"
-        moving = body != "world/body"
-        log_joint_names(stream, "world", [shown.name])
-        if moving:
-            log_joints_style(stream, f"{body}/joints", 0)
-            log_joints(stream, f"{body}/joints", shown)
-            log_body(stream, body, shown, ESTIMATE_COLOURS)
-            log_trail(stream, "world/path", shown, floor, ESTIMATE_COLOURS[Side.MIDDLE])
-        else:
-            log_rest_body(stream, body, shown, ESTIMATE_COLOURS)
-        aside = ghost is not None and self.compare is Compare.SIDE
-        if ghost is not None:
-            log_body(stream, "world/truth", ghost, dict.fromkeys(Side, GHOST_COLOUR), ghost=not aside)
-            log_trail(stream, "world/true_path", ghost, floor, GHOST_COLOUR)
-        if error is not None:
-            log_curve(stream, "plots/error/joint_error_mm", shown.time, error, ERROR_COLOUR, "joint error")
-        colours = self._sensor_colours()
-        residuals, measured = self._plots(stream, body, colours)
-        text = summary(recording, estimate, error, self.compare, self.metrics)
-        stream.log("summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
-        stream.send_recording_name(estimate.name if estimate is not None else shown.name)
-        follow = f"{body}/pelvis" if moving else None
-        apart = 2 if aside else 1
-        legend = log_legend(stream, colours)
-        span = self._span(shown)
-        stream.send_blueprint(
-            blueprint(shown, follow, floor, apart, error is not None, residuals, measured, span, legend)
+def _log(stream: rr.RecordingStream, drawn: DrawnScene, metrics: str) -> None:
+    """Log everything and the layout."""
+    filmed = drawn.detections is not None and len(drawn.detections.time) > 0
+    bodies = [body for one in drawn.wearers if (body := one.truth or one.shown or one.rest) is not None]
+    if not filmed and not bodies:
+        raise InputError(
+            f"scene '{drawn.name}' has no camera with video frames, no truth and no estimate: nothing to show"
         )
-
-    def _bodies(self) -> tuple[Motion, Motion | None, np.ndarray | None]:
-        """The body in colour, the ghost, and the error between them."""
-        if self.estimate is not None and self.truth is not None:
-            estimated, true = common_frames(self.estimate.motion, self.truth)
-            error = position_error_mm(estimated, true, known_bones(self.recording, self.truth))
-            return onto_truth(estimated, true, self.compare), true, error
-        if self.estimate is not None:
-            return self.estimate.motion, None, None
-        if self.truth is not None:
-            return self.truth, None, None
-        if self.recording is None:
-            raise InputError("nothing to show: expected a recording, an estimate or a motion")
-        return _resting(self.recording), None, None
-
-    def _sensor_colours(self) -> dict[str, Colour]:
-        recording, estimate = self.recording, self.estimate
-        names = [
-            *(recording.imus if recording is not None else ()),
-            *(estimate.sensors if estimate is not None else ()),
-        ]
-        return sensor_colours(list(dict.fromkeys(names)))
-
-    def _span(self, shown: Motion) -> tuple[float, float]:
-        """Seconds from the first to the last that is drawn."""
-        drawn = [float(shown.time[0]), float(shown.time[-1])] if len(shown) > 1 or self.recording is None else []
-        measured = self.recording.interval if self.recording is not None else ()
-        return min(*drawn, *measured), max(*drawn, *measured)
-
-    def _plots(self, stream: rr.RecordingStream, body: str, colours: dict[str, Colour]) -> tuple[list[str], list[str]]:
-        recording, estimate = self.recording, self.estimate
-        residuals = log_residuals(stream, estimate, colours) if estimate is not None else []
-        if recording is None:
-            return residuals, []
-        known = recording.truth.calibration if recording.truth is not None else None
-        calibration = estimate.calibration if estimate is not None else known
-        log_sensors(stream, body, recording.placement, calibration, colours)
-        return residuals, log_measurements(stream, recording, colours)
+    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    floor = min((floor_height(body) for body in bodies), default=0.0)
+    colours = _sensor_colours(drawn)
+    log_joint_names(stream, "world", [wearer.name for wearer in drawn.wearers])
+    for wearer in drawn.wearers:
+        _log_wearer(stream, wearer, drawn, floor)
+    shown = [wearer.shown for wearer in drawn.wearers if wearer.shown is not None]
+    if shown:
+        log_centre(stream, *centre_path(shown))
+    _log_world_camera(stream, drawn)
+    _log_image(stream, drawn)
+    images = {"Camera": IMAGE}
+    for camera in drawn.further:
+        images[camera.name] = _log_further_camera(stream, camera, drawn)
+    plots = log_series(stream, drawn, colours)
+    legend = log_legend(stream, colours)
+    text = rr.TextDocument(scene_summary(drawn, metrics), media_type=rr.MediaType.MARKDOWN)
+    stream.log("summary", text, static=True)
+    stream.send_recording_name(drawn.name)
+    entities = [_body_of(wearer) for wearer in drawn.wearers if wearer.shown is not None]
+    follow = CENTRE if shown else None
+    stream.send_blueprint(scene_blueprint(drawn, images, floor, plots, follow, legend, entities))
 
 
-def _resting(recording: Recording) -> Motion:
-    """The wearer standing in the T-pose on the floor, facing x: all that a bare recording says about the body."""
-    skeleton = recording.subject.body()
-    R_world_pelvis = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # body y up, z forward
-    R = np.tile(np.eye(3), (1, 24, 1, 1))
-    R[0, 0] = R_world_pelvis
-    height = -float(skeleton.p_pelvis_joint[:, 1].min()) + 0.02
-    return Motion(skeleton, R, np.array([[0.0, 0.0, height]]), 1.0, name=recording.name)
+def _sensor_colours(drawn: DrawnScene) -> dict[str, Colour]:
+    """One colour for sensors of the same name, whoever wears them."""
+    names: list[str] = []
+    for wearer in drawn.wearers:
+        if wearer.recording is not None:
+            names += [*(site.sensor for site in wearer.recording.placement.sites), *wearer.recording.imus]
+        if wearer.estimate is not None:
+            names += [*wearer.estimate.calibration, *wearer.estimate.sensors]
+    return sensor_colours(list(dict.fromkeys(names)))
+
+
+def _body_of(wearer: DrawnWearer) -> str:
+    """The entity of the body as drawn in colour."""
+    what = "estimate" if wearer.motion is not None else "truth" if wearer.truth is not None else "body"
+    return f"world/{rr.escape_entity_path_part(wearer.name)}/{what}"
+
+
+def _log_wearer(stream: rr.RecordingStream, wearer: DrawnWearer, view: DrawnScene, floor: float) -> None:
+    shown = wearer.shown or wearer.rest
+    if shown is None:
+        return
+    below, body = f"world/{rr.escape_entity_path_part(wearer.name)}", _body_of(wearer)
+    colours = ESTIMATE_COLOURS if view.one_alone else body_colours(wearer.index)
+    log_body(stream, body, shown, colours)
+    if wearer.rest is None:
+        log_joints_style(stream, f"{body}/joints", wearer.index)
+        log_joints(stream, f"{body}/joints", shown)
+        log_trail(stream, f"{below}/path", shown, floor, colours[Side.MIDDLE])
+    if not view.one_alone:
+        name = rr.Points3D([[0.0, NAME_ABOVE_HEAD_M, 0.0]], labels=[wearer.name], radii=0.004, colors=[NAME_COLOUR])
+        stream.log(f"{body}/head/name", name, static=True)
+    if wearer.motion is not None and wearer.truth is not None:
+        ghost = view.compare is not Compare.SIDE
+        log_body(stream, f"{below}/truth", wearer.truth, dict.fromkeys(Side, GHOST_COLOUR), ghost=ghost)
+        log_trail(stream, f"{below}/true_path", wearer.truth, floor, GHOST_COLOUR)
+    if wearer.recording is not None:
+        known = wearer.recording.truth.calibration if wearer.recording.truth is not None else None
+        calibration = wearer.estimate.calibration if wearer.estimate is not None else known
+        log_sensors(stream, body, wearer.recording.placement, calibration, _sensor_colours(view))
+
+
+def _log_world_camera(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
+    if drawn.model is None:
+        return
+    if drawn.path is None:  # nobody knows where it was: its image is still worth looking at
+        pinhole = rr.Pinhole(image_from_camera=drawn.model.K, resolution=[drawn.model.width, drawn.model.height])
+        stream.log(IMAGE, pinhole, static=True)
+        return
+    log_camera(stream, "world/camera", drawn.path, drawn.model)
+    log_camera_trail(stream, "world/camera_path", drawn.path, FRUSTUM_COLOUR)
+    if drawn.true_path is not None:
+        log_true_camera(stream, "world/true_camera", drawn.true_path, drawn.model)
+        log_camera_trail(stream, "world/true_camera_path", drawn.true_path, GHOST_COLOUR)
+
+
+def _log_image(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
+    """Detections as fine lines with dots, the projected bodies as broad lines beneath them."""
+    detections, labels = drawn.detections, drawn.labels
+    if detections is None or labels is None:
+        return
+    if drawn.video is not None:
+        log_video(stream, IMAGE, drawn.video, detections.time)
+    if drawn.model is not None:
+        log_image_border(stream, f"{IMAGE}/border", drawn.model)
+    log_keypoint_names(stream, IMAGE, detections.keypoints, [wearer.name for wearer in drawn.wearers])
+    _log_bodies(stream, IMAGE, drawn, detections, drawn.wearers)
+    for index in range(NOBODY, len(drawn.wearers)):
+        chosen = labels == index
+        if np.any(chosen):
+            name = drawn.wearers[index].name if index >= 0 else "nobody's"
+            entity = f"{IMAGE}/detected/{rr.escape_entity_path_part(name)}"
+            _log_detected(stream, entity, detections.select(chosen), index)
+
+
+def _log_further_camera(stream: rr.RecordingStream, camera: DrawnCamera, drawn: DrawnScene) -> str:
+    """A camera beside the first: its frustum, and bodies and detections in its image, whose entity is returned."""
+    entity = f"world/cameras/{rr.escape_entity_path_part(camera.name)}"
+    log_camera(stream, entity, camera.path, camera.model)
+    image = f"{entity}/image"
+    log_image_border(stream, f"{image}/border", camera.model)
+    _log_bodies(stream, image, camera, camera.detections, drawn.wearers)
+    log_keypoint_names(stream, image, camera.detections.keypoints, ())
+    _log_detected(stream, f"{image}/detected", camera.detections, NOBODY)
+    return image
+
+
+def _log_bodies(
+    stream: rr.RecordingStream, image: str, camera: DrawnScene | DrawnCamera, detections: Detections,
+    wearers: Sequence[DrawnWearer],
+) -> None:  # fmt: skip
+    frames = np.arange(len(detections.time))
+    for wearer in wearers:
+        pixels = camera.reprojected(wearer)
+        if pixels is not None:
+            log_people(
+                stream, f"{image}/body/{rr.escape_entity_path_part(wearer.name)}", detections.time, frames, pixels,
+                detections.keypoints, wearer_colour(wearer.index), line=2.6, dot=0.0, order=10.0,
+            )  # fmt: skip
+
+
+def _log_detected(stream: rr.RecordingStream, entity: str, detections: Detections, index: int) -> None:
+    """Those of a wearer, whose links Rerun draws, or of −1, nobody: several people in a frame, linked here."""
+    seen = np.where(detections.seen[..., None], detections.pixels, np.nan)
+    colour = UNCLAIMED if index < 0 else pale_colour(index)
+    log_people(
+        stream, entity, detections.time, detections.frame, seen, detections.keypoints, colour,
+        line=0.8 if index < 0 else 0.0, dot=2.6, order=20.0, names=class_of(index),
+    )  # fmt: skip

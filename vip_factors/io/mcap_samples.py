@@ -91,10 +91,9 @@ def _stream(path: Path, name: str, samples: Sequence[ImuSample], start_ns: int) 
         [(q.w, q.x, q.y, q.z) for q in (one.orientation_wxyz for one in samples)],
     )
     order = np.argsort(time, kind="stable")  # other writers may log out of order
+    R = rotations_where_finite(wxyz, Order.WXYZ)
     stream = ImuStream.from_samples(
-        name,
-        time[order],
-        *(None if one is None else one[order] for one in (force, rotations_where_finite(wxyz, Order.WXYZ), rate)),
+        name, time[order], *(None if one is None else one[order] for one in (force, R, rate))
     )
     if len(stream) < len(samples):
         warn(path, f"sensor '{name}': {len(samples) - len(stream)} incomplete samples are left out")

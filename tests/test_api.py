@@ -55,7 +55,7 @@ def test_rooms_and_functions_of_the_same_name_are_both_there(first: str) -> None
     """Python puts a room into the package when anybody imports it; what is called stays callable."""
     done = python(
         f"{first}\nimport vip_factors as vip, vip_factors.evaluate.metrics as joints\n"
-        "assert joints.FEET and vip.evaluate.joints is joints\n"
+        "assert joints.FEET and vip.evaluate.metrics is joints\n"
         "for room in (vip.evaluate, vip.simulate):\n"
         "    try: room(1, 2, 3, 4, 5, 6)\n"
         "    except TypeError as error: assert 'positional arguments' in str(error), error\n"

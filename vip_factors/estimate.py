@@ -90,12 +90,12 @@ class BodyEstimate:
 
     @property
     def prior_sigma(self) -> Array:
-        """``(B,)`` metres."""
+        """Standard deviation of each length beforehand, ``(B,)`` metres."""
         return np.sqrt(np.diag(self.prior_covariance))
 
     @property
     def sigma(self) -> Array:
-        """``(B,)`` metres, NaN if not known."""
+        """Standard deviation of each length as found, ``(B,)`` metres, NaN if not known."""
         return np.sqrt(np.diag(self.covariance))
 
 

@@ -61,17 +61,17 @@ class WearerFile:
 
     @cached_property
     def head(self) -> Recording:
-        """See the protocol."""
+        """The recording without what was measured."""
         return replace(self.ends, imus={})
 
     @cached_property
     def sensors(self) -> tuple[str, ...]:
-        """See the protocol."""
+        """Names of the placed sensors that have samples."""
         return tuple(self.ends.placed)
 
     @property
     def interval(self) -> tuple[float, float]:
-        """See the protocol.
+        """Seconds of their first and last sample.
 
         Raises:
             RecordingError: if no sensor is placed.
@@ -101,7 +101,7 @@ class WearerFile:
         return (log_time - self.head.start_ns) / NS_PER_S
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
-        """See the protocol.
+        """What was measured from one instant to another.
 
         Raises:
             RecordingError, FileFormatError: if the samples are unusable.
@@ -145,16 +145,16 @@ class SceneFile:
 
     @cached_property
     def head(self) -> Scene:
-        """See the protocol."""
+        """The scene without what was measured."""
         return self._scene([without_frames(one) for one in self.ends], [one.head for one in self.wearers])
 
     @property
     def video_start(self) -> float:
-        """See the protocol."""
+        """Seconds of the first video frame; infinite without one."""
         return first_video_time(self._scene(self.ends, [one.head for one in self.wearers]))
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
-        """See the protocol.
+        """What was measured from one instant to another.
 
         Raises:
             RecordingError, FileFormatError: if what was measured is unusable.
@@ -167,7 +167,7 @@ class SceneFile:
         return self._scene(cameras, wearers)
 
     def detected(self, start: float, end: float) -> int:
-        """See the protocol."""
+        """How many people were detected between two instants."""
         time, clock = self.ends[0].timed_detections.time, self.ends[0].clock
         if not len(time):
             return 0

@@ -29,21 +29,21 @@ class RecordingInParts:
 
     @property
     def head(self) -> Recording:
-        """See the protocol."""
+        """The recording without what was measured."""
         return self.parts[0].head
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """See the protocol."""
+        """Names of the placed sensors that have samples."""
         return self.parts[0].sensors
 
     @property
     def interval(self) -> tuple[float, float]:
-        """See the protocol."""
+        """Seconds of their first and last sample."""
         return self.parts[0].interval[0], self.parts[-1].interval[1] + self.later[-1]
 
     def between(self, start: float = -float("inf"), end: float = float("inf")) -> Mapping[str, ImuStream]:
-        """See the protocol."""
+        """What was measured from one instant to another."""
         found: dict[str, list[ImuStream]] = {}
         for part, later in zip(self.parts, self.later, strict=True):
             if part.interval[0] + later > end or part.interval[1] + later < start:

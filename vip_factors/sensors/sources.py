@@ -51,24 +51,24 @@ class RecordingInMemory:
 
     @cached_property
     def head(self) -> Recording:
-        """See :class:`RecordingSource`."""
+        """The recording without what was measured."""
         return replace(self.recording, imus={})
 
     @cached_property
     def sensors(self) -> tuple[str, ...]:
-        """See :class:`RecordingSource`."""
+        """Names of the placed sensors that have samples."""
         return tuple(self.recording.placed)
 
     @property
     def interval(self) -> tuple[float, float]:
-        """See :class:`RecordingSource`."""
+        """Seconds of their first and last sample."""
         streams = [self.recording.imus[name] for name in self.sensors]
         if not streams:
             raise nothing_placed(self.recording.name, self.recording.imus)
         return float(min(one.time[0] for one in streams)), float(max(one.time[-1] for one in streams))
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
-        """See :class:`RecordingSource`."""
+        """What was measured from one instant to another."""
         found = {}
         for name in self.sensors:
             stream = self.recording.imus[name]
@@ -182,21 +182,21 @@ class SceneInMemory:
 
     @cached_property
     def head(self) -> Scene:
-        """See the protocol."""
+        """The scene without what was measured."""
         return self._scene(tuple(one.head for one in self.wearers), tuple(map(without_frames, self.scene.cameras)))
 
     @cached_property
     def wearers(self) -> tuple[RecordingInMemory, ...]:
-        """See the protocol."""
+        """The recordings of all wearers, in their order."""
         return tuple(RecordingInMemory(one) for one in self.scene.wearers)
 
     @property
     def video_start(self) -> float:
-        """See the protocol."""
+        """Seconds of the first video frame; infinite without one."""
         return first_video_time(self.scene)
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
-        """See the protocol; all of it is the scene as it is, with its truth."""
+        """What was measured from one instant to another; all of it is the scene as it is, with its truth."""
         if start == -np.inf and end == np.inf:
             return self.scene
         wearers = tuple(
@@ -205,7 +205,7 @@ class SceneInMemory:
         return self._scene(wearers, tuple(camera_between(one, start, end) for one in self.scene.cameras))
 
     def detected(self, start: float, end: float) -> int:
-        """See the protocol."""
+        """How many people were detected between two instants."""
         first = self.scene.cameras[0]
         time = first.timed_detections.time[first.detections.frame]
         return int(np.count_nonzero((time >= start) & (time < end)))
@@ -223,21 +223,21 @@ class UnfilmedSource:
 
     @cached_property
     def head(self) -> Scene:
-        """See the protocol."""
+        """The scene without what was measured."""
         return Scene(self.name, tuple(one.head for one in self.wearers))
 
     @property
     def video_start(self) -> float:
-        """See the protocol."""
+        """Seconds of the first video frame; infinite without one."""
         return np.inf
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
-        """See the protocol."""
+        """What was measured from one instant to another."""
         wearers = (replace(one.head, imus=one.between(start - MARGIN_S, end + MARGIN_S)) for one in self.wearers)
         return Scene(self.name, tuple(wearers))
 
     def detected(self, start: float, end: float) -> int:
-        """See the protocol: nobody."""
+        """How many people were detected between two instants: nobody."""
         return 0
 
 

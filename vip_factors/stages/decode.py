@@ -130,7 +130,7 @@ def static_covariance(
 def decode_wearers(
     names: Sequence[str], method: str, model: SceneProblem, state: SceneState, covariance: SceneCovariance | None
 ) -> list[WearerEstimate]:
-    """Each wearer's estimate."""
+    """The estimate of each wearer, in the order of the names."""
     estimates = []
     for number, name in enumerate(names):
         wearer, own = model.wearers[number], state.wearers[number]

@@ -48,7 +48,7 @@ class GatheredFindings:
                 self._found[kind], self._again[kind] = (sentence, start, end), 0
 
     def sentences(self) -> tuple[str, ...]:
-        """All of them."""
+        """All sentences: those of the whole, then those of windows."""
         return (*self._known, *(self._sentence(kind) for kind in self._found))
 
     def _sentence(self, kind: str) -> str:

@@ -76,7 +76,7 @@ class SensorCorrection:
     settings: AccelerometerSettings = field(default_factory=AccelerometerSettings)
 
     def of(self, stream: ImuStream) -> ImuStream:
-        """The samples put right."""
+        """The stream with these errors taken out."""
         if self.ends:
             clipped = clipped_samples(stream, self.ends, self.settings)
             stream = replace(stream, force_measured=stream.force_measured_mask & ~clipped)
@@ -94,21 +94,21 @@ class CorrectedSamples:
 
     @property
     def head(self) -> Recording:
-        """See the protocol."""
+        """The recording without what was measured."""
         return self.source.head
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """See the protocol."""
+        """Names of the placed sensors that have samples."""
         return self.source.sensors
 
     @property
     def interval(self) -> tuple[float, float]:
-        """See the protocol; as it was before clocks were put right."""
+        """Seconds of their first and last sample; as it was before clocks were put right."""
         return self.source.interval
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
-        """See the protocol."""
+        """What was measured from one instant to another."""
         spare = max((abs(one.late) for one in self.corrections.values()), default=0.0)
         found = {}
         for name, stream in self.source.between(start - spare, end + spare).items():

@@ -33,7 +33,7 @@ class Solver:
     extra: ExtraTerms | None = None
 
     def solve(self, objective: SceneObjective, start: SceneState, stage: str) -> SceneState:
-        """The minimum near ``start``."""
+        """The state of least cost near ``start``, whose report is kept."""
         optimise = optimise_with_gtsam if self.name is SolverName.GTSAM else levenberg_marquardt
         state, report = optimise(objective, start, self.settings, stage, lambda done: self.on_progress(stage, done))
         self.reports.append(report)

@@ -8,7 +8,7 @@ import numpy as np
 from vip_factors.atomic import atomic_path
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import rotation_z
-from vip_factors.sensors.calibration import place
+from vip_factors.sensors.calibration import sensor_site
 from vip_factors.viz.drawn_body import Eye, draw_arrow, draw_axes, draw_body, standing
 from vip_factors.viz.sites_picture import sites_picture
 from vip_factors.viz.svg import FAINT, INK, MUTED, RULE, Point, Svg
@@ -79,7 +79,7 @@ def frames_picture() -> str:
     draw_axes(svg, EYE, state.p_world_joint[0, thigh], state.R_world_bone[0, thigh], 0.26)
     told = "R_world_bone: x left, y up, z forward"
     _label(svg, EYE.at(state.p_world_joint[0, thigh]), (-92, -16), "bone left_hip", told, "end")
-    site = place("left_shank_side", skeleton)
+    site = sensor_site("left_shank_side", skeleton)
     R_world_bone = state.R_world_bone[0, site.bone_index]
     p_world_sensor = state.p_world_joint[0, site.bone_index] + R_world_bone @ site.p_bone_sensor
     draw_axes(svg, EYE, p_world_sensor, R_world_bone @ site.R_bone_sensor, 0.2)

@@ -14,7 +14,7 @@ from vip_factors.body.anthropometry import LengthPrior, likely_body, skeleton_fr
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.body_file import BodyFile, read_body_file, scene_with_body, with_body, write_body_file
-from vip_factors.sensors.calibration import place
+from vip_factors.sensors.calibration import sensor_site
 from vip_factors.sensors.scene import Scene
 
 
@@ -97,7 +97,7 @@ def test_sensors_keep_their_share_of_limbs() -> None:
     assert moved.subject.hinges == body.hinges
     assert moved.subject.name == recording.subject.name
     for before, after in zip(recording.placement.sites, moved.placement.sites, strict=True):
-        expected = place(before.sensor, body.skeleton).p_bone_sensor
+        expected = sensor_site(before.sensor, body.skeleton).p_bone_sensor
         np.testing.assert_allclose(after.p_bone_sensor, expected, atol=0.01, err_msg=before.sensor)
 
 

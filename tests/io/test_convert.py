@@ -15,7 +15,7 @@ from vip_factors.geometry.rotations import Array, exp, rotation_z
 from vip_factors.io.convert import ImportOptions, detect_format, import_recording, placement_from_file, recording_of_log
 from vip_factors.io.importers.shared import ImportedLog
 from vip_factors.io.log_streams import HOLD_S, LEAD_S
-from vip_factors.sensors.calibration import CARELESS_MOUNTING_SIGMA, SITES, Placement, place
+from vip_factors.sensors.calibration import CARELESS_MOUNTING_SIGMA, SITES, Placement, sensor_site
 from vip_factors.sensors.imu_stream import ImuStream
 
 RATE = 100.0
@@ -77,7 +77,7 @@ def test_options_win_over_the_placement_file_and_that_over_the_log(walk: Path, t
     assert recording.subject.body().bone_length("left_knee") == pytest.approx(0.45, abs=0.01)
     assert set(recording.placed) == {"00B4", "Pelvis"}
     assert recording.placement.site("Pelvis").mounting_sigma == pytest.approx(np.deg2rad(10))
-    expected = place("right_shank", recording.subject.body(), "00B4")
+    expected = sensor_site("right_shank", recording.subject.body(), "00B4")
     np.testing.assert_allclose(recording.placement.site("00B4").p_bone_sensor, expected.p_bone_sensor)
 
 
@@ -229,7 +229,7 @@ def test_our_own_recordings_come_back_as_they_are(walk: Path, tmp_path: Path) ->
 def test_the_logs_own_mounting_survives_another_choice_of_sites() -> None:
     mounting, stature = exp(np.array([0.5, 1.0, -0.5])), skeleton_from_stature(1.7)
     stream = ImuStream("hip", np.arange(40) / RATE, None, np.tile(np.eye(3), (40, 1, 1)))
-    told = replace(place("pelvis", stature, "hip"), R_bone_sensor=mounting, mounting_sigma=0.1)
+    told = replace(sensor_site("pelvis", stature, "hip"), R_bone_sensor=mounting, mounting_sigma=0.1)
     log = ImportedLog("made", {"hip": stream}, placement=Placement((told,)), stature_m=1.7)
     by_log = recording_of_log(log, Path("made"), ImportOptions(stature_m=1.9))
     chosen = recording_of_log(log, Path("made"), ImportOptions(stature_m=1.9, placement={"pelvis": "hip"}))

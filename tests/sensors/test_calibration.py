@@ -7,7 +7,7 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.errors import InputError
-from vip_factors.sensors.calibration import SITES, Placement, SensorSite, place, preset, site_axes
+from vip_factors.sensors.calibration import SITES, Placement, SensorSite, preset, sensor_site, site_axes
 
 BODY = skeleton_from_stature(1.75)
 MIRROR = np.diag([-1.0, 1.0, 1.0])
@@ -24,7 +24,7 @@ def test_presets_have_their_sensors_and_both_sides(name: str, count: int) -> Non
 
 @pytest.mark.parametrize("left", [name for name in SITES if name.startswith("left_")])
 def test_the_right_mirrors_the_left(left: str) -> None:
-    one, other = place(left, BODY), place(left.replace("left_", "right_"), BODY)
+    one, other = sensor_site(left, BODY), sensor_site(left.replace("left_", "right_"), BODY)
     assert other.bone == one.bone.replace("left_", "right_")
     np.testing.assert_allclose(other.p_bone_sensor, MIRROR @ one.p_bone_sensor, atol=1e-12)
     for axis in (0, 2):  # x along the strap and z off the skin mirror; y completes a right-handed frame
@@ -33,7 +33,7 @@ def test_the_right_mirrors_the_left(left: str) -> None:
 
 @pytest.mark.parametrize("name", SITES)
 def test_sensors_lie_on_the_skin_of_their_bone_and_face_outward(name: str) -> None:
-    site = place(name, BODY)
+    site = sensor_site(name, BODY)
     assert np.isclose(np.linalg.det(site.R_bone_sensor), 1.0)
     child = SITES[name].child
     axis = BODY.p_parent_joint[joint_index(child)] if child else np.array([0.0, 1.0, 0.0])
@@ -43,7 +43,7 @@ def test_sensors_lie_on_the_skin_of_their_bone_and_face_outward(name: str) -> No
 
 
 def test_sites_scale_with_the_wearer() -> None:
-    small, tall = (place("left_thigh", skeleton_from_stature(h)).p_bone_sensor for h in (1.5, 2.0))
+    small, tall = (sensor_site("left_thigh", skeleton_from_stature(h)).p_bone_sensor for h in (1.5, 2.0))
     np.testing.assert_allclose(tall / 2.0, small / 1.5, atol=0.004)  # legs of the tall are a little longer
 
 
@@ -59,7 +59,7 @@ def test_unknown_names_are_refused_with_the_known_ones() -> None:
     with pytest.raises(InputError, match="unknown placement 'mvn9': expected one of sip6, tnt10"):
         preset("mvn9", BODY)
     with pytest.raises(InputError, match="unknown site 'elbow': expected one of head"):
-        place("elbow", BODY)
+        sensor_site("elbow", BODY)
 
 
 def test_a_bone_may_be_called_as_people_do() -> None:
@@ -68,7 +68,7 @@ def test_a_bone_may_be_called_as_people_do() -> None:
 
 def test_a_sensor_is_placed_once() -> None:
     with pytest.raises(InputError, match="sensor 'pelvis' is placed twice"):
-        Placement((place("pelvis", BODY), place("pelvis", BODY)))
+        Placement((sensor_site("pelvis", BODY), sensor_site("pelvis", BODY)))
 
 
 @pytest.mark.parametrize(
@@ -100,4 +100,4 @@ AXES = {
 @pytest.mark.parametrize("name", SITES)
 def test_axes_in_words_are_those_of_the_mounting(name: str) -> None:
     words = [one.split()[1] for one in site_axes(name).split("; ")[1].split(", ")]
-    np.testing.assert_allclose(place(name, BODY).R_bone_sensor.T, [AXES[word] for word in words], atol=1e-12)
+    np.testing.assert_allclose(sensor_site(name, BODY).R_bone_sensor.T, [AXES[word] for word in words], atol=1e-12)

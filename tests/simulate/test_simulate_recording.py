@@ -8,7 +8,7 @@ import pytest
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import angle_between, exp, log, rotation_z, transpose, wrap_angle, yaw_of
-from vip_factors.sensors.calibration import Placement, place, preset
+from vip_factors.sensors.calibration import Placement, preset, sensor_site
 from vip_factors.sensors.recording import Recording
 from vip_factors.simulate.dense import dense_motion
 from vip_factors.simulate.gestures import gestures
@@ -129,7 +129,7 @@ def test_realistic_errors_lie_where_measured_ones_do() -> None:
     """3–6° and 1–3 m/s² at moving limbs, less on the head (design figures from TotalCapture and TNT15)."""
     motion = gestures(30.0, rate=120.0)
     sensors = ("left_thigh", "right_thigh", "left_shank", "right_upper_arm")
-    placement = Placement(tuple(place(sensor, motion.skeleton) for sensor in sensors))
+    placement = Placement(tuple(sensor_site(sensor, motion.skeleton) for sensor in sensors))
     settings = SimulateSettings.realistic(phases=False, packet_loss=0.0, gap_s=0.0, position_error_m=0.0)
     real = simulate_recording(motion, placement, settings)
     ideal = simulate_recording(motion, placement, PLAIN())

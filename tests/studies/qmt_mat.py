@@ -28,7 +28,7 @@ from vip_factors.sensors.calibration import (
     STRAPPED_MOUNTING_SIGMA,
     Placement,
     SensorSite,
-    place,
+    sensor_site,
 )
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import DEFAULT_STATURE_M
@@ -159,12 +159,12 @@ def _place(name: str, sensor: _Sensor, site: str | None) -> SensorSite | None:
     """The sensor's site if its mounting is known or no named site fits (a sensor on the back of the thorax)."""
     skeleton = skeleton_from_stature(DEFAULT_STATURE_M)
     if name == "upper_back":
-        chest = place("sternum", skeleton, name)
+        chest = sensor_site("sternum", skeleton, name)
         behind = chest.p_bone_sensor * np.array([1.0, 1.0, -1.0])
-        strapped = place("lower_back", skeleton, name).R_bone_sensor
+        strapped = sensor_site("lower_back", skeleton, name).R_bone_sensor
         found = SensorSite(name, "spine3", behind, strapped, STRAPPED_MOUNTING_SIGMA)
     elif site is not None and sensor.R_segment_sensor is not None:
-        found = place(site, skeleton, name)
+        found = sensor_site(site, skeleton, name)
     else:
         return None
     if sensor.R_segment_sensor is None:

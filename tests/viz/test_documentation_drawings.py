@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from vip_factors.sensors.calibration import SITES, place, site_axes
+from vip_factors.sensors.calibration import SITES, sensor_site, site_axes
 from vip_factors.viz.drawn_body import Eye, standing
 from vip_factors.viz.sites_picture import sites_picture
 
@@ -37,7 +37,7 @@ def test_somebody_stands_on_the_floor_and_faces_x() -> None:
     skeleton, state = standing("t-pose")
     heel = skeleton.landmarks["left_heel"]
     assert state.point(heel.bone, heel.p_bone_point)[0, 2] == pytest.approx(0.0, abs=1e-9)
-    site = place("sternum", skeleton)  # its z axis points out of the chest
+    site = sensor_site("sternum", skeleton)  # its z axis points out of the chest
     assert (state.R_world_bone[0, site.bone_index] @ site.R_bone_sensor)[:, 2] == pytest.approx([1.0, 0.0, 0.0])
 
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import Motion, forward_kinematics
-from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, exp, hat, nearest_rotation, transpose
 from vip_factors.sensors.detections import Detections
 
@@ -270,10 +269,7 @@ def wearer_points(motion: Motion, keypoints: KeypointSet, time: Array) -> Wearer
     """A wearer's keypoints at instants ``(F,)`` in seconds from the recording's start."""
     margin = 1 / motion.rate
     covered = (time >= motion.time[0] - margin) & (time <= motion.time[-1] + margin)
-    R = np.stack(
-        [interpolate_rotations(motion.time, one, time) for one in motion.R_parent_child.swapaxes(0, 1)], axis=1
-    )
-    p = np.stack([np.interp(time, motion.time, column) for column in motion.p_world_pelvis.T], axis=1)
+    R, p = motion.poses_at(time)
     state = forward_kinematics(motion.skeleton, R, p)
     points = np.full((len(time), len(keypoints), 3), np.nan)
     for k, landmark in enumerate(keypoints.on_body(motion.skeleton)):

@@ -12,6 +12,7 @@ import numpy as np
 
 from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton, ancestors
 from vip_factors.errors import InputError
+from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
 from vip_factors.geometry.rotations import Array, hat, transpose
 
 # Of each joint (row), the bones it moves; the last row is the root's translation, which moves them all.
@@ -166,6 +167,14 @@ class Motion:
     def time(self) -> Array:
         """Time of each frame ``(T,)`` in seconds from the recording's start."""
         return self.start + np.arange(len(self)) / self.rate
+
+    def poses_at(self, time: Array) -> tuple[Array, Array]:
+        """Joint rotations ``(N, 24, 3, 3)`` by slerp and roots ``(N, 3)`` linearly at instants ``(N,)`` in seconds.
+
+        Instants outside the motion take the nearest end.
+        """
+        R = [interpolate_rotations(self.time, one, time) for one in self.R_parent_child.swapaxes(0, 1)]
+        return np.stack(R, axis=1), interpolate_points(self.time, self.p_world_pelvis, time)
 
     @cached_property
     def state(self) -> BodyState:

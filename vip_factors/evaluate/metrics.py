@@ -13,7 +13,6 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index, joints_placed_by
 from vip_factors.errors import InputError
 from vip_factors.geometry.poses import Alignment, align_rigid, align_similarity, align_yaw
-from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, angle_between
 
 
@@ -78,9 +77,7 @@ def resample(motion: Motion, start: float, rate: float, count: int) -> Motion:
             f"motion '{motion.name}' lasts from {first:.3f} to {last:.3f} s: cannot give {count} frames from "
             f"{start:.3f} s at {rate:g} Hz"
         )
-    joints = [interpolate_rotations(motion.time, motion.R_parent_child[:, j], time) for j in range(24)]
-    root = np.stack([np.interp(time, motion.time, motion.p_world_pelvis[:, axis]) for axis in range(3)], axis=1)
-    return Motion(motion.skeleton, np.stack(joints, axis=1), root, rate, start, motion.name)
+    return Motion(motion.skeleton, *motion.poses_at(time), rate, start, motion.name)
 
 
 def common_frames(estimate: Motion, truth: Motion) -> tuple[Motion, Motion, slice]:

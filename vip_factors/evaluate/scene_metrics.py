@@ -26,6 +26,7 @@ from vip_factors.evaluate.camera import camera_error
 from vip_factors.evaluate.metrics import MM
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.poses import Alignment
+from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_path import MotionPair, PathPair, anchored_gauge
 from vip_factors.sensors.detections import keypoints_in_image, reprojection_error
@@ -258,7 +259,7 @@ def relative_position_error(one: MotionPair, other: MotionPair, gauge: Alignment
     alignment touches. NaN if the two share no time.
     """
     time = _shared_time(one, other)
-    estimated, true = (_path(second, time) - _path(first, time) for first, second in zip(one, other, strict=True))
+    estimated, true = (_root(second, time) - _root(first, time) for first, second in zip(one, other, strict=True))
     if not len(time):
         return dict.fromkeys(("relative_mm", "relative_95th_mm", "distance_mm", "distance_95th_mm"), float("nan"))
     vector = MM * np.linalg.norm(estimated @ gauge.R_target_source.T - true, axis=1)
@@ -271,13 +272,13 @@ def relative_position_error(one: MotionPair, other: MotionPair, gauge: Alignment
     }
 
 
+def _root(motion: Motion, time: Array) -> Array:
+    return interpolate_points(motion.time, motion.p_world_pelvis, time)
+
+
 def _shared_time(one: MotionPair, other: MotionPair) -> Array:
     time = one[0].time
     return time[(time >= other[0].time[0] - 1e-6) & (time <= other[0].time[-1] + 1e-6)]
-
-
-def _path(motion: Motion, time: Array) -> Array:
-    return np.stack([np.interp(time, motion.time, axis) for axis in motion.p_world_pelvis.T], axis=1)
 
 
 LITTLE = 0.9  # of the estimate's time: a truth that begins late or ends early has more

@@ -88,6 +88,14 @@ def interpolate_rotations(time: ArrayLike, R: ArrayLike, query: ArrayLike) -> Ar
     return R[left] @ exp(fraction[:, None] * step)
 
 
+def interpolate_points(time: ArrayLike, points: ArrayLike, query: ArrayLike) -> Array:
+    """Linear interpolation of points ``(N, D)`` at ``time`` ``(N,)`` to ``query`` ``(M,)``: ``(M, D)``.
+
+    Queries outside the range take the nearest end.
+    """
+    return np.stack([np.interp(query, time, column) for column in np.asarray(points, float).T], axis=1)
+
+
 def interpolate_smoothly(time: ArrayLike, R: ArrayLike, query: ArrayLike) -> Array:
     """Rotations ``(N, ..., 3, 3)`` at ``time`` ``(N,)``, smoothly to ``query`` ``(M,)``: angular rates have no steps.
 

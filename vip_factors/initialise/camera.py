@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import median_filter
 
-from vip_factors.geometry.quaternions import interpolate_rotations
+from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
 from vip_factors.geometry.rotations import (
     Array,
     angle_between,
@@ -177,9 +177,9 @@ def filmed_path(camera: CameraPath, sightings: Sightings, p_world_pelvis: Array,
     """
     there = camera.at(sightings.time)
     seen = there.p_world_camera + np.einsum("tij,tj->ti", there.R_world_camera, sightings.p_camera_pelvis)
-    own = np.stack([np.interp(sightings.time, time, column) for column in p_world_pelvis.T], axis=1)
+    own = interpolate_points(time, p_world_pelvis, sightings.time)
     shift = running_median(seen - own, sightings.time)
-    return p_world_pelvis + np.stack([np.interp(time, sightings.time, column) for column in shift.T], axis=1)
+    return p_world_pelvis + interpolate_points(sightings.time, shift, time)
 
 
 ROUNDS = 10  # of reweighting: a robust mean settles in five

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
+from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.clock_signals import (
     ImageTrack,
@@ -199,7 +200,7 @@ def _camera_curve(
     if not camera.moving or camera.mount is None or camera.mount.imu.angular_rate is None:
         return none
     stream = camera.mount.imu
-    rate = np.stack([np.interp(imu, stream.time, column) for column in camera.mount.imu.angular_rate.T], axis=1)
+    rate = interpolate_points(stream.time, camera.mount.imu.angular_rate, imu)
     turn = smoothed(rate, (imu >= stream.time[0]) & (imu <= stream.time[-1]), smoothing)
     image = middle_in_image(track, camera.model.focal, video, smoothing)
     return np.maximum(_gain(image, [turn], independent_hz / smoothing.rate), 0.0) if np.any(image.valid) else none

@@ -20,7 +20,7 @@ from scipy.optimize import linear_sum_assignment
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import RecordingError
-from vip_factors.geometry.quaternions import interpolate_rotations
+from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
 from vip_factors.geometry.rotations import Array
 from vip_factors.ranges import NotNegativeInt, Share
 from vip_factors.sensors.detections import Detections
@@ -264,7 +264,7 @@ def _rate(time: Array, values: Array, grid: Array, smoothing: Smoothing) -> Sign
     if good.sum() < 2:
         return Signal(np.zeros((len(grid), values.shape[1])), np.zeros(len(grid), bool))
     time, values = time[good], values[good]
-    even = np.stack([np.interp(grid, time, column) for column in values.T], axis=1)
+    even = interpolate_points(time, values, grid)
     return rate_of(even, _near_samples(time, grid, smoothing.longest_gap), smoothing)
 
 

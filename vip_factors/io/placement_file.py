@@ -42,7 +42,7 @@ from vip_factors.sensors.calibration import (
     STRAPPED_MOUNTING_SIGMA,
     Placement,
     SensorSite,
-    place,
+    sensor_site,
 )
 from vip_factors.sensors.recording import DEFAULT_STATURE_M
 
@@ -78,7 +78,7 @@ class SensorEntry:
         if self.sigma_deg is not None:
             sigma = float(np.deg2rad(self.sigma_deg))
         if self.site is not None:
-            usual = place(self.site, skeleton, sensor)
+            usual = sensor_site(self.site, skeleton, sensor)
         else:
             usual = SensorSite(sensor, str(self.bone), np.zeros(3), np.eye(3))
         position = usual.p_bone_sensor if self.position_m is None else self.position_m
@@ -238,7 +238,7 @@ def _sites_of_log(log: ImportedLog, skeleton: Skeleton) -> dict[str, SensorSite]
             of_log[site.sensor] = replace(site, p_bone_sensor=scale * site.p_bone_sensor)
     for sensor, site_name in log.default_sites.items():
         if sensor not in of_log:
-            of_log[sensor] = place(site_name, skeleton, sensor)
+            of_log[sensor] = sensor_site(site_name, skeleton, sensor)
     return {sensor: site for sensor, site in of_log.items() if sensor in log.imus}
 
 
@@ -259,7 +259,9 @@ def _of_preset(
     missing = [site for site, sensor in sensors.items() if sensor not in log.imus]
     if missing and len(missing) < len(sensors):
         notes.append(f"placement {name} has sites without a sensor in the log: {', '.join(missing)}")
-    return [_mounted(place(site, skeleton, sensor), of_log) for site, sensor in sensors.items() if sensor in log.imus]
+    return [
+        _mounted(sensor_site(site, skeleton, sensor), of_log) for site, sensor in sensors.items() if sensor in log.imus
+    ]
 
 
 def _of_user(

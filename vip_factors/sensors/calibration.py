@@ -213,7 +213,7 @@ PRESETS: dict[str, tuple[str, ...]] = {
 }
 
 
-def place(
+def sensor_site(
     site_name: str,
     skeleton: Skeleton,
     sensor: str | None = None,
@@ -234,7 +234,7 @@ def place(
 
 def site_name(site: SensorSite, skeleton: Skeleton) -> str | None:
     """Which of the :data:`SITES` a sensor sits at, on a skeleton; None if it was put elsewhere on the bone."""
-    here = {name: place(name, skeleton).p_bone_sensor for name, one in SITES.items() if one.bone == site.bone}
+    here = {name: sensor_site(name, skeleton).p_bone_sensor for name, one in SITES.items() if one.bone == site.bone}
     apart = {name: float(np.linalg.norm(p_bone_sensor - site.p_bone_sensor)) for name, p_bone_sensor in here.items()}
     nearest = min(apart, key=lambda name: apart[name], default=None)
     return nearest if nearest is not None and apart[nearest] < AT_THE_SITE_M else None
@@ -252,5 +252,5 @@ def preset(
     if name not in PRESETS:
         raise InputError(f"unknown placement '{name}': expected one of {', '.join(PRESETS)}")
     names = sensors or {}
-    sites = tuple(place(site, skeleton, names.get(site), mounting_sigma) for site in PRESETS[name])
+    sites = tuple(sensor_site(site, skeleton, names.get(site), mounting_sigma) for site in PRESETS[name])
     return Placement(sites, name)

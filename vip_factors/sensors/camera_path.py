@@ -8,7 +8,7 @@ import numpy as np
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.poses import Alignment, align_yaw
-from vip_factors.geometry.quaternions import interpolate_rotations
+from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
 from vip_factors.geometry.rotations import Array, rotation_z, transpose, yaw_of
 
 
@@ -50,7 +50,7 @@ class CameraPath:
                 time, np.repeat(self.R_world_camera, count, axis=0), np.repeat(self.p_world_camera, count, axis=0)
             )
         inside = np.clip(time, self.time[0], self.time[-1])
-        p = np.stack([np.interp(inside, self.time, column) for column in self.p_world_camera.T], axis=1)
+        p = interpolate_points(self.time, self.p_world_camera, inside)
         return CameraPath(time, interpolate_rotations(self.time, self.R_world_camera, inside), p)
 
     def to_camera(self, p_world: Array) -> Array:

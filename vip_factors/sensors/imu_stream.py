@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.errors import RecordingError
-from vip_factors.geometry.quaternions import Order, interpolate_rotations, matrix_from_quaternion
+from vip_factors.geometry.quaternions import Order, interpolate_points, interpolate_rotations, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 
 GAP_FACTOR = 1.5  # a step longer than this many sample periods is a gap: half a period of jitter is common
@@ -211,8 +211,8 @@ def with_orientation(stream: ImuStream, settings: AttitudeSettings | None = None
     from vqf import offlineVQF
 
     estimate = offlineVQF(
-        _rate_over_step(_resample(stream.time, angular_rate, grid)),
-        _resample(stream.time, specific_force, grid),
+        _rate_over_step(interpolate_points(stream.time, angular_rate, grid)),
+        interpolate_points(stream.time, specific_force, grid),
         None,
         float(grid[1] - grid[0]),
         {"tauAcc": settings.tilt_time},
@@ -252,7 +252,3 @@ def _rate_over_step(angular_rate: Array) -> Array:
     By the sample's own rate instead, orientation would run half a step ahead of its time.
     """
     return np.concatenate([angular_rate[:1], (angular_rate[:-1] + angular_rate[1:]) / 2])
-
-
-def _resample(time: Array, values: Array, grid: Array) -> Array:
-    return np.stack([np.interp(grid, time, column) for column in values.T], axis=1)

@@ -11,6 +11,7 @@ from scipy.signal import lfilter, lfiltic
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton
+from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array, exp, transpose
 from vip_factors.simulate.dense import DenseMotion
 from vip_factors.simulate.noise import smooth_process
@@ -54,7 +55,7 @@ def camera_motion(
         others: ``(Q, T, 3)`` pelves of people whom a standing camera must not run into, NaN where absent.
     """
     grid = np.linspace(time[0], time[-1], max(8, int(np.ceil((time[-1] - time[0]) * GRID_HZ)) + 1))
-    middle = np.stack([np.interp(grid, time, column) for column in people.mean(axis=0).T], axis=1)
+    middle = interpolate_points(time, people.mean(axis=0), grid)
     azimuth = 2 * np.pi * random.random() if settings.azimuth_deg is None else np.deg2rad(settings.azimuth_deg)
     if settings.camera == "walking":
         p = _following(middle, azimuth, grid, settings, random)

@@ -8,6 +8,7 @@ import numpy as np
 from vip_factors.associate.associate import Association, add_by_position, associate
 from vip_factors.associate.hypothesis import Hypotheses, hypotheses, wearer_points
 from vip_factors.body.kinematics import Motion
+from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.camera import Sightings
 from vip_factors.sensors.camera_model import VideoClock
@@ -134,13 +135,8 @@ def _sightings(association: Association, wearer: int, detections: Detections, in
     inside = (time >= own[0]) & (time <= own[-1])
     rows, time = rows[inside], time[inside]
     R, p = association.R_camera_world[rows], association.p_camera_world[rows]
-    root = path_at(inertial.state.p_world_pelvis, own, time)
+    root = interpolate_points(own, inertial.state.p_world_pelvis, time)
     return Sightings(time, R, np.einsum("nij,nj->ni", R, root) + p)
-
-
-def path_at(p: Array, time: Array, wanted: Array) -> Array:
-    """Positions ``(T, 3)`` at instants ``time``, interpolated at others: ``(n, 3)``."""
-    return np.stack([np.interp(wanted, time, column) for column in p.T], axis=1).reshape(-1, 3)
 
 
 def _share_of_progress(on_progress: Callable[[float], None], number: int, count: int) -> Callable[[float], None]:

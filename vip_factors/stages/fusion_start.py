@@ -7,7 +7,7 @@ import numpy as np
 
 from vip_factors.body.keypoints import KeypointOffsets
 from vip_factors.errors import InputError
-from vip_factors.geometry.quaternions import interpolate_rotations
+from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
 from vip_factors.geometry.rotations import Array, transpose, yaw_of
 from vip_factors.initialise.camera import (
     Sightings,
@@ -27,7 +27,7 @@ from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Camera
 from vip_factors.settings import Settings
-from vip_factors.stages.association import AssociatedCamera, path_at
+from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.drift import middle_of
 from vip_factors.stages.inertial import InertialSolution
 from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
@@ -161,7 +161,7 @@ def _first_path(
     if camera.known_path is not None:
         known = camera.known_path if not camera.moving else camera.known_path.at(time)
         return known, _heading_on(known.at(time), problem)
-    root = path_at(inertial.state.p_world_pelvis, time, seen.time)
+    root = interpolate_points(time, inertial.state.p_world_pelvis, seen.time)
     if not camera.moving:
         path = standing_camera(seen, root)
         return path, _heading_on(path.at(time), problem)

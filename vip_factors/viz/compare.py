@@ -7,10 +7,9 @@ from enum import StrEnum
 import numpy as np
 
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import JOINT_COUNT, joint_index, joints_placed_by
+from vip_factors.body.skeleton import joint_index, joints_placed_by
 from vip_factors.errors import InputError
 from vip_factors.geometry.poses import align_rigid, align_yaw
-from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.recording import Recording
 
@@ -41,11 +40,7 @@ def at_times(motion: Motion, time: Array, rate: float) -> Motion:
     own = motion.time
     if len(own) == len(time) and np.allclose(own, time, atol=1e-6):
         return motion
-    R = np.stack(
-        [interpolate_rotations(own, motion.R_parent_child[:, joint], time) for joint in range(JOINT_COUNT)], axis=1
-    )
-    root = np.stack([np.interp(time, own, motion.p_world_pelvis[:, axis]) for axis in range(3)], axis=1)
-    return Motion(motion.skeleton, R, root, rate, float(time[0]), motion.name)
+    return Motion(motion.skeleton, *motion.poses_at(time), rate, float(time[0]), motion.name)
 
 
 def known_truth(truth: Motion | None) -> Motion | None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Skeleton
-from vip_factors.sensors.calibration import place, site_axes
+from vip_factors.sensors.calibration import sensor_site, site_axes
 from vip_factors.viz.drawn_body import Eye, draw_axes, draw_body, standing
 from vip_factors.viz.svg import INK, MUTED, RULE, Svg
 
@@ -56,7 +56,7 @@ def sites_picture(stature_m: float = 1.75) -> str:
 def _draw_site(
     svg: Svg, eye: Eye, name: str, beside: tuple[float, float, str], skeleton: Skeleton, state: BodyState
 ) -> None:
-    site = place(name, skeleton)
+    site = sensor_site(name, skeleton)
     R_world_bone = state.R_world_bone[0, site.bone_index]
     R_world_sensor = R_world_bone @ site.R_bone_sensor
     p_world_sensor = state.p_world_joint[0, site.bone_index] + R_world_bone @ site.p_bone_sensor

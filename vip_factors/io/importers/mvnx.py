@@ -24,7 +24,7 @@ from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, trans
 from vip_factors.io.importers.mvnx_document import MvnxDocument, read_document
 from vip_factors.io.importers.shared import ImportedLog, rotations_or_nan
 from vip_factors.io.motions.skeleton_maps import both_sides
-from vip_factors.sensors.calibration import Placement, SensorSite, place
+from vip_factors.sensors.calibration import Placement, SensorSite, sensor_site
 from vip_factors.sensors.imu_stream import ImuStream
 
 # Our bone axes in MVN's: x left, y up, z forward.
@@ -288,7 +288,7 @@ def _placement(imus: dict[str, ImuStream], body: MvnBody) -> Placement:
     for name, stream in imus.items():
         if name not in SENSOR_SITES or stream.R_inertial_sensor is None:
             continue
-        usual = place(SENSOR_SITES[name], body.motion.skeleton, name)
+        usual = sensor_site(SENSOR_SITES[name], body.motion.skeleton, name)
         frames = np.searchsorted(time, stream.time - 0.5 / body.motion.rate)
         R_world_bone = state.R_world_bone[frames, usual.bone_index]
         R_bone_sensor = mean_rotation(transpose(R_world_bone) @ stream.R_inertial_sensor)

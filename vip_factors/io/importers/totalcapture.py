@@ -32,7 +32,7 @@ from vip_factors.io.importers.totalcapture_files import (
     sensors_file,
 )
 from vip_factors.io.motions.skeleton_maps import both_sides
-from vip_factors.sensors.calibration import SITES, Placement, SensorSite, place
+from vip_factors.sensors.calibration import SITES, Placement, SensorSite, sensor_site
 from vip_factors.sensors.imu_stream import ImuStream
 
 METRES_PER_INCH = 0.0254
@@ -322,7 +322,7 @@ def _placement(
     for k, name in enumerate(table.names):
         if name not in SENSOR_SITES or name not in R_joint_sensor:
             continue
-        usual = place(SENSOR_SITES[name], body.motion.skeleton, name)
+        usual = sensor_site(SENSOR_SITES[name], body.motion.skeleton, name)
         R_bone_sensor = body.R_joint_bone.T @ R_joint_sensor[name]
         sites.append(SensorSite(name, usual.bone, usual.p_bone_sensor, R_bone_sensor, MOUNTING_SIGMA))
         if name in R_vicon_inertial:

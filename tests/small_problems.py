@@ -67,7 +67,7 @@ def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerPr
         random.standard_normal(S),
         model.prior_R_bone_sensor @ exp(0.2 * random.standard_normal((S, 3))),
         0.1 * random.standard_normal(69),
-        sensor_places=0.02 * np.random.default_rng(6).standard_normal((S, 3)) * free,
+        sensor_positions=0.02 * np.random.default_rng(6).standard_normal((S, 3)) * free,
         sole=0.4 * free,
         hinges=(0.1 * np.random.default_rng(5).standard_normal(HINGE_VARIABLES)) * free,
         body=0.02 * np.random.default_rng(4).standard_normal(len(LENGTHS)) if free else np.zeros(len(LENGTHS)),

@@ -25,7 +25,7 @@ def assert_same(one: SceneState, other: SceneState) -> None:
             "pose_mean",
             "heading_knots",
             "body",
-            "sensor_places",
+            "sensor_positions",
             "hinges",
             "sole",
         ):
@@ -65,7 +65,7 @@ def test_a_solution_moves_the_state_as_gtsam_moves_its_values(kind: str, far: fl
         if owner.kind == "wearer":
             first = of(("headings",), wearer=owner.number, knot=0)
             rest = of(
-                ("R_bone_sensor", "body", "sensor_places", "sole", "hinges", "pose_mean"),
+                ("R_bone_sensor", "body", "sensor_positions", "sole", "hinges", "pose_mean"),
                 wearer=owner.number,
             )
             for knot in range(1, len(problem.wearers[owner.number].heading_knots)):

@@ -15,7 +15,7 @@ def test_accelerations_are_those_of_the_places_that_were_found() -> None:
     """Sensors that measured just what they do where they were found to sit leave no misfit."""
     model, state = small_model()
     state = replace(state, body=np.zeros_like(state.body))
-    places = model.sensor_points.p_bone_point + state.sensor_places
+    places = model.sensor_points.p_bone_point + state.sensor_positions
     body = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis)
     p = body.points(np.array(model.sensor_points.bones), places)
     force = np.zeros((T, S, 3))

@@ -164,7 +164,7 @@ class SceneObjective:
         """Whether frames are tied to their neighbours; those of the inertial tracker are not."""
         return owner.kind is Owner.CAMERA or self.problem.wearers[owner.number].use_acceleration
 
-    def _walking(self, owner: OwnerId) -> bool:
+    def _headings_walk(self, owner: OwnerId) -> bool:
         if owner.kind is not Owner.WEARER:
             return False
         wearer = self.problem.wearers[owner.number]
@@ -176,7 +176,7 @@ class SceneObjective:
 
     def _knots(self, group: int, owner: OwnerId, columns: slice) -> KnotSystem | None:
         chain = self.layout.chain_of(owner)
-        if chain is None or not self._walking(owner):
+        if chain is None or not self._headings_walk(owner):
             return None
         wearer = self.problem.wearers[owner.number]
         weights = wearer.knot_weights()
@@ -196,7 +196,7 @@ class SceneObjective:
         static = np.concatenate([np.zeros(0), *(delta.at(key) for key in self.static_keys)])
         state = state.retract_static(layout, static)
         for group, (owner, _) in enumerate(layout.owners):
-            if self._walking(owner):
+            if self._headings_walk(owner):
                 walk = np.array([delta.at(key) for key in self._knot_keys(group, owner)])
                 state = state.replaced({owner: state.wearers[owner.number].with_walk(walk)})
         return state

@@ -55,7 +55,7 @@ class WearerState:
         pose_mean: ``(69,)`` the recording's mean joint vector, radians.
         later_headings: ``(K − 1, S)`` radians, at the further knots; none where headings are constant.
         body: ``(B,)`` metres, changes of the skeleton's lengths.
-        sensor_places: ``(S, 3)`` metres, from where the sensors were said to sit to where they do, in bone axes.
+        sensor_positions: ``(S, 3)`` metres, from where the sensors were said to sit to where they do, in bone axes.
         hinges: ``(H,)`` radians, tilts of the axes of elbows and knees, and offsets.
         sole: logarithm of the sole's thickness over the likeliest one.
     """
@@ -67,13 +67,13 @@ class WearerState:
     pose_mean: Array
     later_headings: Array = field(default_factory=lambda: np.zeros((0, 0)))
     body: Array = field(default_factory=lambda: np.zeros(len(LENGTHS)))
-    sensor_places: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    sensor_positions: Array = field(default_factory=lambda: np.zeros((0, 3)))
     hinges: Array = field(default_factory=lambda: np.zeros(HINGE_VARIABLES))
     sole: float = 0.0
 
     def __post_init__(self) -> None:
-        if not len(self.sensor_places):  # where they were said to
-            object.__setattr__(self, "sensor_places", np.zeros((len(self.headings), 3)))
+        if not len(self.sensor_positions):  # where they were said to
+            object.__setattr__(self, "sensor_positions", np.zeros((len(self.headings), 3)))
 
     @property
     def heading_knots(self) -> Array:

@@ -1,6 +1,6 @@
 """One wearer's least-squares problem from a recording, and the forms that it takes from stage to stage."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -78,15 +78,8 @@ def frame_by_frame(model: WearerProblem) -> WearerProblem:
 
 def with_fixed_calibration(model: WearerProblem) -> WearerProblem:
     """The model with what all frames share kept as it is."""
-    return replace(
-        model,
-        free_headings=False,
-        free_mountings=False,
-        free_pose_mean=False,
-        free_hinges=False,
-        free_places=False,
-        free_sole=False,
-    )
+    kept = [one.name for one in fields(model) if one.name.startswith("free_") and one.name != "free_body"]
+    return replace(model, **dict.fromkeys(kept, False))
 
 
 def with_heading_knots(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:

@@ -171,8 +171,8 @@ def sensor_position_estimates(
     model = solution.model.wearers[number]
     if not model.free_places:
         return ()
-    points, found = model.sensor_points, solution.state.wearers[number].sensor_places
-    sigmas = _sigmas(solution, OwnerId(Owner.WEARER, number), "sensor_places", found.shape, marginals)
+    points, found = model.sensor_points, solution.state.wearers[number].sensor_positions
+    sigmas = _sigmas(solution, OwnerId(Owner.WEARER, number), "sensor_positions", found.shape, marginals)
     whitening = np.linalg.inv(sensor_position_whitening(model))
     prior_sigmas = np.sqrt(np.einsum("sij,sij->si", whitening, whitening))
     return tuple(

@@ -68,7 +68,7 @@ class WearerCalibration:
     ) -> "WearerCalibration":  # fmt: skip
         """Of a solved stretch, whose body is the problem's; ``mounting_sigma`` ``(S, 3)`` radians, NaN if unknown."""
         before, sensors = recording.subject, list(model.frames.sensors)
-        places = model.sensor_points.p_bone_point + state.sensor_places
+        places = model.sensor_points.p_bone_point + state.sensor_positions
         sites = tuple(
             site
             if site.sensor not in sensors

@@ -89,7 +89,7 @@ class WearerEvaluation:
     def sensor_points(self) -> BodyPoints:
         """Where the sensors sit at the state."""
         points = self.points(self.problem.sensor_points)
-        return BodyPoints(points.bones, points.p_bone_point + self.state.sensor_places)
+        return BodyPoints(points.bones, points.p_bone_point + self.state.sensor_positions)
 
     @cached_property
     def sole(self) -> float:
@@ -126,7 +126,7 @@ class WearerEvaluation:
         by_lengths = self.body_blocks(body, points)
         if not self.problem.free_places:
             return by_lengths
-        return JacobianBlock(self.owner, "sensor_places", body.R_world_bone[:, points.bones], each=True), *by_lengths
+        return JacobianBlock(self.owner, "sensor_positions", body.R_world_bone[:, points.bones], each=True), *by_lengths
 
     def contact_blocks(self, body: BodyState) -> tuple[JacobianBlock, ...]:
         """World positions of what touches the ground by the body's lengths and by the logarithm of the sole."""

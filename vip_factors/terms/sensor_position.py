@@ -44,8 +44,8 @@ def equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
     """One factor for each sensor, in bone axes."""
     if at.problem.free_places:
         whitening = sensor_position_whitening(at.problem)
-        residual = (whitening @ at.state.sensor_places[..., None])[..., 0]
-        yield from prior_equations(JacobianBlock(at.owner, "sensor_places", whitening[None], each=True), residual)
+        residual = (whitening @ at.state.sensor_positions[..., None])[..., 0]
+        yield from prior_equations(JacobianBlock(at.owner, "sensor_positions", whitening[None], each=True), residual)
 
 
 SENSOR_POSITION_PRIOR = Term.prior("sensor place prior", equations)

@@ -37,14 +37,6 @@ _TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 
 
 @dataclass(frozen=True)
-class LinkDelay:
-    """How late the child's samples are against the parent's, and its standard deviation, in seconds."""
-
-    seconds: float
-    sigma: float
-
-
-@dataclass(frozen=True)
 class JointSignal:
     """What a sensor says of the acceleration of points of its bone, over time.
 
@@ -82,8 +74,11 @@ def joint_signal(stream: ImuStream) -> JointSignal | None:
     return JointSignal(time, flat, make_interp_spline(time, filled, k=3))
 
 
-def link_delay(parent: JointSignal, child: JointSignal) -> LinkDelay | None:
-    """None where the two share too little time, or no delay in reach makes them tell the same."""
+def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] | None:
+    """How late the child's samples are against the parent's, and its standard deviation, in seconds.
+
+    None where the two share too little time, or no delay in reach makes them tell the same.
+    """
     margin = float(STARTS[-1]) + 2 * STEP
     time = np.arange(
         max(parent.time[0], child.time[0]) + margin, min(parent.time[-1], child.time[-1]) - margin, STEP
@@ -121,7 +116,7 @@ def _start(above: Array, below: Array, seconds: float) -> tuple[float, float, fl
     return best
 
 
-def _refined(above: Array, below: BSpline, time: Array, seconds: float, heading: float) -> LinkDelay | None:
+def _refined(above: Array, below: BSpline, time: Array, seconds: float, heading: float) -> tuple[float, float] | None:
     """Gauss–Newton over delay, heading and both arms, Cauchy weights; a sigma from blocks as independent as swings."""
     arms, rate = np.zeros(6), below.derivative()
     for _ in range(ROUNDS):
@@ -148,7 +143,7 @@ def _refined(above: Array, below: BSpline, time: Array, seconds: float, heading:
     joint = np.sum((above[:, :, 0] + above[:, :, 1:] @ arms[:3]) ** 2, axis=1)
     if weight @ square > POOR * (weight @ joint):
         return None
-    return LinkDelay(seconds, float(np.linalg.norm(spread)))
+    return seconds, float(np.linalg.norm(spread))
 
 
 LIMBS = ("knee", "ankle", "foot", "elbow", "wrist", "hand")  # what the lower bone of a link within a limb is called
@@ -206,9 +201,9 @@ def sensor_delays(
         found = link_delay(parent, child)
         if found is not None:
             ends.append((link.parent, link.child))
-            delay.append(found.seconds)
+            delay.append(found[0])
             limb = JOINT_NAMES[bones[link.child]].endswith(LIMBS)
-            sigma.append(np.hypot(found.sigma, settings.limb_sigma if limb else settings.trunk_sigma))
+            sigma.append(np.hypot(found[1], settings.limb_sigma if limb else settings.trunk_sigma))
     return fewest_delays(len(streams), ends, np.array(delay), np.array(sigma), settings)
 
 
@@ -287,16 +282,10 @@ class AccelerometerSettings:
     clipped_runs: NotNegativeInt = 2  # of those: once may be chance
 
 
-@dataclass(frozen=True)
-class AccelerometerScale:
-    """What gravity measures, of what it is, and the standard deviation of that."""
+def accelerometer_scale(stream: ImuStream, settings: AccelerometerSettings) -> tuple[float, float] | None:
+    """What gravity measures, of what it is, and the standard deviation of that.
 
-    scale: float
-    sigma: float
-
-
-def accelerometer_scale(stream: ImuStream, settings: AccelerometerSettings) -> AccelerometerScale | None:
-    """From the mean specific force along the vertical: over a long time nobody accelerates.
+    From the mean specific force along the vertical: over a long time nobody accelerates.
 
     Up and down cancel out, so no rest is needed: on a treadmill there may be none. None without orientation.
     """
@@ -309,10 +298,8 @@ def accelerometer_scale(stream: ImuStream, settings: AccelerometerSettings) -> A
     if seconds <= 0:
         return None
     mean = float(np.sum((step * (vertical[1:] + vertical[:-1]) / 2)[measured]) / seconds)
-    return AccelerometerScale(
-        mean / STANDARD_GRAVITY,
-        float(np.hypot(settings.speed_change / (seconds * STANDARD_GRAVITY), settings.least_sigma)),
-    )
+    sigma = np.hypot(settings.speed_change / (seconds * STANDARD_GRAVITY), settings.least_sigma)
+    return mean / STANDARD_GRAVITY, float(sigma)
 
 
 def range_ends(stream: ImuStream, settings: AccelerometerSettings) -> tuple[tuple[int, float], ...]:

@@ -157,18 +157,19 @@ def _accelerometer(who: str, stream: ImuStream, settings: AccelerometerSettings)
             f"{who}: the accelerometer of '{stream.name}' stands at the end of its range ({largest:.0f} m/s²) in "
             f"{count} samples: those are left out; a wider range would help"
         )
-    found = accelerometer_scale(stream, settings)
-    if found is None or abs(found.scale - 1) <= max(settings.scale_error, settings.deviations * found.sigma):
+    measured = accelerometer_scale(stream, settings)
+    if measured is None or abs(measured[0] - 1) <= max(settings.scale_error, settings.deviations * measured[1]):
         return correction, findings
-    gravity = f"the accelerometer of '{stream.name}' measures gravity as {9.81 * found.scale:.2f} m/s²"
-    if abs(found.scale) < LEAST_GRAVITY:
+    scale, _ = measured
+    gravity = f"the accelerometer of '{stream.name}' measures gravity as {9.81 * scale:.2f} m/s²"
+    if abs(scale) < LEAST_GRAVITY:
         raise RecordingError(
             f"{who}: {gravity}: expected 9.81; give accelerations with gravity in them (specific force), not what is "
             "left without it"
         )
-    what = "was it given in g?" if abs(9.81 * found.scale - 1) < 0.1 else "calibrate it"
-    findings.append(f"{who}: {gravity}, {100 * (found.scale - 1):+.0f} %: scaled to 9.81; {what}")
-    return replace(correction, scale=found.scale), findings
+    what = "was it given in g?" if abs(9.81 * scale - 1) < 0.1 else "calibrate it"
+    findings.append(f"{who}: {gravity}, {100 * (scale - 1):+.0f} %: scaled to 9.81; {what}")
+    return replace(correction, scale=scale), findings
 
 
 def _delays(recording: Recording, settings: Settings) -> tuple[SensorDelay, ...]:

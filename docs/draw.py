@@ -9,8 +9,7 @@ from vip_factors.atomic import atomic_path
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.sensors.calibration import sensor_site
-from vip_factors.viz.drawn_body import Eye, draw_arrow, draw_axes, draw_body, standing
-from vip_factors.viz.sites_picture import sites_picture
+from vip_factors.viz.drawn_body import Eye, draw_arrow, draw_axes, draw_body, sites_picture, standing
 from vip_factors.viz.svg import FAINT, INK, MUTED, RULE, Point, Svg
 
 PAGE_MM = (297.0, 210.0)  # the checkerboard's, A4

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from vip_factors.sensors.calibration import SITES, sensor_site, site_axes
-from vip_factors.viz.drawn_body import Eye, standing
-from vip_factors.viz.sites_picture import sites_picture
+from vip_factors.viz.drawn_body import Eye, sites_picture, standing
 
 DOCS = Path(__file__).parents[2] / "docs"
 DRAWINGS = runpy.run_path(str(DOCS / "draw.py"))["DRAWINGS"]

@@ -15,8 +15,8 @@ from vip_factors.viz.graph_description import (
     GraphDescription,
     VariableKind,
 )
+from vip_factors.viz.graph_frame import WIDTH, places_of
 from vip_factors.viz.graph_picture import graph_picture
-from vip_factors.viz.graph_places import WIDTH, places_of
 from vip_factors.viz.graph_symbols import RADIUS, Symbols
 from vip_factors.viz.svg import Svg
 

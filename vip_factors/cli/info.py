@@ -76,7 +76,7 @@ def _tell_sites(options: InfoOptions) -> None:
 
     if options.picture is not None:
         from vip_factors.atomic import atomic_open
-        from vip_factors.viz.sites_picture import sites_picture
+        from vip_factors.viz.drawn_body import sites_picture
 
         with atomic_open(options.picture, overwrite=options.overwrite) as file:
             file.write(sites_picture())

@@ -10,7 +10,8 @@ from detect.stub_people import People
 
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.detect.onnx_pose import Box
-from vip_factors.detect.tracks import DetectSettings, Tracker
+from vip_factors.detect.settings import DetectSettings
+from vip_factors.detect.tracks import Tracker
 from vip_factors.detect.video import Stretch, confused, detect_video, write_overlay
 from vip_factors.errors import InputError
 from vip_factors.io.detections.formats import write_mmpose

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from vip_factors.cli.options import Flag, Output, beside, parse
-from vip_factors.detect.tracks import DetectSettings
+from vip_factors.detect.settings import DetectSettings
 
 if TYPE_CHECKING:
     from vip_factors.detect.video import VideoPoses

@@ -17,7 +17,8 @@ import numpy as np
 from vip_factors.atomic import atomic_path
 from vip_factors.body.keypoints import KeypointSet, keypoint_set
 from vip_factors.detect.onnx_pose import OnnxPose, box_around
-from vip_factors.detect.tracks import DetectSettings, Track, Tracker
+from vip_factors.detect.settings import DetectSettings
+from vip_factors.detect.tracks import Track, Tracker
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.detections.formats import TrackedPose

@@ -76,7 +76,7 @@ def write_dot(path: Path, R: Array, free: Array, clock_us: Array, ms: int = 839,
         orientation = np.rad2deg(np.stack([roll, -np.arcsin(R[:, 2, 0]), yaw], axis=1))
     names += ["FreeAcc_X", "FreeAcc_Y", "FreeAcc_Z", "Gyr_X", "Gyr_Y", "Gyr_Z", "Status"]
     rows = [
-        ",".join([str(i + 1), str(clock), *(f"{v:.6f}" for v in (*orientation[i], *free[i], 90.0, 0.0, 0.0)), "0"])
+        ",".join([str(i + 1), f"{clock:.0f}", *(f"{v:.6f}" for v in (*orientation[i], *free[i], 90.0, 0.0, 0.0)), "0"])
         for i, clock in enumerate(clock_us)
     ]
     text = DOT_PREAMBLE.format(ms=ms) + "\n".join([",".join(names), *rows])

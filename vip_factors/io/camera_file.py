@@ -209,13 +209,13 @@ def _opencv_model(path: Path) -> CameraModel:
         size = np.array([width.ravel()[0], height.ravel()[0]])
     if size is None or size.size != 2:
         raise InputError(f"{path}: the image's size is missing: expected image_width and image_height, in pixels")
-    width, height = size.ravel()
-    if not (0 < width < FARTHEST_PIXEL and 0 < height < FARTHEST_PIXEL):
-        raise InputError(f"{path}: the image is {width:g} by {height:g} pixels: expected numbers above zero")
+    size = size.ravel()
+    if not np.all((size > 0) & (size < FARTHEST_PIXEL)):
+        raise InputError(f"{path}: the image is {size[0]:g} by {size[1]:g} pixels: expected numbers above zero")
     bent = np.zeros(0) if distortion is None else distortion.ravel()
     if np.any(bent[USED_COEFFICIENTS:]):
         raise InputError(f"{path}: {len(bent)} distortion coefficients: expected at most eight that are not zero")
-    return _model(str(path), np.floor([width, height]), K.reshape(3, 3), bent[:USED_COEFFICIENTS])
+    return _model(str(path), np.floor(size), K.reshape(3, 3), bent[:USED_COEFFICIENTS])
 
 
 Numbers = Callable[[tuple[str, ...]], Array | None]

@@ -72,7 +72,7 @@ def _logs() -> list[tuple[str, str, Files, dict[str, str]]]:
         b'{"stature_m": 1.7, "sex": "male", "sensors": {"Pelvis": "pelvis", "RightForeArm": {"site": "right_forearm"}}}'
     )
     txt = _written(partial(_mtw, names=NAMES))
-    mapped = _written(partial(_mtw, names=("a-000_00B1", "a-000_00B2"))) | {"m.xml": xml}
+    mapped = {**_written(partial(_mtw, names=("a-000_00B1", "a-000_00B2"))), "m.xml": xml}
     opals = {"Lumbar": sample(1), "Right Ankle": sample(2)}
     si = ("m/s^2", "rad/s")
     return [
@@ -183,13 +183,15 @@ def _written(write: Callable[[Path], object]) -> Files:
 
 def _mtw(folder: Path, names: Sequence[str]) -> None:
     for seed, name in enumerate(names):
-        write_mtw(folder / f"{name}.txt", columns_of(*turning(ROWS, seed)), (65530 + np.arange(ROWS)) % 65536)
+        write_mtw(folder / f"{name}.txt", columns_of(*turning(ROWS, seed)), np.arange(65530.0, 65530.0 + ROWS) % 65536)
 
 
 def _dot(folder: Path) -> None:
     for seed, name in enumerate(NAMES):
         R, force, _ = turning(ROWS, seed)
-        write_dot(folder / f"{name}_20210820_202113_836.csv", R, force, 1000 + 16667 * np.arange(ROWS))
+        write_dot(
+            folder / f"{name}_20210820_202113_836.csv", R, force, np.linspace(1000.0, 1000.0 + 16667 * (ROWS - 1), ROWS)
+        )
 
 
 def _quaternion_table(path: Path) -> None:

@@ -81,7 +81,7 @@ def read_people(path: Path) -> DetectedPeople:
             return _openpose(path, files)
     elif path.suffix.lower() == ".json":
         content = load_json(path)
-        first = content[0] if isinstance(content, list) and content else None
+        first: Any = content[0] if isinstance(content, list) and content else None
         if _holds(content, "people"):
             return _openpose(path, [path])
         if _holds(content, "instance_info") or _holds(first, "instances"):

@@ -240,10 +240,8 @@ def _apdm_sensor(
     for quantity, axes in quantities.items():
         columns = tuple(axes[axis] for axis in APDM_AXES[quantity] if axis in axes)
         if len(columns) == len(APDM_AXES[quantity]) and np.any(np.isfinite(one.numbers([at - 1 for at in columns]))):
-            entry = replace(entry, **{quantity: Columns(columns)})
-            entry = replace(
-                entry, **APDM_UNITS.get(units[columns[0] - 1] if units else "", {})
-            )  # others are SI already
+            stated = APDM_UNITS.get(units[columns[0] - 1] if units else "", {})  # others are SI already
+            entry = replace(entry, **{quantity: Columns(columns)}, **stated)  # type: ignore[arg-type]
     return entry
 
 

@@ -8,7 +8,7 @@ from scene_sample import scene_sample
 from vip_factors.body.kinematics import Motion
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.calibration import SensorCalibration
-from vip_factors.sensors.live import LiveSetup
+from vip_factors.sensors.live import stream_head
 from vip_factors.sensors.scene import Scene
 
 LAG = 15  # frames
@@ -59,5 +59,5 @@ def camera_pose(scene: Scene, time: float) -> LiveCameraPose:
     return LiveCameraPose(time, at.R_world_camera[0], at.p_world_camera[0], 1e-4 * np.eye(6))
 
 
-def setup_of(scene: Scene) -> LiveSetup:
-    return LiveSetup.of(scene)
+def setup_of(scene: Scene) -> Scene:
+    return stream_head(scene)

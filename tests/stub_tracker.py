@@ -10,7 +10,7 @@ from live_answers import answers, live_scene
 
 from vip_factors.io.mcap_recording import read_scene, write_scene
 from vip_factors.live_estimate import LiveEstimate
-from vip_factors.sensors.live import LiveSample, LiveSetup
+from vip_factors.sensors.live import LiveSample
 from vip_factors.sensors.scene import Scene
 
 
@@ -18,8 +18,8 @@ def tracker_module(scene: Scene) -> types.ModuleType:
     """A stand-in for ``vip_factors.live.tracker``: the truth of a scene, frame by frame as its samples pass."""
 
     class FixedLagTracker:
-        def __init__(self, setup: LiveSetup, settings: object, real_time: bool = False) -> None:
-            assert [one.name for one in setup.wearers] == [one.subject.name for one in scene.wearers]
+        def __init__(self, head: Scene, settings: object, real_time: bool = False) -> None:
+            assert [one.subject.name for one in head.wearers] == [one.subject.name for one in scene.wearers]
             self.settings = settings
             self._left: Iterator[LiveEstimate] = answers(scene)
             self._next: LiveEstimate | None = next(self._left)

@@ -14,7 +14,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.pipeline import smooth
-from vip_factors.sensors.live import LiveSetup, live_samples
+from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
 METRES = 3.0  # twice as far as they are apart: nothing but the ranges can say so
@@ -50,7 +50,7 @@ def test_in_batch() -> None:
 
 
 def test_live() -> None:
-    tracker = FixedLagTracker(LiveSetup.of(two()), LiveSettings(frame_rate=15.0), ranges)
+    tracker = FixedLagTracker(stream_head(two()), LiveSettings(frame_rate=15.0), ranges)
     answers = [answer for sample in live_samples(two()) for answer in tracker.push(sample)]
     p, q = (one.newest.p_world_pelvis for one in answers[-1].wearers)
     assert np.linalg.norm(p - q) == pytest.approx(METRES, abs=0.15)

@@ -8,7 +8,7 @@ from mcap_samples import assert_same
 from scene_samples import filmed_walk
 
 from vip_factors.io.live.source import LiveSource, LiveSourceSettings
-from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, LiveSetup, live_samples
+from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
 # Short waits, and nobody is waited for after the first good client.
@@ -39,14 +39,14 @@ def sorted_out(items: Iterable[LiveItem]) -> tuple[list[LiveSample], list[str]]:
     return samples, sentences
 
 
-def received(source: LiveSource) -> tuple[LiveSetup, list[LiveSample], list[str]]:
+def received(source: LiveSource) -> tuple[Scene, list[LiveSample], list[str]]:
     """Set-up, samples and sentences of an entered source."""
     setup = source.setup
     return (setup, *sorted_out(source))
 
 
-def assert_arrived(scene: Scene, setup: LiveSetup, samples: list[LiveSample]) -> None:
-    assert_same(LiveSetup.of(scene), setup)
+def assert_arrived(scene: Scene, setup: Scene, samples: list[LiveSample]) -> None:
+    assert_same(stream_head(scene), setup)
     assert_same(tuple(live_samples(scene)), tuple(samples))
 
 

@@ -23,7 +23,7 @@ from vip_factors.io.mcap_samples import sample_messages
 from vip_factors.io.mcap_writer import MessageWriter
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
-from vip_factors.sensors.live import LiveSetup, VideoFrame, live_samples
+from vip_factors.sensors.live import VideoFrame, live_samples, stream_head
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 
@@ -48,10 +48,10 @@ def by_time(samples: Iterable[Any]) -> tuple[Any, ...]:
     return tuple(sorted(samples, key=rank))
 
 
-def assert_followed(scene: Scene, setup: LiveSetup, samples: list[Any]) -> None:
+def assert_followed(scene: Scene, setup: Scene, samples: list[Any]) -> None:
     times = [one.time for one in samples]
     assert times == sorted(times)
-    assert_same(LiveSetup.of(scene), setup)
+    assert_same(stream_head(scene), setup)
     assert_same(by_time(live_samples(scene)), by_time(samples))
 
 

@@ -17,7 +17,7 @@ from vip_factors.io.live.session import Client, ClientError, Session
 from vip_factors.io.live.streams import listen
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
 from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
-from vip_factors.sensors.live import ImuSample, LiveItem, LiveSetup, VideoFrame
+from vip_factors.sensors.live import ImuSample, LiveItem, VideoFrame, stream_head
 from vip_factors.sensors.scene import Scene
 
 
@@ -26,7 +26,7 @@ class Received:
 
     def __init__(self) -> None:
         self.items: list[LiveItem] = []
-        self.setups: list[LiveSetup] = []
+        self.setups: list[Scene] = []
         self.session = Session(self.setups.append, self.items.append)
 
     def client(self) -> Client:
@@ -48,7 +48,7 @@ class Received:
         return sorted_out(self.items)[1]
 
 
-HEADER = header_message(LiveSetup.of(short_walk()))
+HEADER = header_message(stream_head(short_walk()))
 WALK = [delimited(one) for one in live_messages(short_walk())]
 
 
@@ -72,7 +72,7 @@ def heard(data: bytes, size: int = 1000) -> tuple[Received, str]:
 @given(scenes())
 def test_a_scene_arrives_as_it_was_sent(scene: Scene) -> None:
     try:
-        LiveSetup.of(scene)
+        stream_head(scene)
     except RecordingError:
         assume(False)  # a wearer called as the camera
     got, reason = heard(b"".join(map(delimited, live_messages(scene))), 7000)

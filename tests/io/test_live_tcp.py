@@ -16,7 +16,7 @@ from vip_factors.io.live.messages import delimited, header_message
 from vip_factors.io.live.open import live_messages, open_source, write_messages
 from vip_factors.io.live.source import LiveSourceSettings
 from vip_factors.io.live.streams import TcpServerSource
-from vip_factors.sensors.live import LiveSetup
+from vip_factors.sensors.live import stream_head
 from vip_factors.sensors.scene import Scene
 
 ROOT = Path(__file__).parents[2]
@@ -85,7 +85,7 @@ def test_a_sender_that_breaks_is_connected_to_anew() -> None:
 
 
 def header_bytes() -> bytes:
-    return delimited(header_message(LiveSetup.of(short_walk())).SerializeToString())
+    return delimited(header_message(stream_head(short_walk())).SerializeToString())
 
 
 BAD_CLIENTS = {
@@ -211,7 +211,7 @@ def test_the_example_sender_is_understood() -> None:
         with subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)}) as sender:
             setup, samples, sentences = received(source)
         assert sender.returncode == 0
-    assert [wearer.name for wearer in setup.wearers] == ["Ada"]
+    assert [wearer.subject.name for wearer in setup.wearers] == ["Ada"]
     placed = {site.sensor for site in setup.wearers[0].placement.sites}
     assert {(one.carrier, one.sensor) for one in samples} == {("Ada", name) for name in placed}
     assert all(one.R_inertial_sensor is not None and one.specific_force is not None for one in samples)

@@ -24,7 +24,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.io.live.source import VmcPose
 from vip_factors.io.live_vmc import DATAGRAM, UNITY_BONES, LiveVmcSink, check_vmc
 from vip_factors.live_estimate import LivePose
-from vip_factors.sensors.live import LiveSetup
+from vip_factors.sensors.live import stream_head
 
 # Unity's humanoid: every bone that we send and the one that it hangs on.
 UNITY_PARENTS = {
@@ -116,7 +116,7 @@ MESSAGES = 3 + len(UNITY_BONES)
 def test_joints_lie_where_the_estimate_has_them(kind: VmcPose) -> None:
     scene = live_scene(0.5)
     with marionettes(2) as heard:
-        sink = LiveVmcSink(f"127.0.0.1:{heard[0].port}", LiveSetup.of(scene), kind)
+        sink = LiveVmcSink(f"127.0.0.1:{heard[0].port}", stream_head(scene), kind)
         assert list(sink.ports.values()) == [one.port for one in heard]
         for estimate in answers(scene):
             sink.write(estimate)
@@ -132,7 +132,7 @@ def test_joints_lie_where_the_estimate_has_them(kind: VmcPose) -> None:
 def test_an_avatar_faces_as_the_wearer_does_and_left_is_left() -> None:
     scene = live_scene(0.1, 1)
     with marionettes() as (heard,):
-        sink = LiveVmcSink(f"localhost:{heard.port}", LiveSetup.of(scene))
+        sink = LiveVmcSink(f"localhost:{heard.port}", stream_head(scene))
         T_pose = np.tile(np.eye(3), (24, 1, 1))
         T_pose[0] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # upright in our world, facing -y
         estimate = answer(scene, 0)
@@ -154,7 +154,7 @@ def test_a_body_that_was_found_replaces_the_one_supposed() -> None:
     estimate = answer(scene, 3)
     estimate = replace(estimate, wearers=(replace(estimate.wearers[0], skeleton=tall),))
     with marionettes() as (heard,):
-        sink = LiveVmcSink(f"127.0.0.1:{heard.port}", LiveSetup.of(scene))
+        sink = LiveVmcSink(f"127.0.0.1:{heard.port}", stream_head(scene))
         sink.write(estimate)
         heard.wait(MESSAGES)
         check_joints(heard, estimate.wearers[0].newest, tall)
@@ -166,7 +166,7 @@ def test_the_messages_are_those_of_the_protocol_in_datagrams_that_travel_whole()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
         ear.bind(("127.0.0.1", 0))
         ear.settimeout(10)
-        sink = LiveVmcSink(f"127.0.0.1:{ear.getsockname()[1]}", LiveSetup.of(scene))
+        sink = LiveVmcSink(f"127.0.0.1:{ear.getsockname()[1]}", stream_head(scene))
         sink.write(answer(scene, 0))
         datagrams = [ear.recv(65536) for _ in range(2)]
         sink.close()
@@ -182,7 +182,7 @@ def test_nobody_need_listen() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-    sink = LiveVmcSink(f"127.0.0.1:{port}", LiveSetup.of(scene))
+    sink = LiveVmcSink(f"127.0.0.1:{port}", stream_head(scene))
     for estimate in answers(scene):
         sink.write(estimate)
     assert sink.close() == ()
@@ -190,7 +190,7 @@ def test_nobody_need_listen() -> None:
 
 def test_what_cannot_be_sent_is_told_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = live_scene(0.1, 1)
-    sink = LiveVmcSink("127.0.0.1:39539", LiveSetup.of(scene))
+    sink = LiveVmcSink("127.0.0.1:39539", stream_head(scene))
 
     class Unplugged:
         def sendto(self, *_: object) -> None:

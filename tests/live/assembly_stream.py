@@ -9,10 +9,14 @@ from vip_factors.geometry.rotations import exp
 from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.measurement import FrameMeasurement
 from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.sensors.live import ImuSample, LiveCamera, LiveSample, VideoFrame
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
+from vip_factors.sensors.scene import Camera
 
 RATE = 60.0
-CAMERA = LiveCamera("phone", CameraModel(1280, 720, (900.0, 900.0), (640.0, 360.0)), keypoint_set("openpose18"))
+CAMERA = Camera(
+    "phone", CameraModel(1280, 720, (900.0, 900.0), (640.0, 360.0)), Detections.none(keypoint_set("openpose18"))
+)
 COLUMNS = [("Ada", "hip"), ("Ada", "wrist"), ("Bo", "hip")]
 
 

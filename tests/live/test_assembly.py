@@ -13,7 +13,7 @@ from vip_factors.live.settings import AssemblySettings
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams, triangular_average
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.live import LiveSetup, live_samples
+from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
@@ -47,7 +47,7 @@ def simulated(imu_rate: float, packet_loss: float, jitter: float = 0.0) -> tuple
 def test_frames_equal_the_batch(imu_rate: float, loss: float, jitter: float) -> None:
     scene, streams = simulated(imu_rate, loss, jitter)
     columns = [("anna", one.name) for one in streams[:-1]] + [("camera", streams[-1].name)]
-    assembler = FrameAssembler(columns, RATE, PATIENT, LiveSetup.of(scene).cameras)
+    assembler = FrameAssembler(columns, RATE, PATIENT, stream_head(scene).cameras)
     frames = assemble(live_samples(scene), assembler)
 
     batch = resample_streams(streams, np.array([one.time for one in frames]))
@@ -71,7 +71,7 @@ def test_frames_equal_the_batch(imu_rate: float, loss: float, jitter: float) -> 
 def test_each_video_frame_is_handed_out_once_with_its_frame() -> None:
     scene, streams = simulated(60.0, 0.0)
     columns = [("anna", one.name) for one in streams[:-1]] + [("camera", streams[-1].name)]
-    frames = assemble(live_samples(scene), FrameAssembler(columns, RATE, cameras=LiveSetup.of(scene).cameras))
+    frames = assemble(live_samples(scene), FrameAssembler(columns, RATE, cameras=stream_head(scene).cameras))
     assert scene.camera is not None
     handed = [(one.frame, one.video.time) for frame in frames for one in frame.video]
     times = scene.camera.detections.time

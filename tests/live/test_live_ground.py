@@ -17,7 +17,7 @@ from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.sensors.calibration import preset
-from vip_factors.sensors.live import LiveSample, LiveSetup, VideoFrame, live_samples
+from vip_factors.sensors.live import LiveSample, VideoFrame, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
@@ -49,7 +49,7 @@ def placed_cm(one: Tracked, kind: str = "smoothed", after: float = 1.5) -> float
 @cache
 def begun(settings: LiveSettings) -> FixedLagTracker:
     """A tracker two seconds into the scene with the known camera."""
-    tracker = FixedLagTracker(LiveSetup.of(placed_camera()), settings)
+    tracker = FixedLagTracker(stream_head(placed_camera()), settings)
     for sample in live_samples(placed_camera()):
         if sample.time < 2.0:
             tracker.push(sample)
@@ -99,7 +99,7 @@ def test_feet_may_be_told_by_their_sensors() -> None:
 def test_where_it_is_not_wanted_or_the_pose_unknown_there_is_none() -> None:
     _, model = stretch(with_ground(SETTINGS, use=False))
     assert model.views[0].ground is None
-    tracker = FixedLagTracker(LiveSetup.of(filmed()), SETTINGS)
+    tracker = FixedLagTracker(stream_head(filmed()), SETTINGS)
     for sample in live_samples(filmed()):
         if sample.time < 1.5:
             tracker.push(sample)
@@ -116,7 +116,7 @@ def test_a_wearer_before_a_known_camera_is_where_they_are() -> None:
 @pytest.mark.parametrize("far_px", [15.0, 400.0])
 def test_keypoints_far_from_where_they_are_expected_count_less(far_px: float) -> None:
     scene, truth = placed_camera(), filmed().wearers[0].truth
-    setup, settings = LiveSetup.of(scene), with_biweight(SETTINGS)
+    setup, settings = stream_head(scene), with_biweight(SETTINGS)
     assert truth is not None
     assert scene.camera is not None
     assert scene.camera.known_path is not None

@@ -6,14 +6,14 @@ from tracked import placed_camera
 
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.live.prediction import places_in
-from vip_factors.sensors.live import LiveSetup, VideoFrame
+from vip_factors.sensors.live import VideoFrame, stream_head
 from vip_factors.stages.views import points_on_body
 
 
 @pytest.mark.parametrize("strangers", [0, 2])
 def test_the_root_is_where_the_keypoints_say(strangers: int) -> None:
     scene = placed_camera()
-    camera = LiveSetup.of(scene).cameras[0]
+    camera = stream_head(scene).cameras[0]
     truth, path = scene.wearers[0].truth, camera.known_path
     assert truth is not None
     assert path is not None
@@ -36,7 +36,7 @@ def test_the_root_is_where_the_keypoints_say(strangers: int) -> None:
 
 def test_a_wearer_who_is_not_there_is_not_placed() -> None:
     scene = placed_camera()
-    camera = LiveSetup.of(scene).cameras[0]
+    camera = stream_head(scene).cameras[0]
     truth, path = scene.wearers[0].truth, camera.known_path
     assert truth is not None
     assert path is not None

@@ -15,7 +15,7 @@ from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.live.measurement import MeasuredStretch
 from vip_factors.live.recalibrator import RecalibrationProcess
 from vip_factors.live.settings import RecalibrationSettings
-from vip_factors.sensors.live import LiveSetup, live_samples
+from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
 OFTEN = replace(SETTINGS, recalibration=RecalibrationSettings(first_s=2.5, delay_s=0.4))
@@ -91,14 +91,14 @@ def test_a_script_that_tracks_at_its_top_level_ends(tmp_path: Path) -> None:
 def test_a_process_that_is_gone_is_told() -> None:
     process = RecalibrationProcess()
     process.close()
-    answer = process.submit(MeasuredStretch(LiveSetup.of(filmed()), [], [], []), OFTEN)
+    answer = process.submit(MeasuredStretch(stream_head(filmed()), []), OFTEN)
     with pytest.raises(SolveError, match="has ended"):
         answer.result(timeout=30)
 
 
 def test_what_cannot_be_solved_is_told() -> None:
     process = RecalibrationProcess()
-    answer = process.submit(MeasuredStretch(LiveSetup.of(filmed()), [], [], []), OFTEN)
+    answer = process.submit(MeasuredStretch(stream_head(filmed()), []), OFTEN)
     with pytest.raises(SolveError):
         answer.result(timeout=60)
     process.close()

@@ -15,11 +15,12 @@ from vip_factors.live.problem import FrameState
 from vip_factors.live.recalibrator import Recalibrator
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.start import Known
-from vip_factors.sensors.live import LiveSetup
+from vip_factors.sensors.live import sensor_columns, stream_head
 
 SETTINGS = LiveSettings()
-SENSORS, RATE = 3, 60
+RATE = 60
 NEWEST = FrameState(np.zeros((1, 24, 3, 3)), np.zeros((1, 3)), np.eye(3), np.zeros(3))
+SENSORS = len(sensor_columns(stream_head(filmed())))
 KNOWN = Known({}, np.zeros((1, 3)))
 
 
@@ -45,7 +46,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[MeasuredStretch, Known 
 
 
 def recalibrating() -> Recalibrator:
-    return Recalibrator(LiveSetup.of(filmed()), [("w", str(n)) for n in range(SENSORS)], SETTINGS, real_time=False)
+    return Recalibrator(stream_head(filmed()), SETTINGS, real_time=False)
 
 
 def feed(one: Recalibrator, first: int, frames: int) -> list[str]:

@@ -25,7 +25,7 @@ from vip_factors.geometry.rotations import rotation_z
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.live import ImuSample, LiveSample, LiveSetup, VideoFrame, live_samples
+from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame, live_samples, stream_head
 from vip_factors.settings import Settings
 
 FRAMES = round(4.0 * RATE) - 1  # the first is where video and the last of the sensors have begun
@@ -107,7 +107,7 @@ def test_the_order_of_samples_within_an_instant_is_nothing() -> None:
 
 def test_finish_answers_the_rest() -> None:
     scene = unfilmed(filmed())
-    tracker = FixedLagTracker(LiveSetup.of(scene), SETTINGS)
+    tracker = FixedLagTracker(stream_head(scene), SETTINGS)
     answered = [one for sample in live_samples(scene) if sample.time < 2.0 for one in tracker.push(sample)]
     rest = tracker.finish()
     assert [one.frame for one in (*answered, *rest)] == list(range(len(answered) + len(rest)))
@@ -233,7 +233,7 @@ def test_a_known_camera_holds_the_wearer_in_place() -> None:
 @pytest.mark.slow
 def test_memory_does_not_grow() -> None:
     scene = unfilmed(filmed_gestures("fixed", 3.0))
-    tracker = FixedLagTracker(LiveSetup.of(scene), SETTINGS)
+    tracker = FixedLagTracker(stream_head(scene), SETTINGS)
     traced = []
     marks = [1.7, 2.3, 2.9]
     tracemalloc.start(1)
@@ -251,7 +251,7 @@ def test_memory_does_not_grow() -> None:
 @pytest.mark.parametrize("seconds", [0.0, 0.3, 0.8])
 def test_a_stream_that_ends_before_it_begins(seconds: float) -> None:
     scene = unfilmed(filmed())
-    tracker = FixedLagTracker(LiveSetup.of(scene), SETTINGS)
+    tracker = FixedLagTracker(stream_head(scene), SETTINGS)
     for sample in live_samples(scene):
         if sample.time < seconds:
             assert tracker.push(sample) == []

@@ -12,7 +12,7 @@ from vip_factors.evaluate.metrics import common_frames, mpjpe
 from vip_factors.live.settings import LiveSettings, RecalibrationSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose
-from vip_factors.sensors.live import LiveSample, LiveSetup, live_samples
+from vip_factors.sensors.live import LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
 RATE = 30.0  # half the usual: half the time
@@ -57,7 +57,7 @@ def motion_of(chosen: Sequence[LivePose], scene: Scene, wearer: int = 0) -> Moti
 
 def track(scene: Scene, samples: Iterable[LiveSample] | None = None, settings: LiveSettings = SETTINGS) -> Tracked:
     """All answers to a scene's samples, or to others of the same set-up."""
-    tracker = FixedLagTracker(LiveSetup.of(scene), settings)
+    tracker = FixedLagTracker(stream_head(scene), settings)
     answers: list[LiveEstimate] = []
     for sample in live_samples(scene) if samples is None else samples:
         answers += tracker.push(sample)

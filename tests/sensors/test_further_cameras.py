@@ -7,7 +7,7 @@ import pytest
 from scene_sample import scene_sample
 
 from vip_factors.errors import RecordingError
-from vip_factors.sensors.live import LiveSetup, VideoFrame, live_samples
+from vip_factors.sensors.live import VideoFrame, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
 
@@ -21,7 +21,7 @@ def two_cameras() -> Scene:
 def test_all_cameras_are_listed_and_streamed() -> None:
     scene = two_cameras()
     assert [camera.name for camera in scene.cameras] == ["phone", "left"]
-    setup = LiveSetup.of(scene)
+    setup = stream_head(scene)
     assert [camera.name for camera in setup.cameras] == ["phone", "left"]
     assert setup.cameras[1].known_path is scene.truth.camera
     frames = [one for one in live_samples(scene) if isinstance(one, VideoFrame)]

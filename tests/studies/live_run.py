@@ -26,7 +26,7 @@ from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.camera_path import move_motion, scene_gauge
-from vip_factors.sensors.live import LiveSetup, live_samples
+from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 
@@ -72,7 +72,7 @@ def live_settings(settings: Settings, **changes: object) -> LiveSettings:
 
 def run_live(scene: Scene, settings: LiveSettings, tell: Callable[[float], None] = lambda fraction: None) -> LiveRun:
     """Feed a scene of one wearer to the tracker as fast as it takes it."""
-    tracker = FixedLagTracker(LiveSetup.of(scene), settings)
+    tracker = FixedLagTracker(stream_head(scene), settings)
     wearer, end = scene.wearers[0], scene.wearers[0].interval[1]
     answers: list[LiveEstimate] = []
     seconds: list[float] = []

@@ -16,7 +16,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import exp
 from vip_factors.sensors.calibration import preset
-from vip_factors.sensors.live import ImuSample, LiveSample, LiveSetup, live_samples
+from vip_factors.sensors.live import ImuSample, LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
@@ -102,7 +102,7 @@ class LongStream:
     """
 
     def __init__(self, scene: Scene, trials: LongStreamTrials) -> None:
-        self.setup, self._trials = LiveSetup.of(scene), trials
+        self.setup, self._trials = stream_head(scene), trials
         self._samples = list(live_samples(scene))
         self._end = max(sample.time for sample in self._samples)
         imus = [one for one in self._samples if isinstance(one, ImuSample)]

@@ -23,7 +23,7 @@ from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.frames import ImuFrames, resample
-from vip_factors.sensors.live import LiveSetup, live_samples
+from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
@@ -128,7 +128,7 @@ def who_is_who(scene: Scene, given: np.ndarray, wearer: int) -> tuple[float, flo
 
 def streamed(scene: Scene, settings: LiveSettings = DEFAULT) -> list[LiveEstimate]:
     """What the tracker answers to a scene, as fast as it goes."""
-    tracker = FixedLagTracker(LiveSetup.of(scene), settings)
+    tracker = FixedLagTracker(stream_head(scene), settings)
     return [*(answer for sample in live_samples(scene) for answer in tracker.push(sample)), *tracker.finish()]
 
 

@@ -25,7 +25,6 @@ from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import write_scene
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.calibration import preset
-from vip_factors.sensors.live import LiveSetup
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
@@ -242,7 +241,7 @@ class Killed:
         return self.written_s - self.left_s
 
 
-def kill_while_writing(answers: Sequence[LiveEstimate], setup: LiveSetup, rate: float, until: float) -> Killed | None:
+def kill_while_writing(answers: Sequence[LiveEstimate], setup: Scene, rate: float, until: float) -> Killed | None:
     """Write answers up to a time (s) in a process of its own, kill it without a warning, and read what it left.
 
     None if the process ended by itself.

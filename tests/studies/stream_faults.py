@@ -25,7 +25,7 @@ from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.io.motions import read_motion
 from vip_factors.live.settings import LiveSettings, RecalibrationSettings
-from vip_factors.sensors.live import LiveSetup, live_samples
+from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.settings import CameraKind, SceneSettings
@@ -159,7 +159,7 @@ class StreamFaults(Study):
                     yield _scored(scene, camera, clip, fault, run, usual, self)
             if not self.faults or KILLED in self.faults:
                 ends = (self.fault_s + late for late in KILLS)
-                setup = LiveSetup.of(scene)
+                setup = stream_head(scene)
                 kills = (kill_while_writing(usual.answers, setup, self.frame_rate, end) for end in ends)
                 yield KilledTrial(camera, clip, tuple(one for one in kills if one is not None))
 
@@ -196,7 +196,7 @@ class StreamFaults(Study):
 def _run(job: tuple[Scene, LiveSettings, Fault | None]) -> StreamRun | str:
     scene, settings, fault = job
     try:
-        return run_stream(live_samples(scene), LiveSetup.of(scene), settings, fault)
+        return run_stream(live_samples(scene), stream_head(scene), settings, fault)
     except Exception as error:  # of a tracker that must never end so: told in the table
         if fault is None:
             raise

@@ -25,7 +25,8 @@ from vip_factors.errors import RecordingError
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
-from vip_factors.sensors.live import LiveSample, LiveSetup
+from vip_factors.sensors.live import LiveSample
+from vip_factors.sensors.scene import Scene
 from vip_factors.viz.rerun_file import is_whole
 
 BAR = 30  # characters of the longest bar
@@ -63,7 +64,7 @@ class Part:
 
 
 def measured_parts(
-    samples: Iterable[LiveSample], setup: LiveSetup, settings: LiveSettings, part_s: float
+    samples: Iterable[LiveSample], setup: Scene, settings: LiveSettings, part_s: float
 ) -> Iterable[Part]:
     """Parts of ``part_s`` seconds, as they end; the start's updates are not counted."""
     tracker, started, resident = FixedLagTracker(setup, settings), False, resident_memory()

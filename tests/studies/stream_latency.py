@@ -14,7 +14,8 @@ from vip_factors.errors import RecordingError
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate
-from vip_factors.sensors.live import LiveSample, LiveSetup
+from vip_factors.sensors.live import LiveSample
+from vip_factors.sensors.scene import Scene
 
 SLOWEST = 5  # updates that are shown one by one
 CAUGHT_UP = 4.0  # frames: an answer no older than that came in time; sensors are a frame apart, windows another
@@ -133,7 +134,7 @@ class Latencies(LongStreamStudy):
 
 
 def measure(
-    samples: Iterable[LiveSample], setup: LiveSetup, settings: LiveSettings, tell: Callable[[float], None],
+    samples: Iterable[LiveSample], setup: Scene, settings: LiveSettings, tell: Callable[[float], None],
     real_time: bool = False,
 ) -> Latency:  # fmt: skip
     """Push samples into a new tracker and look at the clocks."""

@@ -13,7 +13,8 @@ from typing import IO, Any
 
 from vip_factors.errors import VipFactorsError
 from vip_factors.io.live.messages import delimited, header_message, sample_message
-from vip_factors.sensors.live import LiveSample, LiveSetup, VideoFrame
+from vip_factors.sensors.live import LiveSample, VideoFrame
+from vip_factors.sensors.scene import Scene
 
 COMMAND = (sys.executable, "-m", "vip_factors.cli.main")
 SOURCE = "tcp://127.0.0.1:0"  # a free port, which the program tells
@@ -67,7 +68,7 @@ class StreamProgram:
         """Of the process."""
         return self._process.pid
 
-    def send(self, setup: LiveSetup, samples: Iterable[LiveSample]) -> Iterator[float]:
+    def send(self, setup: Scene, samples: Iterable[LiveSample]) -> Iterator[float]:
         """Send the header, and each sample when it is due; yields its time."""
         frames: Counter[str] = Counter()
         try:

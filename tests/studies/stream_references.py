@@ -25,7 +25,8 @@ from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
-from vip_factors.sensors.live import LiveSample, LiveSetup
+from vip_factors.sensors.live import LiveSample
+from vip_factors.sensors.scene import Scene
 
 NEVER_S = 1e9  # between steps of what frames share: GTSAM's smoothers hold it constant
 OURS = "ours"
@@ -69,7 +70,7 @@ class RecordedWindow:
 
 
 def run_references(
-    samples: Iterable[LiveSample], setup: LiveSetup, settings: LiveSettings, updates: int, tell: Tell
+    samples: Iterable[LiveSample], setup: Scene, settings: LiveSettings, updates: int, tell: Tell
 ) -> tuple[ReferenceTime, ...]:
     """Time each smoother on ``updates`` frames after as many as the lag holds; ours is the first."""
     lag = max(1, round(settings.lag_s * settings.frame_rate))
@@ -111,9 +112,7 @@ def without_walk(settings: LiveSettings) -> LiveSettings:
     return replace(settings, walk=replace(settings.walk, every_s=NEVER_S))
 
 
-def recorded_window(
-    samples: Iterable[LiveSample], setup: LiveSetup, settings: LiveSettings, count: int
-) -> RecordedWindow:
+def recorded_window(samples: Iterable[LiveSample], setup: Scene, settings: LiveSettings, count: int) -> RecordedWindow:
     """Run the tracker until ``count`` frames have left the lag without a new start, and keep these."""
     tracker = FixedLagTracker(setup, settings)
     smoother: LagSmoother | None = None

@@ -16,7 +16,8 @@ from vip_factors.io.live.source import LiveQueue, LiveSourceSettings
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose
-from vip_factors.sensors.live import LiveFinding, LiveLoss, LiveSample, LiveSetup
+from vip_factors.sensors.live import LiveFinding, LiveLoss, LiveSample
+from vip_factors.sensors.scene import Scene
 
 GOOD = 1.2  # times the error of the undisturbed stream
 SUSTAINED_S = 1.0
@@ -59,9 +60,7 @@ class StreamRun:
         return max(ages, default=float("nan"))
 
 
-def run_stream(
-    samples: Iterable[LiveSample], setup: LiveSetup, settings: LiveSettings, fault: Fault | None
-) -> StreamRun:
+def run_stream(samples: Iterable[LiveSample], setup: Scene, settings: LiveSettings, fault: Fault | None) -> StreamRun:
     """Track a stream, with a fault if there is one."""
     sent = _Sent(samples)
     changed = iter(sent) if fault is None else fault.change(sent)
@@ -96,7 +95,7 @@ class _Sent:
             yield sample
 
 
-def _unposed(setup: LiveSetup) -> LiveSetup:
+def _unposed(setup: Scene) -> Scene:
     return replace(setup, wearers=tuple(replace(one, initial_pose="none") for one in setup.wearers))
 
 
@@ -125,7 +124,7 @@ def _moved(answer: LiveEstimate, shift: float) -> LiveEstimate:
     return replace(answer, time=answer.time + shift, wearers=wearers)
 
 
-def _overloaded(samples: Sequence[LiveSample], setup: LiveSetup, settings: LiveSettings, fault: Fault) -> StreamRun:
+def _overloaded(samples: Sequence[LiveSample], setup: Scene, settings: LiveSettings, fault: Fault) -> StreamRun:
     """The queue between a source and a tracker that takes its time, on a clock that is made: any machine gives this."""
     now = 0.0
     queue = LiveQueue(LiveSourceSettings().queue_limit, clock=lambda: now)

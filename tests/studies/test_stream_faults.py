@@ -15,7 +15,7 @@ from tests.studies.study import markdown
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.live.settings import LiveSettings
-from vip_factors.sensors.live import LiveSetup, live_samples
+from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
 
@@ -78,7 +78,7 @@ def test_a_queue_that_runs_over_is_told_and_order_is_kept(scene: Scene, monkeypa
     taken: list[float] = []
 
     class Slow:
-        def __init__(self, setup: LiveSetup, settings: LiveSettings) -> None:
+        def __init__(self, setup: Scene, settings: LiveSettings) -> None:
             self._left = iter(answers(live_scene(1.0, 1)))
 
         def push(self, sample: object) -> list[object]:
@@ -94,7 +94,7 @@ def test_a_queue_that_runs_over_is_told_and_order_is_kept(scene: Scene, monkeypa
 
     monkeypatch.setattr("tests.studies.stream_run.FixedLagTracker", Slow)
     fault = replace(chosen_faults(scene, 3.0, ("updates of",))[0], begin=0.0, overload_s=0.2)
-    run = run_stream(live_samples(scene), LiveSetup.of(scene), LiveSettings(), fault)
+    run = run_stream(live_samples(scene), stream_head(scene), LiveSettings(), fault)
     assert "does not keep up" in run.told[0][1]
     assert taken == sorted(taken)
     assert len(taken) < len(list(live_samples(scene)))
@@ -105,7 +105,7 @@ def test_a_queue_that_runs_over_is_told_and_order_is_kept(scene: Scene, monkeypa
 @pytest.mark.slow
 def test_little_is_lost_with_the_program() -> None:
     scene = live_scene(3.0, 1)
-    killed = kill_while_writing(list(answers(scene)), LiveSetup.of(scene), 60.0, 2.2)
+    killed = kill_while_writing(list(answers(scene)), stream_head(scene), 60.0, 2.2)
     assert killed is not None
     assert 0 <= killed.lost_s <= 0.51
     assert killed.readable > 80

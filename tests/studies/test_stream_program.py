@@ -16,7 +16,7 @@ from tests.studies.stream_slow import Answers, SlowPart, SlowStream, StreamSlow
 from tests.studies.study import markdown, no_news, run
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.io.mcap_recording import write_scene
-from vip_factors.sensors.live import LiveSetup
+from vip_factors.sensors.live import stream_head
 
 STUB = Path(__file__).parents[1] / "stub_tracker.py"
 
@@ -64,7 +64,7 @@ def test_a_program_that_does_not_begin_is_told() -> None:
     command = (sys.executable, "-c", "import sys; sys.exit('no such thing')")
     with StreamProgram((), lambda answer, age: None, command) as program:
         with pytest.raises(VipFactorsError, match="no such thing"):
-            list(program.send(LiveSetup.of(scene), ()))
+            list(program.send(stream_head(scene), ()))
         assert program.end() == 1
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from vip_factors.io.live_mcap import LiveMcapSink
     from vip_factors.io.live_vmc import LiveVmcSink
     from vip_factors.live.settings import LiveSettings
-    from vip_factors.sensors.live import LiveSetup
+    from vip_factors.sensors.scene import Scene
     from vip_factors.viz.live_rerun import LiveRerunSink
 
 INSTEAD_OF_A_WINDOW = "--rerun-serve PORT, --rerun-save FILE.rrd or --rerun-connect URL instead of --rerun"
@@ -174,9 +174,7 @@ def _run(
     return session, told
 
 
-def _file(
-    options: StreamOptions, settings: "LiveSettings", setup: "LiveSetup", stack: ExitStack
-) -> "LiveMcapSink | None":
+def _file(options: StreamOptions, settings: "LiveSettings", setup: "Scene", stack: ExitStack) -> "LiveMcapSink | None":
     if options.out is None:
         return None
     from vip_factors.io.live_mcap import LiveMcapSink
@@ -187,7 +185,7 @@ def _file(
 
 
 def _viewers(
-    options: StreamOptions, settings: "LiveSettings", setup: "LiveSetup", stack: ExitStack
+    options: StreamOptions, settings: "LiveSettings", setup: "Scene", stack: ExitStack
 ) -> "list[LiveRerunSink]":
     from vip_factors.viz.live_rerun import LiveRerunSink, LiveTarget
 
@@ -206,7 +204,7 @@ def _viewers(
     return viewers
 
 
-def _avatars(options: StreamOptions, setup: "LiveSetup", stack: ExitStack, line: "StatusLine") -> "list[LiveVmcSink]":
+def _avatars(options: StreamOptions, setup: "Scene", stack: ExitStack, line: "StatusLine") -> "list[LiveVmcSink]":
     if options.vmc is None:
         return []
     from vip_factors.io.live_vmc import LiveVmcSink

@@ -38,7 +38,8 @@ from vip_factors.io.mcap_viewers import MODEST_FRAMES
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.live_update_pb2 import LiveUpdate
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
-from vip_factors.sensors.live import LiveCamera, LiveSetup, LiveWearer
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Camera, Scene
 
 LIVE, LIVE_WEARER = "/estimate/live", "/estimate/live/wearer/"
 LIVE_UPDATE, LIVE_CAMERA = "/estimate/live/update", "/estimate/live/camera/pose"
@@ -68,7 +69,7 @@ class LiveMcapSink:
     def __init__(
         self,
         path: str | os.PathLike[str],
-        setup: LiveSetup,
+        setup: Scene,
         rate: float,
         settings: Mapping[str, str] | None = None,
         overwrite: bool = False,
@@ -76,8 +77,8 @@ class LiveMcapSink:
         self.path = check_target(path, overwrite)
         self.partial = check_partial(self.path, overwrite)
         self._setup, self._settings, self._overwrite = setup, dict(settings or {}), overwrite
-        prefixes = wearer_topics([one.name for one in setup.wearers], SINGLE, WEARER)
-        live = wearer_topics([one.name for one in setup.wearers], LIVE, LIVE_WEARER)
+        prefixes = wearer_topics([one.subject.name for one in setup.wearers], SINGLE, WEARER)
+        live = wearer_topics([one.subject.name for one in setup.wearers], LIVE, LIVE_WEARER)
         self._wearers = [
             _Wearer(one, rate, prefix, newest, setup.start_ns)
             for one, prefix, newest in zip(setup.wearers, prefixes, live, strict=True)
@@ -250,7 +251,7 @@ class LiveMcapSink:
 class _Wearer:
     """The topics of one wearer."""
 
-    def __init__(self, wearer: LiveWearer, rate: float, prefix: str, live: str, start_ns: int) -> None:
+    def __init__(self, wearer: Recording, rate: float, prefix: str, live: str, start_ns: int) -> None:
         self.prefix, self._live, self._start_ns = prefix, live, start_ns
         self._wearer, self._skeleton, self._rate = wearer, wearer.subject.body(), rate
         self.smoothed = GaplessPoses(rate)
@@ -286,7 +287,7 @@ class _Wearer:
             self._out.write_motion(self._estimate([], self.smoothed.start or 0.0).motion, self.smoothed.taken)
 
     def _estimate(self, poses: list[LivePose], start: float) -> WearerEstimate:
-        name, sensors = self._wearer.name, tuple(site.sensor for site in self._wearer.placement.sites)
+        name, sensors = self._wearer.subject.name, tuple(site.sensor for site in self._wearer.placement.sites)
         motion, covariance = motion_of_poses(poses, self._skeleton, self._rate, start, name)
         return WearerEstimate(name, METHOD, motion, {}, covariance, sensors=sensors)
 
@@ -294,7 +295,7 @@ class _Wearer:
 class _Camera:
     """The topics of the first camera."""
 
-    def __init__(self, camera: LiveCamera, start_ns: int) -> None:
+    def __init__(self, camera: Camera, start_ns: int) -> None:
         self._camera, self._start_ns = camera, start_ns
         self._poses = 1 if not camera.moving and camera.known_path is not None else None  # a known one says all
         self._out: CameraWriter | None = None  # of the smoothed poses, from the first one on

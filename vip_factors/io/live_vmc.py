@@ -17,7 +17,7 @@ from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.live.source import VmcPose
 from vip_factors.live_estimate import LiveEstimate, LivePose
-from vip_factors.sensors.live import LiveSetup
+from vip_factors.sensors.scene import Scene
 
 DATAGRAM = 1400  # bytes: a larger one is cut up on its way, and lost with any of its pieces
 
@@ -49,14 +49,14 @@ class LiveVmcSink:
         InputError: for a target that is no host and port, a host that is not known, or without the package for OSC.
     """
 
-    def __init__(self, target: str, setup: LiveSetup, pose: VmcPose = VmcPose.NEWEST) -> None:
+    def __init__(self, target: str, setup: Scene, pose: VmcPose = VmcPose.NEWEST) -> None:
         host, port = check_vmc(target, len(setup.wearers))
         try:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         except OSError as error:
             raise InputError(f"{target}: host '{host}' is not known ({error.strerror})") from error
         self._skeletons = [one.subject.body() for one in setup.wearers]
-        self._names = [one.name for one in setup.wearers]
+        self._names = [one.subject.name for one in setup.wearers]
         self._pose = pose
         self._lost, self._reason = 0, ""
         self._address: tuple[Any, ...] = found[4]

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vip_factors.body.keypoints import KeypointSet
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
@@ -23,7 +22,6 @@ from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.live import LiveCamera, LiveMount
 from vip_factors.sensors.scene import Camera, CameraMount, SceneTruth, Video
 
 if TYPE_CHECKING:
@@ -97,35 +95,34 @@ def path_of(poses: "Sequence[PoseInFrame]", start_ns: int) -> CameraPath | None:
 
 MOUNT = DataclassCodec(
     CameraInfo.Mount,
-    LiveMount,
-    {"imu": "sensor", "mounting_wxyz": "R_camera_imu", "mounting_sigma_rad": "mounting_sigma"},
+    CameraMount,
+    {"mounting_wxyz": "R_camera_imu", "mounting_sigma_rad": "mounting_sigma"},
 )
-"""A sensor on a camera by its name; in memory a recorded camera's has the samples instead."""
+"""A sensor on a camera by its name; in memory it has its samples."""
 HEAD = DataclassCodec(CameraInfo, Camera, {"time_offset_s": "time_offset", "mount": "mounting", "video": "images"})
 """Everything but intrinsics, detections, samples and images."""
 TRUTH = DataclassCodec(CameraTruth, SceneTruth, {"time_offset_s": "time_offset"})
 
 
-def camera_info_message(camera: Camera | LiveCamera, keypoints: KeypointSet, **given: Any) -> CameraInfo:
+def camera_info_message(camera: Camera, **given: Any) -> CameraInfo:
     """What a camera is, and the keypoints of its detector; with the attributes given besides."""
     poses = 0 if camera.known_path is None else len(camera.known_path)
-    return HEAD.encode(camera, known_poses=poses, keypoint_set=keypoints.name, keypoints=keypoints.keypoints, **given)
+    given["mounting"] = None if camera.mount is None else MOUNT.encode(camera.mount, imu=camera.mount.imu.name)
+    seen = camera.keypoints
+    return HEAD.encode(camera, known_poses=poses, keypoint_set=seen.name, keypoints=seen.keypoints, **given)
 
 
 def _recorded_info(camera: Camera, mcap_path: Path) -> CameraInfo:
-    mount, video = camera.mount, None
+    video = None
     if camera.video is not None:
         stored = "" if camera.video.path is None else _stored_path(camera.video.path, mcap_path)
         video = CameraInfo.Video(path=stored, image_frames=sorted(camera.video.images))
-    mounting = None if mount is None else MOUNT.encode(mount, sensor=mount.imu.name)
-    seen = camera.detections
-    return camera_info_message(camera, seen.keypoints, frames=len(seen.time), mounting=mounting, images=video)
+    return camera_info_message(camera, frames=len(camera.detections.time), images=video)
 
 
 def mount_of(message: CameraInfo.Mount, imu: ImuStream) -> CameraMount:
     """The mount of a message, with the samples that belong to it."""
-    mount = MOUNT.decode(message)
-    return CameraMount(imu, mount.R_camera_imu, mount.p_camera_imu, mount.mounting_sigma)
+    return CameraMount(**MOUNT.values(message) | {"imu": imu})
 
 
 def image_messages(writer: MessageWriter, topic: str, camera: Camera, start_ns: int) -> Iterator[TimedMessage]:

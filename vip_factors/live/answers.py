@@ -15,7 +15,7 @@ from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, Li
 from vip_factors.problem.layout import FRAME, ROOT, Owner, OwnerId
 from vip_factors.problem.variables import CAMERA
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
-from vip_factors.sensors.live import LiveSetup
+from vip_factors.sensors.scene import Scene
 
 
 @dataclass
@@ -68,8 +68,8 @@ UNKNOWN_ROOT = 0.25 * np.eye(3)  # m², as long as no covariance has been comput
 class Answers:
     """Makes the answers, and keeps what is computed now and then only: covariances, findings."""
 
-    def __init__(self, setup: LiveSetup, settings: LiveSettings, lag: int) -> None:
-        self._setup, self._settings, self._lag = setup, settings, lag
+    def __init__(self, head: Scene, settings: LiveSettings, lag: int) -> None:
+        self._head, self._settings, self._lag = head, settings, lag
         self._findings: list[str] = []
         self._newest: Array | None = None  # covariance of the newest frame
         self._smoothed: Array | None = None
@@ -119,11 +119,11 @@ class Answers:
         layout = smoother.problem.layout
         sigma = np.full(layout.static_width, np.nan) if covariance is None else np.sqrt(np.diag(covariance))
         found: dict[str, Calibration] = {}
-        for number, (wearer, model) in enumerate(zip(self._setup.wearers, smoother.problem.wearers, strict=True)):
+        for number, (wearer, model) in enumerate(zip(self._head.wearers, smoother.problem.wearers, strict=True)):
             owner, own = OwnerId(Owner.WEARER, number), shared.wearers[number]
             headings = layout.columns(owner, "headings")
             mountings = layout.columns(owner, "R_bone_sensor").reshape(-1, 3)
-            found[wearer.name] = {
+            found[wearer.subject.name] = {
                 sensor: SensorCalibration(
                     float(wrap_angle(own.headings[s])),
                     own.R_bone_sensor[s],
@@ -161,14 +161,14 @@ class Answers:
         chosen = tracking.observers[0].chosen if tracking.observers and number == numbers[-1] else None
         wearers = tuple(
             LiveWearerEstimate(
-                wearer.name,
+                wearer.subject.name,
                 _pose(newest, w, time, self._newest),
                 None if smoothed is None else _pose(smoothed, w, late, self._smoothed),
-                calibrations[wearer.name],
+                calibrations[wearer.subject.name],
                 int(chosen[w]) if chosen is not None and chosen[w] >= 0 else None,
                 smoother.problem.wearers[w].skeleton,
             )
-            for w, wearer in enumerate(self._setup.wearers)
+            for w, wearer in enumerate(self._head.wearers)
         )
         findings, self._findings = tuple(self._findings), []
         camera = self._camera(smoother, newest, time, self._newest)
@@ -179,7 +179,7 @@ class Answers:
         self, smoother: LagSmoother, state: FrameState, time: float, covariance: Array | None
     ) -> LiveCameraPose | None:
         problem = smoother.problem
-        if not self._setup.cameras or not problem.filmed:
+        if not self._head.cameras or not problem.filmed:
             return None
         if problem.moving:
             free = problem.camera.free_pose and covariance is not None

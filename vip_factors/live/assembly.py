@@ -12,7 +12,8 @@ from vip_factors.live.measurement import FrameMeasurement, PlacedVideoFrame
 from vip_factors.live.sensor_samples import SensorBuffer, checked_imu, checked_video
 from vip_factors.live.settings import AssemblySettings
 from vip_factors.live.source_clocks import Admitted, Attendance, StreamClocks
-from vip_factors.sensors.live import ImuSample, LiveCamera, LiveSample, VideoFrame
+from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
+from vip_factors.sensors.scene import Camera
 
 MOST_WAITING = 1024  # half a minute of one camera at 30 Hz: no sensor is so far behind the video
 MOST_REMEMBERED = 64  # handed out before: a link that sends again does so within moments
@@ -74,7 +75,7 @@ class FrameAssembler:
         columns: Sequence[tuple[str, str]],
         rate: float,
         settings: AssemblySettings | None = None,
-        cameras: Sequence[LiveCamera] = (),
+        cameras: Sequence[Camera] = (),
         lag_frames: int = 15,
     ) -> None:
         """Nothing has arrived yet.

@@ -14,7 +14,8 @@ from vip_factors.live.problem import LagFrame
 from vip_factors.problem.scene import Foot, KeypointView
 from vip_factors.problem.state import CameraPoses
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.sensors.live import LiveCamera, VideoFrame
+from vip_factors.sensors.live import VideoFrame
+from vip_factors.sensors.scene import Camera
 from vip_factors.stages.ground import (
     foot_acceleration_confidence,
     free_accelerations,
@@ -92,7 +93,7 @@ class CameraObserver:
     """
 
     def __init__(
-        self, camera: LiveCamera, skeletons: Sequence[Skeleton], soles: Sequence[float], spreads: Sequence[float],
+        self, camera: Camera, skeletons: Sequence[Skeleton], soles: Sequence[float], spreads: Sequence[float],
         association: OnlineAssociationSettings, settings: CameraFactorSettings,
     ) -> None:  # fmt: skip
         self.camera, self.spreads, self._settings = camera, list(spreads), settings.reprojection

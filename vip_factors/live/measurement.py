@@ -1,7 +1,7 @@
 """What was measured in one frame of a stream, and in consecutive ones: these as a scene for the batch stages."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,9 +9,8 @@ from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.live import LiveCamera, LiveSetup, VideoFrame
-from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Camera, CameraMount, Scene
+from vip_factors.sensors.live import VideoFrame, sensor_columns
+from vip_factors.sensors.scene import Camera, Scene
 
 
 @dataclass(frozen=True)
@@ -50,28 +49,21 @@ class FrameMeasurement:
 
 
 MEASURES = 0.3  # of the frames: a third of its packets is enough to start with a sensor
-
-LATELY_S = 2.0  # of a long stretch: a sensor that came late, or has moved, is of use as well
+LATELY_S = 2.0  # of a long stretch: a sensor that came late, or has moved, is used as well
 
 
 class MeasuredStretch:
-    """Consecutive frames of a stream.
+    """Consecutive frames of a stream in memory; a scene of any part of them is made for the stages of the pipeline.
 
     Attributes:
-        setup: what the stream is about.
+        head: of the stream.
         measurements: of the frames.
-        video: frames of all cameras in that time, each with the number of its frame.
         columns: carrier and name of each sensor in the measurements.
+        time: ``(T,)`` seconds of the frames.
     """
 
-    def __init__(
-        self,
-        setup: LiveSetup,
-        measurements: Sequence[FrameMeasurement],
-        video: Sequence[tuple[int, VideoFrame]],
-        columns: Sequence[tuple[str, str]],
-    ) -> None:
-        self.setup, self.measurements, self.video, self.columns = setup, list(measurements), list(video), list(columns)
+    def __init__(self, head: Scene, measurements: Sequence[FrameMeasurement]) -> None:
+        self.head, self.measurements, self.columns = head, list(measurements), sensor_columns(head)
         self.time = np.array([one.time for one in self.measurements])
 
     @property
@@ -79,22 +71,21 @@ class MeasuredStretch:
         """Number of its first frame."""
         return self.measurements[0].frame
 
+    @property
+    def video(self) -> list[PlacedVideoFrame]:
+        """Video of these frames."""
+        return video_of(self.measurements)
+
     def tail(self, frames: int) -> "MeasuredStretch":
         """The last ``frames`` of it."""
-        measurements = self.measurements[-frames:]
-        video = [(number, one) for number, one in self.video if number >= measurements[0].frame]
-        return MeasuredStretch(self.setup, measurements, video, self.columns)
+        return MeasuredStretch(self.head, self.measurements[-frames:])
 
-    def alive(self, carrier: str) -> list[str]:
+    def measuring(self, carrier: str) -> list[str]:
         """Names of a carrier's sensors that measured orientations throughout, or of late, or nearly so."""
         seen = np.stack([one.orientation_valid for one in self.measurements])
         lately = seen[self.time > self.time[-1] - LATELY_S]
         share = np.maximum(seen.mean(axis=0), lately.mean(axis=0))
-        return [
-            sensor
-            for (who, sensor), part in zip(self.columns, share, strict=True)
-            if who == carrier and part > MEASURES
-        ]
+        return [name for (who, name), own in zip(self.columns, share, strict=True) if who == carrier and own > MEASURES]
 
     def column(self, carrier: str, sensor: str) -> int:
         """Where a sensor's measurements are."""
@@ -116,40 +107,44 @@ class MeasuredStretch:
         )
 
     def scene(self) -> Scene:
-        """As a scene."""
-        wearers = []
-        for wearer in self.setup.wearers:
-            names = [name for name in self.alive(wearer.name) if name in {one.sensor for one in wearer.placement.sites}]
-            streams = {name: _stream(self.frames(wearer.name, [name])) for name in names}
-            wearers.append(
-                Recording(self.setup.name, wearer.subject, streams, wearer.placement, self._pose(wearer.initial_pose))
-            )
-        cameras = [self._camera(camera) for camera in self.setup.cameras]
-        first, further = (cameras[0], tuple(cameras[1:])) if cameras else (None, ())
-        return Scene(self.setup.name, tuple(wearers), first, further_cameras=further)
+        """The head with what was measured, frames as if they were samples."""
+        wearers, video = [], self.video
+        for wearer in self.head.wearers:
+            name = wearer.subject.name
+            imus = {sensor: self._stream(name, sensor) for sensor in self.measuring(name)}
+            # The declared pose was held at the start of the stream, not whenever tracking starts again.
+            pose = wearer.initial_pose if self.first == 0 else "none"
+            wearers.append(replace(wearer, imus=imus, initial_pose=pose))
+        cameras = [
+            self._camera(one, [v.video for v in video if v.video.camera == one.name]) for one in self.head.cameras
+        ]
+        return replace(
+            self.head, wearers=tuple(wearers), camera=next(iter(cameras), None), further_cameras=tuple(cameras[1:])
+        )
 
-    def _pose(self, declared: str) -> str:
-        """The declared pose was held at the start of the stream, not whenever tracking starts again."""
-        return declared if self.first == 0 else "none"
-
-    def _camera(self, camera: LiveCamera) -> Camera:
-        video = sorted((one for _, one in self.video if one.camera == camera.name), key=lambda one: one.time)
-        K = len(camera.keypoints)
+    def _camera(self, camera: Camera, video: Sequence[VideoFrame]) -> Camera:
+        video, K = sorted(video, key=lambda one: one.time), len(camera.keypoints)
         frame = np.repeat(np.arange(len(video)), [len(one.pixels) for one in video])
         pixels = np.concatenate([np.zeros((0, K, 2)), *[one.pixels for one in video]])
         confidence = np.concatenate([np.zeros((0, K)), *[one.confidence for one in video]])
-        detections = Detections(camera.keypoints, np.array([one.time for one in video]), frame, pixels, confidence)
-        mount = None
-        if camera.mount is not None and camera.mount.sensor in self.alive(camera.name):
-            stream = _stream(self.frames(camera.name, [camera.mount.sensor]))
-            own = camera.mount
-            mount = CameraMount(stream, own.R_camera_imu, own.p_camera_imu, own.mounting_sigma)
-        return Camera(camera.name, camera.model, detections, camera.moving, mount, camera.known_path)
+        time = np.array([one.time for one in video])
+        mount = camera.mount
+        if mount is not None:
+            sensor = mount.imu.name
+            whole = sensor in self.measuring(camera.name)
+            mount = replace(mount, imu=self._stream(camera.name, sensor)) if whole else None
+        detections = Detections(camera.keypoints, time, frame, pixels, confidence)
+        return replace(camera, detections=detections, mount=mount)
+
+    def _stream(self, carrier: str, sensor: str) -> ImuStream:
+        frames = self.frames(carrier, [sensor])
+        seen = frames.orientation_valid[:, 0]
+        R = frames.R_inertial_sensor[seen, 0]
+        force: Array = (transpose(R) @ frames.specific_force_inertial[seen, 0, :, None])[..., 0]
+        return ImuStream(sensor, frames.time[seen], force, R)
 
 
-def _stream(frames: ImuFrames) -> ImuStream:
-    """One sensor's frames as if they were its samples."""
-    seen = frames.orientation_valid[:, 0]
-    R = frames.R_inertial_sensor[seen, 0]
-    force: Array = (transpose(R) @ frames.specific_force_inertial[seen, 0, :, None])[..., 0]
-    return ImuStream(frames.sensors[0], frames.time[seen], force, R)
+def video_of(measurements: Sequence[FrameMeasurement]) -> list[PlacedVideoFrame]:
+    """Video of consecutive frames, in the order of its arrival."""
+    first = measurements[0].frame if measurements else 0
+    return [one for measured in measurements for one in measured.video if one.frame >= first]

@@ -14,11 +14,13 @@ from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.skeleton import PARENTS, Skeleton
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, rotation_z, transpose, yaw_of
 from vip_factors.initialise.pose import contact_points
+from vip_factors.live.measurement import PlacedVideoFrame
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import Started
 from vip_factors.problem.state import SceneState
-from vip_factors.sensors.live import LiveCamera, VideoFrame
+from vip_factors.sensors.live import VideoFrame
+from vip_factors.sensors.scene import Camera
 from vip_factors.stages.views import points_on_body
 from vip_factors.terms.acceleration import GRAVITY
 
@@ -166,7 +168,7 @@ NEAREST_M = 0.5  # depth at least
 
 
 def places_in(
-    camera: LiveCamera, pose: tuple[Array, Array], bodies: Sequence[BodyState], skeletons: Sequence[Skeleton],
+    camera: Camera, pose: tuple[Array, Array], bodies: Sequence[BodyState], skeletons: Sequence[Skeleton],
     video: VideoFrame,
 ) -> list[Array | None]:  # fmt: skip
     """Root position ``(3,)`` of each wearer, metres, as a video frame shows them; None of one unseen.
@@ -194,7 +196,7 @@ def places_in(
     return found
 
 
-def _fit(camera: LiveCamera, pose: tuple[Array, Array], offset: Array, pixels: Array) -> tuple[float, Array]:
+def _fit(camera: Camera, pose: tuple[Array, Array], offset: Array, pixels: Array) -> tuple[float, Array]:
     """Median error in heights of the person, and the root's place: where its keypoints are seen where they are.
 
     The point nearest to all rays would be the linear way; pose errors draw it towards the camera, by half the depth.
@@ -220,8 +222,8 @@ WRONG_DEG = 25.0  # of a bone against the others: more than a start is usually o
 
 
 def continued(
-    found: Started, at_find: FrameState, before: LagSmoother, cameras: Sequence[LiveCamera],
-    video: Sequence[tuple[int, VideoFrame]],
+    found: Started, at_find: FrameState, before: LagSmoother, cameras: Sequence[Camera],
+    video: Sequence[PlacedVideoFrame],
 ) -> Started | None:  # fmt: skip
     """Where tracking goes on: the frames that ``before`` holds, not yet looked at, in the world that was ``found``.
 
@@ -233,7 +235,7 @@ def continued(
         at_find: the last of those frames as it was tracked.
         before: the smoother that has tracked since.
         cameras: all.
-        video: of late, each frame with its number.
+        video: of late.
 
     Returns:
         None if the video shows no wearer, though a camera was found to.
@@ -251,7 +253,7 @@ def continued(
         states.append(FrameState(R, state.p_world_pelvis + gone, *_camera(float(yaw[0]), state, at_find, tracked)))
     if found.filmed:
         camera = next(one for one in cameras if one.name == found.associated[0].camera.name)
-        own = [(number, one) for number, one in video if one.camera == camera.name and number in before.numbers]
+        own = [one for one in video if one.video.camera == camera.name and one.frame in before.numbers]
         placed = _placed(found, states, before.numbers[0], camera, own)
         if placed is None:
             return None
@@ -261,15 +263,15 @@ def continued(
 
 
 def _placed(
-    found: Started, states: Sequence[FrameState], first: int, camera: LiveCamera,
-    video: Sequence[tuple[int, VideoFrame]],
+    found: Started, states: Sequence[FrameState], first: int, camera: Camera,
+    video: Sequence[PlacedVideoFrame],
 ) -> list[FrameState] | None:  # fmt: skip
     """The frames from ``first`` on with the wearers where the camera saw them; None if it did not see any."""
     skeletons = [wearer.skeleton for wearer in found.problem.wearers]
     standing = found.shared.camera.poses
     seen: list[list[tuple[int, Array]]] = [[] for _ in skeletons]
-    for number, one in video:
-        state = states[number - first]
+    for one in video:
+        state = states[one.frame - first]
         pose = state.R_world_camera, state.p_world_camera
         if len(standing):
             pose = standing.R_world_camera[0], standing.p_world_camera[0]
@@ -277,9 +279,9 @@ def _placed(
             forward_kinematics(skeleton, state.R_parent_child[w : w + 1], state.p_world_pelvis[w : w + 1])
             for w, skeleton in enumerate(skeletons)
         ]
-        for places, p in zip(seen, places_in(camera, pose, bodies, skeletons, one), strict=True):
+        for places, p in zip(seen, places_in(camera, pose, bodies, skeletons, one.video), strict=True):
             if p is not None:
-                places.append((number - first, p))
+                places.append((one.frame - first, p))
     if not any(seen):
         return None
     p_world_pelvis = np.stack([state.p_world_pelvis for state in states])

@@ -19,11 +19,11 @@ from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
 from vip_factors.errors import SolveError, VipFactorsError
-from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch
+from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, PlacedVideoFrame
 from vip_factors.live.problem import FrameState
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.start import Known, Started
-from vip_factors.sensors.live import LiveSetup, VideoFrame
+from vip_factors.sensors.scene import Scene
 
 LOOK_S = 1.0  # seconds between looks whether the program that tracks is still there
 POLITE = 10  # of niceness: the tracker's updates come first where both want a core
@@ -136,7 +136,7 @@ class Found:
     started: Started
     at_find: FrameState
     seconds: float
-    video: list[tuple[int, VideoFrame]]
+    video: list[PlacedVideoFrame]
     moved: tuple[int, ...] = ()
 
 
@@ -151,8 +151,7 @@ class Recalibrator:
     """Collects what is measured, and has it solved when there is twice as much, and ever again.
 
     Args:
-        setup: of the stream.
-        columns: carrier and name of each sensor in the measurements.
+        head: of the stream.
         settings: of all.
         real_time: whether the stream goes on by itself: then an answer is taken when it is there, and else waited for.
 
@@ -160,13 +159,10 @@ class Recalibrator:
         waited_s: seconds spent waiting, in all.
     """
 
-    def __init__(
-        self, setup: LiveSetup, columns: Sequence[tuple[str, str]], settings: LiveSettings, real_time: bool
-    ) -> None:
-        self._setup, self._columns, self._settings, self._real_time = setup, list(columns), settings, real_time
+    def __init__(self, head: Scene, settings: LiveSettings, real_time: bool) -> None:
+        self._head, self._settings, self._real_time = head, settings, real_time
         own = settings.recalibration
         self._measurements: deque[FrameMeasurement] = deque(maxlen=round(own.longest_s * settings.frame_rate))
-        self._video: deque[tuple[int, VideoFrame]] = deque()
         self._due_s, self._over = own.first_s, not own.use
         self._began = 0  # number of the first frame, of the stream or after a pause
         self._since = 0  # number of the frame from which on nothing has changed
@@ -186,15 +182,11 @@ class Recalibrator:
         if not self._measurements:
             self._since = self._began = measured.frame
         self._measurements.append(measured)
-        self._video += [(one.frame, one.video) for one in measured.video]
-        while self._video and self._video[0][0] < self._measurements[0].frame:
-            self._video.popleft()
 
     def restart(self, known: Known | None) -> None:
         """The stream has paused: of before it nothing counts but what is ``known``."""
         self._known = known
         self._measurements.clear()
-        self._video.clear()
         self._usable_from.clear()
         self._due_s, self._is_stale, self._is_urgent = self._settings.recalibration.first_s, True, False
 
@@ -228,8 +220,7 @@ class Recalibrator:
         measurements = [self._without_moved(one) for one in self._measurements]
         if measurements[0].frame == 0 and self._usable_from:
             measurements = measurements[1:]  # sensors that have moved did not sit so while the declared pose was held
-        video = [(number, one) for number, one in self._video if number >= measurements[0].frame]
-        return MeasuredStretch(self._setup, measurements, video, self._columns)
+        return MeasuredStretch(self._head, measurements)
 
     def _without_moved(self, measured: FrameMeasurement) -> FrameMeasurement:
         moved = [column for column, first in self._usable_from.items() if measured.frame < first]
@@ -268,7 +259,6 @@ class Recalibrator:
         """Nothing is collected or solved from here on."""
         self._over, self._job = True, None
         self._measurements.clear()
-        self._video.clear()
         if self._process is not None:
             self._process.close()
             self._process = None

@@ -7,7 +7,8 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array, exp, log, transpose
 from vip_factors.sensors.imu_stream import FORCE_LIMIT, GAP_FACTOR, LATEST_S, ROTATION_TOLERANCE
-from vip_factors.sensors.live import ImuSample, LiveCamera, VideoFrame
+from vip_factors.sensors.live import ImuSample, VideoFrame
+from vip_factors.sensors.scene import Camera
 
 MOST_PEOPLE = 1000  # in one video frame: no detector tells more apart
 PIXEL_LIMIT = 1e5  # no image is as wide, nor is a keypoint marked so far outside of one
@@ -53,7 +54,7 @@ def checked_imu(sample: ImuSample) -> CheckedImu | str:
     return CheckedImu(time, R, (a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z))
 
 
-def checked_video(frame: VideoFrame, camera: LiveCamera) -> VideoFrame | str:
+def checked_video(frame: VideoFrame, camera: Camera) -> VideoFrame | str:
     """The video frame with arrays of floats, or what is wrong with it."""
     time = _checked_time(frame.time)
     if isinstance(time, str):

@@ -196,7 +196,7 @@ def start(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None 
         RecordingError: if a wearer has no sensor that measures.
         SolveError: if the problem is not determined.
     """
-    silent = [wearer.name for wearer in stretch.setup.wearers if not stretch.alive(wearer.name)]
+    silent = [wearer.subject.name for wearer in stretch.head.wearers if not stretch.measuring(wearer.subject.name)]
     if silent:
         raise RecordingError(f"no sensor of '{silent[0]}' has measured in the last {len(stretch.time)} frames")
     coarse = solve_coarsely(stretch, settings, known)

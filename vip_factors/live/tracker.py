@@ -13,14 +13,15 @@ from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.answers import Answers
 from vip_factors.live.assembly import FrameAssembler
-from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch
+from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, video_of
 from vip_factors.live.prediction import continued, corrections
 from vip_factors.live.recalibrator import Found, Recalibrator
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.start import Known, Started, start
 from vip_factors.live.tracking import Tracking
 from vip_factors.live_estimate import LiveEstimate
-from vip_factors.sensors.live import LiveSample, LiveSetup, VideoFrame
+from vip_factors.sensors.live import LiveSample, checked_head, sensor_columns
+from vip_factors.sensors.scene import Scene
 
 DEFAULT = LiveSettings()
 SOME_VIDEO = 10  # frames with people in them, within the time that tracking begins with
@@ -34,7 +35,7 @@ class FixedLagTracker:
     Frames before tracking could begin get no answer; the first second gets its answers together, once it is over.
 
     Args:
-        setup: who wears what, and which cameras film them.
+        head: who wears what, and which cameras film them: a scene, whose samples and detections are not looked at.
         settings: of all rooms.
         extra_factors: makes GTSAM factors of your own, asked with each new frame's time and number; they may see it,
             the two before it, and what all frames share. See :data:`~vip_factors.factor_graph.extra.ExtraFactors`.
@@ -43,29 +44,27 @@ class FixedLagTracker:
     """
 
     def __init__(
-        self, setup: LiveSetup, settings: LiveSettings = DEFAULT, extra_factors: ExtraFactors | None = None,
+        self, head: Scene, settings: LiveSettings = DEFAULT, extra_factors: ExtraFactors | None = None,
         real_time: bool = False,
     ) -> None:  # fmt: skip
-        self.setup, self.settings, self._extra = setup, settings, extra_factors
-        self._columns = _columns(setup)
-        self._worn = sum(len(wearer.placement.sites) for wearer in setup.wearers)  # columns; the rest is on cameras
+        self.head, self.settings, self._extra = checked_head(head), settings, extra_factors
+        self._worn = sum(len(wearer.placement.sites) for wearer in head.wearers)  # columns; the rest is on cameras
         rate = settings.frame_rate
         self._lag = max(1, round(settings.lag_s * rate))
-        self._assembler = FrameAssembler(self._columns, rate, settings.assembly, setup.cameras, self._lag)
+        self._assembler = FrameAssembler(sensor_columns(head), rate, settings.assembly, head.cameras, self._lag)
         self._start_frames = max(self._lag + 3, round(settings.start_s * rate))
         self._recent: deque[FrameMeasurement] = deque(maxlen=self._start_frames)
-        self._video: deque[tuple[int, VideoFrame]] = deque()
         self._paths: deque[tuple[int, Array]] = deque(maxlen=self._start_frames)  # of the pelvises, as smoothed
         self._tracking: Tracking | None = None
         self._known: Known | None = None
-        self._answers = Answers(setup, settings, self._lag)
+        self._answers = Answers(head, settings, self._lag)
         self._answered = -1  # number of the last frame with an answer
         self._next_try, self._patience = 0, settings.camera_retry_s  # frame, seconds
         self._has_told_of_doubts = False  # about how sensors sit
         self._found: Found | None = None  # a calibration to go on with as soon as the wearers are seen
         self._next_continuation = 0  # frame
         self._learnt_s = 0.0  # of data that calibration and bodies were found from
-        self._recalibrator = Recalibrator(setup, self._columns, settings, real_time)
+        self._recalibrator = Recalibrator(head, settings, real_time)
         self._threads = ThreadpoolController()  # finding the libraries takes longer than an update: once
 
     def push(self, sample: LiveSample) -> list[LiveEstimate]:
@@ -102,14 +101,13 @@ class FixedLagTracker:
         if measured.restart:
             self._lose("the stream has paused")
             self._recent.clear()
-            self._video.clear()
             self._recalibrator.restart(self._known)
         self._remember(measured)
         if self._tracking is None:
             return self._begin(begin)
         tracking, waited = self._tracking, self._recalibrator.waited_s
         try:
-            covariance = self._answers.root_covariance(len(self.setup.wearers))
+            covariance = self._answers.root_covariance(len(self.head.wearers))
             self._answers.find(*tracking.step(measured, self._lag, covariance))
             if tracking.moved:
                 self._recalibrator.leave_out(tracking.moved, measured.frame)
@@ -150,13 +148,13 @@ class FixedLagTracker:
 
     def _continued(self, tracking: Tracking, found: Found) -> Tracking | None:
         """Tracking with the calibration that was found; None where that does not succeed yet."""
-        video = list(self._video)
-        started = continued(found.started, found.at_find, tracking.smoother, self.setup.cameras, video)
+        video = video_of(self._recent)
+        started = continued(found.started, found.at_find, tracking.smoother, self.head.cameras, video)
         if started is None:
             return None
         try:
             learnt_s = max(found.seconds, self._learnt_s)
-            tracking = Tracking(self.setup, self.settings, started, found.video, self._extra, video, learnt_s)
+            tracking = Tracking(self.head, self.settings, started, found.video, self._extra, video, learnt_s)
         except SolveError:
             return None
         tracking.let_go(found.moved)
@@ -165,14 +163,11 @@ class FixedLagTracker:
     def _remember(self, measured: FrameMeasurement) -> None:
         self._recalibrator.remember(measured)
         self._recent.append(measured)
-        self._video.extend((one.frame, one.video) for one in measured.video)
-        while self._video and self._video[0][0] < self._recent[0].frame:
-            self._video.popleft()
 
     def _learnt(self, tracking: Tracking, p_world_pelvis: Array) -> Known:
         """What tracking has taught, of wearers at ``(W, 3)`` metres."""
         problem = tracking.smoother.problem
-        names = [one.name for one in self.setup.wearers] if self._learnt_s >= BODY_S else []
+        names = [one.subject.name for one in self.head.wearers] if self._learnt_s >= BODY_S else []
         bodies = {name: wearer.skeleton for name, wearer in zip(names, problem.wearers, strict=False)}
         return Known(self._answers.calibrations(tracking.smoother), p_world_pelvis, bodies)
 
@@ -215,10 +210,10 @@ class FixedLagTracker:
             self._has_told_of_doubts = bool(started.findings)
 
     def _stretch(self) -> MeasuredStretch:
-        return MeasuredStretch(self.setup, list(self._recent), list(self._video), self._columns)
+        return MeasuredStretch(self.head, self._recent)
 
     def _track(self, started: Started) -> Tracking:
-        return Tracking(self.setup, self.settings, started, list(self._video), self._extra)
+        return Tracking(self.head, self.settings, started, video_of(self._recent), self._extra)
 
     def _is_worth_another_start(self, tracking: Tracking, newest: int) -> bool:
         """Whether a sensor has come, or a camera shows people and no wearer has been found by it yet."""
@@ -226,11 +221,14 @@ class FixedLagTracker:
             return False
         problem = tracking.smoother.problem
         wanted = self.settings.fusion.use_camera
-        unseen = wanted and not problem.filmed and sum(len(video.pixels) > 0 for _, video in self._video) > SOME_VIDEO
+        unseen = wanted and not problem.filmed and self._frames_with_people() > SOME_VIDEO
         used = {column for columns in problem.sensors for column in columns}
         seen = np.stack([one.orientation_valid for one in self._recent]).mean(axis=0)
         come = any(share > MEASURES and column not in used for column, share in enumerate(seen[: self._worn]))
         return unseen or come
+
+    def _frames_with_people(self) -> int:
+        return sum(len(one.video.pixels) > 0 for one in video_of(self._recent))
 
     def _started_again(self, tracking: Tracking) -> Tracking:
         """Tracking anew with the last second and all that is known; as it was, if that brings nothing."""
@@ -253,9 +251,3 @@ class FixedLagTracker:
         self._answers.begin_anew()
         self._answers.find("a wearer was found in the video" if found else "another sensor is used from here on")
         return again
-
-
-def _columns(setup: LiveSetup) -> list[tuple[str, str]]:
-    columns = [(wearer.name, site.sensor) for wearer in setup.wearers for site in wearer.placement.sites]
-    columns += [(camera.name, camera.mount.sensor) for camera in setup.cameras if camera.mount is not None]
-    return columns

@@ -10,7 +10,7 @@ from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.pose import contact_confidence
 from vip_factors.live.camera_observer import CameraObserver, FrameBelief, standing_feet
-from vip_factors.live.measurement import FrameMeasurement
+from vip_factors.live.measurement import FrameMeasurement, PlacedVideoFrame
 from vip_factors.live.prediction import predicted
 from vip_factors.live.problem import LagFrame, lag_frame
 from vip_factors.live.sensor_slips import SensorWatch, SlipTest
@@ -19,7 +19,7 @@ from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import Started
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.variables import CAMERA
-from vip_factors.sensors.live import LiveSetup, VideoFrame
+from vip_factors.sensors.scene import Scene
 from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.terms.reprojection import whitened_reprojections
 
@@ -49,17 +49,17 @@ class Tracking:
     """
 
     def __init__(
-        self, setup: LiveSetup, settings: LiveSettings, started: Started, video: Sequence[tuple[int, VideoFrame]],
-        extra: ExtraFactors | None = None, unseen: Sequence[tuple[int, VideoFrame]] = (),
+        self, head: Scene, settings: LiveSettings, started: Started, video: Sequence[PlacedVideoFrame],
+        extra: ExtraFactors | None = None, unseen: Sequence[PlacedVideoFrame] = (),
         learnt_s: float = 0.0,
     ) -> None:  # fmt: skip
         """Begin.
 
         Args:
-            setup: of the stream.
+            head: of the stream.
             settings: of all rooms.
             started: where tracking begins.
-            video: frames of all cameras in that time, each with the number of its frame.
+            video: frames of all cameras in that time.
             extra: makes GTSAM factors of a user's own.
             unseen: video of the frames that tracking begins with in which nobody has looked for wearers yet.
             learnt_s: seconds of data that the calibration was found from.
@@ -67,7 +67,7 @@ class Tracking:
         Raises:
             SolveError: if the frames do not determine all variables.
         """
-        self._setup, self._settings = setup, settings
+        self._head, self._settings = head, settings
         self.smoother = LagSmoother(started.problem, started.shared, settings, extra, started.information)
         for frame, state in zip(started.frames, started.states, strict=True):
             self.smoother.append(frame, state)
@@ -101,33 +101,33 @@ class Tracking:
         wander = layout.per_column("process_noise")[columns[0]]
         return SlipTest(np.stack(columns), wander, self._settings.slip, self._settings.frame_rate, begin)
 
-    def _gathered(self, started: Started, video: Sequence[tuple[int, VideoFrame]]) -> list[CameraObserver]:
+    def _gathered(self, started: Started, video: Sequence[PlacedVideoFrame]) -> list[CameraObserver]:
         """The observers, told who is who in the frames of the start."""
         skeletons, observers = [wearer.skeleton for wearer in started.problem.wearers], []
         for each, spreads in zip(started.associated, started.spreads, strict=True):
-            camera = next(one for one in self._setup.cameras if one.name == each.camera.name)
+            camera = next(one for one in self._head.cameras if one.name == each.camera.name)
             settings = self._settings
             soles = [settings.factors.sole.of(one.sole) for one in started.shared.wearers]
             observer = CameraObserver(camera, skeletons, soles, spreads, settings.online_association, settings.camera)
-            own = sorted(((n, one) for n, one in video if one.camera == camera.name), key=lambda pair: pair[1].time)
-            for number, one in own:
-                index = int(np.searchsorted(each.detections.time, one.time))
+            own = [one for one in video if one.video.camera == camera.name]
+            for one in sorted(own, key=lambda one: one.video.time):
+                index = int(np.searchsorted(each.detections.time, one.video.time))
                 who = each.association.wearer[each.detections.of_frame(index)]
                 chosen = [int(np.flatnonzero(who == w)[0]) if np.any(who == w) else -1 for w in range(len(skeletons))]
-                observer.remember(number, one, np.array(chosen))
+                observer.remember(one.frame, one.video, np.array(chosen))
             observers.append(observer)
         return observers
 
-    def _look(self, video: Sequence[tuple[int, VideoFrame]]) -> None:
+    def _look(self, video: Sequence[PlacedVideoFrame]) -> None:
         """Look for the wearers in the video of frames that are there already."""
         smoother = self.smoother
         window = self._window(smoother.numbers[0])
         surely = [SURE_ROOT] * len(smoother.problem.wearers)
         for camera, observer in enumerate(self.observers):
-            for number, one in video:
-                if one.camera == observer.camera.name and number in smoother.numbers:
-                    views = observer.observe(number, one, self._belief(camera, window, number, surely))
-                    smoother.frame(number).views[camera] = views
+            for one in video:
+                if one.video.camera == observer.camera.name and one.frame in smoother.numbers:
+                    belief = self._belief(camera, window, one.frame, surely)
+                    smoother.frame(one.frame).views[camera] = observer.observe(one.frame, one.video, belief)
 
     def step(self, measured: FrameMeasurement, lag: int, root_covariance: Sequence[Array]) -> list[str]:
         """One frame more.
@@ -207,7 +207,7 @@ class Tracking:
         self.moved.append(int(problem.sensors[wearer][sensor]))
         name = problem.wearers[wearer].frames.sensors[sensor]
         return (
-            f"sensor '{name}' of '{self._setup.wearers[wearer].name}' no longer sits as it did: its heading and "
+            f"sensor '{name}' of '{self._head.wearers[wearer].subject.name}' no longer sits as it did: its heading and "
             "mounting are estimated anew"
         )
 

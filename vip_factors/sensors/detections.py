@@ -50,6 +50,12 @@ class Detections:
         if N and (np.any(np.diff(self.frame) < 0) or self.frame[0] < 0 or self.frame[-1] >= len(self.time)):
             raise RecordingError(f"detections: frame numbers are not in order within the {len(self.time)} video frames")
 
+    @classmethod
+    def none(cls, keypoints: KeypointSet) -> "Detections":
+        """No video frame of a detector that answers with these keypoints."""
+        K = len(keypoints)
+        return cls(keypoints, np.zeros(0), np.zeros(0, int), np.zeros((0, K, 2)), np.zeros((0, K)))
+
     def __len__(self) -> int:
         return len(self.frame)
 

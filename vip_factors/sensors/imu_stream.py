@@ -18,7 +18,7 @@ FORCE_LIMIT = 400.0  # m/s²: above the ±16 g (157 m/s²) or even ±32 g range 
 
 @dataclass(frozen=True)
 class ImuStream:
-    """Samples of one body-worn sensor; anything it does not measure is None.
+    """Samples of one body-worn sensor; anything it does not measure is None. Without samples it is a name alone.
 
     Attributes:
         name: of the sensor, unique in its recording.
@@ -39,6 +39,8 @@ class ImuStream:
 
     def __post_init__(self) -> None:
         N = len(self.time)
+        if N == 0 and self.specific_force is None and self.R_inertial_sensor is None:
+            return  # a sensor by its name: nothing is measured yet, as in the head of a stream
         if N == 0:
             raise RecordingError(f"sensor '{self.name}' has no samples: leave it out or check its file")
         check_times(self.time, f"sensor '{self.name}'")

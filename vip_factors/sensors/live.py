@@ -1,18 +1,16 @@
 """Samples as they arrive, and what must be known of wearers and cameras before the first of them."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.body.keypoints import KeypointSet
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.calibration import Placement
-from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.recording import Subject, nothing_placed
-from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Scene
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.recording import nothing_placed
+from vip_factors.sensors.scene import Camera, Scene
 
 
 @dataclass(frozen=True)
@@ -75,103 +73,47 @@ class LiveLoss(LiveFinding):
 LiveItem = LiveSample | LiveFinding
 
 
-@dataclass(frozen=True)
-class LiveWearer:
-    """One wearer: body, where each sensor sits, and the pose declared for the start."""
+def stream_head(scene: Scene) -> Scene:
+    """What is known of a scene before its first sample: all but samples, detections, video and truth.
 
-    subject: Subject
-    placement: Placement
-    initial_pose: str = "none"
-
-    @property
-    def name(self) -> str:
-        """The subject's name."""
-        return self.subject.name
-
-
-@dataclass(frozen=True)
-class LiveMount:
-    """The IMU on a camera: its name and rough mounting, as :class:`~vip_factors.sensors.scene.CameraMount` has them."""
-
-    sensor: str
-    R_camera_imu: Array = field(default_factory=lambda: np.eye(3))
-    p_camera_imu: Array = field(default_factory=lambda: np.zeros(3))
-    mounting_sigma: float = CAMERA_MOUNTING_SIGMA
-
-
-@dataclass(frozen=True)
-class LiveCamera:
-    """One camera.
-
-    Attributes:
-        name: of the camera.
-        model: its intrinsics.
-        keypoints: that its detector answers with.
-        moving: False for a camera that stands still.
-        known_path: where it is, if that is known: a single pose for a camera that stands still.
-        mount: the IMU on it, if any.
-    """
-
-    name: str
-    model: CameraModel
-    keypoints: KeypointSet
-    moving: bool = True
-    known_path: CameraPath | None = None
-    mount: LiveMount | None = None
-
-
-@dataclass(frozen=True)
-class LiveSetup:
-    """What a stream is about.
-
-    Attributes:
-        name: of the session.
-        wearers: at least one; their names are unique, and no camera has one of them.
-        cameras: the first may move; further ones stand still at known poses.
-        start_ns: absolute time of t = 0 in nanoseconds, 0 if unknown.
+    The sensor on a camera has its name alone. Times are on the sensors' clock, so cameras have no clock of their own.
 
     Raises:
-        RecordingError: without a wearer, and for a name that two carriers share.
+        RecordingError: for a wearer none of whose sensors is placed, and for a name that two carriers share.
     """
+    for one in scene.wearers:
+        if not one.placed:
+            raise nothing_placed(one.name, one.imus)
+    wearers = tuple(replace(one, name=scene.name, imus={}, truth=None, notes="") for one in scene.wearers)
+    cameras = [_camera_head(one) for one in scene.cameras]
+    return checked_head(Scene(scene.name, wearers, cameras[0] if cameras else None, None, tuple(cameras[1:])))
 
-    name: str
-    wearers: tuple[LiveWearer, ...]
-    cameras: tuple[LiveCamera, ...] = ()
-    start_ns: int = 0
 
-    def __post_init__(self) -> None:
-        if not self.wearers:
-            raise RecordingError(f"stream '{self.name}' has no wearer: expected at least one")
-        names = [*(wearer.name for wearer in self.wearers), *(camera.name for camera in self.cameras)]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise RecordingError(f"stream '{self.name}': two carriers are called {', '.join(twice)}: name them apart")
+def checked_head(head: Scene) -> Scene:
+    """The head, whose wearers and cameras are told apart by their names.
 
-    @property
-    def camera(self) -> LiveCamera | None:
-        """The first camera, which may move; None without one."""
-        return self.cameras[0] if self.cameras else None
+    Raises:
+        RecordingError: for a name that two of them share.
+    """
+    names = [*(wearer.subject.name for wearer in head.wearers), *(camera.name for camera in head.cameras)]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise RecordingError(f"stream '{head.name}': two carriers are called {', '.join(twice)}: name them apart")
+    return head
 
-    @classmethod
-    def of(cls, scene: Scene) -> "LiveSetup":
-        """What is known of a scene before its first sample.
 
-        Raises:
-            RecordingError: for a wearer none of whose sensors is placed.
-        """
-        for one in scene.wearers:
-            if not one.placed:
-                raise nothing_placed(one.name, one.imus)
-        wearers = tuple(LiveWearer(one.subject, one.placement, one.initial_pose) for one in scene.wearers)
-        cameras = []
-        for camera in scene.cameras:
-            mount = camera.mount
-            live = None
-            if mount is not None:
-                live = LiveMount(mount.imu.name, mount.R_camera_imu, mount.p_camera_imu, mount.mounting_sigma)
-            keypoints = camera.detections.keypoints
-            cameras.append(LiveCamera(camera.name, camera.model, keypoints, camera.moving, camera.known_path, live))
-        return cls(scene.name, wearers, tuple(cameras), scene.wearers[0].start_ns)
+def sensor_columns(head: Scene) -> list[tuple[str, str]]:
+    """Carrier and name of each sensor of a stream, those on cameras behind the wearers'."""
+    worn = [(wearer.subject.name, site.sensor) for wearer in head.wearers for site in wearer.placement.sites]
+    return worn + [(camera.name, camera.mount.imu.name) for camera in head.cameras if camera.mount is not None]
+
+
+def _camera_head(camera: Camera) -> Camera:
+    mount = camera.mount
+    if mount is not None:
+        mount = replace(mount, imu=ImuStream(mount.imu.name, np.zeros(0)))
+    none = Detections.none(camera.detections.keypoints)
+    return Camera(camera.name, camera.model, none, camera.moving, mount, camera.known_path)
 
 
 def live_samples(scene: Scene) -> Iterable[LiveSample]:

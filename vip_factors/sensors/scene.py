@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.body.keypoints import KeypointOffsets
+from vip_factors.body.keypoints import KeypointOffsets, KeypointSet
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import SensorCalibration
@@ -25,7 +25,7 @@ class CameraMount:
     """The IMU on the camera.
 
     Attributes:
-        imu: its stream.
+        imu: its stream; in the head of a stream without samples.
         R_camera_imu: ``(3, 3)`` rough mounting.
         p_camera_imu: ``(3,)`` metres, its position in the camera's frame.
         mounting_sigma: radians, of the rough mounting about each axis; ``UNKNOWN_MOUNTING_SIGMA`` if nobody told it.
@@ -82,6 +82,11 @@ class Camera:
     video: Video | None = None
     time_drift: float = 0.0
     keypoint_offsets: KeypointOffsets | None = None
+
+    @property
+    def keypoints(self) -> KeypointSet:
+        """Those that its detector answers with."""
+        return self.detections.keypoints
 
     @property
     def clock(self) -> VideoClock:
@@ -154,6 +159,11 @@ class Scene:
     def cameras(self) -> tuple[Camera, ...]:
         """All of them, the first one first."""
         return (*((self.camera,) if self.camera is not None else ()), *self.further_cameras)
+
+    @property
+    def start_ns(self) -> int:
+        """Absolute time of t = 0 in nanoseconds, 0 if unknown: that of the first wearer."""
+        return self.wearers[0].start_ns
 
     def __post_init__(self) -> None:
         if not self.wearers:

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 from vip_factors.atomic import check_partial, partial_file, partial_path
 from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
-from vip_factors.sensors.live import LiveSetup, VideoFrame
+from vip_factors.sensors.live import VideoFrame
+from vip_factors.sensors.scene import Scene
 from vip_factors.viz.rerun_file import complete, hand_over
 from vip_factors.viz.viewer import QUIET, grpc_server, rerun_command
 
@@ -80,7 +81,7 @@ class LiveRerunSink:
     """
 
     def __init__(
-        self, setup: LiveSetup, target: LiveTarget | None = None, rate: float = 60.0, queue_items: int | None = None
+        self, setup: Scene, target: LiveTarget | None = None, rate: float = 60.0, queue_items: int | None = None
     ) -> None:
         # A new interpreter: a fork would take the tracker's threads and locks along.
         context = multiprocessing.get_context("spawn")
@@ -189,7 +190,7 @@ def _slim(estimate: LiveEstimate) -> LiveEstimate:
     return replace(estimate, wearers=tuple(thin(one) for one in estimate.wearers))
 
 
-def draw(queue: Any, telling: Connection, setup: LiveSetup, target: LiveTarget, rate: float) -> None:
+def draw(queue: Any, telling: Connection, setup: Scene, target: LiveTarget, rate: float) -> None:
     """The other process: draws what comes until None comes, or the tracker's process is gone."""
     for one in ENDING:
         signal.signal(one, signal.SIG_IGN)  # for the tracker, which says when it is over

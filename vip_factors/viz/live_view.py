@@ -16,7 +16,9 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import keypoints_in_image
-from vip_factors.sensors.live import LiveCamera, LiveSetup, LiveWearer, VideoFrame
+from vip_factors.sensors.live import VideoFrame
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.viz.colours import GHOST_COLOUR, UNCLAIMED, body_colours, wearer_colour
 from vip_factors.viz.compare import floor_height, moved, set_apart
 from vip_factors.viz.rerun_body import (
@@ -65,13 +67,13 @@ class LiveBody:
     """
 
     def __init__(
-        self, stream: rr.RecordingStream, index: int, wearer: LiveWearer, rate: float, sensors: dict[str, Colour]
+        self, stream: rr.RecordingStream, index: int, wearer: Recording, rate: float, sensors: dict[str, Colour]
     ) -> None:
         self.shift: Array = np.zeros(3)
         self._sensors = sensors
         self._stream, self._wearer, self._rate = stream, wearer, rate
         self._skeleton, self._colours = wearer.subject.body(), body_colours(index)
-        below = f"world/{rr.escape_entity_path_part(wearer.name)}"
+        below = f"world/{rr.escape_entity_path_part(wearer.subject.name)}"
         self.newest, self._smoothed = f"{below}/newest", f"{below}/smoothed"
         self._log_shape()
         log_joints_style(stream, f"{self.newest}/joints", index)
@@ -85,7 +87,7 @@ class LiveBody:
         """Poses one frame apart."""
         R = np.array([one.R_parent_child for one in poses])
         p = np.array([one.p_world_pelvis for one in poses])
-        return Motion(self._skeleton, R, p, self._rate, poses[0].time, self._wearer.name)
+        return Motion(self._skeleton, R, p, self._rate, poses[0].time, self._wearer.subject.name)
 
     def log(self, answers: list[LiveWearerEstimate]) -> Motion:
         """Log the poses; returns the newest ones."""
@@ -115,7 +117,7 @@ class LiveView:
         rate: frames per second of the tracker.
     """
 
-    def __init__(self, stream: rr.RecordingStream, setup: LiveSetup, rate: float) -> None:
+    def __init__(self, stream: rr.RecordingStream, setup: Scene, rate: float) -> None:
         self._stream, self._setup, self._rate = stream, setup, rate
         self._series = LiveSeries(stream, setup)
         colours = colours_of(setup)
@@ -127,7 +129,7 @@ class LiveView:
         self._laid_out, self._height = False, 0.0
         stream.send_recording_name(setup.name)
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        log_joint_names(stream, "world", [one.name for one in setup.wearers])
+        log_joint_names(stream, "world", [one.subject.name for one in setup.wearers])
         log_legend(stream, colours)
         for camera in setup.cameras:
             self._log_camera_shape(camera)
@@ -156,13 +158,13 @@ class LiveView:
         self._series.log(estimates)
         self._log_findings(estimates)
 
-    def _log_camera_shape(self, camera: LiveCamera) -> None:
+    def _log_camera_shape(self, camera: Camera) -> None:
         first = camera is self._setup.camera
         entity = CAMERA if first else f"world/{rr.escape_entity_path_part(camera.name)}"
         if first:
             log_frustum(self._stream, entity, camera.model)
             log_image_border(self._stream, f"{IMAGE}/border", camera.model)
-            log_keypoint_names(self._stream, IMAGE, camera.keypoints, [one.name for one in self._setup.wearers])
+            log_keypoint_names(self._stream, IMAGE, camera.keypoints, [one.subject.name for one in self._setup.wearers])
             self._log_people_styles()
         elif camera.known_path is not None:
             log_camera(self._stream, entity, camera.known_path, camera.model)
@@ -170,7 +172,7 @@ class LiveView:
     def _log_people_styles(self) -> None:
         for index, wearer in enumerate(self._setup.wearers):
             colour = wearer_colour(index)
-            part = rr.escape_entity_path_part(wearer.name)
+            part = rr.escape_entity_path_part(wearer.subject.name)
             log_people_style(self._stream, f"{IMAGE}/body/{part}", colour, line=2.6, dot=0.0, order=10.0)
             log_people_style(
                 self._stream, f"{IMAGE}/detected/{part}", pale_colour(index), line=0.0, dot=2.6, order=20.0,
@@ -205,7 +207,7 @@ class LiveView:
             return
         time = np.array([one.frame.time for one in seen])
         for index in range(NOBODY, len(self._setup.wearers)):
-            name = self._setup.wearers[index].name if index >= 0 else "nobody's"
+            name = self._setup.wearers[index].subject.name if index >= 0 else "nobody's"
             people, frames = _people(seen, index, camera.keypoints)
             entity = f"{IMAGE}/detected/{rr.escape_entity_path_part(name)}"
             log_people_frames(self._stream, entity, time, frames, people, camera.keypoints, lines=index < 0)
@@ -216,7 +218,7 @@ class LiveView:
         if camera is None or path is None:
             return
         pixels = keypoints_in_image(motion, camera.keypoints, path, camera.model, path.time)
-        entity = f"{IMAGE}/body/{rr.escape_entity_path_part(self._setup.wearers[index].name)}"
+        entity = f"{IMAGE}/body/{rr.escape_entity_path_part(self._setup.wearers[index].subject.name)}"
         frames = np.arange(len(path))
         log_people_frames(self._stream, entity, path.time, frames, pixels, camera.keypoints, dots=False)
 

@@ -10,7 +10,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import Colour
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.sensors.live import LiveSetup
+from vip_factors.sensors.scene import Scene
 from vip_factors.viz.compare import APART_TITLE, Compare
 from vip_factors.viz.drawn_scene import DrawnScene
 from vip_factors.viz.rerun_body import see_through, time_column
@@ -255,7 +255,7 @@ def _eye(drawn: DrawnScene, follow: str | None) -> rrb.EyeControls3D | None:
 
 
 def live_blueprint(
-    setup: LiveSetup,
+    setup: Scene,
     shown: list[Motion],
     follow: str,
     bodies: list[str],

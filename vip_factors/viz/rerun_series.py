@@ -8,7 +8,7 @@ import rerun as rr
 from vip_factors.body.mannequin import Colour
 from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.live_estimate import LiveEstimate, LiveWearerEstimate
-from vip_factors.sensors.live import LiveSetup
+from vip_factors.sensors.scene import Scene
 from vip_factors.viz.colours import sensor_colours, wearer_colour
 from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer
 from vip_factors.viz.headings import heading_paths, implied_headings
@@ -135,10 +135,10 @@ UPDATE_COLOUR: Colour = (120, 170, 240)
 class LiveSeries:
     """Draws the curves of a stream; each one's looks are sent with its first point."""
 
-    def __init__(self, stream: rr.RecordingStream, setup: LiveSetup) -> None:
+    def __init__(self, stream: rr.RecordingStream, setup: Scene) -> None:
         self._stream = stream
-        self._parts = [rr.escape_entity_path_part(one.name) for one in setup.wearers]
-        self._names = [one.name for one in setup.wearers]
+        self._parts = [rr.escape_entity_path_part(one.subject.name) for one in setup.wearers]
+        self._names = [one.subject.name for one in setup.wearers]
         self._colours = colours_of(setup)
         self._known: set[str] = set()
         self._headings = -EVERY_S  # when the last points were sent
@@ -178,7 +178,7 @@ class LiveSeries:
         self._stream.send_columns(entity, indexes=[time_column(time[good])], columns=columns)
 
 
-def colours_of(setup: LiveSetup) -> dict[str, Colour]:
+def colours_of(setup: Scene) -> dict[str, Colour]:
     """One colour for sensors of the same name, whoever wears them."""
     return sensor_colours(list(dict.fromkeys(site.sensor for one in setup.wearers for site in one.placement.sites)))
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from vip_factors.estimate import SolveReport
 from vip_factors.geometry.rotations import angle_between
-from vip_factors.sensors.live import LiveSetup
+from vip_factors.sensors.scene import Scene
 from vip_factors.viz.colours import colour_name
 from vip_factors.viz.compare import APART, Compare
 from vip_factors.viz.drawn_scene import NOBODY, DrawnScene, DrawnWearer
@@ -175,7 +175,7 @@ def solve_lines(reports: Sequence[SolveReport]) -> list[str]:
     return [*lines, ""]
 
 
-def live_summary(setup: LiveSetup, findings: Sequence[tuple[float, str]], apart: bool) -> str:
+def live_summary(setup: Scene, findings: Sequence[tuple[float, str]], apart: bool) -> str:
     """The text.
 
     Args:
@@ -190,7 +190,7 @@ def live_summary(setup: LiveSetup, findings: Sequence[tuple[float, str]], apart:
         lines.append("")
     lines += ["## Colours", ""]
     lines += [
-        f"- **{wearer.name}**, newest: {colour_name(index)}, solid; left limbs are lighter, right ones darker."
+        f"- **{wearer.subject.name}**, newest: {colour_name(index)}, solid; left limbs are lighter, right ones darker."
         for index, wearer in enumerate(setup.wearers)
     ]
     lines.append("- Smoothed, a moment earlier: dark grey, see-through.")

@@ -87,14 +87,14 @@ def _live_estimate() -> bytes:
     """Of the wearer, over four frames."""
     from vip_factors.io.live_mcap import LiveMcapSink
     from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
-    from vip_factors.sensors.live import LiveSetup
+    from vip_factors.sensors.live import stream_head
     from vip_factors.sensors.scene import Scene
 
     wearer = small_scene().wearers[0]
     truth = wearer.truth
     assert truth is not None
     assert truth.calibration is not None
-    setup, motion, name = LiveSetup.of(Scene("a", (wearer,))), truth.motion, wearer.subject.name
+    setup, motion, name = stream_head(Scene("a", (wearer,))), truth.motion, wearer.subject.name
     with TemporaryDirectory() as folder:
         path = Path(folder, "live.mcap")
         with LiveMcapSink(path, setup, rate=2.0) as sink:  # so few frames that each has its calibration

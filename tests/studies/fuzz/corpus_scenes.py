@@ -134,7 +134,7 @@ def scene_cases() -> list[Case]:
 def _recording(folder: Path, name: str) -> None:
     """As ``info``, and as far as ``smooth`` goes before it solves."""
     from vip_factors.io.mcap_source import open_source
-    from vip_factors.sensors.live import LiveSetup, live_samples
+    from vip_factors.sensors.live import live_samples, stream_head
 
     path = folder / f"{name}.mcap"
     file_text(path)
@@ -144,7 +144,7 @@ def _recording(folder: Path, name: str) -> None:
 
     scene = read_scene(path)
     if scene.camera is None or name == "plain":
-        LiveSetup.of(scene)
+        stream_head(scene)
         for _ in live_samples(scene):
             pass
 

@@ -8,7 +8,7 @@ from typing import Any
 from vip_factors.errors import FileFormatError
 from vip_factors.io.codec import time_ns_of
 from vip_factors.io.live.growing_file import CAMERA, Channels, GrowingFile, OnFinding, Route, open_when_it_comes
-from vip_factors.io.live.messages import camera_of, imu_sample_of, video_frame_of, wearer_of
+from vip_factors.io.live.messages import camera_of, head_of, imu_sample_of, video_frame_of, wearer_of
 from vip_factors.io.live.session import Throttle
 from vip_factors.io.live.source import DEFAULT, LiveSource, LiveSourceSettings
 from vip_factors.io.mcap_camera import path_of
@@ -18,7 +18,8 @@ from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
 from vip_factors.sensors.camera_model import VideoClock
-from vip_factors.sensors.live import LiveCamera, LiveFinding, LiveSample, LiveSetup
+from vip_factors.sensors.live import LiveFinding, LiveSample
+from vip_factors.sensors.scene import Camera, Scene
 
 SAMPLES = (ImuSample, Detections2D)
 # What comes once, by the names of the messages.
@@ -49,7 +50,7 @@ class GrowingFileSource(LiveSource):
         def on_finding(kind: str, sentence: str) -> None:
             throttle.report(kind, f"{self._path}: {sentence}")
 
-        setup: LiveSetup | None = None
+        setup: Scene | None = None
         head, early = _Head(), list[tuple[Route, Any]]()  # samples before the set-up is whole
         reader = _SampleReader(head, on_finding)
         with open_when_it_comes(self._path, self._settings, self._stop) as file:
@@ -73,7 +74,7 @@ class GrowingFileSource(LiveSource):
             self._begin(head, reader, on_finding)
             self._put_samples(reader, early)
 
-    def _begin(self, head: "_Head", reader: "_SampleReader", on_finding: OnFinding) -> LiveSetup:
+    def _begin(self, head: "_Head", reader: "_SampleReader", on_finding: OnFinding) -> Scene:
         with naming(self._path):
             setup = head.setup()
             for sentence in head.findings():
@@ -133,7 +134,7 @@ class _Head:
             return False
         return all(POSE in self._of[owner] for owner, info in self.camera_infos.items() if _stands_known(info))
 
-    def setup(self) -> LiveSetup:
+    def setup(self) -> Scene:
         """The set-up.
 
         Raises:
@@ -142,10 +143,10 @@ class _Head:
         if self.missing:
             raise FileFormatError(f"expected a recording or a scene; there is no {', no '.join(self.missing)}")
         parts = [self._of[owner] for owner in self.wearers]
-        wearers = tuple(wearer_of(one[SUBJECT], one[PLACEMENT], one[INFO].initial_pose) for one in parts)
         name = self._scene.name if self._scene is not None else parts[0][INFO].name
         start_ns = time_ns_of(parts[0][INFO].start)
-        return LiveSetup(name, wearers, tuple(self._camera(owner, start_ns) for owner in self.cameras), start_ns)
+        wearers = [wearer_of(name, one[SUBJECT], one[PLACEMENT], one[INFO].initial_pose, start_ns) for one in parts]
+        return head_of(name, wearers, [self._camera(owner, start_ns) for owner in self.cameras])
 
     def findings(self) -> list[str]:
         """What of the file's cameras cannot be used ahead of time."""
@@ -177,7 +178,7 @@ class _Head:
         found = {owner: self._of.get(owner, {}).get(CAMERA_INFO) for owner in self.cameras}
         return {owner: info for owner, info in found.items() if info is not None}
 
-    def _camera(self, owner: str, start_ns: int) -> LiveCamera:
+    def _camera(self, owner: str, start_ns: int) -> Camera:
         of = self._of[owner]
         pose = of.get(POSE) if _stands_known(of[CAMERA_INFO]) else None
         return camera_of(of[CAMERA_INFO], of[CALIBRATION], None if pose is None else path_of([pose], start_ns))
@@ -190,12 +191,12 @@ class _SampleReader:
         self._head, self._on_finding = head, on_finding
         self._names: dict[str, str] = {}  # by what the topics begin with
         self._clocks: dict[str, VideoClock] = {}
-        self._cameras: dict[str, LiveCamera] = {}
+        self._cameras: dict[str, Camera] = {}
         self._start_ns = 0
 
-    def begin(self, setup: LiveSetup) -> None:
+    def begin(self, setup: Scene) -> None:
         """From here on samples can be read: the set-up names their carriers and clocks."""
-        names = [*(one.name for one in setup.wearers), *(one.name for one in setup.cameras)]
+        names = [*(one.subject.name for one in setup.wearers), *(one.name for one in setup.cameras)]
         self._names = dict(zip(self._head.wearers + self._head.cameras, names, strict=True))
         infos = self._head.camera_infos
         self._clocks = {owner: VideoClock(info.time_offset_s, info.time_drift) for owner, info in infos.items()}
@@ -218,7 +219,7 @@ class _SampleReader:
         try:
             if route.kind is ImuSample:
                 mount = camera.mount if camera is not None else None
-                sensor = mount.sensor if mount is not None else route.channel.topic.rpartition("/")[2]
+                sensor = mount.imu.name if mount is not None else route.channel.topic.rpartition("/")[2]
                 return imu_sample_of(message, name, self._start_ns, sensor)
             keypoints = None if camera is None else len(camera.keypoints)
             return video_frame_of(message, name, self._start_ns, keypoints, self._clocks.get(route.owner))

@@ -1,6 +1,6 @@
 """Live messages: their framing in a stream of bytes, and set-up and samples to and from them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order, quaternion_f
 from vip_factors.geometry.rotations import Array
 from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import NS_PER_S, DataclassCodec, set_timestamp, time_ns_of
-from vip_factors.io.mcap_camera import MOUNT, camera_info_message, intrinsics_message, intrinsics_of
+from vip_factors.io.mcap_camera import camera_info_message, intrinsics_message, intrinsics_of, mount_of
 from vip_factors.io.mcap_frames import camera_path_of, camera_poses
 from vip_factors.io.mcap_samples import keypoint_set_of
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
@@ -26,13 +26,16 @@ from vip_factors.io.schemas.subject_pb2 import Subject as SubjectMessage
 from vip_factors.sensors.calibration import PRESETS, preset
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.live import ImuSample, LiveCamera, LiveSample, LiveSetup, LiveWearer, VideoFrame
-from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame, checked_head
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, Scene
 
 VARINT_BYTES = 5  # enough for 32 GiB
 
-WEARER = DataclassCodec(WearerMessage, LiveWearer)
-HEADER = DataclassCodec(LiveHeader, LiveSetup, {"start": "start_ns"})
+WEARER = DataclassCodec(WearerMessage, Recording)
+HEADER = DataclassCodec(LiveHeader, Scene, {"start": "start_ns"})
 
 
 def delimited(message: bytes) -> bytes:
@@ -198,28 +201,40 @@ if TYPE_CHECKING:
 INITIAL_POSES = ("t-pose", "n-pose", "none")
 
 
-def header_message(setup: LiveSetup, token: str = "") -> LiveMessage:
+def header_message(setup: Scene, token: str = "") -> LiveMessage:
     """The message that a sender begins with; ``token`` is the secret that the receiver was given, if it was."""
     cameras = [_camera_message(camera, setup.start_ns) for camera in setup.cameras]
     return LiveMessage(header=HEADER.encode(setup, token=token, cameras=cameras))
 
 
-def setup_of(header: LiveHeader) -> LiveSetup:
-    """The set-up that a header describes.
+def setup_of(header: LiveHeader) -> Scene:
+    """The head of the stream that a header describes.
 
     Raises:
         InputError: for what no wearer or camera can be.
     """
-    return LiveSetup(
-        header.name,
-        tuple(wearer_of(one.subject, one.placement, one.initial_pose) for one in header.wearers),
-        tuple(_camera(one) for one in header.cameras),
-        time_ns_of(header.start),
-    )
+    start_ns = time_ns_of(header.start)
+    wearers = [wearer_of(header.name, *_parts(one), start_ns) for one in header.wearers]
+    return head_of(header.name, wearers, [_camera(one) for one in header.cameras])
 
 
-def wearer_of(subject: SubjectMessage, placement: SensorPlacement, initial_pose: str) -> LiveWearer:
-    """One wearer; a preset without sites is fitted to the body.
+def head_of(name: str, wearers: Sequence[Recording], cameras: Sequence[Camera]) -> Scene:
+    """The head of a stream from its wearers and cameras.
+
+    Raises:
+        InputError: for a name that two of them share, and what no scene can be.
+    """
+    return checked_head(Scene(name, tuple(wearers), next(iter(cameras), None), None, tuple(cameras[1:])))
+
+
+def _parts(message: WearerMessage) -> tuple[SubjectMessage, SensorPlacement, str]:
+    return message.subject, message.placement, message.initial_pose
+
+
+def wearer_of(
+    name: str, subject: SubjectMessage, placement: SensorPlacement, initial_pose: str, start_ns: int
+) -> Recording:
+    """One wearer of a stream of this name; a preset without sites is fitted to the body.
 
     Raises:
         InputError: for an implausible body, a bone or a pose that is not known, a mounting that is no rotation.
@@ -231,10 +246,10 @@ def wearer_of(subject: SubjectMessage, placement: SensorPlacement, initial_pose:
     pose = initial_pose or "none"
     if pose not in INITIAL_POSES:
         raise InputError(f"wearer '{wearer.name}': initial pose '{pose}': expected {', '.join(INITIAL_POSES)}")
-    return LiveWearer(wearer, placed, pose)
+    return Recording(name, wearer, {}, placed, pose, start_ns=start_ns)
 
 
-def camera_of(info: CameraInfo, calibration: "CameraCalibration", known_path: CameraPath | None) -> LiveCamera:
+def camera_of(info: CameraInfo, calibration: "CameraCalibration", known_path: CameraPath | None) -> Camera:
     """One camera.
 
     Raises:
@@ -242,14 +257,14 @@ def camera_of(info: CameraInfo, calibration: "CameraCalibration", known_path: Ca
     """
     if not info.keypoints:
         raise FileFormatError(f"camera '{info.name}' names no keypoints: expected those of its detector, in order")
-    mount = MOUNT.decode(info.mount) if info.HasField("mount") else None
+    mount = mount_of(info.mount, ImuStream(info.mount.imu, np.zeros(0))) if info.HasField("mount") else None
     if mount is not None and not mount.mounting_sigma:
         mount = replace(mount, mounting_sigma=CAMERA_MOUNTING_SIGMA)
-    model, keypoints = intrinsics_of(calibration), keypoint_set_of(info)
-    return LiveCamera(info.name, model, keypoints, info.moving, known_path, mount)
+    model, none = intrinsics_of(calibration), Detections.none(keypoint_set_of(info))
+    return Camera(info.name, model, none, info.moving, mount, known_path)
 
 
-def _camera(message: CameraMessage) -> LiveCamera:
+def _camera(message: CameraMessage) -> Camera:
     from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
     from google.protobuf.message import DecodeError
 
@@ -262,10 +277,10 @@ def _camera(message: CameraMessage) -> LiveCamera:
     return camera_of(message.info, calibration, path)
 
 
-def _camera_message(camera: LiveCamera, start_ns: int) -> CameraMessage:
+def _camera_message(camera: Camera, start_ns: int) -> CameraMessage:
     poses = [] if camera.known_path is None else [pose for _, pose in camera_poses(camera.known_path, start_ns)]
     return CameraMessage(
-        info=camera_info_message(camera, camera.keypoints, mounting=camera.mount),
+        info=camera_info_message(camera),
         calibration=intrinsics_message(camera.model, camera.name, start_ns).SerializeToString(),
         known_poses=poses,
     )

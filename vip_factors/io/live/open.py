@@ -13,7 +13,7 @@ from vip_factors.io.live.messages import delimited, header_message, sample_messa
 from vip_factors.io.live.source import DEFAULT, LiveSource, LiveSourceSettings
 from vip_factors.io.live.streams import StandardInputSource, TcpSenderSource, TcpServerSource
 from vip_factors.io.live.websocket import WebSocketSource
-from vip_factors.sensors.live import LiveFinding, LiveSetup, VideoFrame, live_samples
+from vip_factors.sensors.live import LiveFinding, VideoFrame, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
 VARIABLE = "VIP_FACTORS_TOKEN"
@@ -69,7 +69,7 @@ class RecordingSource(LiveSource):
 
     def _read(self) -> None:
         samples = live_samples(self._scene)
-        self._announce(LiveSetup.of(self._scene))
+        self._announce(stream_head(self._scene))
         begun, first = time.monotonic(), None
         for sample in samples:
             if self._speed is not None:
@@ -181,7 +181,7 @@ def live_messages(scene: Scene, speed: float | None = None, token: str = "") -> 
         speed: each sample comes when it is due, at this multiple of its own time; None: as fast as it goes.
         token: for the header.
     """
-    setup = LiveSetup.of(scene)
+    setup = stream_head(scene)
     yield header_message(setup, token).SerializeToString()
     frames: Counter[str] = Counter()
     begun, first = time.monotonic(), None

@@ -9,7 +9,8 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.codec import NS_PER_S
 from vip_factors.io.live.messages import header_message, imu_sample_of, setup_of, video_frame_of
 from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
-from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, LiveSetup
+from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample
+from vip_factors.sensors.scene import Scene
 
 TELL_EVERY = 1.0  # seconds: a person reads them
 
@@ -89,11 +90,11 @@ class Session:
         token: that every header must have; any if empty.
     """
 
-    def __init__(self, announce: Callable[[LiveSetup], None], put: Callable[[LiveItem], None], token: str = "") -> None:
+    def __init__(self, announce: Callable[[Scene], None], put: Callable[[LiveItem], None], token: str = "") -> None:
         self._token = token.encode()
         self._announce = announce
         self.put = put
-        self.setup: LiveSetup | None = None
+        self.setup: Scene | None = None
         self._described = b""
 
     def report(self, sentence: str) -> None:
@@ -198,7 +199,7 @@ class Client:
         setup = self._session.setup
         assert setup is not None  # has_header
         if content == "imu":
-            carrier = message.carrier or setup.wearers[0].name
+            carrier = message.carrier or setup.wearers[0].subject.name
             return _shifted(imu_sample_of(message.imu, carrier, self._start_ns), self._shift)
         name = message.carrier or (setup.camera.name if setup.camera is not None else "")
         camera = next((one for one in setup.cameras if one.name == name), None)
@@ -207,9 +208,10 @@ class Client:
         return _shifted(frame, self._shift)
 
 
-def _described(setup: LiveSetup) -> bytes:
+def _described(setup: Scene) -> bytes:
     """A set-up without what may differ between two connections of one session."""
-    return header_message(replace(setup, name="", start_ns=0)).SerializeToString(deterministic=True)
+    wearers = tuple(replace(one, start_ns=0) for one in setup.wearers)
+    return header_message(replace(setup, name="", wearers=wearers)).SerializeToString(deterministic=True)
 
 
 def _shifted(sample: LiveSample, seconds: float) -> LiveSample:

@@ -13,7 +13,8 @@ from typing import Self
 
 from vip_factors.errors import InputError
 from vip_factors.ranges import RangeError
-from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, LiveLoss, LiveSetup, VideoFrame
+from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, LiveLoss, VideoFrame
+from vip_factors.sensors.scene import Scene
 
 MIB = 1024 * 1024
 POSITIVE = (
@@ -226,7 +227,7 @@ class LiveSource(ABC):
         self._stop = Event()
         self._changed = Condition()
         self._early: list[LiveFinding] = []  # before the set-up is known
-        self._setup: LiveSetup | None = None
+        self._setup: Scene | None = None
         self._ended = False
         self._error: Exception | None = None
         self._thread = Thread(target=self._run, name=f"reader of {name}", daemon=True)
@@ -250,7 +251,7 @@ class LiveSource(ABC):
         return ""
 
     @property
-    def setup(self) -> LiveSetup:
+    def setup(self) -> Scene:
         """What the stream is about, waiting for its header.
 
         Raises:
@@ -287,7 +288,7 @@ class LiveSource(ABC):
         if self._error is not None:
             raise self._error
 
-    def _announce(self, setup: LiveSetup) -> None:
+    def _announce(self, setup: Scene) -> None:
         """Called by the reader, once, before the first sample."""
         with self._changed:
             self._setup = setup

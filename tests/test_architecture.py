@@ -8,7 +8,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "vip_factors"
 
 ROWS = [
-    {"errors", "ranges", "geometry", "atomic"},
+    {"errors", "ranges", "geometry", "atomic", "findings"},
     {"body"},
     {"sensors"},
     {"estimate", "live_estimate"},

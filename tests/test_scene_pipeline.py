@@ -9,6 +9,7 @@ from filmed_gestures import HASTY, QUICK, camera_of, filmed_gestures, with_detec
 
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate_scene
+from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.camera_model import VideoClock
@@ -91,8 +92,8 @@ def test_a_wearer_out_of_view_for_a_while() -> None:
 def test_a_wearer_who_is_never_seen() -> None:
     filmed = without_detections(pair(), -1.0, 9.0, wearer=1)
     estimate = smooth(filmed, QUICK)
-    assert any("'bob' is never seen" in one for one in estimate.findings)
-    assert not any("'anna' is never seen" in one for one in estimate.findings)
+    assert any("'bob' is never seen" in one for one in sentences(estimate.findings))
+    assert not any("'anna' is never seen" in one for one in sentences(estimate.findings))
     wearers = evaluate_scene(estimate, filmed).wearers
     assert wearers["anna"]["mpjpe"] < 30.0
     assert wearers["bob"]["mpjpe"] < 60.0  # of the IMUs alone
@@ -150,7 +151,7 @@ def test_without_a_camera_nobody_knows_who_stands_where() -> None:
     assert estimate.method == "SIP"
     assert estimate.camera is None
     assert len(estimate.wearers) == 2
-    assert any("not placed relative to one another" in one for one in estimate.findings)
+    assert any("not placed relative to one another" in one for one in sentences(estimate.findings))
 
 
 def test_the_videos_clock_is_found_with_its_drift() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from vip_factors.body.hinges import HingeEstimate
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.camera_model import CameraModel, VideoClock
@@ -169,7 +170,7 @@ class WearerEstimate:
         settings: the effective settings, flattened to text.
         body: what was found of the body; None if nothing of it was looked for.
         sensor_places: of the sensors used; none if they were taken as told.
-        findings: sentences about what is odd or not settled: to be shown to the user.
+        findings: what is odd or not settled: to be shown to the user.
         start: how the first headings and mountings were chosen; None if they were not looked for.
     """
 
@@ -184,7 +185,7 @@ class WearerEstimate:
     settings: Mapping[str, str] = field(default_factory=dict)
     body: BodyEstimate | None = None
     sensor_places: tuple[SensorPlaceEstimate, ...] = ()
-    findings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     start: StartChoice | None = None
 
     def frames(self, which: slice) -> "WearerEstimate":
@@ -259,7 +260,7 @@ class Estimate:
         camera: if there was one.
         wearer_of_detection: ``(N,)`` index of the wearer that each detection was given to, −1 for nobody.
         reports: of the solves over all wearers, in order.
-        findings: sentences about what is odd or not determined: to be shown to the user.
+        findings: what is odd or not determined: to be shown to the user.
         settings: the effective settings, flattened to text.
         detector: where it puts its keypoints; None if that was not looked for.
         association: sentences about what told who is who in the first camera's picture, one of each wearer.
@@ -271,7 +272,7 @@ class Estimate:
     camera: CameraEstimate | None = None
     wearer_of_detection: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     reports: tuple[SolveReport, ...] = ()
-    findings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     detector: DetectorEstimate | None = None
     association: tuple[str, ...] = ()

@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, EstimateChunks
 from vip_factors.factor_graph.extra import ExtraFactors, UserTerms
+from vip_factors.findings import Finding
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneInMemory, SceneSource
@@ -26,8 +27,6 @@ from vip_factors.stages.solver import Progress
 __all__ = ["factor_graph", "smooth", "smooth_chunks"]
 
 DEFAULT = Settings()
-UNSEEN = "no wearer was found in the video: the estimate is of the IMUs alone, without a camera"
-UNPLACED = "without a camera the wearers are not placed relative to one another"
 
 
 def smooth(
@@ -72,13 +71,13 @@ def smooth_chunks(
     """
     on_progress = progress or (lambda stage, fraction: None)
     extra = None if extra_factors is None else UserTerms(extra_factors)
-    findings = tuple[str, ...]()
+    findings = tuple[Finding, ...]()
     with _one_blas_thread():
         if source.head.camera is not None and settings.fusion.use_camera:
             filmed = smooth_filmed(source, settings, on_progress, extra)
             if isinstance(filmed, EstimateChunks):
                 return replace(filmed, chunks=_in_one_thread(filmed.chunks))
-            findings = (*filmed, UNSEEN)
+            findings = (*filmed, Finding("not in the video"))
         if extra is not None and len(source.wearers) > 1:
             raise InputError(
                 "extra factors among several wearers need a camera that sees them: else each is in a world of its own"
@@ -88,13 +87,13 @@ def smooth_chunks(
 
 
 def _each_in_own_world(
-    name: str, each: Sequence[EstimateChunks], findings: tuple[str, ...], settings: Settings
+    name: str, each: Sequence[EstimateChunks], findings: tuple[Finding, ...], settings: Settings
 ) -> EstimateChunks:
     """Estimates of wearers who have no world in common, as one."""
     wearers = tuple(one.head.only_wearer for one in each)
-    findings = (*findings, *(sentence for one in wearers for sentence in one.findings))
+    findings = (*findings, *(finding for one in wearers for finding in one.findings))
     if len(wearers) > 1:
-        findings = (*findings, UNPLACED)
+        findings = (*findings, Finding("apart"))
     head = Estimate(name, wearers[0].method, wearers, findings=findings, settings=flatten(settings))
     ended = [Estimate.of_one(replace(one, reports=())) for one in wearers]
 

@@ -9,6 +9,7 @@ from vip_factors.associate.pair_features import vote_turn
 from vip_factors.associate.tracklets import tracklets
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import InputError
+from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import angle_between, wrap_angle
 from vip_factors.sensors.detections import Detections
 
@@ -81,13 +82,13 @@ def test_no_detections(sample: Sample) -> None:
     d = sample.detections
     empty = associate(d.select(np.zeros(len(d), bool)), MODEL, sample.motions)
     assert len(empty.wearer) == 0
-    assert "nobody is visible" in empty.findings[0]
+    assert "nobody is visible" in str(empty.findings[0])
 
 
 def test_video_outside_the_motions(sample: Sample) -> None:
     later = associate(sample.detections.shifted(1000.0), MODEL, sample.motions)
     assert np.all(later.wearer == -1)
-    assert "overlap in time" in later.findings[0]
+    assert "overlap in time" in str(later.findings[0])
 
 
 def test_a_wearer_who_is_not_in_the_picture(sample: Sample) -> None:
@@ -95,13 +96,13 @@ def test_a_wearer_who_is_not_in_the_picture(sample: Sample) -> None:
     result = associate(bystanders, MODEL, sample.motions[:1])
     assert np.mean(result.wearer == 0) < 0.1
     if not np.any(result.wearer == 0):
-        assert "people are visible, but none moves" in " ".join(result.findings)
+        assert "people are visible, but none moves" in " ".join(sentences(result.findings))
 
 
 def test_two_wearers_who_move_alike(sample: Sample) -> None:
     twin = replace(in_another_world(sample.motions[0], 0.8), name="twin")
     result = associate(sample.detections, MODEL, (sample.motions[0], twin))
-    assert any("move nearly alike" in one and "twin" in one for one in result.findings)
+    assert any("move nearly alike" in one and "twin" in one for one in sentences(result.findings))
 
 
 def test_exchanged_sides_are_told(sample: Sample) -> None:
@@ -110,7 +111,7 @@ def test_exchanged_sides_are_told(sample: Sample) -> None:
     wearers = sample.wearer >= 0
     swapped = replace(d, pixels=d.pixels[:, order], confidence=d.confidence[:, order]).select(wearers)
     result = associate(swapped, MODEL, sample.motions)
-    assert any("left and right exchanged" in one for one in result.findings)
+    assert any("left and right exchanged" in one for one in sentences(result.findings))
 
 
 def test_another_order_of_keypoints_is_named() -> None:
@@ -118,7 +119,7 @@ def test_another_order_of_keypoints_is_named() -> None:
     d = sample.detections.select(sample.wearer >= 0)
     mislabelled = Detections(keypoint_set("body25"), d.time, d.frame, d.pixels, d.confidence)
     result = associate(mislabelled, MODEL, sample.motions)
-    assert any("'body25b'" in one for one in result.findings)
+    assert any("'body25b'" in one for one in sentences(result.findings))
 
 
 def only(detections: Detections, *joints: str) -> Detections:
@@ -139,7 +140,7 @@ def test_few_keypoints_are_enough(sample: Sample, joints: tuple[str, ...]) -> No
 def test_too_few_keypoints_are_named_and_the_missing_ones_asked_for(sample: Sample) -> None:
     found = associate(only(sample.detections, "shoulder", "hip"), MODEL, sample.motions)
     assert np.all(found.wearer == -1)
-    (told,) = found.findings
+    (told,) = sentences(found.findings)
     assert "4 keypoints each" in told
     assert "left_shoulder, right_shoulder, left_hip, right_hip" in told
     assert "at least 6" in told
@@ -151,7 +152,7 @@ def test_nobody_found_by_few_keypoints_is_not_put_down_to_clocks(sample: Sample)
     strangers = only(sample.detections, "shoulder", "hip", "knee").select(sample.wearer < 0)
     found = associate(strangers, MODEL, sample.motions[:1])
     assert np.mean(found.wearer >= 0) < 0.05
-    assert all("by the 6 keypoints" in one and "clock" not in one for one in found.findings)
+    assert all("by the 6 keypoints" in one and "clock" not in one for one in sentences(found.findings))
 
 
 def test_gravity_of_another_length_is_refused(sample: Sample) -> None:

@@ -15,6 +15,7 @@ from live_answers import LAG, answer, answers, live_scene, setup_of, truth_of
 
 from vip_factors.atomic import partial_path
 from vip_factors.errors import FileFormatError, InputError
+from vip_factors.findings import sentences
 from vip_factors.io.live_mcap import LIVE_CAMERA, LIVE_UPDATE, LiveMcapSink
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_messages import Topics
@@ -45,7 +46,7 @@ def test_the_smoothed_poses_are_an_estimate_of_the_scene(tmp_path: Path) -> None
         read = read_estimate(tmp_path / "e.mcap")
     assert read.name == scene.name
     assert read.settings == {"live.lag": "0.25"}
-    assert read.findings == ("the stream has begun",)
+    assert sentences(read.findings) == ("the stream has begun",)
     for index, one in enumerate(read.wearers):
         truth = truth_of(scene, index).frames(slice(0, len(given) - LAG))
         np.testing.assert_allclose(one.motion.R_parent_child, truth.R_parent_child, atol=1e-12)
@@ -212,7 +213,7 @@ def test_a_wearer_who_begins_later_or_misses_frames(tmp_path: Path) -> None:
     np.testing.assert_array_equal(ann.motion.p_world_pelvis[24], truth[24])
     np.testing.assert_array_equal(ann.motion.p_world_pelvis[25:28], truth[[24] * 3])  # held
     np.testing.assert_array_equal(ann.motion.p_world_pelvis[30:], truth[30 : len(ann.motion)])
-    findings = read_estimate(tmp_path / "e.mcap").findings
+    findings = sentences(read_estimate(tmp_path / "e.mcap").findings)
     assert any("ann: 3 frames are missing" in one for one in findings)
 
 

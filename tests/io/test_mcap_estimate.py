@@ -20,6 +20,7 @@ from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.cli.info_text import estimate_text
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import Estimate, SolveReport, StartChoice, WearerEstimate
+from vip_factors.findings import Finding, bare
 from vip_factors.io.live_mcap import LiveMcapSink
 from vip_factors.io.mcap_estimate import CAMERA_POSE, read_calibration_history, read_estimate
 from vip_factors.io.mcap_estimate_writer import write_estimate
@@ -188,7 +189,9 @@ def test_an_existing_file_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("margin", [1.5, np.inf])
 def test_findings_and_the_choice_of_the_start_come_back(tmp_path: Path, margin: float) -> None:
     choice = StartChoice("sensors sit as placed", "frames agree" if margin < 2 else "", margin, ("head",))
-    estimate = replace(example(), findings=("one thing", "another"), start=choice)
+    estimate = replace(
+        example(), findings=(bare("one thing"), Finding("leap", "Ada", words={"times": "2.00"})), start=choice
+    )
     write_estimate(Estimate.of_one(estimate), tmp_path / "e.mcap")
     assert_same(estimate, read_estimate(tmp_path / "e.mcap").only_wearer)
     told = estimate_text(estimate)

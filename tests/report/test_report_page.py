@@ -13,6 +13,7 @@ from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
+from vip_factors.findings import Finding, bare
 from vip_factors.report.material import material
 from vip_factors.report.page import report_page, write_report
 from vip_factors.report.settings import ReportSettings
@@ -112,7 +113,7 @@ def test_names_are_escaped_everywhere(estimate: Estimate, scene: Scene) -> None:
     evil = '</script><img src=x onerror=alert(1)>"&'
     named = replace(scene, wearers=tuple(replace(one, subject=replace(one.subject, name=f"{evil}{number}"))
                                          for number, one in enumerate(scene.wearers)))  # fmt: skip
-    said = replace(estimate, name=evil, findings=(f"wearer '{evil}' is never seen: {evil}",), association=(evil,),
+    said = replace(estimate, name=evil, findings=(Finding("never seen", evil), bare(evil)), association=(evil,),
                    settings={evil: evil})  # fmt: skip
     page = Page(page_of(said, named))
     assert "x" not in page.addresses

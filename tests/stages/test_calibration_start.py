@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z, wrap_angle
 from vip_factors.initialise.start_search import Starts
 from vip_factors.sensors.calibration import Placement, preset
@@ -105,7 +106,7 @@ def test_a_start_that_nothing_tells_is_flagged() -> None:
         for site in recording.placement.sites
     )
     starts, names = searched(replace(recording, placement=Placement(sites)))
-    told = list(start_findings("anna", names, starts))
+    told = sentences(start_findings("anna", names, starts))
     assert told
     assert all("at the start" in sentence for sentence in told)
 

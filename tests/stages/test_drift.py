@@ -7,6 +7,7 @@ import pytest
 
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.estimate import CameraEstimate
+from vip_factors.findings import sentences
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
@@ -32,7 +33,7 @@ def found(drift: float, sigma: float) -> CameraEstimate:
 
 
 def test_a_drift_beyond_what_the_scene_said_is_told() -> None:
-    (told,) = clock_findings(camera(300.0), found(3e-4, 1e-5))
+    (told,) = sentences(clock_findings(camera(300.0), found(3e-4, 1e-5)))
     assert "by +60 ms from its start to its end (+200 ± 10 ppm)" in told
 
 
@@ -50,7 +51,7 @@ def test_nothing_is_said_of_a_clock_that_was_kept() -> None:
 
 def test_an_offset_of_some_video_frames_is_told() -> None:
     off = replace(found(1e-4, 1e-5), time_offset=0.08)
-    (told,) = clock_findings(camera(300.0), off)
+    (told,) = sentences(clock_findings(camera(300.0), off))
     assert "+80 ± 1 ms off what the scene says" in told
 
 

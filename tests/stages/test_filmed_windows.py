@@ -14,6 +14,7 @@ from scene_sample import estimate_of, scene_sample
 from vip_factors import pipeline
 from vip_factors.cli.main import main
 from vip_factors.estimate import CameraEstimate, Estimate, EstimateChunks, PoseCovariance
+from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import angle_between, rotation_z
 from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.io.mcap_estimate import read_estimate
@@ -25,7 +26,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneSource
 from vip_factors.settings import CalibrationSettings, FusionSettings, Settings, WindowSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
-from vip_factors.stages.filmed_windows import GatheredFindings, smooth_filmed
+from vip_factors.stages.filmed_windows import smooth_filmed
 from vip_factors.stages.solver import Progress
 from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
 
@@ -110,7 +111,7 @@ def test_a_carried_camera_that_loses_everybody_from_file_to_file(
     surely = estimate.wearer_of_detection >= 0
     assert surely.mean() > 0.5
     assert np.mean(scene.truth.wearer[surely] == estimate.wearer_of_detection[surely]) > 0.9
-    assert any("from 2 to" in sentence or "from 3 to" in sentence for sentence in estimate.findings)
+    assert any("from 2 to" in sentence or "from 3 to" in sentence for sentence in sentences(estimate.findings))
 
 
 def at_10_hz(scene: Scene) -> Scene:
@@ -203,28 +204,3 @@ def window_of(truth: Estimate, span: slice, path: CameraPath, yaw: float, shift:
     camera = CameraEstimate("phone", truth.camera.model, own, None, None, np.zeros((T, 2)))
     headings = tuple(Headings(own.time[[0, -1]], np.zeros((2, 1))) for _ in wearers)
     return SolvedWindow(span, tuple(wearers), camera, headings, own.time, np.arange(span.start, span.stop) % 3 - 1)
-
-
-def test_findings_are_told_once() -> None:
-    gathered = GatheredFindings(["known: 3 of 4 s"])
-    gathered.add(["known: 1 of 2 s", "odd by 3.5, 4.25 px", "odd by 9 px"], 0.0, 60.0)
-    gathered.add(["odd by 7 px", "other"], 54.0, 114.0)
-    assert gathered.sentences() == (
-        "known: 3 of 4 s",
-        "odd by 3.5, 4.25 px (from 0 to 60 s, and in 1 more windows)",
-        "other (from 54 to 114 s)",
-    )
-
-
-def test_findings_about_others_are_others() -> None:
-    """Digits of names, in quotes or not, tell them apart; measured ones do not, nor do apostrophes hide them."""
-    about = [
-        ("wearer_1", "00B40C44, foot-1"), ("wearer_2", "00B40C44, foot-1"), ("wearer 3", "00B40C44, foot-1"),
-        ("4", "00B40C44, foot-1"), ("wearer_1", "00B40C45, foot-1"), ("wearer_1", "00B40C44, foot-2"),
-    ]  # fmt: skip
-    sentence = "wearer '{}' before camera 'left 1': {} is {} % off the sensors', by {} px the camera's (not 0.5)"
-    gathered = GatheredFindings()
-    gathered.add([sentence.format(*one, "+3.5", "1.5") for one in about], 0.0, 60.0)
-    gathered.add([sentence.format(*one, "-14", "2, 3.5") for one in about], 54.0, 114.0)
-    expected = {f"{sentence.format(*one, '+3.5', '1.5')} (from 0 to 60 s, and in 1 more windows)" for one in about}
-    assert set(gathered.sentences()) == expected

@@ -10,6 +10,7 @@ from filmed_gestures import HASTY, QUICK, camera_of, enlarged, filmed_gestures, 
 from vip_factors.associate.associate import Association
 from vip_factors.associate.hypothesis import hypotheses, wearer_points
 from vip_factors.estimate import CameraEstimate, Estimate
+from vip_factors.findings import sentences
 from vip_factors.initialise.camera import Sightings, leaps
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.scene import Scene
@@ -25,7 +26,7 @@ def good(camera: CameraKind = "fixed", azimuth_deg: float = 20.0) -> Scene:
 
 def sentence(estimate: Estimate, *words: str) -> str:
     """The one finding that holds all of some words."""
-    found = [one for one in estimate.findings if all(word in one for word in words)]
+    found = [one for one in sentences(estimate.findings) if all(word in one for word in words)]
     assert len(found) == 1, estimate.findings
     return found[0]
 

@@ -13,6 +13,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.skeleton import JOINT_COUNT, joint_index
 from vip_factors.estimate import BodyEstimate
+from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import Array, exp, rotation_x
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Calibration, SensorCalibration, preset
@@ -40,7 +41,7 @@ def of_stature(scene: Scene, stature_m: float) -> Scene:
 
 @pytest.mark.parametrize(("stature_m", "told"), [(1.60, "larger than one of 1.60 m"), (1.75, None)])
 def test_a_wrong_stature(stature_m: float, told: str | None) -> None:
-    findings = smooth(of_stature(before_two_known_cameras(), stature_m), QUICK).findings
+    findings = sentences(smooth(of_stature(before_two_known_cameras(), stature_m), QUICK).findings)
     of_bodies = [one for one in findings if "stature and pictures disagree" in one]
     assert bool(of_bodies) == (told is not None), findings
     assert told is None or told in of_bodies[0]
@@ -50,7 +51,7 @@ def test_somebody_who_is_seen_for_a_moment() -> None:
     scene = with_detections(
         filmed_gestures(azimuth_deg=20.0), lambda found: found.select(found.time[found.frame] < 1.5)
     )
-    (told,) = smooth(scene, HASTY).findings
+    (told,) = sentences(smooth(scene, HASTY).findings)
     assert re.search(r"'anna' is seen for 1\.[45] s only", told)
 
 
@@ -68,8 +69,8 @@ def test_few_keypoints_are_enough_for_the_whole_pipeline() -> None:
     assert smooth(few(("shoulder", "hip", "knee", "ankle")), HASTY).method == "VIP"
     refused = smooth(few(("shoulder", "hip")), HASTY)
     assert refused.method == "SIP"
-    assert "add knee and ankle" in refused.findings[0]
-    assert not any("clock" in one for one in refused.findings)
+    assert "add knee and ankle" in str(refused.findings[0])
+    assert not any("clock" in one for one in sentences(refused.findings))
 
 
 def worn(motion: Motion, turned: int = 0, pose: str = "none") -> tuple[Recording, Calibration]:
@@ -85,7 +86,7 @@ def told(motion: Motion, turned: int = 0, pose: str = "none", since_start: int =
     recording, calibration = worn(motion, turned, pose)
     start = np.stack([one.R_bone_sensor for one in calibration.values()])
     start[:since_start] = exp([1.5, 0, 0]) @ start[:since_start]
-    return list(posture_findings("anna", recording, motion, calibration, start))
+    return list(sentences(posture_findings("anna", recording, motion, calibration, start)))
 
 
 def bent(motion: Motion, joint: str, degrees: Array) -> Motion:
@@ -147,7 +148,7 @@ def test_what_is_expected_is_not_told() -> None:
 
 
 def test_a_length_that_is_far_from_expected_is_named() -> None:
-    [told, *_] = body_findings("Ada", found({"forearm": -0.05}), 1.75)
+    [told, *_] = sentences(body_findings("Ada", found({"forearm": -0.05}), 1.75))
     assert "stature and pictures disagree about forearm 2" in told
     assert "thigh" not in told
 
@@ -155,7 +156,7 @@ def test_a_length_that_is_far_from_expected_is_named() -> None:
 def test_a_common_scale_is_told_as_one() -> None:
     body = found({}, scale=0.06)
     assert common_scale(body)[0] == pytest.approx(0.06)
-    told = list(body_findings("Ada", body, 1.75))
+    told = sentences(body_findings("Ada", body, 1.75))
     assert any("all lengths together ask for a body 6 % larger than one of 1.75 m" in one for one in told)
     assert not list(body_findings("Ada", found({}, scale=0.015), 1.75))
 
@@ -165,15 +166,15 @@ def test_knees_that_bend_backwards_are_a_finding() -> None:
     R[:15, joint_index("left_knee")] = rotation_x(-0.4)
     R[:5, joint_index("right_knee")] = rotation_x(-0.4)
     motion = Motion(USUAL, R, np.zeros((40, 3)), 30.0)
-    (sentence,) = knee_findings("wearer 'Ada'", motion)
+    (sentence,) = sentences(knee_findings("Ada", motion))
     assert "left knee bends backwards in 38 %" in sentence
 
 
 def test_what_is_in_order_but_for_the_scale_is_not_told_one_by_one() -> None:
-    [told] = body_findings("Ada", found({}, scale=0.15), 1.75)
+    [told] = sentences(body_findings("Ada", found({}, scale=0.15), 1.75))
     assert "15 % larger" in told
     assert "check the stature" in told
-    scale, length = body_findings("Ada", found({"forearm": -0.07}, scale=0.15), 1.75)
+    scale, length = sentences(body_findings("Ada", found({"forearm": -0.07}, scale=0.15), 1.75))
     assert "all lengths together" in scale
     assert "forearm" in length
     assert "thigh" not in length

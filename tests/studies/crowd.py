@@ -20,6 +20,7 @@ from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError, RecordingError, SolveError
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.evaluate.scene_metrics import AssociationScore, association_score
+from vip_factors.findings import sentences
 from vip_factors.io.motions import read_motion
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
@@ -279,7 +280,7 @@ def wearers_trial(scene: Scene, settings: Settings, camera: str = "", seed: int 
     seconds, evaluation = perf_counter() - begin, evaluate_scene(estimate, scene)
     metrics = {name: evaluation.metrics[name].value for name in METRICS if name in evaluation.metrics}
     pairs = {name: dict(row) for name, row in evaluation.pairs.items()}
-    return WearersTrial(camera, seed, metrics, pairs, seconds, estimate.findings)
+    return WearersTrial(camera, seed, metrics, pairs, seconds, sentences(estimate.findings))
 
 
 def _two(values: Sequence[float] | np.ndarray) -> list[str]:

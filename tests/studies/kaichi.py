@@ -34,6 +34,7 @@ from vip_factors.evaluate.metrics import (
     orientation_error,
     position_error,
 )
+from vip_factors.findings import sentences
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array, rotation_z, transpose, yaw_of
 from vip_factors.live.settings import LiveSettings
@@ -246,7 +247,7 @@ def _theirs(scene: Scene, form: Form) -> Estimates:
     settings = replace(settings, calibration=replace(settings.calibration, from_truth=True))
     told = told_headings(scene, settings)
     estimate = smooth(without_camera(told) if form is Form.IMU else told, settings)
-    return {Way.THEIRS: estimate.wearers[0].motion}, estimate.findings
+    return {Way.THEIRS: estimate.wearers[0].motion}, sentences(estimate.findings)
 
 
 def _theirs_live(scene: Scene, form: Form) -> Estimates:
@@ -264,7 +265,7 @@ def _live(scene: Scene, form: Form, settings: LiveSettings) -> Estimates:
 
 def _batch(scene: Scene, form: Form, settings: LiveSettings) -> Estimates:
     estimate = smooth(without_camera(scene) if form is Form.IMU else scene, our_settings(form, settings))
-    return {Way.BATCH: estimate.wearers[0].motion}, estimate.findings
+    return {Way.BATCH: estimate.wearers[0].motion}, sentences(estimate.findings)
 
 
 def _estimated(blanks: list[KaichiTrial], scene: Scene, work: Callable[[], Estimates]) -> list[KaichiTrial]:

@@ -25,6 +25,7 @@ from vip_factors.cli.settings_file import read_settings
 from vip_factors.configurations import named_settings
 from vip_factors.errors import VipFactorsError
 from vip_factors.evaluate.evaluation import evaluate_scene
+from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import mean_rotation, rotation_z, transpose
 from vip_factors.io.convert import ImportOptions, import_recording
 from vip_factors.io.mcap_recording import read_scene, write_scene
@@ -179,7 +180,7 @@ def measured(name: str, scene: Scene, settings: Settings) -> PopulationRow:
     values = {key: one.value for key, one in (*wearer.metrics.items(), *found.metrics.items())}
     values["worst_bone_deg"] = max(row["orientation_deg"] for row in wearer.joints.values())
     told = dict.fromkeys((*estimate.findings, *estimate.wearers[0].findings))
-    return PopulationRow(name, {key: values.get(key, float("nan")) for key in COLUMNS}, tuple(told), cpu_s)
+    return PopulationRow(name, {key: values.get(key, float("nan")) for key in COLUMNS}, sentences(told), cpu_s)
 
 
 @dataclass(frozen=True, kw_only=True)

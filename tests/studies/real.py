@@ -29,6 +29,7 @@ from tests.studies.walk import AngleError
 from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
+from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.io.convert import import_recording, recording_of_log
 from vip_factors.io.mcap_recording import read_scene
@@ -179,7 +180,7 @@ def _trial(one: RealRecording, folder: Path, with_live: bool, camera: CameraName
         one.name, end - start, batch[0], live[0], other, (batch[1], live[1]), (batch[2], live[2]),
         _video(one, folder, own.motion), _strides(one, folder, own.motion),
         _heading_errors(own.calibration, one.headings_deg), batch_s, live_s,
-        tuple(dict.fromkeys((*estimate.findings, *own.findings))),
+        sentences(dict.fromkeys((*estimate.findings, *own.findings))),
         tuple(sentence for answer in answers for sentence in answer.findings),
     )  # fmt: skip
 

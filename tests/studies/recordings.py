@@ -15,6 +15,7 @@ from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.evaluate.evaluation import evaluate_motion
 from vip_factors.evaluate.metrics import common_frames
+from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import Array, angle_between, rotation_z, transpose, wrap_angle, yaw_of
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.io.mcap_recording import read_scene
@@ -111,7 +112,7 @@ def recording_trials(name: str, scene: Scene, with_live: bool) -> Iterator[Recor
         live, late = (_errors(motion, truth, since) for since in (start, (start + end) / 2))
         yield RecordingTrial(
             name, recording.subject.name, end - start, _errors(own.motion, truth, start), live, late, batch_s, live_s,
-            tuple(dict.fromkeys((*estimate.findings, *own.findings))), said,
+            sentences(dict.fromkeys((*estimate.findings, *own.findings))), said,
             who_is_who(scene, estimate.wearer_of_detection, wearer),
         )  # fmt: skip
 

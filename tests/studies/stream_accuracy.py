@@ -28,6 +28,7 @@ from vip_factors.errors import InputError, RecordingError, SolveError
 from vip_factors.estimate import WearerEstimate
 from vip_factors.evaluate.evaluation import evaluate
 from vip_factors.evaluate.metrics import common_frames
+from vip_factors.findings import sentences
 from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Calibration, preset
@@ -171,7 +172,7 @@ def _batch(scene: Scene, trial: StreamTrial, settings: LiveSettings) -> StreamTr
     seconds, own = process_time() - begin, estimate.wearers[0]
     measured = _with_calibration(trial, scene, own.motion, own.calibration)
     smoothed = pose_errors(own.motion, true_motion(scene.wearers[0]), SETTLED_S)
-    return replace(measured, smoothed=smoothed, cpu_s=seconds, findings=estimate.findings)
+    return replace(measured, smoothed=smoothed, cpu_s=seconds, findings=sentences(estimate.findings))
 
 
 def _live(scene: Scene, trial: StreamTrial, settings: LiveSettings) -> StreamTrial:

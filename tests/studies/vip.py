@@ -30,6 +30,7 @@ from vip_factors.errors import RecordingError, SolveError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.evaluate.evaluation import SceneEvaluation, evaluate_scene
 from vip_factors.evaluate.metrics import common_frames, mpjae, mpjpe
+from vip_factors.findings import sentences
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.scene import Scene
@@ -216,7 +217,7 @@ def measured(trial: Trial, estimate: Estimate, scene: Scene, skip_s: float) -> T
         precision=_metric(evaluation, "association_precision"),
         recall=_metric(evaluation, "association_recall"),
         solve_seconds=_solve_seconds(estimate),
-        findings=estimate.findings,
+        findings=sentences(estimate.findings),
     )
 
 

@@ -11,6 +11,7 @@ from scene_sample import estimate_of, scene_sample
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.findings import bare
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.simulate.gestures import gestures
 from vip_factors.viz import rerun_body
@@ -120,7 +121,7 @@ def test_notes_are_a_list_and_lines_stay_lines() -> None:
     assert finding_lines([]) == []
     assert paragraphs("one\ntwo\n\nthree") == ["one", "", "two", "", "three", ""]
     scene = scene_sample(0.3)
-    text = scene_summary(drawn_scene(scene, replace(estimate_of(scene), findings=("odd",))))
+    text = scene_summary(drawn_scene(scene, replace(estimate_of(scene), findings=(bare("odd"),))))
     assert "\n\n- odd\n\n" in text
     assert "- **ann** is orange;" in text
     assert "- **bob** is blue;" in text

@@ -16,6 +16,7 @@ from vip_factors.associate.tracklets import brief_choices, contradicted, trackle
 from vip_factors.associate.weights import Logistic, load_weights, verdict_features
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
@@ -36,7 +37,7 @@ class Association:
         p_camera_world: ``(N, 3)`` metres, where that world's origin lies in the camera's frame
             (``p_camera = R_camera_world @ p_world + p_camera_world``); NaN for nobody.
         unary: ``(N,)`` cost of the chosen hypothesis on its own (negative log-odds), else of the best; NaN without any.
-        findings: sentences about what is odd.
+        findings: what is odd.
         by_place: ``(N,)`` whether it was given for lying where the wearer is, by the known camera, and not for moving
             alike; its confidence is the least that is asked of others. Empty where no camera was known.
         by_clothes: whether clothes had a say.
@@ -47,7 +48,7 @@ class Association:
     R_camera_world: Array
     p_camera_world: Array
     unary: Array
-    findings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     by_place: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
     by_clothes: bool = False
 

@@ -1,4 +1,4 @@
-"""What is odd about who is seen: said in sentences, for the user."""
+"""What is odd about who is seen."""
 
 from collections.abc import Sequence
 
@@ -8,6 +8,7 @@ from vip_factors.associate.features import Context, given_keypoints
 from vip_factors.associate.hypothesis import FEWEST_KEYPOINTS, fit_cameras, keypoint_sigma, wearer_points
 from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet
 from vip_factors.body.kinematics import Motion
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, rotation_z, yaw_of
 from vip_factors.sensors.detections import Detections
 
@@ -22,17 +23,12 @@ REFUSED = 20.0  # cost, in squared sigmas, of a detection that no camera explain
 
 def find_oddities(
     detections: Detections, context: Context, odds: Array, motions: Sequence[Motion], wearer: np.ndarray
-) -> tuple[str, ...]:
-    """Sentences about what is odd; none if all is well."""
+) -> tuple[Finding, ...]:
+    """What is odd; none if all is well."""
     if len(detections) == 0:
-        return (
-            f"nobody is visible in any of the {len(detections.time)} video frames: the camera adds nothing, check the "
-            "detections' file",
-        )
+        return (Finding("nobody visible", numbers={"frames": len(detections.time)}),)
     if not any(points.covered[detections.frame].any() for points in context.wearers):
-        return (
-            "the video and the sensors do not overlap in time: nobody could be found, check the camera's time offset",
-        )
+        return (Finding("no common time"),)
     if _shown_at_once(context) < FEWEST_KEYPOINTS:
         return (_too_few(context),)
     found = [*_order_finding(detections, context, motions), *_alike(context, motions)]
@@ -59,46 +55,36 @@ def _given(context: Context) -> list[str]:
     return [name for name, given in zip(context.names, which, strict=True) if given]
 
 
-def _too_few(context: Context) -> str:
+def _too_few(context: Context) -> Finding:
     given = _given(context)
     missing = [joint for joint in TELLING if not any(joint in name for name in given)]
-    return (
-        f"people are visible with {_shown_at_once(context):.0f} keypoints each (the detector gives "
-        f"{', '.join(given) or 'none that is on the body'}), and at least {FEWEST_KEYPOINTS} at once are needed to "
-        f"tell who is who: add {' and '.join(missing) or 'those that are missing'}"
-    )
+    words = {
+        "given": ", ".join(given) or "none that is on the body",
+        "missing": " and ".join(missing) or "those that are missing",
+    }
+    numbers = {"shown": _shown_at_once(context), "least": FEWEST_KEYPOINTS}
+    return Finding("few keypoints", numbers=numbers, words=words)
 
 
-def _never_found(context: Context, odds: Array, w: int, motion: Motion) -> str:
-    mine = odds[context.hypotheses.wearer == w]
-    if len(mine) == 0:
-        return (
-            f"no detection shows {FEWEST_KEYPOINTS} keypoints at once while wearer '{motion.name}' is measured: nobody "
-            "can be compared with that wearer"
-        )
+def _never_found(context: Context, odds: Array, w: int, motion: Motion) -> Finding:
+    if not np.any(context.hypotheses.wearer == w):
+        return Finding("never whole", motion.name, numbers={"least": FEWEST_KEYPOINTS})
     given = _given(context)
     if len(given) < FEW_KEYPOINTS:
-        return (
-            f"people are visible, but none is surely wearer '{motion.name}' by the {len(given)} keypoints that the "
-            f"detector gives ({', '.join(given)}): more of them (knees and ankles, elbows and wrists) would tell"
-        )
-    return (
-        f"people are visible, but none moves as the sensors of wearer '{motion.name}' say: either that wearer is not "
-        "in the picture, or the video's clock, its keypoints' order or the sensors' places are wrong"
-    )
+        words = {"given": ", ".join(given)}
+        return Finding("too few to be sure", motion.name, numbers={"keypoints": len(given)}, words=words)
+    return Finding("not recognised", motion.name)
 
 
-def _alike(context: Context, motions: Sequence[Motion]) -> list[str]:
+def _alike(context: Context, motions: Sequence[Motion]) -> list[Finding]:
     """Pairs of wearers who move alike, seen from wherever."""
     found = []
     for i in range(len(motions)):
         for j in range(i + 1, len(motions)):
             gap = _distance_up_to_heading(context, i, j)
             if len(gap) and np.mean(gap < ALIKE_M) > ALIKE_SHARE:
-                found.append(
-                    f"wearers '{motions[i].name}' and '{motions[j].name}' move nearly alike (keypoints within "
-                    f"{100 * np.median(gap):.0f} cm): they cannot be told apart in the video"
-                )
+                numbers = {"cm": 100 * float(np.median(gap))}
+                found.append(Finding("alike", motions[i].name, subject=motions[j].name, numbers=numbers))
     return found
 
 
@@ -121,7 +107,7 @@ def _distance_up_to_heading(context: Context, i: int, j: int) -> Array:
 _UPRIGHT_PELVIS = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
 
 
-def _order_finding(detections: Detections, context: Context, motions: Sequence[Motion]) -> list[str]:
+def _order_finding(detections: Detections, context: Context, motions: Sequence[Motion]) -> list[Finding]:
     """Whether another known order of keypoints explains the detections much better."""
     given = detections.keypoints
     usable = np.flatnonzero((context.weight > 0).sum(axis=1) >= max(8, 0.6 * len(given)))
@@ -140,10 +126,7 @@ def _order_finding(detections: Detections, context: Context, motions: Sequence[M
             found.append((float(np.nanmedian(cost)), name))
     if not found:
         return []
-    return [
-        f"the keypoints fit the wearers much better in another order: expected '{given.name}', but '{min(found)[1]}' "
-        "is what they look like; name the right keypoint set when reading the detections"
-    ]
+    return [Finding("keypoint order", words={"given": given.name, "better": min(found)[1]})]
 
 
 def _orders(given: KeypointSet) -> list[tuple[str, KeypointSet, bool]]:

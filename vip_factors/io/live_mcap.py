@@ -15,6 +15,7 @@ import numpy as np
 from vip_factors.atomic import check_partial, check_target
 from vip_factors.errors import naming_file
 from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
+from vip_factors.findings import bare
 from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import set_timestamp
 from vip_factors.io.mcap_estimate import (
@@ -243,7 +244,9 @@ class LiveMcapSink:
     def _write_scene_info(self, time_ns: int) -> None:
         """Of the wearers who have poses: a reader expects those whom it names."""
         prefixes = [one.prefix for one in self._wearers if one.begun]
-        estimate = Estimate(self._setup.name, METHOD, (), findings=tuple(self._findings), settings=self._settings)
+        estimate = Estimate(
+            self._setup.name, METHOD, (), findings=tuple(map(bare, self._findings)), settings=self._settings
+        )
         message = SCENE_HEAD.encode(estimate, wearer_topics=prefixes, start_ns=self._setup.start_ns)
         self._writer.write(SCENE_INFO, message, time_ns)
 

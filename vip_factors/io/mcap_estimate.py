@@ -5,12 +5,14 @@ the camera's and who is who stand beside them; an estimate of one wearer whom no
 """
 
 import os
+from itertools import starmap, zip_longest
 from typing import Any
 
 import numpy as np
 
 from vip_factors.errors import FileFormatError
 from vip_factors.estimate import CameraEstimate, Estimate, StartChoice, WearerEstimate
+from vip_factors.findings import TEXT, Finding, bare, sentences
 from vip_factors.geometry.rotations import Array
 from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import DataclassCodec, time_ns_of
@@ -53,10 +55,17 @@ HEAD = DataclassCodec(
     EstimateInfo,
     WearerEstimate,
     {"start": "start_ns", "start_choice": "start"},
-    more=lambda estimate: {"residual_kinds": list(estimate.residuals)},
+    more=lambda estimate: {"residual_kinds": list(estimate.residuals)} | _findings(estimate),
+    mend=lambda message, read: read | {"findings": _findings_of(message)},
 )
 """What an estimate of a wearer is; the absolute time of its t = 0 is given."""
-SCENE_HEAD = DataclassCodec(SceneEstimateInfo, Estimate, {"start": "start_ns"})
+SCENE_HEAD = DataclassCodec(
+    SceneEstimateInfo,
+    Estimate,
+    {"start": "start_ns"},
+    more=lambda estimate: _findings(estimate),
+    mend=lambda message, read: read | {"findings": _findings_of(message)},
+)
 """What an estimate is as a whole; its start and what its wearers' topics begin with are given."""
 CAMERA_HEAD = DataclassCodec(
     CameraEstimateInfo,
@@ -65,6 +74,18 @@ CAMERA_HEAD = DataclassCodec(
     mend=lambda message, read: read | _clock(message),
 )
 """What a camera's estimate is; how many poses and residuals there are is given."""
+
+
+def _findings(estimate: WearerEstimate | Estimate) -> dict[str, Any]:
+    """Sentences for every reader, and beside each its kind."""
+    return {"findings": sentences(estimate.findings), "finding_kinds": [one.kind for one in estimate.findings]}
+
+
+def _findings_of(message: EstimateInfo | SceneEstimateInfo) -> tuple[Finding, ...]:
+    """Older files have no kinds."""
+    return tuple(
+        starmap(bare, zip_longest(message.findings, message.finding_kinds[: len(message.findings)], fillvalue=TEXT))
+    )
 
 
 def _clock(message: CameraEstimateInfo) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from vip_factors.assembly.objective import SceneObjective
+from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.measurement import MeasuredStretch
 from vip_factors.live.settings import LiveSettings
@@ -44,7 +45,7 @@ def recalibrate(stretch: MeasuredStretch, settings: LiveSettings, known: Known |
         wearers = tuple(_freed(*each, settings) for each in zip(model.wearers, state.wearers, strict=True))
         found = started(end, coarse, replace(model, wearers=wearers), state, spreads, settings)
         information = information_of(coarse.fused, found.problem.layout, own.inflation)
-        return replace(found, information=information, findings=tuple(unsettled(coarse)))
+        return replace(found, information=information, findings=sentences(unsettled(coarse)))
 
 
 def information_of(fused: FusionSolution, layout: Layout, inflation: float) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 from vip_factors.assembly.objective import WearerObjective
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import RecordingError
+from vip_factors.findings import Finding, sentences
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.live.measurement import MeasuredStretch
@@ -209,13 +210,13 @@ def start(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None 
         for one, tracked, own in zip(model.wearers, coarse.wearers, state.wearers, strict=True)
     )
     begun = started(stretch, coarse, replace(model, wearers=freed), state, spreads, settings)
-    return replace(begun, findings=tuple(unsettled(coarse)))
+    return replace(begun, findings=sentences(unsettled(coarse)))
 
 
-def unsettled(coarse: CoarseSolution) -> Iterator[str]:
-    """Sentences about starts that the data does not settle."""
+def unsettled(coarse: CoarseSolution) -> Iterator[Finding]:
+    """About starts that the data does not settle."""
     for recording, one in zip(coarse.scene.wearers, coarse.wearers, strict=True):
-        yield from start_findings(f"wearer '{recording.subject.name}'", one.model.frames.sensors, one.starts)
+        yield from start_findings(recording.subject.name, one.model.frames.sensors, one.starts)
 
 
 def _freed(model: WearerProblem, tracked: WearerProblem, settings: LiveSettings, p_start: Array) -> WearerProblem:

@@ -5,6 +5,7 @@ from functools import cached_property
 
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.findings import Finding
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.compare import check_frames
@@ -58,9 +59,9 @@ class Material:
         return self.scene is not None and any(one.truth is not None for one in self.scene.wearers)
 
     @cached_property
-    def findings(self) -> tuple[str, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """Sentences on what is odd, of the scene and of its wearers, each once."""
-        own = (sentence for one in self.estimate.wearers for sentence in one.findings)
+        own = (finding for one in self.estimate.wearers for finding in one.findings)
         return tuple(dict.fromkeys((*self.estimate.findings, *own)))
 
 

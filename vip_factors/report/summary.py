@@ -1,11 +1,13 @@
 """The first section: who, how long, the few figures that a person wants, and whether to trust them."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import SolveReport
-from vip_factors.report.advice import remarks_of
+from vip_factors.findings import KINDS, TEXT, Finding, sentences
 from vip_factors.report.blocks import Block, Paragraph, Remark, Remarks, Section, Tile, Tiles, Weight
 from vip_factors.report.material import Material, Wearer
 from vip_factors.report.words import count, joint_words, listed, seconds_words, with_unit
@@ -29,6 +31,15 @@ HELD_WORDS = (
     "throughout, may come on top. Ranges and changes within the recording suffer little from it."
 )
 ORDER = (Weight.DOUBT, Weight.CARE, Weight.NOTE, Weight.GOOD)
+
+
+def remarks_of(findings: Sequence[Finding]) -> list[Remark]:
+    """A remark for every kind of finding there is, with the findings themselves as its detail."""
+    together: dict[str, list[Finding]] = {}  # bare sentences each by itself
+    for one in findings:
+        together.setdefault(one.text if one.kind == TEXT else one.kind, []).append(one)
+    kinds = [(KINDS[those[0].kind], "; ".join(sentences(those))) for those in together.values()]
+    return [Remark(Weight(kind.severity), kind.headline, kind.means, kind.advice, told) for kind, told in kinds]
 
 
 def summary_section(material: Material) -> Section:

@@ -9,6 +9,7 @@ from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.body.skeleton import PARENTS, Skeleton, joint_index
 from vip_factors.estimate import StartChoice
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, orientation_at_start
 from vip_factors.initialise.sensor_tree import sensor_tree
@@ -106,24 +107,19 @@ def start_choice(sensors: tuple[str, ...], starts: Starts | None) -> StartChoice
     return StartChoice(starts.best.hypothesis, starts.rival, starts.margin, tuple(sensors[s] for s in starts.doubtful))
 
 
-def start_findings(who: str, sensors: tuple[str, ...], starts: Starts | None) -> Iterator[str]:
-    """Sentences about a start that the recording does not settle."""
+def start_findings(wearer: str, sensors: tuple[str, ...], starts: Starts | None) -> Iterator[Finding]:
+    """Of a start that the recording does not settle."""
     if starts is None:
         return
     if starts.doubtful:
         names, declared = _names(sensors, starts.doubtful), starts.best.calibration.R_world_bone is not None
         better = "more and brisker motion" if declared else "a T- or N-pose held at the start and declared"
-        yield (
-            f"{who}: the recording does not settle how {names} sat and which way the inertial frames point: the start "
-            f"supposes that {starts.best.hypothesis}, and another, turned by more than 60° (it supposes that "
-            f"{starts.rival}), is only {np.exp(starts.margin):.1f} times less likely: {better}, or the straps as they "
-            "really sat, would tell"
-        )
+        words = {
+            "sensors": names, "supposition": starts.best.hypothesis, "rival": starts.rival, "better": better
+        }  # fmt: skip
+        yield Finding("start not settled", wearer, numbers={"times": float(np.exp(starts.margin))}, words=words)
     if starts.tilted:
-        yield (
-            f"{who}: {_names(sensors, starts.tilted)} cannot sit as the placement says, whichever side up: their bones "
-            "would not be upright on the whole. Declare a pose held at the start, or describe how they were strapped on"
-        )
+        yield Finding("impossible site", wearer, words={"sensors": _names(sensors, starts.tilted)})
 
 
 def _names(sensors: tuple[str, ...], numbers: tuple[int, ...]) -> str:

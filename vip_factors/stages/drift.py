@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vip_factors.estimate import CameraEstimate
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.state import CameraState, WearerState
 from vip_factors.problem.wearer import WearerProblem
@@ -18,7 +19,6 @@ TOLD_DEG = 10.0  # over a recording: more than mountings and tissue leave open
 TOLD_S = 0.010  # over a recording: hands that swing at 2 m/s are 2 cm elsewhere
 OFF_S = 0.030  # a video frame at 30 Hz
 SURE = 3.0  # standard deviations of what is told
-CLOCK = "the video's clock "
 
 
 def with_found_drift(model: WearerProblem, state: WearerState) -> WearerProblem:
@@ -36,14 +36,13 @@ def with_found_drift(model: WearerProblem, state: WearerState) -> WearerProblem:
     return replace(model, heading_drift_deg=drift)
 
 
-def drift_findings(who: str, calibration: Calibration) -> Iterator[str]:
-    """A sentence about the headings that drifted far."""
+def drift_findings(wearer: str, calibration: Calibration) -> Iterator[Finding]:
+    """The headings that drifted far."""
     far = {
         name: drifted for name, one in calibration.items() if abs(drifted := _drifted_deg(one.heading_path)) > TOLD_DEG
     }
     if far:
-        names = ", ".join(f"{name} by {drifted:+.0f}°" for name, drifted in far.items())
-        yield f"{who}: headings drifted: {names} from the start to the end; the estimate follows them"
+        yield Finding("heading drift", wearer, numbers=far)
 
 
 def _drifted_deg(path: Array) -> float:
@@ -61,8 +60,10 @@ def found_clock(state: CameraState, middle: float, supposed: VideoClock | None =
     return (supposed or VideoClock()).corrected(state.clock, state.clock_drift, middle)
 
 
-def clock_findings(camera: Camera, found: CameraEstimate, video: tuple[float, float] | None = None) -> Iterator[str]:
-    """Sentences about a video whose clock is off the sensors', or drifts from them, further than the scene said.
+def clock_findings(
+    camera: Camera, found: CameraEstimate, video: tuple[float, float] | None = None
+) -> Iterator[Finding]:
+    """Of a video whose clock is off the sensors', or drifts from them, further than the scene said.
 
     Args:
         camera: as the scene has it.
@@ -75,14 +76,10 @@ def clock_findings(camera: Camera, found: CameraEstimate, video: tuple[float, fl
     middle = float(time[0] + time[-1]) / 2
     off = found.clock.late(middle) - camera.clock.late(middle)
     if abs(off) > max(OFF_S, SURE * found.clock_sigma[0]):
-        yield (
-            f"{CLOCK}is {1e3 * off:+.0f} ± {1e3 * found.clock_sigma[0]:.0f} ms off what the scene says, and was put "
-            "right; if it is off by more than 100 ms, find its offset first (vip-factors sync)"
-        )
+        numbers = {"off_ms": 1e3 * off, "sigma_ms": 1e3 * found.clock_sigma[0]}
+        yield Finding("video clock off", numbers=numbers)
     drift = found.time_drift - camera.time_drift
     seconds = drift * float(time[-1] - time[0])
     if abs(seconds) > TOLD_S and abs(drift) > SURE * found.clock_sigma[1]:
-        yield (
-            f"{CLOCK}drifts from the sensors' by {1e3 * seconds:+.0f} ms from its start to its end "
-            f"({1e6 * drift:+.0f} ± {1e6 * found.clock_sigma[1]:.0f} ppm); the estimate follows it"
-        )
+        numbers = {"drifted_ms": 1e3 * seconds, "ppm": 1e6 * drift, "sigma_ppm": 1e6 * found.clock_sigma[1]}
+        yield Finding("video clock drift", numbers=numbers)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.estimate import WearerEstimate
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.problem.state import WearerState
@@ -160,7 +161,7 @@ def _findings(
     associated: Sequence[AssociatedCamera],
     fine: FusionSolution,
     estimates: Sequence[WearerEstimate],
-) -> list[str]:
+) -> list[Finding]:
     """What is odd about a window, but for drift, which is of all of them; cameras are as they were given."""
     given = {camera.name: camera for camera in measured.cameras}
     associated = [replace(each, camera=given[each.camera.name]) for each in associated]

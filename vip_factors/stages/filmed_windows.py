@@ -1,7 +1,6 @@
 """The estimate of a filmed scene that is solved window by window: calibrated from a stretch, then from end to end."""
 
 import itertools
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -9,12 +8,13 @@ import numpy as np
 
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.estimate import CameraEstimate, Estimate, EstimateChunks, PoseCovariance, WearerEstimate
+from vip_factors.findings import Finding, MergedFindings
 from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.problem.scene import ExtraTerms
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.sources import SceneSource
 from vip_factors.settings import Settings, flatten
-from vip_factors.stages.drift import CLOCK, clock_findings, drift_findings
+from vip_factors.stages.drift import clock_findings, drift_findings
 from vip_factors.stages.filmed_window import solve_scene_window
 from vip_factors.stages.inertial_windows import WINDOWS, numbered
 from vip_factors.stages.scene_calibration import SceneCalibration, calibrate_scene, fusion_solve_settings
@@ -22,41 +22,7 @@ from vip_factors.stages.solver import Progress, Solver
 from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
 from vip_factors.stages.windows import WindowPlan, scene_plan
 
-# A name in quotes, or a number that stands by itself: digits of names without quotes touch other characters.
-_NAME_OR_NUMBER = re.compile(r"(?P<name>(?<!\w)'.*?'(?!\w))|(?<![^\s(])[+-]?\d+(?:\.\d+)?(?:, \d+(?:\.\d+)?)*(?![\w-])")
-
-
-class GatheredFindings:
-    """Sentences are the same if they differ by numbers alone, none of which is in a name.
-
-    Args:
-        known: what is told of the whole already: windows need not say it again.
-    """
-
-    def __init__(self, known: Sequence[str] = ()) -> None:
-        self._known = list(known)
-        self._kinds = {_kind(sentence) for sentence in known}
-        self._found: dict[str, tuple[str, float, float]] = {}
-        self._again: dict[str, int] = {}
-
-    def add(self, sentences: Sequence[str], start: float, end: float) -> None:
-        """Those on a window from one instant to another, seconds."""
-        for kind, sentence in {_kind(one): one for one in reversed(sentences)}.items():
-            if kind in self._found:
-                self._again[kind] += 1
-            elif kind not in self._kinds:
-                self._found[kind], self._again[kind] = (sentence, start, end), 0
-
-    def sentences(self) -> tuple[str, ...]:
-        """All sentences: those of the whole, then those of windows."""
-        return (*self._known, *(self._sentence(kind) for kind in self._found))
-
-    def _sentence(self, kind: str) -> str:
-        (sentence, start, end), again = self._found[kind], self._again[kind]
-        more = f", and in {again} more windows" if again else ""
-        return f"{sentence} (from {start:.0f} to {end:.0f} s{more})"
-
-
+OF_THE_WHOLE = ("heading drift", "video clock off", "video clock drift")  # no window tells these
 LEAST_CLOCKS = 2  # windows through whose clocks there is a line
 
 
@@ -64,7 +30,7 @@ LEAST_CLOCKS = 2  # windows through whose clocks there is a line
 class _Gathered:
     """What windows teach of the whole, as they go by."""
 
-    findings: GatheredFindings
+    findings: MergedFindings
     headings: list[list[Headings]] = field(default_factory=list)
     wearer: list[np.ndarray] = field(default_factory=list)
     clocks: list[tuple[float, float]] = field(default_factory=list)  # seconds of the video, and how late it is there
@@ -72,7 +38,7 @@ class _Gathered:
 
 def smooth_filmed(
     source: SceneSource, settings: Settings, on_progress: Progress, extra: ExtraTerms | None = None
-) -> EstimateChunks | tuple[str, ...]:
+) -> EstimateChunks | tuple[Finding, ...]:
     """The estimate of a scene with a camera; calibrated now, and in windows solved as its chunks are asked for.
 
     Args:
@@ -104,9 +70,8 @@ def smooth_filmed(
             head, (plan.frames,) * len(head.wearers), chunks_of(windows, head), plan.frames if moves else 1
         )
     calibration, head = stretch.calibration(estimate), _head(estimate, source, plan, settings)
-    drift = set(_drifts(estimate.wearers))  # is of the whole to tell, and so is the video's
-    known = [one for one in estimate.findings if one not in drift and not one.startswith(CLOCK)]
-    gathered = _Gathered(GatheredFindings(known), [[] for _ in source.wearers])
+    known = [one for one in estimate.findings if one.kind not in OF_THE_WHOLE]
+    gathered = _Gathered(MergedFindings(known), [[] for _ in source.wearers])
 
     def chunks() -> Iterator[Estimate]:
         on_progress(WINDOWS, 0.0)
@@ -174,7 +139,7 @@ def _closed(head: Estimate, source: SceneSource, plan: WindowPlan, gathered: _Ga
         head,
         wearers=wearers,
         wearer_of_detection=np.concatenate([before, *gathered.wearer, after]).astype(int),
-        findings=(*gathered.findings.sentences(), *_drifts(wearers), *clock),
+        findings=(*gathered.findings.all(), *_drifts(wearers), *clock),
     )
 
 
@@ -194,9 +159,9 @@ def _with_clock(camera: CameraEstimate | None, clocks: Sequence[tuple[float, flo
     return replace(camera, time_offset=float(offset), time_drift=float(drift))
 
 
-def _drifts(wearers: Sequence[WearerEstimate]) -> Iterator[str]:
+def _drifts(wearers: Sequence[WearerEstimate]) -> Iterator[Finding]:
     for one in wearers:
-        yield from drift_findings(f"wearer '{one.motion.name}'", one.calibration)
+        yield from drift_findings(one.motion.name, one.calibration)
 
 
 def _calibration(one: WearerEstimate, headings: Sequence[Headings]) -> dict[str, SensorCalibration]:
@@ -211,7 +176,3 @@ def _calibration(one: WearerEstimate, headings: Sequence[Headings]) -> dict[str,
         moves = {"heading_time": time, "heading_path": heading + path - path[0]} if len(time) > 1 else {}
         found[sensor] = replace(one.calibration[sensor], heading=heading, **moves)
     return found
-
-
-def _kind(sentence: str) -> str:
-    return _NAME_OR_NUMBER.sub(lambda found: found["name"] or "#", sentence)

@@ -1,12 +1,14 @@
-"""What is odd about a scene and its solution, in sentences: what was found, and what to do."""
+"""What is odd about a scene and its solution, as findings."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from vip_factors.associate.hypothesis import hypotheses, wearer_points
 from vip_factors.body.kinematics import Motion
 from vip_factors.estimate import WearerEstimate
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.camera import LEAP_WINDOW, Sightings, leaps
 from vip_factors.sensors.recording import Recording
@@ -30,21 +32,21 @@ LARGER_CORNER, OFF_MIDDLE = 0.68, 0.42
 
 def quality_checks(
     scene: Scene, associated: Sequence[AssociatedCamera], fine: FusionSolution, wearers: Sequence[WearerEstimate]
-) -> Iterator[str]:
-    """Sentences about wearers, then about the cameras."""
+) -> Iterator[Finding]:
+    """About wearers, then about the cameras."""
     used = [each.camera.name for each in associated]
     for left_out in (camera for camera in scene.cameras if camera.name not in used):
-        yield f"camera '{left_out.name}' is left out: what it shows does not tell where it was"
+        yield Finding("camera left out", subject=left_out.name)
     for number, (recording, estimate) in enumerate(zip(scene.wearers, wearers, strict=True)):
         yield from _wearer_findings(recording, number, associated, fine, estimate)
     for each in associated:
-        for sentence in _image_findings(each.camera):
-            yield of_camera(each.camera, scene) + sentence
+        for one in _image_findings(each.camera):
+            yield in_picture_of(each.camera, scene, one)
 
 
-def of_camera(camera: Camera, scene: Scene) -> str:
-    """What a sentence about a camera begins with, where there are several."""
-    return f"camera '{camera.name}': " if len(scene.cameras) > 1 else ""
+def in_picture_of(camera: Camera, scene: Scene, finding: Finding) -> Finding:
+    """The finding with the camera's name, where there are several."""
+    return replace(finding, camera=camera.name) if len(scene.cameras) > 1 else finding
 
 
 def _wearer_findings(
@@ -53,56 +55,50 @@ def _wearer_findings(
     associated: Sequence[AssociatedCamera],
     fine: FusionSolution,
     estimate: WearerEstimate,
-) -> Iterator[str]:
-    who, frame_rate = f"wearer '{recording.subject.name}'", 1 / fine.model.wearers[0].frames.step
+) -> Iterator[Finding]:
+    wearer, frame_rate = recording.subject.name, 1 / fine.model.wearers[0].frames.step
     views = [one.views[number] for one in fine.model.viewpoints(fine.state.camera)]
     seen = np.any([view.seen.any(axis=1) for view in views], axis=0)
     if not seen.any():
-        yield f"{who} is never seen: the pose is of the IMUs alone, and the place relative to the others unknown"
+        yield Finding("never seen", wearer)
         return
     seconds = float(seen.sum()) / max(min(max(each.detections.rate for each in associated), frame_rate), 1e-9)
     if seconds < SHORTLY_SEEN:
-        yield (
-            f"{who} is seen for {seconds:.1f} s only: whoever stood there likewise would do as well, so check "
-            "that it is the wearer"
-        )
-    unsure = [name for name, one in estimate.calibration.items() if one.heading_sigma > UNSURE_HEADING]
+        yield Finding("shortly seen", wearer, numbers={"seconds": seconds})
+    unsure = {
+        name: float(np.rad2deg(one.heading_sigma))
+        for name, one in estimate.calibration.items()
+        if one.heading_sigma > UNSURE_HEADING
+    }
     if unsure:
-        yield (
-            f"{who}: the headings of {', '.join(unsure)} are not determined by the data (standard deviation above "
-            f"{np.rad2deg(UNSURE_HEADING):.0f}°): keypoints beyond them (toes, hands) or longer motion would help"
-        )
+        words = {"limit": f"{np.rad2deg(UNSURE_HEADING):.0f}°"}
+        yield Finding("headings not determined", wearer, numbers=unsure, words=words)
     if estimate.body is not None:
-        yield from body_findings(who, estimate.body, recording.subject.stature_m)
+        yield from body_findings(wearer, estimate.body, recording.subject.stature_m)
     start = fine.model.wearers[number].prior_R_bone_sensor
-    yield from posture_findings(who, recording, estimate.motion, estimate.calibration, start)
-    yield from drift_findings(who, estimate.calibration)
+    yield from posture_findings(wearer, recording, estimate.motion, estimate.calibration, start)
+    yield from drift_findings(wearer, estimate.calibration)
     spreads = fine.measured_spreads()
     for index, each in enumerate(associated):
         if views[index].seen.any():
-            before = f"{who} before camera '{each.camera.name}'" if len(associated) > 1 else who
-            yield from _view_findings(before, each, number, spreads[index][number], estimate.motion)
+            for one in _view_findings(wearer, each, number, spreads[index][number], estimate.motion):
+                yield replace(one, camera=each.camera.name) if len(associated) > 1 else one
 
 
-def _view_findings(who: str, each: AssociatedCamera, number: int, spread: float, solved: Motion) -> Iterator[str]:
+def _view_findings(
+    wearer: str, each: AssociatedCamera, number: int, spread: float, solved: Motion
+) -> Iterator[Finding]:
     camera = each.camera
     known = camera.known_path is not None and not camera.moving  # a cut or another zoom shows as scatter then
     times = confirmed_leaps(each, number, solved) if not known else ()
     if len(times):
-        yield (
-            f"{who} leaps in the picture at {', '.join(f'{time:.2f}' for time in times[:5])} s, faster than people "
-            "and cameras move: a cut in the video, a change of zoom, or a stranger? Cut the recording there"
-        )
+        yield Finding("leap", wearer, words={"times": ", ".join(f"{time:.2f}" for time in times[:5])})
     if spread > IMPLAUSIBLE_SCATTER:
         pose = ", its known pose" if camera.known_path is not None else ""
-        yield (
-            f"{who}: the keypoints scatter about the skeleton by {spread:.2f} OKS sigmas, where 0.3 to 0.5 are "
-            "usual: check the clock offset (vip-factors sync), the camera's calibration (another zoom?)"
-            f"{pose}, the order of the keypoints and the wearer's stature"
-        )
+        yield Finding("scatter", wearer, numbers={"scatter": spread}, words={"pose": pose})
 
 
-def _image_findings(camera: Camera) -> Iterator[str]:
+def _image_findings(camera: Camera) -> Iterator[Finding]:
     """Detections that do not seem to belong to the calibrated image."""
     pixels, model = camera.detections.pixels[camera.detections.seen], camera.model
     if len(pixels) < MANY_KEYPOINTS:
@@ -112,11 +108,8 @@ def _image_findings(camera: Camera) -> Iterator[str]:
     low, middle, high = np.quantile(pixels, [0.001, 0.5, 0.999], axis=0)
     in_corner = np.all(high < CORNER * size) or np.all((high < LARGER_CORNER * size) & (middle < OFF_MIDDLE * size))
     if far.mean() > FEW or in_corner:
-        yield (
-            f"the keypoints lie between x = {low[0]:.0f} and {high[0]:.0f}, y = {low[1]:.0f} and {high[1]:.0f} in an "
-            f"image that is calibrated as {model.width} by {model.height} pixels: if they were found at another "
-            "resolution than the calibration's, give a camera file of theirs"
-        )
+        sides = {"left": low[0], "right": high[0], "top": low[1], "bottom": high[1]}
+        yield Finding("image size", numbers={**sides, "width": model.width, "height": model.height})
 
 
 def confirmed_leaps(each: AssociatedCamera, number: int, solved: Motion) -> Array:

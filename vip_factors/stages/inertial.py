@@ -10,6 +10,7 @@ from vip_factors.assembly.objective import WearerObjective
 from vip_factors.body.pose_prior import joint_vector
 from vip_factors.errors import InputError, SolveError
 from vip_factors.estimate import WearerEstimate
+from vip_factors.findings import Finding
 from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, known_calibration
@@ -40,7 +41,7 @@ from vip_factors.stages.solver import Solver
 # Beyond its range in most frames: then limits and the declared pose contradict each other, and thousands of frames are
 # not to overrule what was declared.
 CONTRADICTION = np.deg2rad(60.0)
-UNDETERMINED = "the data do not determine all headings and mountings: in part they are guesses"
+UNDETERMINED = Finding("not determined", words={"also": " and mountings"})
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from vip_factors.assembly.objective import WearerObjective
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.estimate import Estimate, EstimateChunks, PoseCovariance, WearerEstimate
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.pose import first_poses
@@ -112,18 +113,18 @@ def _with_findings(
 ) -> WearerEstimate:
     """The estimate with what is odd about it, in the frames of a ``motion``, and how its start was found."""
     head, sensors = recording.head, shared.model.frames.sensors
-    who, mountings = f"wearer '{head.subject.name}'", shared.model.prior_R_bone_sensor
+    wearer, mountings = head.subject.name, shared.model.prior_R_bone_sensor
     findings = (
-        *start_findings(who, sensors, shared.starts),
-        *posture_findings(who, head, motion, estimate.calibration, mountings),
-        *drift_findings(who, estimate.calibration),
+        *start_findings(wearer, sensors, shared.starts),
+        *posture_findings(wearer, head, motion, estimate.calibration, mountings),
+        *drift_findings(wearer, estimate.calibration),
     )
     return replace(estimate, findings=findings, start=start_choice(sensors, shared.starts))
 
 
 def with_sensors_checked(
     recording: RecordingSource, plan: WindowPlan, settings: Settings
-) -> tuple[RecordingSource, tuple[str, ...]]:
+) -> tuple[RecordingSource, tuple[Finding, ...]]:
     """The recording with its sensors put right, and what was found: see :mod:`~vip_factors.stages.sensor_checks`.
 
     Accelerometers are looked over in the stretches that calibrate; clocks are compared in the middle of a long one.

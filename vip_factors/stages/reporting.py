@@ -13,6 +13,7 @@ from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import SolveError
 from vip_factors.estimate import BodyEstimate, DetectorEstimate, Estimate, SensorPlaceEstimate, SolveReport
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.variables import DETECTOR
@@ -30,7 +31,7 @@ from vip_factors.stages.decode import (
     with_sigmas,
 )
 from vip_factors.stages.drift import clock_findings
-from vip_factors.stages.findings import of_camera, quality_checks
+from vip_factors.stages.findings import in_picture_of, quality_checks
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.terms.sensor_position import sensor_position_whitening
 
@@ -59,7 +60,7 @@ def scene_estimate(
     first, given = scene.camera, associated[0].association.wearer
     camera = decode_camera(first.name, fine.model, fine.state, covariance, first.clock)
     camera = camera_with_sigmas(camera, coarse.model, shared)
-    undetermined = ["the data do not determine all headings, mountings and the camera: in part they are guesses"]
+    undetermined = [Finding("not determined", words={"also": ", mountings and the camera"})]
     found = [
         *who_is_who(scene, associated),
         *undetermined[: shared is None],
@@ -76,9 +77,9 @@ def scene_estimate(
     return estimate
 
 
-def who_is_who(scene: Scene, associated: Sequence[AssociatedCamera]) -> tuple[str, ...]:
+def who_is_who(scene: Scene, associated: Sequence[AssociatedCamera]) -> tuple[Finding, ...]:
     """What was odd about who is seen, before each camera."""
-    return tuple(of_camera(each.camera, scene) + one for each in associated for one in each.association.findings)
+    return tuple(in_picture_of(each.camera, scene, one) for each in associated for one in each.association.findings)
 
 
 def association_cues(names: Sequence[str], association: Association) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from vip_factors.body.hinges import hinge_estimates
 from vip_factors.body.keypoints import KeypointOffsets
 from vip_factors.estimate import Estimate
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
@@ -133,8 +134,8 @@ class SceneCalibration:
 
     def declared(
         self, scene: Scene, is_first: bool, clock: VideoClock, settings: Settings
-    ) -> tuple[Scene, tuple[str, ...]]:
-        """A window of the scene with all this declared, its sensors put right, and sentences on these.
+    ) -> tuple[Scene, tuple[Finding, ...]]:
+        """A window of the scene with all this declared, its sensors put right, and what was found on these.
 
         The first one begins with the wearers' declared poses. ``clock`` is that of the first camera's video.
         """
@@ -151,7 +152,7 @@ class SceneCalibration:
         ]  # fmt: skip
         assert scene.camera is not None
         further = tuple(replace(one, keypoint_offsets=self.keypoint_offsets) for one in scene.further_cameras)
-        wearers, told = tuple(one for one, _ in found), tuple(sentence for _, own in found for sentence in own)
+        wearers, told = tuple(one for one, _ in found), tuple(finding for _, own in found for finding in own)
         return replace(scene, wearers=wearers, camera=self._camera(scene.camera, clock), further_cameras=further), told
 
     def _camera(self, camera: Camera, clock: VideoClock) -> Camera:
@@ -200,7 +201,7 @@ class SolvedStretch:
 
     scene: Scene
     corrections: tuple[Corrections, ...]
-    about_sensors: tuple[str, ...]
+    about_sensors: tuple[Finding, ...]
     inertial: tuple[InertialSolution, ...]
     initial: FusionStart
     solution: FusionSolution
@@ -227,9 +228,9 @@ class SolvedStretch:
             for one, own, inertial in zip(estimate.wearers, sensors, self.inertial, strict=True)
         )
         about_starts = (
-            sentence
+            finding
             for recording, own, inertial in zip(self.scene.wearers, sensors, self.inertial, strict=True)
-            for sentence in start_findings(f"wearer '{recording.subject.name}'", own, inertial.starts)
+            for finding in start_findings(recording.subject.name, own, inertial.starts)
         )
         return replace(estimate, wearers=wearers, findings=(*self.about_sensors, *estimate.findings, *about_starts))
 
@@ -254,13 +255,13 @@ class SolvedStretch:
 
 def calibrate_scene(
     source: SceneSource, plan: WindowPlan, settings: Settings, solver: Solver
-) -> tuple[SolvedStretch | None, tuple[str, ...]]:
+) -> tuple[SolvedStretch | None, tuple[Finding, ...]]:
     """The first stretch that shows everybody; of none does, that which shows most. None if nobody is seen in any.
 
     Returns:
         The stretch, and findings on what the cameras saw where nobody was recognised.
     """
-    best, findings, coarse = None, tuple[str, ...](), -(-plan.frames // plan.factor)
+    best, findings, coarse = None, tuple[Finding, ...](), -(-plan.frames // plan.factor)
     for begin in sorted({round(one) for one in np.linspace(0, max(coarse - plan.stretch, 0), LOOKS)}):
         own = replace(solver, reports=[])
         found = _solved_stretch(source, plan, slice(begin, min(begin + plan.stretch, coarse)), settings, own)
@@ -276,7 +277,7 @@ def calibrate_scene(
 
 def _solved_stretch(
     source: SceneSource, plan: WindowPlan, stretch: slice, settings: Settings, solver: Solver
-) -> SolvedStretch | tuple[str, ...]:
+) -> SolvedStretch | tuple[Finding, ...]:
     """One stretch; or why nobody was recognised in it."""
     time = plan.coarse_time(stretch)
     scene = source.between() if plan.all_calibrate else source.between(float(time[0]), float(time[-1]))

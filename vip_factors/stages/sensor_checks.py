@@ -8,6 +8,7 @@ import numpy as np
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.errors import RecordingError
+from vip_factors.findings import Finding
 from vip_factors.initialise.sensor_faults import (
     AccelerometerSettings,
     SensorClockSettings,
@@ -31,23 +32,26 @@ Corrections = Mapping[str, "SensorCorrection"]
 """Of one wearer's sensors, by name; those that are not named are right."""
 
 
-def checked_scene(scene: Scene, settings: Settings) -> tuple[Scene, tuple[Corrections, ...], tuple[str, ...]]:
+def checked_scene(scene: Scene, settings: Settings) -> tuple[Scene, tuple[Corrections, ...], tuple[Finding, ...]]:
     """The scene with all wearers' sensors put right, by what each wearer's were, and what was found."""
     found = [sensor_corrections(one, one, settings) for one in scene.wearers]
     wearers = tuple(_corrected(one, right) for one, (right, _) in zip(scene.wearers, found, strict=True))
-    sentences = tuple(sentence for _, own in found for sentence in own)
-    return replace(scene, wearers=wearers), tuple(right for right, _ in found), sentences
+    return (
+        replace(scene, wearers=wearers),
+        tuple(right for right, _ in found),
+        tuple(finding for _, own in found for finding in own),
+    )
 
 
-def checked(recording: Recording, settings: Settings) -> tuple[Recording, tuple[str, ...]]:
-    """The recording with its placed sensors put right where that can be done, and sentences on what was found."""
+def checked(recording: Recording, settings: Settings) -> tuple[Recording, tuple[Finding, ...]]:
+    """The recording with its placed sensors put right where that can be done, and what was found."""
     corrections, findings = sensor_corrections(recording, recording, settings)
     return _corrected(recording, corrections), findings
 
 
 def corrected_elsewhere(
     recording: Recording, corrections: Corrections, settings: Settings
-) -> tuple[Recording, tuple[str, ...]]:
+) -> tuple[Recording, tuple[Finding, ...]]:
     """A stretch put right by what another showed; in it accelerometers are looked over by themselves."""
     known = {name: replace(one, ends=()) for name, one in corrections.items()}
     clocks = replace(settings.sensor_clocks, check=False)
@@ -120,23 +124,23 @@ class CorrectedSamples:
 
 def sensor_corrections(
     recording: Recording, clocks: Recording, settings: Settings
-) -> tuple[dict[str, SensorCorrection], tuple[str, ...]]:
-    """What puts the placed sensors right that are not, by name, and sentences on what was found.
+) -> tuple[dict[str, SensorCorrection], tuple[Finding, ...]]:
+    """What puts the placed sensors right that are not, by name, and what was found.
 
     Args:
         recording: that accelerometers are looked over in; its times need not be those of the samples.
         clocks: that clocks are compared in.
         settings: of both.
     """
-    who = f"wearer '{recording.subject.name}'"
+    wearer = recording.subject.name
     corrections: dict[str, SensorCorrection] = {}
-    findings: list[str] = []
+    findings: list[Finding] = []
     if settings.accelerometers.check:
         for name in recording.placed:
-            correction, sentences = _accelerometer(who, recording.imus[name], settings.accelerometers)
-            if sentences:
+            correction, found = _accelerometer(wearer, recording.imus[name], settings.accelerometers)
+            if found:
                 corrections[name] = correction
-            findings += sentences
+            findings += found
     if settings.sensor_clocks.check:
         right = {name: corrections[name].of(one) if name in corrections else one for name, one in clocks.imus.items()}
         delays = _delays(replace(clocks, imus=right), settings)
@@ -144,31 +148,33 @@ def sensor_corrections(
             name = clocks.placed[one.sensor]
             if settings.sensor_clocks.correct and one.rival is None:
                 corrections[name] = replace(corrections.get(name, SensorCorrection()), late=one.seconds)
-        findings += _about_clocks(who, clocks.placed, delays, settings.sensor_clocks)
+        findings += _about_clocks(wearer, clocks.placed, delays, settings.sensor_clocks)
     return corrections, tuple(findings)
 
 
-def _accelerometer(who: str, stream: ImuStream, settings: AccelerometerSettings) -> tuple[SensorCorrection, list[str]]:
-    findings, correction = [], SensorCorrection(range_ends(stream, settings), settings=settings)
+def _accelerometer(
+    wearer: str, stream: ImuStream, settings: AccelerometerSettings
+) -> tuple[SensorCorrection, list[Finding]]:
+    findings, correction = list[Finding](), SensorCorrection(range_ends(stream, settings), settings=settings)
     if correction.ends:
         largest = max(abs(end) for _, end in correction.ends)
         count = np.count_nonzero(clipped_samples(stream, correction.ends, settings))
-        findings.append(
-            f"{who}: the accelerometer of '{stream.name}' stands at the end of its range ({largest:.0f} m/s²) in "
-            f"{count} samples: those are left out; a wider range would help"
-        )
+        numbers = {"largest": largest, "samples": float(count)}
+        findings.append(Finding("accelerometer range", wearer, subject=stream.name, numbers=numbers))
     measured = accelerometer_scale(stream, settings)
     if measured is None or abs(measured[0] - 1) <= max(settings.scale_error, settings.deviations * measured[1]):
         return correction, findings
     scale, _ = measured
-    gravity = f"the accelerometer of '{stream.name}' measures gravity as {9.81 * scale:.2f} m/s²"
+    gravity = 9.81 * scale
     if abs(scale) < LEAST_GRAVITY:
         raise RecordingError(
-            f"{who}: {gravity}: expected 9.81; give accelerations with gravity in them (specific force), not what is "
+            f"wearer '{wearer}': the accelerometer of '{stream.name}' measures gravity as {gravity:.2f} m/s²: expected "
+            "9.81; give accelerations with gravity in them (specific force), not what is "
             "left without it"
         )
-    what = "was it given in g?" if abs(9.81 * scale - 1) < 0.1 else "calibrate it"
-    findings.append(f"{who}: {gravity}, {100 * (scale - 1):+.0f} %: scaled to 9.81; {what}")
+    numbers = {"gravity": gravity, "percent": 100 * (scale - 1)}
+    words = {"advice": "was it given in g?" if abs(gravity - 1) < 0.1 else "calibrate it"}
+    findings.append(Finding("accelerometer scale", wearer, subject=stream.name, numbers=numbers, words=words))
     return replace(correction, scale=scale), findings
 
 
@@ -186,16 +192,14 @@ def _delays(recording: Recording, settings: Settings) -> tuple[SensorDelay, ...]
 
 
 def _about_clocks(
-    who: str, names: Sequence[str], delays: Sequence[SensorDelay], settings: SensorClockSettings
-) -> Iterator[str]:
+    wearer: str, names: Sequence[str], delays: Sequence[SensorDelay], settings: SensorClockSettings
+) -> Iterator[Finding]:
     for one in delays:
-        off = f"{1e3 * abs(one.seconds):.0f} ± {1e3 * one.sigma:.0f} ms"
-        late = "behind" if one.seconds > 0 else "ahead of"
+        name, words = names[one.sensor], {"late": "behind" if one.seconds > 0 else "ahead of"}
+        numbers = {"off_ms": 1e3 * abs(one.seconds), "sigma_ms": 1e3 * one.sigma}
         if one.rival is not None:
-            yield (
-                f"{who}: sensor '{names[one.sensor]}' seems {off} {late} '{names[one.rival]}', and nothing tells which "
-                "of the two is off: check their clocks"
-            )
+            words["rival"] = names[one.rival]
+            yield Finding("sensor clocks disagree", wearer, subject=name, numbers=numbers, words=words)
             continue
-        done = "its times are shifted by as much" if settings.correct else "it is left so"
-        yield f"{who}: sensor '{names[one.sensor]}' is {off} {late} its fellows: {done}; check its clock"
+        words["done"] = "its times are shifted by as much" if settings.correct else "it is left so"
+        yield Finding("sensor clock", wearer, subject=name, numbers=numbers, words=words)

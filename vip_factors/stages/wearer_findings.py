@@ -9,6 +9,7 @@ from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.pose_prior import joint_vector
 from vip_factors.body.skeleton import joint_index
 from vip_factors.estimate import BodyEstimate
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.recording import Recording
@@ -18,56 +19,52 @@ AT_LIMIT = np.deg2rad(3.0)  # beyond what joints do: those of people who stand a
 TURNED = np.deg2rad(60.0)  # on the bone, against the placement
 MOST, MUCH = 0.5, 0.3  # of the frames, or of the sensors
 LEAST_SENSORS = 3  # of which half are odd: of two sensors one is no majority
-CHECK = "check which sensor sits where and, if one was declared, that the pose was held"
 
 
 def posture_findings(
-    who: str, recording: Recording, motion: Motion, calibration: Calibration, start: Array
-) -> Iterator[str]:
-    """All that is odd about how a wearer holds himself, one sentence each; ``start`` ``(S, 3, 3)`` mountings of it."""
+    wearer: str, recording: Recording, motion: Motion, calibration: Calibration, start: Array
+) -> Iterator[Finding]:
+    """All that is odd about how a wearer holds himself, one finding each; ``start`` ``(S, 3, 3)`` mountings of it."""
     bones = {recording.placement.site(name).bone for name in calibration}
-    yield from turned_findings(who, recording, start, calibration)
-    yield from knee_findings(who, motion)
-    yield from lying_findings(who, motion)
+    yield from turned_findings(wearer, recording, start, calibration)
+    yield from knee_findings(wearer, motion)
+    yield from lying_findings(wearer, motion)
     if bones & {"left_knee", "left_ankle"} and bones & {"right_knee", "right_ankle"}:
-        yield from crossed_findings(who, motion)
-    yield from limit_findings(who, motion, bones)
+        yield from crossed_findings(wearer, motion)
+    yield from limit_findings(wearer, motion, bones)
     if recording.initial_pose == "none":
-        yield from strap_findings(who, recording, calibration)
+        yield from strap_findings(wearer, recording, calibration)
 
 
-def turned_findings(who: str, recording: Recording, start: Array, calibration: Calibration) -> Iterator[str]:
-    """A sentence about sensors that the motion turns far from the mountings ``(S, 3, 3)`` of the start."""
+def turned_findings(wearer: str, recording: Recording, start: Array, calibration: Calibration) -> Iterator[Finding]:
+    """Sensors that the motion turns far from the mountings ``(S, 3, 3)`` of the start."""
     turned = angle_between(start, np.stack([one.R_bone_sensor for one in calibration.values()]))
-    far = [f"{name} by {np.rad2deg(by):.0f}°" for name, by in zip(calibration, turned, strict=True) if by > TURNED]
+    far = {name: float(np.rad2deg(by)) for name, by in zip(calibration, turned, strict=True) if by > TURNED}
     if far:
-        said = "their straps" if recording.initial_pose == "none" else "the declared pose"
-        yield (
-            f"{who}: the motion turns {', '.join(far)} on their bones against what {said} told: was the pose held, do "
-            "they sit where the placement says, and did they stay there? Do not trust how these bones are turned"
-        )
+        declared = "their straps" if recording.initial_pose == "none" else "the declared pose"
+        yield Finding("turned since the start", wearer, numbers=far, words={"declared": declared})
 
 
-def lying_findings(who: str, motion: Motion) -> Iterator[str]:
+def lying_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
     """A chest that is far from upright most of the time."""
     body = forward_kinematics(motion.skeleton, motion.R_parent_child, motion.p_world_pelvis)
     up = body.R_world_bone[:, joint_index("spine3"), 2, 1]
     share = float(np.mean(up < np.cos(LYING)))
     if share > MOST:
-        yield f"{who} lies, or bends far over, in {100 * share:.0f} % of the frames: if not, {CHECK}"
+        yield Finding("lying", wearer, numbers={"percent": 100 * share})
 
 
-def crossed_findings(who: str, motion: Motion) -> Iterator[str]:
+def crossed_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
     """Legs that are crossed through much of a motion."""
     body = forward_kinematics(motion.skeleton, motion.R_parent_child, motion.p_world_pelvis)
     left, right = (body.p_world_joint[:, joint_index(f"{side}_ankle")] for side in ("left", "right"))
     across = np.einsum("ti,ti->t", left - right, body.R_world_bone[:, 0, :, 0])
     share = float(np.mean(across < 0))
     if share > MUCH:
-        yield f"{who}: the legs are crossed in {100 * share:.0f} % of the frames: if they were not, {CHECK}"
+        yield Finding("legs crossed", wearer, numbers={"percent": 100 * share})
 
 
-def limit_findings(who: str, motion: Motion, bones: set[str]) -> Iterator[str]:
+def limit_findings(wearer: str, motion: Motion, bones: set[str]) -> Iterator[Finding]:
     """Ankles and elbows that are bent further than they go most of the time, under sensors of the limb below."""
     vectors = joint_vector(motion.R_parent_child).reshape(len(motion.R_parent_child), -1, 3)
     beyond = np.abs(load_joint_limits().violation(joint_vector(motion.R_parent_child))).reshape(vectors.shape)
@@ -75,25 +72,22 @@ def limit_findings(who: str, motion: Motion, bones: set[str]) -> Iterator[str]:
         share = float(np.mean(beyond[:, joint_index(joint) - 1].max(axis=1) > AT_LIMIT))
         if joint in bones and share > MUCH:
             side, name = joint.split("_")
-            yield (
-                f"{who}: the {side} {name} is bent further than {name}s go in {100 * share:.0f} % of the frames: does "
-                "the sensor below it sit as the placement has it, and was the declared pose held, if there was one?"
-            )
+            yield Finding(
+                "joint limit", wearer, subject=f"{side} {name}", numbers={"percent": 100 * share},
+                words={"joints": f"{name}s"},
+            )  # fmt: skip
 
 
-def strap_findings(who: str, recording: Recording, calibration: Calibration) -> Iterator[str]:
+def strap_findings(wearer: str, recording: Recording, calibration: Calibration) -> Iterator[Finding]:
     """Half of the sensors or more sit otherwise than placed, and no declared pose told of it."""
-    turned = [
-        name
+    angles = {
+        name: float(angle_between(recording.placement.site(name).R_bone_sensor, one.R_bone_sensor))
         for name, one in calibration.items()
-        if float(angle_between(recording.placement.site(name).R_bone_sensor, one.R_bone_sensor)) > TURNED
-    ]
+    }
+    turned = {name: float(np.rad2deg(angle)) for name, angle in angles.items() if angle > TURNED}
     if len(calibration) >= LEAST_SENSORS and len(turned) >= MOST * len(calibration):
-        yield (
-            f"{who}: {len(turned)} of {len(calibration)} sensors are found turned by more than "
-            f"{np.rad2deg(TURNED):.0f}° against the placement ({', '.join(turned)}): if they were strapped on as it "
-            "says, do not trust the pose; if not, describe how, or hold a pose at the start and declare it"
-        )
+        words = {"of": str(len(calibration)), "limit": f"{np.rad2deg(TURNED):.0f}°"}
+        yield Finding("turned on the body", wearer, numbers=turned, words=words)
 
 
 UNLIKELY = 3.0  # sigmas of the prior
@@ -102,18 +96,15 @@ BACKWARDS_DEG, BACKWARDS_SHARE = -10.0, 0.25
 LEAST_SCALE = 0.02  # of a body: less is within what a stature, told by its wearer, is off
 
 
-def body_findings(who: str, body: BodyEstimate, stature_m: float | None) -> Iterator[str]:
-    """Sentences about a wearer ``who`` of whom a stature was told."""
+def body_findings(wearer: str, body: BodyEstimate, stature_m: float | None) -> Iterator[Finding]:
+    """Of a wearer of whom a stature was told."""
     if not body.names:
         return
     scale, sigma = common_scale(body)
     if abs(scale) > max(UNLIKELY * sigma, LEAST_SCALE):
         usual = "an adult's" if stature_m is None else f"one of {stature_m:.2f} m"
-        yield (
-            f"{who}: stature and pictures disagree: all lengths together ask for a body {abs(100 * scale):.0f} % "
-            f"{'larger' if scale > 0 else 'smaller'} than {usual}: check the stature, and the camera's calibration "
-            "(another zoom?)"
-        )
+        words = {"larger": "larger" if scale > 0 else "smaller", "usual": usual}
+        yield Finding("body size", wearer, numbers={"percent": abs(100 * scale)}, words=words)
     else:
         scale = 0.0
     expected = (1 + scale) * body.prior
@@ -123,22 +114,16 @@ def body_findings(who: str, body: BodyEstimate, stature_m: float | None) -> Iter
         if abs(found - prior) > UNLIKELY * sigma
     ]
     if unlikely:  # a wrong stature or zoom changes all lengths alike
-        yield (
-            f"{who}: stature and pictures disagree about {', '.join(unlikely)}: either the wearer is built so, or the "
-            "sensors there sit elsewhere than the placement has them"
-        )
+        yield Finding("body lengths", wearer, words={"lengths": ", ".join(unlikely)})
 
 
-def knee_findings(who: str, motion: Motion) -> Iterator[str]:
-    """A sentence about knees that bend backwards through much of a motion."""
+def knee_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
+    """Knees that bend backwards through much of a motion."""
     for side in ("left", "right"):
         bend = np.rad2deg(joint_vector(motion.R_parent_child))[:, 3 * (joint_index(f"{side}_knee") - 1)]
         share = float(np.mean(bend < BACKWARDS_DEG))
         if share > BACKWARDS_SHARE:
-            yield (
-                f"{who}: the {side} knee bends backwards in {100 * share:.0f} % of the frames: are the sensors of "
-                "thigh and shank where the placement has them, and was the declared pose held?"
-            )
+            yield Finding("knee backwards", wearer, subject=f"{side} knee", numbers={"percent": 100 * share})
 
 
 def common_scale(body: BodyEstimate) -> tuple[float, float]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, SolveReport, WearerEstimate
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, yaw_of
 from vip_factors.initialise.camera import robust_mean_angle
 from vip_factors.problem.state import WearerState
@@ -66,7 +67,7 @@ class SolvedWindow:
     wearer_of_detection: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     is_placed: bool = False
     reports: tuple[SolveReport, ...] = ()
-    findings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     def within(self, frames: slice) -> "SolvedWindow":
         """Some of the window's frames; who is who is still of all."""

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vip_factors.estimate import SolveReport
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.colours import colour_name
@@ -46,7 +47,7 @@ def scene_summary(drawn: DrawnScene, metrics: str = "") -> str:
     return "\n".join([*lines, *solve_lines(reports)])
 
 
-def finding_lines(findings: Sequence[str]) -> list[str]:
+def finding_lines(findings: Sequence[Finding]) -> list[str]:
     """What is odd, a point of a list each; nothing where nothing is."""
     if not findings:
         return []

@@ -25,6 +25,7 @@ from vip_factors.estimate import (
     StartChoice,
     WearerEstimate,
 )
+from vip_factors.findings import Finding, bare
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
@@ -72,7 +73,7 @@ def small_estimate(scene: Scene) -> Estimate:
         wearer.name, "VIP", motion, wearer.truth.calibration,
         PoseCovariance(np.tile(1e-4 * np.eye(3), (T, 24, 1, 1)), np.tile(1e-4 * np.eye(3), (T, 1, 1))),
         {"orientation_deg": np.full((T, len(sensors)), 2.0)}, sensors, (report,), {"frame_rate": "60"}, body, places,
-        ("a finding",), StartChoice("as declared", "turned", 3.0, sensors[:1]),
+        (bare("a finding"),), StartChoice("as declared", "turned", 3.0, sensors[:1]),
     )  # fmt: skip
     path = scene.truth.camera.at(motion.time)
     camera = CameraEstimate(
@@ -82,7 +83,7 @@ def small_estimate(scene: Scene) -> Estimate:
     names = scene.camera.detections.keypoints.keypoints[:4]
     detector = DetectorEstimate(names, *np.full((4, len(names), 3), 0.01))
     return Estimate(
-        scene.name, "VIP", (one,), camera, scene.truth.wearer, (report,), ("another finding",), {"a": "1"}, detector,
+        scene.name, "VIP", (one,), camera, scene.truth.wearer, (report,), (Finding("never seen", scene.name),), {"a": "1"}, detector,
         ("by motion",),
     )  # fmt: skip
 

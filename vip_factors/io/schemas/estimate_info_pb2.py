@@ -25,7 +25,7 @@ _sym_db = _symbol_database.Default()
 from google.protobuf import timestamp_pb2 as google_dot_protobuf_dot_timestamp__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1fvip_factors/estimate_info.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\"\xae\x02\n\x0c\x45stimateInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06method\x18\x02 \x01(\t\x12\x0f\n\x07sensors\x18\x03 \x03(\t\x12\x39\n\x08settings\x18\x04 \x03(\x0b\x32\'.vip_factors.EstimateInfo.SettingsEntry\x12)\n\x05start\x18\x05 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x16\n\x0eresidual_kinds\x18\x06 \x03(\t\x12\x10\n\x08\x66indings\x18\x07 \x03(\t\x12.\n\x0cstart_choice\x18\x08 \x01(\x0b\x32\x18.vip_factors.StartChoice\x1a/\n\rSettingsEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\t:\x02\x38\x01\"S\n\x0bStartChoice\x12\x13\n\x0bsupposition\x18\x01 \x01(\t\x12\r\n\x05rival\x18\x02 \x01(\t\x12\x0e\n\x06margin\x18\x03 \x01(\x01\x12\x10\n\x08\x64oubtful\x18\x04 \x03(\tb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1fvip_factors/estimate_info.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\"\xc5\x02\n\x0c\x45stimateInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06method\x18\x02 \x01(\t\x12\x0f\n\x07sensors\x18\x03 \x03(\t\x12\x39\n\x08settings\x18\x04 \x03(\x0b\x32\'.vip_factors.EstimateInfo.SettingsEntry\x12)\n\x05start\x18\x05 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x16\n\x0eresidual_kinds\x18\x06 \x03(\t\x12\x10\n\x08\x66indings\x18\x07 \x03(\t\x12.\n\x0cstart_choice\x18\x08 \x01(\x0b\x32\x18.vip_factors.StartChoice\x12\x15\n\rfinding_kinds\x18\t \x03(\t\x1a/\n\rSettingsEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\t:\x02\x38\x01\"S\n\x0bStartChoice\x12\x13\n\x0bsupposition\x18\x01 \x01(\t\x12\r\n\x05rival\x18\x02 \x01(\t\x12\x0e\n\x06margin\x18\x03 \x01(\x01\x12\x10\n\x08\x64oubtful\x18\x04 \x03(\tb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -35,9 +35,9 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_ESTIMATEINFO_SETTINGSENTRY']._loaded_options = None
   _globals['_ESTIMATEINFO_SETTINGSENTRY']._serialized_options = b'8\001'
   _globals['_ESTIMATEINFO']._serialized_start=82
-  _globals['_ESTIMATEINFO']._serialized_end=384
-  _globals['_ESTIMATEINFO_SETTINGSENTRY']._serialized_start=337
-  _globals['_ESTIMATEINFO_SETTINGSENTRY']._serialized_end=384
-  _globals['_STARTCHOICE']._serialized_start=386
-  _globals['_STARTCHOICE']._serialized_end=469
+  _globals['_ESTIMATEINFO']._serialized_end=407
+  _globals['_ESTIMATEINFO_SETTINGSENTRY']._serialized_start=360
+  _globals['_ESTIMATEINFO_SETTINGSENTRY']._serialized_end=407
+  _globals['_STARTCHOICE']._serialized_start=409
+  _globals['_STARTCHOICE']._serialized_end=492
 # @@protoc_insertion_point(module_scope)

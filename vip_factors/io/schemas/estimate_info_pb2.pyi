@@ -7,7 +7,7 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class EstimateInfo(_message.Message):
-    __slots__ = ("name", "method", "sensors", "settings", "start", "residual_kinds", "findings", "start_choice")
+    __slots__ = ("name", "method", "sensors", "settings", "start", "residual_kinds", "findings", "start_choice", "finding_kinds")
     class SettingsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -23,6 +23,7 @@ class EstimateInfo(_message.Message):
     RESIDUAL_KINDS_FIELD_NUMBER: _ClassVar[int]
     FINDINGS_FIELD_NUMBER: _ClassVar[int]
     START_CHOICE_FIELD_NUMBER: _ClassVar[int]
+    FINDING_KINDS_FIELD_NUMBER: _ClassVar[int]
     name: str
     method: str
     sensors: _containers.RepeatedScalarFieldContainer[str]
@@ -31,7 +32,8 @@ class EstimateInfo(_message.Message):
     residual_kinds: _containers.RepeatedScalarFieldContainer[str]
     findings: _containers.RepeatedScalarFieldContainer[str]
     start_choice: StartChoice
-    def __init__(self, name: _Optional[str] = ..., method: _Optional[str] = ..., sensors: _Optional[_Iterable[str]] = ..., settings: _Optional[_Mapping[str, str]] = ..., start: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., residual_kinds: _Optional[_Iterable[str]] = ..., findings: _Optional[_Iterable[str]] = ..., start_choice: _Optional[_Union[StartChoice, _Mapping]] = ...) -> None: ...
+    finding_kinds: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, name: _Optional[str] = ..., method: _Optional[str] = ..., sensors: _Optional[_Iterable[str]] = ..., settings: _Optional[_Mapping[str, str]] = ..., start: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., residual_kinds: _Optional[_Iterable[str]] = ..., findings: _Optional[_Iterable[str]] = ..., start_choice: _Optional[_Union[StartChoice, _Mapping]] = ..., finding_kinds: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class StartChoice(_message.Message):
     __slots__ = ("supposition", "rival", "margin", "doubtful")

@@ -25,7 +25,7 @@ _sym_db = _symbol_database.Default()
 from google.protobuf import timestamp_pb2 as google_dot_protobuf_dot_timestamp__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n vip_factors/scene_estimate.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\"\xa8\x02\n\x11SceneEstimateInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06method\x18\x02 \x01(\t\x12\x15\n\rwearer_topics\x18\x03 \x03(\t\x12\x1b\n\x13wearer_of_detection\x18\x04 \x03(\x11\x12\x10\n\x08\x66indings\x18\x05 \x03(\t\x12>\n\x08settings\x18\x06 \x03(\x0b\x32,.vip_factors.SceneEstimateInfo.SettingsEntry\x12)\n\x05start\x18\x07 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x13\n\x0b\x61ssociation\x18\x08 \x03(\t\x1a/\n\rSettingsEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\t:\x02\x38\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n vip_factors/scene_estimate.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\"\xbf\x02\n\x11SceneEstimateInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06method\x18\x02 \x01(\t\x12\x15\n\rwearer_topics\x18\x03 \x03(\t\x12\x1b\n\x13wearer_of_detection\x18\x04 \x03(\x11\x12\x10\n\x08\x66indings\x18\x05 \x03(\t\x12>\n\x08settings\x18\x06 \x03(\x0b\x32,.vip_factors.SceneEstimateInfo.SettingsEntry\x12)\n\x05start\x18\x07 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x13\n\x0b\x61ssociation\x18\x08 \x03(\t\x12\x15\n\rfinding_kinds\x18\t \x03(\t\x1a/\n\rSettingsEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\t:\x02\x38\x01\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -35,7 +35,7 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_SCENEESTIMATEINFO_SETTINGSENTRY']._loaded_options = None
   _globals['_SCENEESTIMATEINFO_SETTINGSENTRY']._serialized_options = b'8\001'
   _globals['_SCENEESTIMATEINFO']._serialized_start=83
-  _globals['_SCENEESTIMATEINFO']._serialized_end=379
-  _globals['_SCENEESTIMATEINFO_SETTINGSENTRY']._serialized_start=332
-  _globals['_SCENEESTIMATEINFO_SETTINGSENTRY']._serialized_end=379
+  _globals['_SCENEESTIMATEINFO']._serialized_end=402
+  _globals['_SCENEESTIMATEINFO_SETTINGSENTRY']._serialized_start=355
+  _globals['_SCENEESTIMATEINFO_SETTINGSENTRY']._serialized_end=402
 # @@protoc_insertion_point(module_scope)

@@ -7,7 +7,7 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class SceneEstimateInfo(_message.Message):
-    __slots__ = ("name", "method", "wearer_topics", "wearer_of_detection", "findings", "settings", "start", "association")
+    __slots__ = ("name", "method", "wearer_topics", "wearer_of_detection", "findings", "settings", "start", "association", "finding_kinds")
     class SettingsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -23,6 +23,7 @@ class SceneEstimateInfo(_message.Message):
     SETTINGS_FIELD_NUMBER: _ClassVar[int]
     START_FIELD_NUMBER: _ClassVar[int]
     ASSOCIATION_FIELD_NUMBER: _ClassVar[int]
+    FINDING_KINDS_FIELD_NUMBER: _ClassVar[int]
     name: str
     method: str
     wearer_topics: _containers.RepeatedScalarFieldContainer[str]
@@ -31,4 +32,5 @@ class SceneEstimateInfo(_message.Message):
     settings: _containers.ScalarMap[str, str]
     start: _timestamp_pb2.Timestamp
     association: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, name: _Optional[str] = ..., method: _Optional[str] = ..., wearer_topics: _Optional[_Iterable[str]] = ..., wearer_of_detection: _Optional[_Iterable[int]] = ..., findings: _Optional[_Iterable[str]] = ..., settings: _Optional[_Mapping[str, str]] = ..., start: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., association: _Optional[_Iterable[str]] = ...) -> None: ...
+    finding_kinds: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, name: _Optional[str] = ..., method: _Optional[str] = ..., wearer_topics: _Optional[_Iterable[str]] = ..., wearer_of_detection: _Optional[_Iterable[int]] = ..., findings: _Optional[_Iterable[str]] = ..., settings: _Optional[_Mapping[str, str]] = ..., start: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., association: _Optional[_Iterable[str]] = ..., finding_kinds: _Optional[_Iterable[str]] = ...) -> None: ...

@@ -83,8 +83,8 @@ def small_estimate(scene: Scene) -> Estimate:
     names = scene.camera.detections.keypoints.keypoints[:4]
     detector = DetectorEstimate(names, *np.full((4, len(names), 3), 0.01))
     return Estimate(
-        scene.name, "VIP", (one,), camera, scene.truth.wearer, (report,), (Finding("never seen", scene.name),), {"a": "1"}, detector,
-        ("by motion",),
+        scene.name, "VIP", (one,), camera, scene.truth.wearer, (report,), (Finding("never seen", scene.name),),
+        {"a": "1"}, detector, ("by motion",),
     )  # fmt: skip
 
 

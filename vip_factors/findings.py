@@ -101,7 +101,7 @@ class Finding:
 
 def bare(sentence: str, kind: str = TEXT) -> Finding:
     """A finding of which only the sentence is known, and perhaps its kind; an unknown one is :data:`TEXT`."""
-    return Finding(kind if kind in KINDS else TEXT, text=sentence)
+    return Finding(kind if sentence and kind in KINDS else TEXT, text=sentence)
 
 
 def sentences(findings: Iterable[Finding]) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from mcap_samples import calibration, estimates, names, recordings, rotations, s
 
 from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet, keypoint_set
 from vip_factors.estimate import CameraEstimate, DetectorEstimate, Estimate
+from vip_factors.findings import bare
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
@@ -127,7 +128,7 @@ def scene_estimates(draw: st.DrawFn) -> Estimate:
         draw(st.sampled_from([None, camera])),
         rng.integers(-1, W, draw(st.integers(0, 5))),
         wearers[0].reports,
-        tuple(draw(st.lists(names, max_size=2))),
+        tuple(map(bare, draw(st.lists(names, max_size=2)))),
         draw(st.dictionaries(names, names, max_size=2)),
         draw(st.sampled_from([None, detector])),
         tuple(draw(st.lists(names, max_size=2))),

@@ -88,7 +88,7 @@ def test_info_on_the_estimate_of_a_scene(run, files, tmp_path: Path) -> None:
     model = CameraModel(640, 480, (500.0, 500.0), (320.0, 240.0))
     covariance = np.tile(np.eye(6) * 1e-4, (T, 1, 1))
     camera = CameraEstimate("phone", model, path, None, covariance, np.full((T, 1), 2.5))
-    estimate = Estimate("walk", "VIP", (one,), camera, np.array([0, 0, -1]), (), ("the floor is wet",))
+    estimate = Estimate("walk", "VIP", (one,), camera, np.array([0, 0, -1]), (), (bare("the floor is wet"),))
     write_estimate(estimate, tmp_path / "e.mcap")
     told = run("info", tmp_path / "e.mcap")
     assert told.code == 0, told.err

@@ -93,7 +93,7 @@ def test_samples_without_gravity_are_refused_and_those_in_g_told() -> None:
     sound, settings = leg().imus["left_foot"], Settings(sensor_clocks=SensorClockSettings(check=False))
     assert sound.specific_force is not None
     in_g = with_stream("left_foot", replace(sound, specific_force=sound.specific_force / 9.81))
-    assert "scaled to 9.81; was it given in g?" in checked(in_g, settings)[1][0]
+    assert "scaled to 9.81; was it given in g?" in str(checked(in_g, settings)[1][0])
     assert sound.R_inertial_sensor is not None
     free = sound.specific_force - 9.81 * sound.R_inertial_sensor[:, 2]
     with pytest.raises(RecordingError, match=r"'left_foot' measures gravity as .* give accelerations with gravity"):

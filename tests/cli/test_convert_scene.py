@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from vip_factors.body.keypoints import KEYPOINT_SETS
+from vip_factors.findings import bare
 from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_recording import read_recording, read_scene, write_recording
 

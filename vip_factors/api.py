@@ -107,7 +107,7 @@ def simulate(
     from vip_factors.simulate.gestures import gestures
     from vip_factors.simulate.recording import simulate_recording
     from vip_factors.simulate.scene import Performer, simulate_scene
-    from vip_factors.simulate.settings import SceneSettings
+    from vip_factors.simulate.scene_settings import SceneSettings
     from vip_factors.simulate.staging import with_initial_pose
 
     if motion is None:

@@ -16,7 +16,7 @@ from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.noise import smooth_process
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.settings import SceneSettings
+from vip_factors.simulate.scene_settings import SceneSettings
 from vip_factors.simulate.staging import from_time, lasting, path_of_standing_feet, staged
 
 SHORTEST_CLIP_S = 3.0  # that can be repeated

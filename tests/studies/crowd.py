@@ -29,7 +29,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.settings import CameraKind, SceneSettings
+from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
 from vip_factors.simulate.staging import from_time, lasting, staged, with_initial_pose
 from vip_factors.stages.association import gravity_in_camera
 from vip_factors.stages.decode import motion_of

@@ -41,7 +41,8 @@ from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.camera_path import move_motion
 from vip_factors.sensors.scene import Scene
-from vip_factors.simulate.settings import SceneSettings, SimulateSettings
+from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.settings import SimulateSettings
 
 JUMPING = 0.03  # share of frames off the ground from which on a clip is one of those that the paper leaves out
 

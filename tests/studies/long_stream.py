@@ -20,7 +20,8 @@ from vip_factors.sensors.live import ImuSample, LiveSample, live_samples, stream
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.settings import CameraKind, SceneSettings, SimulateSettings
+from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
+from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.simulate.staging import with_initial_pose
 
 REST_POSE, REST_S, BLEND_S = "n-pose", 1.0, 1.0  # at the end of the scene

@@ -34,7 +34,7 @@ from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Calibration, preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.settings import SceneSettings
+from vip_factors.simulate.scene_settings import SceneSettings
 from vip_factors.simulate.staging import lasting
 
 Filming = Literal["fixed", "hand-held", "none"]

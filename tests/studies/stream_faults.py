@@ -28,7 +28,7 @@ from vip_factors.live.settings import LiveSettings, RecalibrationSettings
 from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
-from vip_factors.simulate.settings import CameraKind, SceneSettings
+from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
 from vip_factors.simulate.staging import lasting
 
 UNTIL_FAULT_S = 4.0  # before it, over which errors are compared

@@ -27,7 +27,7 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.live_estimate import LivePose
 from vip_factors.sensors.scene import Scene
-from vip_factors.simulate.settings import CameraKind
+from vip_factors.simulate.scene_settings import CameraKind
 
 SETTLED_S = 12.0  # of the stream: by then the first calibrations have been found anew, and the program's share is usual
 TURN_S = 0.02  # between looks whether it has had its share

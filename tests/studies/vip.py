@@ -35,7 +35,8 @@ from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
-from vip_factors.simulate.settings import CameraKind, SceneSettings, SimulateSettings
+from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
+from vip_factors.simulate.settings import SimulateSettings
 
 # Pairs of variants whose MPJPE is to be compared.
 COMPARED = (

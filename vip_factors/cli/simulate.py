@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from vip_factors.body.kinematics import Motion
     from vip_factors.sensors.recording import Recording
     from vip_factors.sensors.scene import Scene
-    from vip_factors.simulate.settings import SceneSettings
+    from vip_factors.simulate.scene_settings import SceneSettings
 
 SECONDS = 20.0  # of the package's own motion
 GESTURES = "gestures"  # in place of a file: the package's own motion
@@ -180,7 +180,7 @@ def simulated_scene(options: SimulateOptions) -> "Scene":
 
 
 def _scene_settings(options: SimulateOptions) -> "SceneSettings":
-    from vip_factors.simulate.settings import SceneSettings
+    from vip_factors.simulate.scene_settings import SceneSettings
 
     video = options.video
     perfect = options.noise_free

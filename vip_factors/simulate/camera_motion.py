@@ -15,7 +15,7 @@ from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array, exp, transpose
 from vip_factors.simulate.dense import DenseMotion
 from vip_factors.simulate.noise import smooth_process
-from vip_factors.simulate.settings import SceneSettings
+from vip_factors.simulate.scene_settings import SceneSettings
 
 GRID_HZ = 120.0  # of the nodes of the splines
 AIM_HEIGHT_M = 0.95  # of the middle of a standing person

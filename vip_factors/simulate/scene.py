@@ -18,7 +18,7 @@ from vip_factors.simulate.dense import DenseMotion, dense_motion
 from vip_factors.simulate.detector import detect
 from vip_factors.simulate.detector_view import Person
 from vip_factors.simulate.recording import record, simulate_sensor
-from vip_factors.simulate.settings import SceneSettings
+from vip_factors.simulate.scene_settings import SceneSettings
 
 # The IMU on the camera's back: its x right, y up, z towards the operator, as a phone's own in landscape.
 R_CAMERA_IMU = np.diag([1.0, -1.0, -1.0])

@@ -9,7 +9,7 @@ from vip_factors.atomic import atomic_path
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.sensors.calibration import sensor_site
-from vip_factors.viz.drawn_body import Eye, draw_arrow, draw_axes, draw_body, sites_picture, standing
+from vip_factors.viz.drawn_body import Eye, draw_arrow, draw_axes, draw_body, sites_picture, standing_body
 from vip_factors.viz.svg import FAINT, INK, MUTED, RULE, Point, Svg
 
 PAGE_MM = (297.0, 210.0)  # the checkerboard's, A4
@@ -57,7 +57,7 @@ def poses_picture() -> str:
         svg.text((left + TEXT_X, 44), title, 20, INK, bold=True)
         svg.text((left + TEXT_X, 66), told, 14, MUTED)
         svg.text((left + TEXT_X, 85), "feet and face forward", 14, MUTED)
-        skeleton, state = standing(pose)
+        skeleton, state = standing_body(pose)
         for x, yaw, seen in ((FRONT_X, 0.0, "front"), (SIDE_X, np.pi / 2, "left side")):
             svg.line((left + x - 45, FLOOR), (left + x + 45, FLOOR), RULE, 3.0)
             draw_body(svg, skeleton, state, Eye(yaw, 0.0, (left + x, FLOOR), SCALE), paler=0.2)
@@ -69,7 +69,7 @@ def frames_picture() -> str:
     """World, bone, sensor, its inertial frame and the camera, about somebody who wears one sensor."""
     svg = Svg(*FRAMES_SIZE)
     _floor(svg)
-    skeleton, state = standing("n-pose")
+    skeleton, state = standing_body("n-pose")
     draw_body(svg, skeleton, state, EYE, paler=0.6)
     draw_axes(svg, EYE, WORLD, np.eye(3), AXIS_M)
     _label(svg, EYE.at(WORLD), (6, 46), "world", "z up, floor at z = 0", "middle")

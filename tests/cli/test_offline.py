@@ -114,5 +114,5 @@ def test_rerun_sends_nothing_of_its_use(monkeypatch: pytest.MonkeyPatch, tmp_pat
     program = tmp_path / "rerun"
     program.write_text('#!/bin/sh\nprintf "%s" "$CI" > "$1"\n')
     program.chmod(0o755)
-    assert viewer._started([str(program), str(tmp_path / "said")]).wait(10) == 0
+    assert viewer._start_program([str(program), str(tmp_path / "said")]).wait(10) == 0
     assert (tmp_path / "said").read_text() == "true"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vip_factors.sensors.calibration import SITES, sensor_site, site_axes
-from vip_factors.viz.drawn_body import Eye, sites_picture, standing
+from vip_factors.viz.drawn_body import Eye, sites_picture, standing_body
 
 DOCS = Path(__file__).parents[2] / "docs"
 DRAWINGS = runpy.run_path(str(DOCS / "draw.py"))["DRAWINGS"]
@@ -33,7 +33,7 @@ def test_axes_are_written_as_the_command_tells_them() -> None:
 
 
 def test_somebody_stands_on_the_floor_and_faces_x() -> None:
-    skeleton, state = standing("t-pose")
+    skeleton, state = standing_body("t-pose")
     heel = skeleton.landmarks["left_heel"]
     assert state.point(heel.bone, heel.p_bone_point)[0, 2] == pytest.approx(0.0, abs=1e-9)
     site = sensor_site("sternum", skeleton)  # its z axis points out of the chest

@@ -128,7 +128,7 @@ def test_bodies_are_laid_over_the_video(sample: Scene, figures: list[Figure]) ->
 @pytest.mark.parametrize("suffix", [".mp4", ".webp", ".gif"])
 def test_films_open_with_their_number_of_pictures(drawn: DrawnScene, tmp_path: Path, suffix: str) -> None:
     path, told = tmp_path / f"a{suffix}", []
-    film(drawn, path, SMALL, tell=lambda _, share: told.append(share))
+    film(drawn, path, SMALL, on_progress=lambda _, share: told.append(share))
     times, _, rate = film_times(drawn, SMALL)
     assert (len(times), round(rate)) == (6, 10)
     assert told[-2:] == [1, 0]  # all drawn, then written

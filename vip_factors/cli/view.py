@@ -192,4 +192,4 @@ def write_film(opened: Opened, path: Path, settings: FilmSettings, overwrite: bo
     else:
         drawn = drawn_scene(scene, estimate)
     with progress_bar() as tell:
-        film(drawn, path, settings, histories, overwrite=overwrite, tell=tell)
+        film(drawn, path, settings, histories, overwrite=overwrite, on_progress=tell)

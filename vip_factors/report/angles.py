@@ -41,10 +41,10 @@ def angles_section(material: Material) -> Section:
     return Section("angles", "Joint angles", tuple(blocks))
 
 
-def _wearer(wearer: Wearer, filmed: bool) -> list[Block]:
-    found = joint_angles(wearer.estimate.motion)
-    sigmas, bones = _sigmas(found, wearer), bones_with_sensors(wearer)
-    told = {name: is_measured(bones, name) for name in (*PAIRED, *TRUNK)}
+def _wearer(wearer: Wearer, with_camera: bool) -> list[Block]:
+    angles = joint_angles(wearer.estimate.motion)
+    sigmas, bones = _sigmas(angles, wearer), bones_with_sensors(wearer)
+    measured = {name: is_measured(bones, name) for name in (*PAIRED, *TRUNK)}
     blocks: list[Block] = []
     if bones is None:
         blocks.append(
@@ -54,33 +54,33 @@ def _wearer(wearer: Wearer, filmed: bool) -> list[Block]:
                 small=True,
             )
         )
-    blocks.append(_charts(found, sigmas, [name for name in told if told[name]]))
-    blocks += [*_ranges(found, sigmas, told), *_walk(wearer)]
-    guessed = [name for name in told if not told[name]]
+    blocks.append(_charts(angles, sigmas, [name for name in measured if measured[name]]))
+    blocks += [*_ranges(angles, sigmas, measured), *_walk(wearer)]
+    guessed = [name for name in measured if not measured[name]]
     if guessed:
-        from_what = "the video alone, and" if filmed else "nothing but"
+        from_what = "the video alone, and" if with_camera else "nothing but"
         blocks.append(
             Paragraph(
                 f"No sensors were on both segments of the following joints: their angles rest on {from_what} what "
                 "usually goes with the rest of the body. Do not read them as measurements."
             )
         )
-        blocks.append(_charts(found, sigmas, guessed))
+        blocks.append(_charts(angles, sigmas, guessed))
     return blocks
 
 
-def _charts(found: JointAngles, sigmas: Sigmas, names: Sequence[str]) -> Charts:
+def _charts(angles: JointAngles, sigmas: Sigmas, names: Sequence[str]) -> Charts:
     """One for each angle, both sides in it."""
-    positive = {one.name: one.positive for one in found.definitions}
+    positive = {one.name: one.positive for one in angles.definitions}
     charts = []
     for name in names:
         if name in TRUNK:
-            line = Line(joint_words(name), found.time, found.of(name), SIDE_COLOURS[Side.MIDDLE], sigmas.get(name))
+            line = Line(joint_words(name), angles.time, angles.of(name), SIDE_COLOURS[Side.MIDDLE], sigmas.get(name))
             charts.append(time_chart(_title(name, positive[name]), [line], "°"))
             continue
         lines = [
             Line(
-                side, found.time, _unjoined(found.of(f"{side}_{name}")), SIDE_COLOURS[which],
+                side, angles.time, _unjoined(angles.of(f"{side}_{name}")), SIDE_COLOURS[which],
                 sigmas.get(f"{side}_{name}"),
             )
             for side, which in SIDES
@@ -100,19 +100,19 @@ def _unjoined(values: Array) -> Array:
     return parted
 
 
-def _sigmas(found: JointAngles, wearer: Wearer) -> Sigmas:
+def _sigmas(angles: JointAngles, wearer: Wearer) -> Sigmas:
     covariance = wearer.estimate.covariance
     if covariance is None:
         return {}
     sigmas = joint_angle_sigmas(wearer.estimate.motion, covariance.joints)
-    return {name: sigmas[:, column] for column, name in enumerate(found.names)}
+    return {name: sigmas[:, column] for column, name in enumerate(angles.names)}
 
 
-def _ranges(found: JointAngles, sigmas: Sigmas, told: Mapping[str, bool]) -> list[Block]:
+def _ranges(angles: JointAngles, sigmas: Sigmas, measured: Mapping[str, bool]) -> list[Block]:
     """Range of motion of each angle, and what lies between the sides."""
     rows = []
-    for name in (one for one in PAIRED if told[one]):
-        left, right = (_range(found.of(f"{side}_{name}")) for side, _ in SIDES)
+    for name in (one for one in PAIRED if measured[one]):
+        left, right = (_range(angles.of(f"{side}_{name}")) for side, _ in SIDES)
         both = [_median(sigmas[f"{side}_{name}"]) for side, _ in SIDES if sigmas]
         rows.append(
             (
@@ -121,8 +121,8 @@ def _ranges(found: JointAngles, sigmas: Sigmas, told: Mapping[str, bool]) -> lis
                 f"± {np.linalg.norm(both):.0f}°" if both and np.isfinite(both).all() else UNKNOWN,
             )
         )  # fmt: skip
-    for name in (one for one in TRUNK if told[one]):
-        rows.append((capital(joint_words(name)), *_words(_range(found.of(name))), "", "", "", ""))
+    for name in (one for one in TRUNK if measured[one]):
+        rows.append((capital(joint_words(name)), *_words(_range(angles.of(name))), "", "", "", ""))
     head = ("Angle", "Left: from … to", "Range", "Right: from … to", "Range", "Left less right", "Uncertain by")
     caption = (
         "Range of motion: between the values that 1 % of the frames are below and above. A difference between the "

@@ -122,19 +122,19 @@ def _truth(material: Material) -> list[Block]:
         return []
     assert material.scene is not None
     scene, one = material.scene, material.estimate.wearers[0]
-    found: Evaluation | SceneEvaluation
+    evaluation: Evaluation | SceneEvaluation
     truth = scene.wearers[0].truth
     if len(scene.wearers) == 1 and scene.camera is None and truth is not None:
-        found = evaluate(one, truth, scene.wearers[0].placement)
-        columns: dict[str, Mapping[str, Metric]] = {material.wearers[0].name: found.metrics}
+        evaluation = evaluate(one, truth, scene.wearers[0].placement)
+        columns: dict[str, Mapping[str, Metric]] = {material.wearers[0].name: evaluation.metrics}
     else:
-        found = evaluate_scene(material.estimate, scene)
-        each = {name: one.metrics for name, one in found.wearers.items()}
+        evaluation = evaluate_scene(material.estimate, scene)
+        each = {name: one.metrics for name, one in evaluation.wearers.items()}
         # Of one wearer alone what is of the scene and what is its own fit into one column.
         columns = (
-            {"all": found.metrics, **each}
+            {"all": evaluation.metrics, **each}
             if len(each) > 1
-            else {name: {**found.metrics, **table} for name, table in each.items()}
+            else {name: {**evaluation.metrics, **table} for name, table in each.items()}
         )
     names = [name for name in METRIC_WORDS if any(name in table for table in columns.values())]
     rows = [

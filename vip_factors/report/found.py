@@ -153,7 +153,7 @@ def _start(start: StartChoice | None) -> list[Block]:
 
 def _places(wearer: Wearer) -> list[Block]:
     rows = [
-        (one.sensor, bone_words(one.bone), *(_place(one.found, one.prior, one.sigma, axis) for axis in (0, 1, 2)))
+        (one.sensor, bone_words(one.bone), *(_axis_words(one.found, one.prior, one.sigma, axis) for axis in (0, 1, 2)))
         for one in wearer.estimate.sensor_places
     ]
     head = ("Sensor", "On", "To the left", "Up", "Forward")
@@ -161,7 +161,7 @@ def _places(wearer: Wearer) -> list[Block]:
     return [Table(head, rows, caption, words=2, folded=True)] if rows else []
 
 
-def _place(found: np.ndarray, prior: np.ndarray, sigma: np.ndarray, axis: int) -> str:
+def _axis_words(found: np.ndarray, prior: np.ndarray, sigma: np.ndarray, axis: int) -> str:
     moved = MM * (found[axis] - prior[axis])
     return f"{plus_minus(MM * found[axis], MM * sigma[axis])} ({moved:+z.0f})"
 

@@ -58,7 +58,7 @@ def moments_section(material: Material, most: int) -> Section | None:
 
 def worst_moments(material: Material, most: int) -> list[Moment]:
     """Of all wearers and measures the worst, each of a wearer at least :data:`APART_S` from the others."""
-    found: list[Moment] = []
+    moments: list[Moment] = []
     for wearer in material.wearers:
         motion = wearer.estimate.motion
         for name, values in _measures(material, wearer).items():
@@ -68,13 +68,13 @@ def worst_moments(material: Material, most: int) -> list[Moment]:
                 continue
             for frame in _peaks(smooth, round(APART_S * motion.rate), most):
                 reason = f"{name.format(smooth[frame])} (usually {usual:.2g}){_where(wearer, name, frame)}"
-                found.append(Moment(wearer, frame, float(motion.time[frame]), smooth[frame] / usual, reason))
-    kept: list[Moment] = []
-    for one in sorted(found, key=lambda moment: -moment.times):
-        near = any(one.wearer is other.wearer and abs(one.time - other.time) < APART_S for other in kept)
-        if not near and len(kept) < most:
-            kept.append(one)
-    return sorted(kept, key=lambda moment: moment.time)
+                moments.append(Moment(wearer, frame, float(motion.time[frame]), smooth[frame] / usual, reason))
+    chosen: list[Moment] = []
+    for one in sorted(moments, key=lambda moment: -moment.times):
+        near = any(one.wearer is other.wearer and abs(one.time - other.time) < APART_S for other in chosen)
+        if not near and len(chosen) < most:
+            chosen.append(one)
+    return sorted(chosen, key=lambda moment: moment.time)
 
 
 ORIENTATION, ACCELERATION = "orientations differ by {:.1f}°", "accelerations differ by {:.1f}\u202fm/s²"
@@ -86,16 +86,16 @@ _KINDS = {ORIENTATION: "orientation_deg", ACCELERATION: "acceleration_m_s2"}
 def _measures(material: Material, wearer: Wearer) -> dict[str, Array]:
     """By name, ``(T,)`` each."""
     estimate, camera = wearer.estimate, material.estimate.camera
-    found = {
+    measures = {
         name: mean_residual(estimate.residuals[kind])
         for name, kind in _KINDS.items()
         if kind in estimate.residuals and estimate.residuals[kind].size
     }
     if camera is not None and camera.residual_px is not None and len(camera.residual_px) == len(estimate.motion):
-        found[VIDEO] = joined(camera.residual_px)[:, wearer.index]
+        measures[VIDEO] = joined(camera.residual_px)[:, wearer.index]
     if estimate.covariance is not None:
-        found[UNSURE] = np.rad2deg(estimate.covariance.joint_sigma.mean(axis=1))
-    return found
+        measures[UNSURE] = np.rad2deg(estimate.covariance.joint_sigma.mean(axis=1))
+    return measures
 
 
 def _where(wearer: Wearer, name: str, frame: int) -> str:
@@ -120,12 +120,12 @@ def _smoothed(values: Array, width: int) -> Array:
 
 def _peaks(values: Array, apart: int, most: int) -> list[int]:
     """Frames of the largest values, each a while from the others."""
-    left, found = values.copy(), list[int]()
-    while len(found) < most and np.isfinite(left).any():
+    left, peaks = values.copy(), list[int]()
+    while len(peaks) < most and np.isfinite(left).any():
         frame = int(np.nanargmax(left))
-        found.append(frame)
+        peaks.append(frame)
         left[max(frame - apart, 0) : frame + apart] = np.nan
-    return found
+    return peaks
 
 
 def _video_frame(material: Material, moment: Moment) -> list[Image]:

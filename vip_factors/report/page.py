@@ -85,7 +85,7 @@ def write_report(
 
 def report_page(given: Material, settings: ReportSettings, progress: Progress | None = None) -> str:
     """The page as HTML; see :func:`write_report`."""
-    tell = progress or (lambda stage, fraction: None)
+    report_progress = progress or (lambda stage, fraction: None)
     makers: tuple[Callable[[], Section | None], ...] = (
         lambda: summary_section(given), lambda: angles_section(given),
         lambda: moments_section(given, settings.moments), lambda: fit_section(given), lambda: found_section(given),
@@ -93,7 +93,7 @@ def report_page(given: Material, settings: ReportSettings, progress: Progress | 
     )  # fmt: skip
     sections = []
     for number, make in enumerate(makers):
-        tell("report", number / (len(makers) + 1))
+        report_progress("report", number / (len(makers) + 1))
         sections.append(make())
     summary, *rest = (one for one in sections if one is not None)
     data, names = motion_data(given, settings), listed([one.name for one in given.wearers])

@@ -283,15 +283,15 @@ def scene_charts(estimates: Mapping[str, DrawnScene], path: Path, *, overwrite: 
 
 def _error_curves(estimates: Mapping[str, DrawnScene]) -> dict[str, list[Curve]]:
     """Curves by wearer; the wearer's name is empty where there is but one."""
-    found: dict[str, list[Curve]] = {}
+    curves: dict[str, list[Curve]] = {}
     for index, (label, drawn) in enumerate(estimates.items()):
         for wearer in drawn.wearers:
             error = wearer.error_mm
             if error is not None and wearer.motion is not None and np.any(np.isfinite(error)):
                 name = wearer.name if len(drawn.wearers) > 1 else ""
                 colour = LINE_COLOURS[index % len(LINE_COLOURS)]
-                found.setdefault(name, []).append(Curve(label, wearer.motion.time, error, colour))
-    return found
+                curves.setdefault(name, []).append(Curve(label, wearer.motion.time, error, colour))
+    return curves
 
 
 def colour_legend(colours: Mapping[str, Colour]) -> Figure:

@@ -51,7 +51,7 @@ class Eye:
         return float(x), float(y)
 
 
-def standing(pose: str, stature_m: float = 1.75) -> tuple[Skeleton, BodyState]:
+def standing_body(pose: str, stature_m: float = 1.75) -> tuple[Skeleton, BodyState]:
     """Somebody in a calibration pose (``t-pose``, ``n-pose``) at the origin, facing x, heels on the floor z = 0."""
     skeleton = skeleton_from_stature(stature_m)
     heel = skeleton.landmarks["left_heel"]
@@ -141,7 +141,7 @@ def sites_picture(stature_m: float = 1.75) -> str:
     svg.text((MARGIN, 46), "Where sensors sit, and how their axes are taken to lie", 22, INK, bold=True)
     told = "T-pose, palms down. z points out of the skin. Orange is the wearer's left, blue the right."
     svg.text((MARGIN, 74), told, 14, MUTED)
-    skeleton, state = standing("t-pose", stature_m)
+    skeleton, state = standing_body("t-pose", stature_m)
     for title, top, eye, names in (
         ("From the front left", TOPS[0], FRONT, SEEN_FROM_THE_FRONT),
         ("From the back left", TOPS[1], BACK, SEEN_FROM_THE_BACK),

@@ -30,7 +30,7 @@ def film(
     histories: Sequence[tuple[Array, list[Calibration]]] = (),
     *,
     overwrite: bool = False,
-    tell: Callable[[str, float], None] = lambda stage, fraction: None,
+    on_progress: Callable[[str, float], None] = lambda stage, fraction: None,
 ) -> None:
     """Draw and write a film.
 
@@ -40,7 +40,7 @@ def film(
         settings: what is shown.
         histories: by wearer, times and calibrations of a live estimate, to be drawn beside the room.
         overwrite: replace an existing file.
-        tell: called with how much is done.
+        on_progress: called with how much is done.
 
     Raises:
         InputError: if there is nothing to show, the name's suffix is none of a film, or a library is missing.
@@ -75,8 +75,8 @@ def film(
             for (left, top, w, h), pane in panes:
                 picture[top : top + h, left : left + w] = pane.draw(index)
             file.add(picture)
-            tell("drawing the film", (index + 1) / len(times))
-        tell("writing the film", 0.0)
+            on_progress("drawing the film", (index + 1) / len(times))
+        on_progress("writing the film", 0.0)
 
 
 def film_times(drawn: DrawnScene, settings: FilmSettings) -> tuple[Array, np.ndarray, float]:

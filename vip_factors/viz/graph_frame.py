@@ -218,7 +218,7 @@ class _Panel:
         self.single: list[tuple[FrameFactors, Point]] = []
         for one in graph.factors:
             if one.kind not in self.collective:
-                self.single.append((one, self._place(one)))
+                self.single.append((one, self._square_place(one)))
 
     def _is_collective(self, those: list[FrameFactors]) -> bool:
         if max(len(one.sees) for one in those) > MANY:
@@ -231,7 +231,7 @@ class _Panel:
 
     # Squares' places
 
-    def _place(self, factor: FrameFactors) -> Point:
+    def _square_place(self, factor: FrameFactors) -> Point:
         """Where a factor goes: to its sensor's row, its joint, or what else it sees; the next free place there."""
         variables = self.graph.variables
         rows = [self.row_of[number] for number in factor.sees if number in self.row_of]

@@ -125,7 +125,7 @@ class _Chain:
         if not self.shared_kinds:
             return
         priors = [one for one in self.graph.factor_kinds if one.reach == 0]
-        for prior, x in zip(priors, self._side_by_side(priors, 0.0, 11), strict=True):
+        for prior, x in zip(priors, self._draw_beside(priors, 0.0, 11), strict=True):
             colour = self.symbols.factor_colour(prior.kind)
             self.svg.line(self._on((x, CHAIN_SHARED_TOP + CHAIN_SHARED_HEIGHT)), self._on((x, PRIOR_Y)), colour, 1.4)
             self.symbols.factor(prior.kind, self._on((x, PRIOR_Y)))
@@ -135,11 +135,11 @@ class _Chain:
         size = 12.0
         while size > 8 and sum(_width(one, size) for one in self.shared_kinds) > right - left - 200:
             size -= 0.5
-        for variable, x in zip(self.shared_kinds, self._side_by_side(self.shared_kinds, left + 190, size), strict=True):
+        for variable, x in zip(self.shared_kinds, self._draw_beside(self.shared_kinds, left + 190, size), strict=True):
             self.symbols.variable(variable.kind, self._on((x, middle)), 7)
             self.svg.text(self._on((x + 12, middle + 4)), _several(variable), size)
 
-    def _side_by_side(self, kinds: Sequence[VariableKind | FactorKind], least: float, size: float) -> list[float]:
+    def _draw_beside(self, kinds: Sequence[VariableKind | FactorKind], least: float, size: float) -> list[float]:
         """Where the symbols of kinds go that are written in a row, around the middle or from ``least`` on."""
         widths = [_width(one, size) for one in kinds]
         start = max(least, (CHAIN_WIDTH - sum(widths)) / 2) + 10

@@ -89,16 +89,16 @@ class LiveBody:
         p = np.array([one.p_world_pelvis for one in poses])
         return Motion(self._skeleton, R, p, self._rate, poses[0].time, self._wearer.subject.name)
 
-    def log(self, answers: list[LiveWearerEstimate]) -> Motion:
+    def log(self, estimates: list[LiveWearerEstimate]) -> Motion:
         """Log the poses; returns the newest ones."""
-        body = answers[-1].skeleton
+        body = estimates[-1].skeleton
         if body is not None and not np.array_equal(body.p_parent_joint, self._skeleton.p_parent_joint):
             self._skeleton = body
             self._log_shape()
-        newest = self.motion([one.newest for one in answers])
+        newest = self.motion([one.newest for one in estimates])
         log_poses(self._stream, self.newest, moved(newest, self.shift))
         log_joints(self._stream, f"{self.newest}/joints", moved(newest, self.shift))
-        smoothed = [one.smoothed for one in answers if one.smoothed is not None]
+        smoothed = [one.smoothed for one in estimates if one.smoothed is not None]
         if smoothed:
             log_poses(self._stream, self._smoothed, moved(self.motion(smoothed), self.shift))
         return newest

@@ -52,21 +52,21 @@ KIND_TITLES = {
 
 def _log_sensors(stream: rr.RecordingStream, wearer: DrawnWearer, colours: Mapping[str, Colour]) -> dict[str, str]:
     """Log residuals of every kind and sensor, and norms of what was measured; returns entities and titles."""
-    found: dict[str, str] = {}
+    titles: dict[str, str] = {}
     estimate, recording = wearer.estimate, wearer.recording
     for kind, values in estimate.residuals.items() if estimate is not None else ():
         for sensor, column in zip(estimate.sensors if estimate is not None else (), values.T, strict=True):
             assert estimate is not None
             entity = f"plots/residual/{kind}/{rr.escape_entity_path_part(sensor)}"
             log_curve(stream, entity, estimate.motion.time, column, colours[sensor], sensor)
-        found[f"plots/residual/{kind}"] = KIND_TITLES.get(kind, kind)
+        titles[f"plots/residual/{kind}"] = KIND_TITLES.get(kind, kind)
     for sensor, imu in recording.imus.items() if recording is not None else ():
         for kind, measured in (("specific_force_m_s2", imu.specific_force), ("angular_rate_rad_s", imu.angular_rate)):
             if measured is not None:
                 entity = f"plots/imu/{kind}/{rr.escape_entity_path_part(sensor)}"
                 log_curve(stream, entity, imu.time, np.linalg.norm(measured, axis=1), colours[sensor], sensor)
-                found[f"plots/imu/{kind}"] = KIND_TITLES[kind]
-    return found
+                titles[f"plots/imu/{kind}"] = KIND_TITLES[kind]
+    return titles
 
 
 def log_series(stream: rr.RecordingStream, drawn: DrawnScene, colours: Mapping[str, Colour]) -> dict[str, str]:
@@ -74,30 +74,30 @@ def log_series(stream: rr.RecordingStream, drawn: DrawnScene, colours: Mapping[s
 
     ``colours`` are the sensors'.
     """
-    found: dict[str, str] = {}
+    titles: dict[str, str] = {}
     for wearer in drawn.wearers:
         part, colour = rr.escape_entity_path_part(wearer.name), wearer_colour(wearer.index)
         pixels = drawn.reprojection_px(wearer) if drawn.estimate is not None else None
         if pixels is not None and drawn.detections is not None:
             entity = f"plots/reprojection_px/{part}"
             log_curve(stream, entity, drawn.detections.time, pixels, colour, wearer.name, gaps=True)
-            found["plots/reprojection_px"] = "Reprojection error (px)"
+            titles["plots/reprojection_px"] = "Reprojection error (px)"
         if wearer.error_mm is not None and wearer.motion is not None:
             log_curve(stream, f"plots/joint_error_mm/{part}", wearer.motion.time, wearer.error_mm, colour, wearer.name)
-            found["plots/joint_error_mm"] = KIND_TITLES["joint_error_mm"]
+            titles["plots/joint_error_mm"] = KIND_TITLES["joint_error_mm"]
         if drawn.one_alone:
-            found |= _log_sensors(stream, wearer, colours)
-    _log_camera_error(stream, drawn, found)
-    _log_headings(stream, drawn, found, colours)
+            titles |= _log_sensors(stream, wearer, colours)
+    _log_camera_error(stream, drawn, titles)
+    _log_headings(stream, drawn, titles, colours)
     from vip_factors.viz.charts import headings_image
 
     picture = headings_image(drawn)
     if picture is not None:
         stream.log(HEADINGS_IMAGE, rr.EncodedImage(contents=picture, media_type="image/png"), static=True)
-    return found
+    return titles
 
 
-def _log_camera_error(stream: rr.RecordingStream, drawn: DrawnScene, found: dict[str, str]) -> None:
+def _log_camera_error(stream: rr.RecordingStream, drawn: DrawnScene, titles: dict[str, str]) -> None:
     if drawn.path is None or drawn.true_path is None:
         return
     time = drawn.path.time if len(drawn.path) > 1 else drawn.true_path.time
@@ -106,11 +106,11 @@ def _log_camera_error(stream: rr.RecordingStream, drawn: DrawnScene, found: dict
     degrees = np.rad2deg(angle_between(one.R_world_camera, other.R_world_camera))
     log_curve(stream, "plots/camera_error/cm", time, 100 * metres, CAMERA_COLOUR, "position (cm)")
     log_curve(stream, "plots/camera_error/degrees", time, degrees, (120, 170, 240), "rotation (°)")
-    found["plots/camera_error"] = "Camera error (cm, °)"
+    titles["plots/camera_error"] = "Camera error (cm, °)"
 
 
 def _log_headings(
-    stream: rr.RecordingStream, drawn: DrawnScene, found: dict[str, str], colours: Mapping[str, Colour]
+    stream: rr.RecordingStream, drawn: DrawnScene, titles: dict[str, str], colours: Mapping[str, Colour]
 ) -> None:
     for wearer in drawn.wearers:
         implied = implied_headings(wearer)
@@ -123,7 +123,7 @@ def _log_headings(
         for sensor, (time, degrees) in heading_paths(wearer).items():
             entity = f"plots/heading/{part}/{rr.escape_entity_path_part(f'{sensor}_estimated')}"
             log_curve(stream, entity, time, degrees, colours.get(sensor, (120, 120, 120)), f"{sensor}, estimated")
-        found[f"plots/heading/{part}"] = f"Heading over time, {wearer.name} (° off the estimate)"
+        titles[f"plots/heading/{part}"] = f"Heading over time, {wearer.name} (° off the estimate)"
 
 
 HEADINGS, HEADING_SIGMAS = "plots/heading", "plots/heading_sigma"
@@ -153,11 +153,11 @@ class LiveSeries:
                 degrees = np.array([_sigma_deg(one.wearers[index]) for one in sure])
                 at = np.array([one.time for one in sure])
                 self._curve(f"{POSE_SIGMAS}/{self._parts[index]}", name, wearer_colour(index), at, degrees)
-        told = [one for one in estimates if any(wearer.calibration for wearer in one.wearers)]
-        if told and told[-1].time - self._headings >= EVERY_S:
-            self._headings = told[-1].time
-            for index, wearer in enumerate(told[-1].wearers):
-                self._log_headings(index, wearer, np.array([told[-1].time]))
+        calibrated = [one for one in estimates if any(wearer.calibration for wearer in one.wearers)]
+        if calibrated and calibrated[-1].time - self._headings >= EVERY_S:
+            self._headings = calibrated[-1].time
+            for index, wearer in enumerate(calibrated[-1].wearers):
+                self._log_headings(index, wearer, np.array([calibrated[-1].time]))
 
     def _log_headings(self, index: int, wearer: LiveWearerEstimate, time: Array) -> None:
         for sensor, one in wearer.calibration.items():

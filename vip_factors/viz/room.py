@@ -137,7 +137,7 @@ def _empty_room(room: Room, eye: Eye, lens: Lens) -> tuple[np.ndarray, np.ndarra
     return image, x, y
 
 
-def _lines(place: np.ndarray, reach: np.ndarray) -> np.ndarray:
+def _lines(along: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """Share of joints between tiles in a stretch of floor: the mean of the pattern over ``reach`` metres."""
     share = np.float32(JOINT_M / TILE_M)
 
@@ -146,7 +146,7 @@ def _lines(place: np.ndarray, reach: np.ndarray) -> np.ndarray:
         return whole * share + np.minimum(at - whole, share)
 
     half = np.clip(reach / TILE_M, 1e-4, 1e4) / 2
-    middle = place / TILE_M + share / 2
+    middle = along / TILE_M + share / 2
     return np.clip((total(middle + half) - total(middle - half)) / (2 * half), 0, 1)
 
 

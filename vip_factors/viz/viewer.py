@@ -124,14 +124,14 @@ LOCAL = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # of those who listen everywhere,
 MEMORY_MIB = 1024  # that the server may hold at least; beyond its limit the oldest is forgotten
 
 
-def serve(rrd: Path, host: str, port: int, tell: Callable[[str], None]) -> None:
+def serve(rrd: Path, host: str, port: int, on_ready: Callable[[str], None]) -> None:
     """Serve a file until Ctrl-C or SIGTERM, which end the servers in order.
 
     Args:
         rrd: the file.
         host: address to listen at: ``127.0.0.1`` for this machine alone, ``0.0.0.0`` for the whole network.
         port: of the page; the data come from the port after it.
-        tell: called with the page's address once it can be opened.
+        on_ready: called with the page's address once it can be opened.
 
     Raises:
         InputError: if a port is taken, or there is no such address.
@@ -142,7 +142,7 @@ def serve(rrd: Path, host: str, port: int, tell: Callable[[str], None]) -> None:
     with _servers(rrd, host, port) as process:
         try:
             _wait_for(process, host, (port, port + 1))
-            tell(address(host, port))
+            on_ready(address(host, port))
             process.wait()
         except KeyboardInterrupt:
             return
@@ -180,7 +180,7 @@ def grpc_server(host: str, port: int) -> Iterator[str]:
         rerun_command(), "--serve-grpc", "--bind", host, "--port", str(port), "--server-memory-limit",
         f"{MEMORY_MIB}MiB",
     ]  # fmt: skip
-    process = _started(command)
+    process = _start_program(command)
     try:
         _wait_for(process, host, (port,))
         local = LOCAL.get(host, host)
@@ -198,7 +198,7 @@ def _servers(rrd: Path, host: str, port: int) -> Iterator[subprocess.Popen[bytes
         str(port + 1), "--server-memory-limit", f"{memory}MiB", "--cors-allow-origin", f"http://*:{port}",
     ]  # fmt: skip
     before = signal.signal(signal.SIGTERM, _interrupt)
-    process = _started(command)
+    process = _start_program(command)
     try:
         yield process
     finally:
@@ -206,7 +206,7 @@ def _servers(rrd: Path, host: str, port: int) -> Iterator[subprocess.Popen[bytes
         signal.signal(signal.SIGTERM, before)
 
 
-def _started(command: Sequence[str]) -> subprocess.Popen[bytes]:
+def _start_program(command: Sequence[str]) -> subprocess.Popen[bytes]:
     """A program in a process group of its own, in silence."""
     nowhere = subprocess.DEVNULL
     return subprocess.Popen(

@@ -14,7 +14,8 @@ from vip_factors.errors import InputError
 from vip_factors.io.live.messages import delimited
 from vip_factors.io.live.open import VARIABLE, live_messages, open_source, read_token, write_messages
 from vip_factors.io.live.session import Pace
-from vip_factors.io.live.source import MOST_FINDINGS, LiveQueue, LiveSourceSettings
+from vip_factors.io.live.settings import LiveSourceSettings
+from vip_factors.io.live.source import MOST_FINDINGS, LiveQueue
 from vip_factors.io.live.streams import TcpServerSource
 from vip_factors.sensors.live import LiveFinding, VideoFrame
 

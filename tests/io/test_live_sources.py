@@ -13,7 +13,7 @@ from live_streams import QUICK, Background, assert_arrived, received, short_walk
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live.messages import delimited
 from vip_factors.io.live.open import RecordingSource, live_messages, open_source, write_messages
-from vip_factors.io.live.source import LiveSourceSettings
+from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.io.live.streams import StandardInputSource
 from vip_factors.io.mcap_recording import read_scene, write_scene
 from vip_factors.sensors.live import LiveFinding

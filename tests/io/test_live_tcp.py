@@ -14,7 +14,7 @@ from live_streams import PATIENT, QUICK, Background, assert_arrived, received, s
 from vip_factors.errors import InputError
 from vip_factors.io.live.messages import delimited, header_message
 from vip_factors.io.live.open import live_messages, open_source, write_messages
-from vip_factors.io.live.source import LiveSourceSettings
+from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.io.live.streams import TcpServerSource
 from vip_factors.sensors.live import stream_head
 from vip_factors.sensors.scene import Scene

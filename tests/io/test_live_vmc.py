@@ -21,7 +21,7 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.live.source import VmcPose
+from vip_factors.io.live.settings import VmcPose
 from vip_factors.io.live_vmc import DATAGRAM, UNITY_BONES, LiveVmcSink, check_vmc
 from vip_factors.live_estimate import LivePose
 from vip_factors.sensors.live import stream_head

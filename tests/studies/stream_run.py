@@ -12,7 +12,8 @@ from vip_factors.body.skeleton import Skeleton
 from vip_factors.evaluate.metrics import POSITION_JOINTS, indices, resample
 from vip_factors.geometry.poses import align_rigid, align_yaw
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.live.source import LiveQueue, LiveSourceSettings
+from vip_factors.io.live.settings import LiveSourceSettings
+from vip_factors.io.live.source import LiveQueue
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose

@@ -15,7 +15,7 @@ from vip_factors.cli.options import RERUN_FILE, Flag, Input, Output, parse_with_
 from vip_factors.cli.settings_file import named_tree
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError, VipFactorsError
-from vip_factors.io.live.source import LiveSourceSettings, VmcPose
+from vip_factors.io.live.settings import LiveSourceSettings, VmcPose
 from vip_factors.ranges import Port
 from vip_factors.viz.viewer import check_display
 

@@ -93,7 +93,8 @@ def interpolate_points(time: ArrayLike, points: ArrayLike, query: ArrayLike) -> 
 
     Queries outside the range take the nearest end.
     """
-    return np.stack([np.interp(query, time, column) for column in np.asarray(points, float).T], axis=1)
+    time, points, query = np.asarray(time, float), np.asarray(points, float), np.asarray(query, float)
+    return np.stack([np.interp(query, time, column) for column in points.T], axis=1)
 
 
 def interpolate_smoothly(time: ArrayLike, R: ArrayLike, query: ArrayLike) -> Array:

@@ -15,7 +15,7 @@ from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.live.source import VmcPose
+from vip_factors.io.live.settings import VmcPose
 from vip_factors.live_estimate import LiveEstimate, LivePose
 from vip_factors.sensors.scene import Scene
 

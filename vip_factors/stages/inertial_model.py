@@ -1,6 +1,7 @@
 """One wearer's least-squares problem from a recording, and the forms that it takes from stage to stage."""
 
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -78,8 +79,9 @@ def frame_by_frame(model: WearerProblem) -> WearerProblem:
 
 def with_fixed_calibration(model: WearerProblem) -> WearerProblem:
     """The model with what all frames share kept as it is."""
-    kept = [one.name for one in fields(model) if one.name.startswith("free_") and one.name != "free_body"]
-    return replace(model, **dict.fromkeys(kept, False))
+    free = [one.name for one in fields(model) if one.name.startswith("free_") and one.name != "free_body"]
+    fixed: dict[str, Any] = dict.fromkeys(free, False)
+    return replace(model, **fixed)
 
 
 def with_heading_knots(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:

@@ -170,7 +170,7 @@ def _estimate(folder: Path, name: str) -> None:
 def _stream(folder: Path, token: str = "") -> None:
     """As a pipe does; what ends the stream is told, and nothing is raised."""
     from vip_factors.io.live.session import Client, Session
-    from vip_factors.io.live.source import LiveSourceSettings
+    from vip_factors.io.live.settings import LiveSourceSettings
     from vip_factors.io.live.streams import listen
 
     data = (folder / "a.messages").read_bytes()
@@ -199,7 +199,7 @@ def _websocket(folder: Path) -> None:
 def _growing(folder: Path) -> None:
     """As a file that another program writes."""
     from vip_factors.io.live.growing import GrowingFileSource
-    from vip_factors.io.live.source import LiveSourceSettings
+    from vip_factors.io.live.settings import LiveSourceSettings
 
     quick = LiveSourceSettings(header_wait=0.001, growth_wait=0.001)
     with GrowingFileSource(folder / "scene.mcap", quick, lambda finding: None) as source:

@@ -10,7 +10,8 @@ from vip_factors.io.codec import time_ns_of
 from vip_factors.io.live.growing_file import CAMERA, Channels, GrowingFile, OnFinding, Route, open_when_it_comes
 from vip_factors.io.live.messages import camera_of, head_of, imu_sample_of, video_frame_of, wearer_of
 from vip_factors.io.live.session import Throttle
-from vip_factors.io.live.source import DEFAULT, LiveSource, LiveSourceSettings
+from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
+from vip_factors.io.live.source import LiveSource
 from vip_factors.io.mcap_camera import path_of
 from vip_factors.io.mcap_messages import naming
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo

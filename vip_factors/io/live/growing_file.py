@@ -10,7 +10,7 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.live.source import LiveSourceSettings
+from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.io.mcap_messages import PROTOBUF
 from vip_factors.io.mcap_recording import IMU, INFO, PLACEMENT, SCENE_INFO, SUBJECT, WEARER
 from vip_factors.io.mcap_records import (

@@ -10,7 +10,8 @@ from urllib.parse import urlsplit
 
 from vip_factors.errors import InputError
 from vip_factors.io.live.messages import delimited, header_message, sample_message
-from vip_factors.io.live.source import DEFAULT, LiveSource, LiveSourceSettings
+from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
+from vip_factors.io.live.source import LiveSource
 from vip_factors.io.live.streams import StandardInputSource, TcpSenderSource, TcpServerSource
 from vip_factors.io.live.websocket import WebSocketSource
 from vip_factors.sensors.live import LiveFinding, VideoFrame, live_samples, stream_head

@@ -14,7 +14,8 @@ from threading import Event
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live.messages import Deframer
 from vip_factors.io.live.session import Client, ClientError, Pace, Session
-from vip_factors.io.live.source import DEFAULT, POLL, LiveSource, LiveSourceSettings
+from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
+from vip_factors.io.live.source import POLL, LiveSource
 from vip_factors.sensors.live import LiveFinding
 
 PIECE = 64 * 1024  # bytes at a time: what a pipe holds

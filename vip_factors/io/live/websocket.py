@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live.session import Client, ClientError, Pace, Session
-from vip_factors.io.live.source import DEFAULT, POLL, LiveSource, LiveSourceSettings
+from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
+from vip_factors.io.live.source import POLL, LiveSource
 from vip_factors.io.live.streams import listening, listens
 from vip_factors.sensors.live import LiveFinding
 

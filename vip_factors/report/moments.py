@@ -152,7 +152,7 @@ def jpeg(image: np.ndarray) -> str:
     return f"data:image/jpeg;base64,{base64.b64encode(jpeg_bytes(image)).decode()}"
 
 
-POSES, SIZE = 6, (180, 260)  # a row, pixels of a pose
+POSES, STRIP_SIZE = 6, (180, 260)  # a row, pixels of a pose
 
 
 def strip(material: Material) -> np.ndarray:
@@ -161,5 +161,5 @@ def strip(material: Material) -> np.ndarray:
     for wearer in material.wearers:
         motion = wearer.estimate.motion
         frames = np.round(np.linspace(0.04, 0.96, POSES) * (len(motion) - 1)).astype(int)
-        rows.append(np.concatenate([pose_picture(motion, int(frame), SIZE) for frame in frames], axis=1))
+        rows.append(np.concatenate([pose_picture(motion, int(frame), STRIP_SIZE) for frame in frames], axis=1))
     return np.concatenate(rows, axis=0)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -51,7 +52,9 @@ def euler_degrees(R: Array, order: str) -> Array:
     """Angles of ``R = R_first(a) R_second(b) R_third(c)``, degrees, in the order of the names."""
     from scipy.spatial.transform import Rotation
 
-    return Rotation.from_matrix(R).as_euler(order.upper(), degrees=True)
+    axes: Any = order.upper()  # which of the six orders, the types cannot say
+    angles: Array = Rotation.from_matrix(R).as_euler(axes, degrees=True)
+    return angles
 
 
 def write_bvh(

@@ -71,7 +71,7 @@ def write(path: Path, R: np.ndarray, version: int = 4, points: bool = True) -> t
     zero = np.stack([rotation_x(np.pi / 2 if "Arm" in name and version == 3 else 0.0) for name in names])
     segments, joints = "", ""
     for row, (name, (parent, _)) in enumerate(SEGMENTS.items()):
-        own = [(f"j{name}", (0, 0, 0))] if parent else []
+        own: list[tuple[str, tuple[float, ...]]] = [(f"j{name}", (0, 0, 0))] if parent else []
         own += [(f"j{child}", offset) for child, (above, offset) in SEGMENTS.items() if above == name]
         own += [TIPS[name]] if name in TIPS else []
         tags = "".join(f'<point label="{p}"><{tag}>{numbers(np.array(x))}</{tag}></point>' for p, x in own)

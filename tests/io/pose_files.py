@@ -18,7 +18,7 @@ _LEFT = {
 
 def figure(keypoints: KeypointSet, x: float = 300, y: float = 100, height: float = 250) -> np.ndarray:
     """Pixels ``(K, 2)`` of a standing person."""
-    places = dict(_MIDDLE)
+    places: dict[str, tuple[float, float]] = dict(_MIDDLE)
     for name, (dx, dy) in _LEFT.items():
         places |= {f"left_{name}": (dx, dy), f"right_{name}": (-dx, dy)}
     return np.array([places[name] for name in keypoints.keypoints]) * height + [x, y]

@@ -12,7 +12,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.evaluate.evaluation import SceneEvaluation
 from vip_factors.io.convert import ImportOptions
-from vip_factors.io.export.files import ExportSettings
+from vip_factors.io.export.settings import ExportSettings
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings

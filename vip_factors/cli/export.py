@@ -9,7 +9,7 @@ import tyro
 
 from vip_factors.cli.options import Flag, parse
 from vip_factors.errors import InputError
-from vip_factors.io.export.files import ExportSettings
+from vip_factors.io.export.settings import ExportSettings
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array, angle_between, rotation_x
 from vip_factors.io.export.animation import GltfBuffer
-from vip_factors.io.export.files import BoneNames, BvhSettings, ExportSettings, LengthUnit, UpAxis, bone_names, export
+from vip_factors.io.export.files import bone_names, export
+from vip_factors.io.export.settings import BoneNames, BvhSettings, ExportSettings, LengthUnit, UpAxis
 from vip_factors.io.motions.bvh import read_bvh, read_bvh_clip
 
 bvhio = pytest.importorskip("bvhio", reason="its PyGLM has no wheel for every Python")

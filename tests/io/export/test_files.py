@@ -10,7 +10,8 @@ from animated import any_pose, filmed
 from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance
 from vip_factors.geometry.rotations import angle_between
-from vip_factors.io.export.files import ExportSettings, export, resampled
+from vip_factors.io.export.files import export, resampled
+from vip_factors.io.export.settings import ExportSettings
 
 
 def _camera(estimate: Estimate) -> CameraEstimate:

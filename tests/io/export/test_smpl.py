@@ -13,7 +13,8 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.export.files import ExportSettings, export
+from vip_factors.io.export.files import export
+from vip_factors.io.export.settings import ExportSettings
 from vip_factors.io.mcap_recording import write_scene
 from vip_factors.io.motions.amass import BODY_JOINTS, read_amass
 from vip_factors.sensors.camera_model import CameraModel

@@ -73,7 +73,7 @@ def _motions() -> Files:
     """The truth as a motion of other programs."""
     from vip_factors.estimate import Estimate, WearerEstimate
     from vip_factors.io.export.animation import write_bvh
-    from vip_factors.io.export.files import ExportSettings
+    from vip_factors.io.export.settings import ExportSettings
     from vip_factors.io.export.smpl import write_amass
 
     estimate = Estimate("a", "IT", (WearerEstimate("a", "IT", true_motion(), {}),))

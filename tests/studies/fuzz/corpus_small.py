@@ -74,7 +74,7 @@ def small_cases() -> list[Case]:
 
 def _motions() -> list[Case]:
     from vip_factors.io.export.animation import write_bvh
-    from vip_factors.io.export.files import ExportSettings
+    from vip_factors.io.export.settings import ExportSettings
     from vip_factors.io.export.smpl import write_amass
     from vip_factors.io.motions import read_motion
 

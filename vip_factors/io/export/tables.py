@@ -31,7 +31,7 @@ from vip_factors.geometry.rotations import (
     sequence_of_rotation,
     transpose,
 )
-from vip_factors.io.export.files import ExportSettings
+from vip_factors.io.export.settings import ExportSettings
 
 TABLES = ("positions", "angles")
 

@@ -5,7 +5,7 @@ import pytest
 from tracked import placed_camera
 
 from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.live.prediction import places_in
+from vip_factors.live.prediction import locate_wearers
 from vip_factors.sensors.live import VideoFrame, stream_head
 from vip_factors.stages.views import points_on_body
 
@@ -29,7 +29,7 @@ def test_the_root_is_where_the_keypoints_say(strangers: int) -> None:
     elsewhere = forward_kinematics(
         motion.skeleton, motion.R_parent_child, motion.p_world_pelvis + np.array([2.0, -3.0, 1.0])
     )
-    found = places_in(camera, pose, [elsewhere], [motion.skeleton], video)
+    found = locate_wearers(camera, pose, [elsewhere], [motion.skeleton], video)
     assert found[0] is not None
     np.testing.assert_allclose(found[0], motion.p_world_pelvis[0], atol=1e-6)
 
@@ -45,4 +45,4 @@ def test_a_wearer_who_is_not_there_is_not_placed() -> None:
     pixels = np.random.default_rng(1).uniform(100, 500, (2, len(camera.keypoints), 2))
     video = VideoFrame(camera.name, 1.0, pixels, np.ones(pixels.shape[:2]))
     pose = path.R_world_camera[0], path.p_world_camera[0]
-    assert places_in(camera, pose, [body], [motion.skeleton], video) == [None]
+    assert locate_wearers(camera, pose, [body], [motion.skeleton], video) == [None]

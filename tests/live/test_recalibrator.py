@@ -14,23 +14,23 @@ from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch
 from vip_factors.live.problem import FrameState
 from vip_factors.live.recalibrator import Recalibrator
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.start import Known
+from vip_factors.live.start import EarlierCalibration
 from vip_factors.sensors.live import sensor_columns, stream_head
 
 SETTINGS = LiveSettings()
 RATE = 60
 NEWEST = FrameState(np.zeros((1, 24, 3, 3)), np.zeros((1, 3)), np.eye(3), np.zeros(3))
 SENSORS = len(sensor_columns(stream_head(filmed())))
-KNOWN = Known({}, np.zeros((1, 3)))
+KNOWN = EarlierCalibration({}, np.zeros((1, 3)))
 
 
 class Asked:
     """Stands for the process: keeps what it is asked, and finds nothing."""
 
-    asked: list[tuple[MeasuredStretch, Known | None]]
+    asked: list[tuple[MeasuredStretch, EarlierCalibration | None]]
 
-    def submit(self, stretch: MeasuredStretch, settings: Any, known: Known | None) -> "Future[Any]":
-        self.asked.append((stretch, known))
+    def submit(self, stretch: MeasuredStretch, settings: Any, earlier: EarlierCalibration | None) -> "Future[Any]":
+        self.asked.append((stretch, earlier))
         answer: Future[Any] = Future()
         answer.set_exception(SolveError("nothing"))
         return answer
@@ -39,7 +39,7 @@ class Asked:
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[MeasuredStretch, Known | None]]:
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[MeasuredStretch, EarlierCalibration | None]]:
     monkeypatch.setattr(recalibrator, "RecalibrationProcess", Asked)
     Asked.asked = []
     return Asked.asked
@@ -75,7 +75,7 @@ def test_after_a_pause_it_begins_with_what_is_known(asked: list[Any]) -> None:
     feed(one, 4 * RATE, 3 * RATE)
     assert [len(stretch.measurements) / RATE for stretch, _ in asked] == [2.5, 2.5]
     assert asked[-1][0].first == 4 * RATE
-    assert [known for _, known in asked] == [None, KNOWN]
+    assert [earlier for _, earlier in asked] == [None, KNOWN]
 
 
 def test_what_is_known_from_before_a_pause_grows_old(asked: list[Any]) -> None:
@@ -83,7 +83,7 @@ def test_what_is_known_from_before_a_pause_grows_old(asked: list[Any]) -> None:
     feed(one, 0, 4 * RATE)
     one.restart(KNOWN)
     feed(one, 4 * RATE, 81 * RATE)
-    assert [known for _, known in asked[1:]] == [KNOWN] * 5 + [None]
+    assert [earlier for _, earlier in asked[1:]] == [KNOWN] * 5 + [None]
 
 
 def test_a_sensor_that_has_moved_is_used_from_then_on(asked: list[Any]) -> None:

@@ -24,7 +24,7 @@ def slips(truth: Array, first_deg: float = 5.0, begin: int = 0) -> list[tuple[fl
         sensor = test.slipped(EVERY * index, value, covariance)
         if sensor is not None:
             found.append((EVERY * index / RATE, sensor))
-            test.forget([sensor], EVERY * index)
+            test.restart([sensor], EVERY * index)
             loosened = COLUMNS[sensor]
             covariance[loosened, loosened] += np.deg2rad(40.0) ** 2
     return found

@@ -140,7 +140,7 @@ class Session:
                 self._tracker.note_loss()
                 if item.again:
                     return
-            self.tell(item.sentence)
+            self.report(item.sentence)
             self._pending.append(item.sentence)
             return
         if isinstance(item, VideoFrame):
@@ -152,7 +152,7 @@ class Session:
         """What the tracker has left."""
         self._give(self._tracker.finish())
 
-    def tell(self, sentence: str) -> None:
+    def report(self, sentence: str) -> None:
         """A finding, for the user."""
         self.findings += 1
         self._line.note(f"note: {sentence}")
@@ -160,7 +160,7 @@ class Session:
     def _give(self, estimates: list[LiveEstimate]) -> None:
         for estimate in estimates:
             for sentence in estimate.findings:
-                self.tell(sentence)
+                self.report(sentence)
             if self._pending:
                 estimate = replace(estimate, findings=(*self._pending, *estimate.findings))
                 self._pending = []
@@ -173,7 +173,7 @@ class Session:
             self._looked = now
             for viewer in self._viewers:
                 for sentence in viewer.findings():
-                    self.tell(sentence)
+                    self.report(sentence)
             if self._line.shown:
                 self._line.show(status(estimates[-1], np.array(self._recent)))
 

@@ -11,7 +11,7 @@ from vip_factors.live.finding_log import FindingLog, counted
 from vip_factors.live.measurement import FrameMeasurement, PlacedVideoFrame
 from vip_factors.live.sensor_samples import SensorBuffer, checked_imu, checked_video
 from vip_factors.live.settings import AssemblySettings
-from vip_factors.live.source_clocks import Admitted, Attendance, StreamClocks
+from vip_factors.live.source_clocks import Admitted, SensorPresence, StreamClocks
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
 from vip_factors.sensors.scene import Camera
 
@@ -102,7 +102,7 @@ class FrameAssembler:
         self._cameras = {one.name: (len(columns) + number, one) for number, one in enumerate(cameras)}
         self._log = FindingLog(self._settings.repeat_after)
         self._clocks = StreamClocks(len(columns), len(cameras), self._settings)
-        self._attendance = Attendance(self._labels, self._settings, self._log)
+        self._presence = SensorPresence(self._labels, self._settings, self._log)
         self._buffer = SensorBuffer(len(columns))
         self._videos = VideoQueue()
         self._unknown: set[str] = set()
@@ -130,7 +130,7 @@ class FrameAssembler:
     def note_loss(self) -> None:
         """Samples were sent, but dropped on their way here: no sensor is to blame for a gap that begins soon."""
         self._lost_at = self._clocks.present
-        self._attendance.note_loss(self._lost_at)
+        self._presence.note_loss(self._lost_at)
 
     def flush(self) -> list[FrameMeasurement]:
         """The end of the stream: the frames up to its newest sample, without waiting for anybody."""
@@ -155,16 +155,16 @@ class FrameAssembler:
             self._refuse("unusable", column, self._labels[column], "sample", f"skipped: {checked}")
             return []
         past = self._clocks.present
-        admitted = self._clocks.admit(column, checked.time, self._attendance.awaited)
+        admitted = self._clocks.admit(column, checked.time, self._presence.awaited)
         self._remark_on_clock(column, self._labels[column], admitted)
         if admitted.time is None:
             return []
         frames = self._after_silence(past, admitted.time)
         if admitted.time <= self._too_late:
             self._refuse("late", column, self._labels[column], "sample", "came too late")
-            self._attendance.note_late(column, admitted.time, self._clocks.present)
+            self._presence.note_late(column, admitted.time, self._clocks.present)
         elif self._buffer.insert(column, admitted.time, checked.R_inertial_sensor, checked.specific_force_inertial):
-            self._attendance.note(column, admitted.time, self._clocks.present, self._start is not None)
+            self._presence.note(column, admitted.time, self._clocks.present, self._start is not None)
         else:
             self.counts["duplicate"] += 1
         return frames + self._frames_due()
@@ -179,7 +179,7 @@ class FrameAssembler:
         if isinstance(checked, str):
             self._refuse("unusable", source, label, "video frame", f"skipped: {checked}")
             return
-        admitted = self._clocks.admit(source, checked.time, self._attendance.awaited)
+        admitted = self._clocks.admit(source, checked.time, self._presence.awaited)
         self._remark_on_clock(source, label, admitted)
         if admitted.time is None:
             return
@@ -201,7 +201,7 @@ class FrameAssembler:
             self._first_sample = min(self._first_sample, now)
         if not math.isfinite(past) or now - past <= self._settings.patience:
             return []
-        self._attendance.resume(now)
+        self._presence.resume(now)
         if now - past >= self._settings.dead_after:
             begun = "tracking starts again" if now - past > self._settings.longest_pause else "going on"
             lost = past - self._lost_at <= self._settings.repeat_after
@@ -226,14 +226,14 @@ class FrameAssembler:
     def _frames_due(self) -> list[FrameMeasurement]:
         """Make every frame that need not wait any longer."""
         present = self._clocks.present
-        self._attendance.watch(present)
+        self._presence.find_silent(present)
         if self._start is None:
             if present - self._first_sample < self._settings.settle:
                 return []
             self._begin()
         if present < self._time(self._point) - ROUNDING:
             return []
-        return self._frames_until(self._attendance.known_until())
+        return self._frames_until(self._presence.complete_until())
 
     def _frames_until(self, time: float) -> list[FrameMeasurement]:
         frames = []
@@ -247,7 +247,7 @@ class FrameAssembler:
         if math.isfinite(video):
             start = video + math.ceil((start - video) * self._rate - 1e-6) / self._rate
         self._start = start
-        self._attendance.call(self._clocks.present)
+        self._presence.report_missing(self._clocks.present)
 
     def _make_frame(self) -> FrameMeasurement:
         point, step = self._point, 1 / self._rate

@@ -180,12 +180,12 @@ class OnlineAssociation:
         if not late:
             self._time = frame.time
             self._begin(frame.time)
-            self._fitter.hear(people)
+            self._fitter.count_keypoints(people)
         odds = self._odds([(frame, bodies, camera, root_sigma)], people).frame(0)
         if late:
             return _assign(np.where(odds.usable, odds.both - self.settings.accept, -NEVER))
         row = self._tracks.link(frame.time, people.rays[0], people.weight[0])
-        self._tracks.hear(row, odds.appearance, elapsed)
+        self._tracks.accumulate(row, odds.appearance, elapsed)
         number = self._tracks.number[row]
         self._keep(frame.time, people, number)
         memory = self._tracks.evidence[..., row]
@@ -227,7 +227,7 @@ class OnlineAssociation:
             return
         self._time = frame.time
         people = people_of(frame.pixels, frame.confidence, self.model)
-        self._fitter.hear(people)
+        self._fitter.count_keypoints(people)
         row = self._tracks.link(frame.time, people.rays[0], people.weight[0])
         number = self._tracks.number[row]
         self._keep(frame.time, people, number)

@@ -101,12 +101,12 @@ class BodyFitter:
         self.offset = np.array(offsets, dtype=float)
         self.precision = 1 / keypoint_sigma(keypoints) ** 2
         self.major = major_joints(self.names)
-        self.found = np.zeros(len(self.names))  # how often each keypoint was
+        self.sightings = np.zeros(len(self.names))  # how often each keypoint was
         self.depth_share, self.side_m = depth_share, side_m
 
-    def hear(self, people: People) -> None:
+    def count_keypoints(self, people: People) -> None:
         """Take in which keypoints the detector gives, of one more video frame."""
-        self.found += np.sum(people.weight > 0, axis=(0, 1))
+        self.sightings += np.sum(people.weight > 0, axis=(0, 1))
 
     def points(self, bodies: Sequence[Sequence[BodyState]], R_world_camera: Array, p_world_camera: Array) -> Array:
         """Keypoints ``(F, W, K, 3)`` in the camera's axes, metres.
@@ -135,7 +135,7 @@ class BodyFitter:
             covariance: ``(F, W, 3, 3)`` m², camera axes, of where the wearer is before the camera.
         """
         w = people.weight[:, None] * self.known[:, None]  # (F, W, N, K)
-        each = counts_for(self.names, self.found)
+        each = counts_for(self.names, self.sightings)
         place = self.middle(points)
         local = (points - place[..., None, :])[:, :, None]  # (F, W, 1, K, 3)
         place[..., 2] = np.maximum(place[..., 2], NEAREST_M)
@@ -278,7 +278,7 @@ class PersonTracks:
         self.number, self.time, self.evidence = self.number[which], self.time[which], self.evidence[..., which]
         self.rays, self.weight = self.rays[which], self.weight[which]
 
-    def hear(self, row: np.ndarray, log_odds: Array, elapsed: float) -> None:
+    def accumulate(self, row: np.ndarray, log_odds: Array, elapsed: float) -> None:
         """Take in what one more frame says of tracks ``row``, ``(W, N)``, after ``elapsed`` seconds."""
         share = 1 - np.exp(-max(elapsed, 0.0) / self.memory_s)
         self.evidence[..., row] += share * (log_odds - self.evidence[..., row])

@@ -64,14 +64,14 @@ NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer
 class FrameBelief:
     """What is believed of one frame: each wearer's body, the camera's pose, covariances of the roots.
 
-    ``standing`` ``(G,)`` of each wearer is how surely each of the feet stands whose contact with the ground is used;
-    None where none is.
+    ``foot_contacts`` ``(G,)`` of each wearer is how surely each foot stands whose contact with the ground is
+    used; None where none is.
     """
 
     bodies: Sequence[BodyState]
     camera: CameraPose
     root_covariance: Sequence[Array]
-    standing: Sequence[Array | None]
+    foot_contacts: Sequence[Array | None]
 
 
 @dataclass
@@ -173,10 +173,12 @@ class CameraObserver:
             points, pixels[None], sigma[None], oks_px[None], seen[None], np.zeros_like(pixels)[None], confidence[None],
             names=tuple(self.camera.keypoints.keypoints[k] for k in used),
         )  # fmt: skip
-        standing = belief.standing[wearer]
-        if standing is None:
+        foot_contacts = belief.foot_contacts[wearer]
+        if foot_contacts is None:
             return view
         feet, columns = self._feet[wearer]
         pose = CameraPoses(R[None], p[None])
-        ground = ground_view(view, feet, columns, standing[None], body, self._soles[wearer], pose, lens, self._ground)
+        ground = ground_view(
+            view, feet, columns, foot_contacts[None], body, self._soles[wearer], pose, lens, self._ground
+        )
         return replace(view, ground=ground)

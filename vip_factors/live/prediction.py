@@ -17,7 +17,7 @@ from vip_factors.initialise.pose import contact_points
 from vip_factors.live.measurement import PlacedVideoFrame
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem
 from vip_factors.live.smoother import LagSmoother
-from vip_factors.live.start import Started
+from vip_factors.live.start import TrackingStart
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Camera
@@ -57,7 +57,7 @@ def predicted(
                 state,
                 turned,
                 number,
-                problem.filmed,
+                problem.has_views,
             )
     return _with_camera(problem, turned, older, state, last, frame, shared) if problem.moving else turned
 
@@ -89,7 +89,7 @@ def _pushed(problem: LagProblem, number: int, last: LagFrame, shared: SceneState
 
 
 def _on_standing_foot(
-    skeleton: Skeleton, sole: float, before: FrameState, now: FrameState, wearer: int, filmed: bool
+    skeleton: Skeleton, sole: float, before: FrameState, now: FrameState, wearer: int, has_views: bool
 ) -> Array:
     """The root ``(3,)`` with which the foot that was the lowest stays where it was; without a camera, on the floor.
 
@@ -100,7 +100,7 @@ def _on_standing_foot(
     points = np.stack([body.point(bone, p) for bone, p in contact_points(skeleton, sole)], axis=1)
     lowest = np.argmin(points[0, :, 2])
     p = before.p_world_pelvis[wearer] + points[0, lowest] - points[1, lowest]
-    if not filmed:
+    if not has_views:
         p[2] = -points[1, :, 2].min()
     return np.asarray(p)
 
@@ -167,7 +167,7 @@ FITS = 0.10
 NEAREST_M = 0.5  # depth at least
 
 
-def places_in(
+def locate_wearers(
     camera: Camera, pose: tuple[Array, Array], bodies: Sequence[BodyState], skeletons: Sequence[Skeleton],
     video: VideoFrame,
 ) -> list[Array | None]:  # fmt: skip
@@ -222,16 +222,16 @@ WRONG_DEG = 25.0  # of a bone against the others: more than a start is usually o
 
 
 def continued(
-    found: Started, at_find: FrameState, before: LagSmoother, cameras: Sequence[Camera],
+    start: TrackingStart, at_find: FrameState, before: LagSmoother, cameras: Sequence[Camera],
     video: Sequence[PlacedVideoFrame],
-) -> Started | None:  # fmt: skip
-    """Where tracking goes on: the frames that ``before`` holds, not yet looked at, in the world that was ``found``.
+) -> TrackingStart | None:  # fmt: skip
+    """Where tracking goes on: the frames that ``before`` holds, not yet looked at, in the world that ``start`` is in.
 
     Bones are turned from the last found frame as their sensors were. Wearers are where the video of these frames shows
     them; without cameras they, and a camera that moves, went from there as they had been tracked.
 
     Args:
-        found: from frames up to some time ago.
+        start: from a calibration found in frames up to some time ago.
         at_find: the last of those frames as it was tracked.
         before: the smoother that has tracked since.
         cameras: all.
@@ -240,8 +240,8 @@ def continued(
     Returns:
         None if the video shows no wearer, though a camera was found to.
     """
-    last, state = found.frames[-1], found.states[-1]
-    problem, shared = found.problem, found.shared
+    last, state = start.frames[-1], start.states[-1]
+    problem, shared = start.problem, start.shared
     yaw = yaw_of(state.R_parent_child[:, 0] @ transpose(at_find.R_parent_child[:, 0]))  # of each wearer
     frames, states = [], []
     for number in before.numbers:
@@ -251,24 +251,24 @@ def continued(
         R = turned_to(problem, last, state, frame, shared)
         gone = (rotation_z(yaw) @ (tracked.p_world_pelvis - at_find.p_world_pelvis)[..., None])[..., 0]
         states.append(FrameState(R, state.p_world_pelvis + gone, *_camera(float(yaw[0]), state, at_find, tracked)))
-    if found.filmed:
-        camera = next(one for one in cameras if one.name == found.associated[0].camera.name)
+    if start.has_views:
+        camera = next(one for one in cameras if one.name == start.associated[0].camera.name)
         own = [one for one in video if one.video.camera == camera.name and one.frame in before.numbers]
-        placed = _placed(found, states, before.numbers[0], camera, own)
+        placed = _placed(start, states, before.numbers[0], camera, own)
         if placed is None:
             return None
         states = placed
     problem.begin_at(states[0].p_world_pelvis)
-    return replace(found, frames=frames, states=states)
+    return replace(start, frames=frames, states=states)
 
 
 def _placed(
-    found: Started, states: Sequence[FrameState], first: int, camera: Camera,
+    start: TrackingStart, states: Sequence[FrameState], first: int, camera: Camera,
     video: Sequence[PlacedVideoFrame],
 ) -> list[FrameState] | None:  # fmt: skip
     """The frames from ``first`` on with the wearers where the camera saw them; None if it did not see any."""
-    skeletons = [wearer.skeleton for wearer in found.problem.wearers]
-    standing = found.shared.camera.poses
+    skeletons = [wearer.skeleton for wearer in start.problem.wearers]
+    standing = start.shared.camera.poses
     seen: list[list[tuple[int, Array]]] = [[] for _ in skeletons]
     for one in video:
         state = states[one.frame - first]
@@ -279,7 +279,7 @@ def _placed(
             forward_kinematics(skeleton, state.R_parent_child[w : w + 1], state.p_world_pelvis[w : w + 1])
             for w, skeleton in enumerate(skeletons)
         ]
-        for places, p in zip(seen, places_in(camera, pose, bodies, skeletons, one.video), strict=True):
+        for places, p in zip(seen, locate_wearers(camera, pose, bodies, skeletons, one.video), strict=True):
             if p is not None:
                 places.append((one.frame - first, p))
     if not any(seen):

@@ -138,7 +138,7 @@ class LagProblem:
 
     def begin_at(self, p_world_pelvis: Array) -> None:
         """Take the wearers to be at ``(W, 3)`` metres in the first frame, where no standing camera tells."""
-        gauge = self.moving or not self.filmed
+        gauge = self.moving or not self.has_views
         self.wearers = tuple(
             replace(wearer, p_world_start=p, is_gauge=wearer.is_gauge and gauge)
             for wearer, p in zip(self.wearers, p_world_pelvis, strict=True)
@@ -181,7 +181,7 @@ class LagProblem:
         return SceneProblem(tuple(wearers), camera, views[0], further)
 
     @property
-    def filmed(self) -> bool:
+    def has_views(self) -> bool:
         """Whether there is a camera that sees anybody."""
         return any(len(points) for camera in self._points for points in camera)
 

@@ -15,7 +15,13 @@ from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.measurement import MeasuredStretch
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.start import Known, Started, solve_coarsely, started, unsettled
+from vip_factors.live.start import (
+    EarlierCalibration,
+    TrackingStart,
+    solve_stretch,
+    tracking_start,
+    unsettled_starts,
+)
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
@@ -25,13 +31,15 @@ from vip_factors.stages.fusion import FusionSolution
 NO_PRIOR = np.pi  # radians, of headings and mountings: what is known of them, the information says
 
 
-def recalibrate(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None = None) -> Started:
+def recalibrate(
+    stretch: MeasuredStretch, settings: LiveSettings, earlier: EarlierCalibration | None = None
+) -> TrackingStart:
     """The last frames of a stretch, with all that the whole of it teaches of what frames share.
 
     Args:
         stretch: all that is to be learnt from.
         settings: of all.
-        known: from before a pause.
+        earlier: from before a pause.
 
     Raises:
         RecordingError: if the sensors say too little.
@@ -40,12 +48,12 @@ def recalibrate(stretch: MeasuredStretch, settings: LiveSettings, known: Known |
     own = settings.recalibration
     batch = replace(settings, calibration=own.calibration)
     with threadpool_limits(limits=1, user_api="blas"):
-        coarse, end = solve_coarsely(stretch, batch, known), stretch.tail(own.frames)
+        coarse, end = solve_stretch(stretch, batch, earlier), stretch.tail(own.frames)
         model, state, spreads = coarse.at_full_rate(end, batch)
         wearers = tuple(_freed(*each, settings) for each in zip(model.wearers, state.wearers, strict=True))
-        found = started(end, coarse, replace(model, wearers=wearers), state, spreads, settings)
+        found = tracking_start(end, coarse, replace(model, wearers=wearers), state, spreads, settings)
         information = information_of(coarse.fused, found.problem.layout, own.inflation)
-        return replace(found, information=information, findings=sentences(unsettled(coarse)))
+        return replace(found, information=information, findings=sentences(unsettled_starts(coarse)))
 
 
 def information_of(fused: FusionSolution, layout: Layout, inflation: float) -> Array:

@@ -22,7 +22,7 @@ from vip_factors.errors import SolveError, VipFactorsError
 from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, PlacedVideoFrame
 from vip_factors.live.problem import FrameState
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.start import Known, Started
+from vip_factors.live.start import EarlierCalibration, TrackingStart
 from vip_factors.sensors.scene import Scene
 
 LOOK_S = 1.0  # seconds between looks whether the program that tracks is still there
@@ -42,10 +42,12 @@ class RecalibrationProcess:
         )
         self._end = weakref.finalize(self, _ended, self._process)
 
-    def submit(self, stretch: MeasuredStretch, settings: LiveSettings, known: Known | None = None) -> "Future[Started]":
+    def submit(
+        self, stretch: MeasuredStretch, settings: LiveSettings, earlier: EarlierCalibration | None = None
+    ) -> "Future[TrackingStart]":
         """Have a stretch solved; one at a time. The answer raises :class:`SolveError` where there is none."""
-        answer: Future[Started] = Future()
-        work = (self._process, pickle.dumps((stretch, settings, known), pickle.HIGHEST_PROTOCOL), answer)
+        answer: Future[TrackingStart] = Future()
+        work = (self._process, pickle.dumps((stretch, settings, earlier), pickle.HIGHEST_PROTOCOL), answer)
         threading.Thread(target=_exchange, args=work, daemon=True).start()
         return answer
 
@@ -54,7 +56,7 @@ class RecalibrationProcess:
         self._end()
 
 
-def _exchange(process: "subprocess.Popen[bytes]", work: bytes, answer: "Future[Started]") -> None:
+def _exchange(process: "subprocess.Popen[bytes]", work: bytes, answer: "Future[TrackingStart]") -> None:
     """Hand work over and wait for what comes back."""
     assert process.stdin is not None
     assert process.stdout is not None
@@ -64,7 +66,7 @@ def _exchange(process: "subprocess.Popen[bytes]", work: bytes, answer: "Future[S
         found = pickle.load(process.stdout)
     except (OSError, ValueError, EOFError, pickle.UnpicklingError):
         found = "the process that should find it has ended"
-    if isinstance(found, Started):
+    if isinstance(found, TrackingStart):
         answer.set_result(found)
     else:
         answer.set_exception(SolveError(str(found)))
@@ -97,12 +99,12 @@ def main() -> None:
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no answer
     while True:
         try:
-            stretch, settings, known = pickle.load(sys.stdin.buffer)
+            stretch, settings, earlier = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
-        found: Started | str
+        found: TrackingStart | str
         try:
-            found = recalibrate(stretch, settings, known)
+            found = recalibrate(stretch, settings, earlier)
         except VipFactorsError as error:
             found = str(error)
         except Exception as error:  # the stream goes on with what it has, and says so
@@ -122,18 +124,18 @@ READY = 0.6  # of the data when the process is begun: it takes a second or two b
 
 
 @dataclass(frozen=True)
-class Found:
+class Recalibration:
     """A calibration found anew.
 
     Attributes:
-        started: where tracking goes on from.
+        start: where tracking goes on from.
         at_find: the last frame of its data, as it was tracked.
         seconds: of data.
-        video: of the frames of ``started``.
+        video: of the frames of ``start``.
         moved: columns of sensors that have moved since.
     """
 
-    started: Started
+    start: TrackingStart
     at_find: FrameState
     seconds: float
     video: list[PlacedVideoFrame]
@@ -144,7 +146,7 @@ class Found:
 class _Job:
     stretch: MeasuredStretch
     at_find: FrameState
-    answer: "Future[Started]"
+    answer: "Future[TrackingStart]"
 
 
 class Recalibrator:
@@ -170,7 +172,7 @@ class Recalibrator:
         self.waited_s = 0.0
         self._process: RecalibrationProcess | None = None
         self._job: _Job | None = None
-        self._known: Known | None = None
+        self._earlier: EarlierCalibration | None = None
         self._is_stale = False  # whether the job is about what was before a pause
         self._moved: set[int] = set()  # since its data
         self._is_urgent = False  # whether a sensor has moved and nothing was found anew since
@@ -183,9 +185,9 @@ class Recalibrator:
             self._since = self._began = measured.frame
         self._measurements.append(measured)
 
-    def restart(self, known: Known | None) -> None:
-        """The stream has paused: of before it nothing counts but what is ``known``."""
-        self._known = known
+    def restart(self, earlier: EarlierCalibration | None) -> None:
+        """The stream has paused: of before it nothing counts but what ``earlier`` has of it."""
+        self._earlier = earlier
         self._measurements.clear()
         self._usable_from.clear()
         self._due_s, self._is_stale, self._is_urgent = self._settings.recalibration.first_s, True, False
@@ -211,8 +213,8 @@ class Recalibrator:
         if unchanged_s < self._due_s:
             return
         stretch = self._stretch()
-        known = self._known if stretch.first <= self._began else None  # older than all that is forgotten: so is it
-        answer = self._process.submit(stretch, self._settings, known)
+        earlier = self._earlier if stretch.first <= self._began else None  # older than all that is forgotten: so is it
+        answer = self._process.submit(stretch, self._settings, earlier)
         self._job, self._is_stale, self._is_urgent, self._moved = _Job(stretch, newest, answer), False, False, set()
         self._due_s += min((own.growth - 1) * self._due_s, own.longest_s)
 
@@ -230,7 +232,7 @@ class Recalibrator:
         seen[moved] = whole[moved] = False
         return replace(measured, orientation_valid=seen, acceleration_valid=whole)
 
-    def answer(self, newest: int) -> Found | str | None:
+    def answer(self, newest: int) -> Recalibration | str | None:
         """The calibration found anew, or why there is none; None as long as it is not time.
 
         Args:
@@ -244,7 +246,7 @@ class Recalibrator:
         self._job = None
         begin = clock.perf_counter()
         try:
-            started = job.answer.result()
+            start = job.answer.result()
         except SolveError as error:
             return None if self._is_stale else f"the calibration was not found anew: {error}"
         finally:
@@ -253,7 +255,7 @@ class Recalibrator:
             return None
         video = job.stretch.tail(own.frames).video
         seconds = float(job.stretch.time[-1] - job.stretch.time[0])
-        return Found(started, job.at_find, seconds, video, tuple(self._moved))
+        return Recalibration(start, job.at_find, seconds, video, tuple(self._moved))
 
     def close(self) -> None:
         """Nothing is collected or solved from here on."""

@@ -26,7 +26,7 @@ class Knocks(NamedTuple):
     moved: np.ndarray
 
 
-class SensorWatch:
+class KnockDetector:
     """Watches one wearer's sensors.
 
     Args:
@@ -116,7 +116,7 @@ class SlipTest:
         self._suspects: dict[int, tuple[int, _Estimate]] = {}  # by sensor: since which frame; what was known by then
         self._since = np.full(len(columns), begin)
 
-    def forget(self, sensors: Sequence[int], number: int) -> None:
+    def restart(self, sensors: Sequence[int], number: int) -> None:
         """These sensors' calibrations are estimated anew from a frame on, or depend on one that is."""
         self._since[list(sensors)] = number + round(self._settings.rest_s * self._rate)
 

@@ -23,7 +23,7 @@ LEAST_STEP = 1e-5  # of shared variables that do not step: no information is inf
 
 
 @dataclass
-class _Kept:
+class _LagEntry:
     """A frame of the lag: measurements, the point its coordinates start from, and where they are and were."""
 
     frame: LagFrame
@@ -51,14 +51,14 @@ class LagSmoother:
         self._extra = None if extra is None else StreamedTerms(extra, problem.layout)
         self.shared = self._origin = shared
         self._coordinates = np.zeros(problem.layout.static_width)
-        self._frames: deque[_Kept] = deque()
+        self._frames: deque[_LagEntry] = deque()
         self._chain = FixedLagChain()
         self._solution: LagSolution | None = None
         self._beginning = 0  # number of the very first frame
         self._walks: dict[int, Array] = {}  # by frame behind which shared variables step, their sigmas
         self._epoch: dict[int, int] = {}  # of each frame: how many such steps lie before it
         self._every = max(1, round(settings.walk.every_s * settings.frame_rate))
-        self._loosened = np.zeros(problem.layout.static_width)  # variances of the step behind the newest frame
+        self._inflation = np.zeros(problem.layout.static_width)  # variances of the step behind the newest frame
         self._layout = layout = problem.layout
         self._usual_walk = layout.per_column("process_noise") * np.sqrt(settings.walk.every_s)
         self._slices = Slices(layout.frame_width, layout.static_width, settings.relinearisation.most)
@@ -83,7 +83,7 @@ class LagSmoother:
         """All from a frame on."""
         return [one.state for one in self._frames if one.frame.number >= start]
 
-    def _at(self, number: int) -> _Kept:
+    def _at(self, number: int) -> _LagEntry:
         return self._frames[number - self._frames[0].frame.number]
 
     # Steps
@@ -92,29 +92,29 @@ class LagSmoother:
         """A new frame behind the newest one; it counts from the next update on."""
         if frame.number - 1 in self._epoch:
             before = frame.number - 1
-            step = self._loosened + (self._usual_walk**2 if frame.number % self._every == 0 else 0.0)
+            step = self._inflation + (self._usual_walk**2 if frame.number % self._every == 0 else 0.0)
             if np.any(step):
                 self._walks[before] = np.sqrt(np.maximum(step, LEAST_STEP**2))
-            self._epoch[frame.number], self._loosened = (
+            self._epoch[frame.number], self._inflation = (
                 self._epoch[before] + (before in self._walks),
                 np.zeros_like(step),
             )
         else:
             self._epoch[frame.number], self._beginning = 0, frame.number
-        self._frames.append(_Kept(frame, guess, np.zeros(self._layout.frame_width), guess))
+        self._frames.append(_LagEntry(frame, guess, np.zeros(self._layout.frame_width), guess))
         if self._extra is not None:
             self._extra.append(frame.number, frame.time)
 
-    def loosen(self, sigmas: Array) -> None:
+    def inflate_sigmas(self, sigmas: Array) -> None:
         """Let shared variables step by ``sigmas`` ``(s,)`` behind the newest frame: a sensor has moved, say."""
-        self._loosened = self._loosened + sigmas**2
+        self._inflation = self._inflation + sigmas**2
 
-    def loosen_sensor(self, wearer: int, sensor: int, heading_deg: float, mounting_deg: float) -> None:
+    def inflate_sensor_sigmas(self, wearer: int, sensor: int, heading_deg: float, mounting_deg: float) -> None:
         """Let one sensor's heading and mounting step by so much before the newest frame: it has moved."""
         owner, sigmas = OwnerId(Owner.WEARER, wearer), np.zeros(self._layout.static_width)
         for block, degrees in (("headings", heading_deg), ("R_bone_sensor", mounting_deg)):
             sigmas[self._layout.item_columns(owner, block, sensor)] = np.deg2rad(degrees)
-        self.loosen(sigmas)
+        self.inflate_sigmas(sigmas)
 
     def scene(self, number: int) -> tuple[SceneProblem, SceneState]:
         """A single frame as a scene of its own, without priors."""
@@ -186,7 +186,7 @@ class LagSmoother:
 
     # Inside
 
-    def _hold(self, slices: Slices, kept: Sequence[_Kept]) -> None:
+    def _hold(self, slices: Slices, kept: Sequence[_LagEntry]) -> None:
         """Frames that are estimated each by itself stay where they were predicted in what nothing tells of them."""
         for number, wearer in enumerate(self.problem.wearers):
             if not wearer.use_acceleration:

@@ -170,7 +170,7 @@ class StreamClocks:
 ENOUGH = 4  # sensors from which on a single one whose clock runs ahead cannot make all others late
 
 
-class Attendance:
+class SensorPresence:
     """How far each sensor has come.
 
     Attributes:
@@ -212,14 +212,14 @@ class Attendance:
         """Samples were sent, but dropped on their way here: nobody knows whose."""
         self._lost_at = present
 
-    def call(self, present: float) -> None:
+    def report_missing(self, present: float) -> None:
         """The first frame is to be made: say who has not begun."""
         for sensor, reached in enumerate(self._reached):
             if reached == -math.inf:
                 self._away[sensor] = "sends now"
                 self._log.say(f"{self._labels[sensor]} has sent nothing yet: going on without it")
 
-    def watch(self, present: float) -> None:
+    def find_silent(self, present: float) -> None:
         """Find those who have fallen silent, now and then."""
         if present - self._watched < self._settings.patience:
             return
@@ -236,7 +236,7 @@ class Attendance:
                 what = f"is without samples for {silent:.1f} s, as the tracker did not keep up and some were dropped"
             self._log.say(f"{self._labels[sensor]} {what}: going on without it")
 
-    def known_until(self) -> float:
+    def complete_until(self) -> float:
         """Frames up to this time (s) wait for nobody: all awaited sensors are there, or patience is at its end.
 
         Patience is measured on the newest sample of any sensor; where many send, on the second newest, so that one

@@ -33,7 +33,7 @@ UNKNOWN_HEADING = np.pi  # radians: of a sensor that comes late, before it has b
 
 
 @dataclass(frozen=True)
-class Known:
+class EarlierCalibration:
     """What an earlier start and all since has taught.
 
     Attributes:
@@ -53,21 +53,21 @@ class Known:
 
 
 @dataclass(frozen=True)
-class CoarseSolution:
+class StretchSolution:
     """A stretch, solved on every n-th frame.
 
     Attributes:
         scene: the stretch as a scene.
         wearers: each by its IMUs alone.
         fused: all together.
-        filmed: where the fusion with the cameras started from; None where no camera shows a wearer.
+        fusion_start: where the fusion with the cameras started from; None where no camera shows a wearer.
         associated: of the cameras that are of use: who is who in each of their video frames.
     """
 
     scene: Scene
     wearers: tuple[InertialSolution, ...]
     fused: FusionSolution
-    filmed: FusionStart | None = None
+    fusion_start: FusionStart | None = None
     associated: tuple[AssociatedCamera, ...] = ()
 
     def at_full_rate(
@@ -79,8 +79,8 @@ class CoarseSolution:
             stretch: what was solved, or a part of it.
             settings: that it was solved with.
         """
-        if self.filmed is not None:
-            return at_full_rate(self.scene, self.filmed, self.fused, self.associated, stretch.time, settings)
+        if self.fusion_start is not None:
+            return at_full_rate(self.scene, self.fusion_start, self.fused, self.associated, stretch.time, settings)
         models, states = [], []
         for recording, model, state in zip(
             self.scene.wearers, self.fused.model.wearers, self.fused.state.wearers, strict=True
@@ -93,7 +93,9 @@ class CoarseSolution:
         return replace(problem, views=unseen), SceneState.unfilmed(states), ()
 
 
-def solve_coarsely(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None = None) -> CoarseSolution:
+def solve_stretch(
+    stretch: MeasuredStretch, settings: LiveSettings, earlier: EarlierCalibration | None = None
+) -> StretchSolution:
     """Inertial trackers, association and fusion of a stretch.
 
     Raises:
@@ -101,45 +103,49 @@ def solve_coarsely(stretch: MeasuredStretch, settings: LiveSettings, known: Know
         SolveError: if the problem is not determined.
     """
     scene, solver = stretch.scene(), Solver(settings.solve, lambda stage, fraction: None)
-    if known is not None:
-        scene = replace(scene, wearers=tuple(known.embodied(one) for one in scene.wearers))
-    wearers = tuple(_tracked(stretch, one, settings, solver, known) for one in scene.wearers)
+    if earlier is not None:
+        scene = replace(scene, wearers=tuple(earlier.embodied(one) for one in scene.wearers))
+    wearers = tuple(_tracked(stretch, one, settings, solver, earlier) for one in scene.wearers)
     if scene.cameras and settings.fusion.use_camera:
-        filmed = _filmed(scene, wearers, settings, solver)
-        if filmed is not None:
-            return filmed
+        solution = _solve_before_cameras(scene, wearers, settings, solver)
+        if solution is not None:
+            return solution
     models = [with_contacts(replace(one.model, free_pose_mean=False), one.state) for one in wearers]
     states = [
         solver.solve_wearer(WearerObjective(model), one.state, "start")
         for model, one in zip(models, wearers, strict=True)
     ]
     fused = FusionSolution(SceneProblem.unfilmed(models), SceneState.unfilmed(states), ())
-    return CoarseSolution(scene, wearers, fused)
+    return StretchSolution(scene, wearers, fused)
 
 
-def _filmed(
+def _solve_before_cameras(
     scene: Scene, wearers: Sequence[InertialSolution], settings: LiveSettings, solver: Solver
-) -> CoarseSolution | None:
+) -> StretchSolution | None:
     """The solution in front of cameras; None if they do not show anybody whom it knows."""
     if not any(len(camera.detections) for camera in scene.cameras):
         return None
     names = scene.names
-    wearers, filmed_by = first_association(scene, wearers, settings, solver)
-    associated = usable_cameras(filmed_by)
+    wearers, associated_cameras = first_association(scene, wearers, settings, solver)
+    associated = usable_cameras(associated_cameras)
     if not associated:
         return None
-    filmed = start_fusion(associated, wearers, settings)
-    fused, associated = fuse_in_rounds(filmed, associated, names, settings, solver)
-    return CoarseSolution(scene, tuple(wearers), fused, filmed, tuple(associated))
+    fusion_start = start_fusion(associated, wearers, settings)
+    fused, associated = fuse_in_rounds(fusion_start, associated, names, settings, solver)
+    return StretchSolution(scene, tuple(wearers), fused, fusion_start, tuple(associated))
 
 
 def _tracked(
-    stretch: MeasuredStretch, recording: Recording, settings: LiveSettings, solver: Solver, known: Known | None
+    stretch: MeasuredStretch,
+    recording: Recording,
+    settings: LiveSettings,
+    solver: Solver,
+    earlier: EarlierCalibration | None,
 ) -> InertialSolution:
     frames = coarser(stretch.frames(recording.subject.name, recording.placed), settings.coarse_factor)
-    if known is None:
+    if earlier is None:
         return inertial_tracker(recording, frames, settings, solver)
-    own = dict(known.calibration[recording.subject.name])
+    own = dict(earlier.calibration[recording.subject.name])
     if any(name not in own for name in frames.sensors):
         fresh = first_calibration(recording, frames, settings)
         for s, name in enumerate(frames.sensors):
@@ -157,7 +163,7 @@ def _tracked(
 
 
 @dataclass(frozen=True)
-class Started:
+class TrackingStart:
     """Where tracking begins.
 
     Attributes:
@@ -180,18 +186,20 @@ class Started:
     findings: tuple[str, ...] = ()
 
     @property
-    def filmed(self) -> bool:
+    def has_views(self) -> bool:
         """Whether a camera sees a wearer."""
         return bool(self.associated)
 
 
-def start(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None = None) -> Started:
+def start_tracking(
+    stretch: MeasuredStretch, settings: LiveSettings, earlier: EarlierCalibration | None = None
+) -> TrackingStart:
     """Begin with a stretch: coarsely by the batch stages, as they would a short scene, then frame by frame.
 
     Args:
         stretch: a second or so.
         settings: of all.
-        known: from before, where this is not the first start.
+        earlier: from before, where this is not the first start.
 
     Raises:
         RecordingError: if a wearer has no sensor that measures.
@@ -200,20 +208,20 @@ def start(stretch: MeasuredStretch, settings: LiveSettings, known: Known | None 
     silent = [wearer.subject.name for wearer in stretch.head.wearers if not stretch.measuring(wearer.subject.name)]
     if silent:
         raise RecordingError(f"no sensor of '{silent[0]}' has measured in the last {len(stretch.time)} frames")
-    coarse = solve_coarsely(stretch, settings, known)
+    coarse = solve_stretch(stretch, settings, earlier)
     model, state, spreads = coarse.at_full_rate(stretch, settings)
     associated = coarse.associated
-    if known is not None and ((associated and associated[0].camera.known_path is None) or not associated):
-        state = _shifted(state, known.p_world_pelvis[0] - state.wearers[0].p_world_pelvis[0])
+    if earlier is not None and ((associated and associated[0].camera.known_path is None) or not associated):
+        state = _shifted(state, earlier.p_world_pelvis[0] - state.wearers[0].p_world_pelvis[0])
     freed = tuple(
         _freed(one, tracked.model, settings, own.p_world_pelvis[0])
         for one, tracked, own in zip(model.wearers, coarse.wearers, state.wearers, strict=True)
     )
-    begun = started(stretch, coarse, replace(model, wearers=freed), state, spreads, settings)
-    return replace(begun, findings=sentences(unsettled(coarse)))
+    begun = tracking_start(stretch, coarse, replace(model, wearers=freed), state, spreads, settings)
+    return replace(begun, findings=sentences(unsettled_starts(coarse)))
 
 
-def unsettled(coarse: CoarseSolution) -> Iterator[Finding]:
+def unsettled_starts(coarse: StretchSolution) -> Iterator[Finding]:
     """About starts that the data does not settle."""
     for recording, one in zip(coarse.scene.wearers, coarse.wearers, strict=True):
         yield from start_findings(recording.subject.name, one.model.frames.sensors, one.starts)
@@ -239,19 +247,19 @@ def _shifted(state: SceneState, shift: Array) -> SceneState:
     return SceneState(tuple(one.turned(0.0, shift) for one in state.wearers), replace(camera, poses=poses))
 
 
-def started(
-    stretch: MeasuredStretch, coarse: CoarseSolution, model: SceneProblem, state: SceneState,
+def tracking_start(
+    stretch: MeasuredStretch, coarse: StretchSolution, model: SceneProblem, state: SceneState,
     spreads: tuple[tuple[float, ...], ...], settings: LiveSettings,
-) -> Started:  # fmt: skip
+) -> TrackingStart:  # fmt: skip
     """A problem on all frames of a stretch, frame by frame."""
     frames = _lag_frames(stretch, model, state)
     states = [_frame_state(state, t) for t in range(len(frames))]
     problem = _lag_problem(stretch, coarse, model, state, settings)
-    return Started(problem, without_frames(state), frames, states, coarse.associated, spreads)
+    return TrackingStart(problem, without_frames(state), frames, states, coarse.associated, spreads)
 
 
 def _lag_problem(
-    stretch: MeasuredStretch, coarse: CoarseSolution, model: SceneProblem, state: SceneState, settings: LiveSettings
+    stretch: MeasuredStretch, coarse: StretchSolution, model: SceneProblem, state: SceneState, settings: LiveSettings
 ) -> LagProblem:
     sensors = [
         np.array([stretch.column(recording.subject.name, name) for name in one.frames.sensors], dtype=int)

@@ -11,13 +11,13 @@ from threadpoolctl import ThreadpoolController
 from vip_factors.errors import RecordingError, SolveError
 from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.geometry.rotations import Array
-from vip_factors.live.answers import Answers
 from vip_factors.live.assembly import FrameAssembler
+from vip_factors.live.estimates import EstimateBuilder
 from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, video_of
 from vip_factors.live.prediction import continued, corrections
-from vip_factors.live.recalibrator import Found, Recalibrator
+from vip_factors.live.recalibrator import Recalibration, Recalibrator
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.start import Known, Started, start
+from vip_factors.live.start import EarlierCalibration, TrackingStart, start_tracking
 from vip_factors.live.tracking import Tracking
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveSample, checked_head, sensor_columns
@@ -56,12 +56,12 @@ class FixedLagTracker:
         self._recent: deque[FrameMeasurement] = deque(maxlen=self._start_frames)
         self._paths: deque[tuple[int, Array]] = deque(maxlen=self._start_frames)  # of the pelvises, as smoothed
         self._tracking: Tracking | None = None
-        self._known: Known | None = None
-        self._answers = Answers(head, settings, self._lag)
+        self._earlier: EarlierCalibration | None = None
+        self._estimates = EstimateBuilder(head, settings, self._lag)
         self._answered = -1  # number of the last frame with an answer
         self._next_try, self._patience = 0, settings.camera_retry_s  # frame, seconds
         self._has_told_of_doubts = False  # about how sensors sit
-        self._found: Found | None = None  # a calibration to go on with as soon as the wearers are seen
+        self._found: Recalibration | None = None  # a calibration to go on with as soon as the wearers are seen
         self._next_continuation = 0  # frame
         self._learnt_s = 0.0  # of data that calibration and bodies were found from
         self._recalibrator = Recalibrator(head, settings, real_time)
@@ -91,7 +91,7 @@ class FixedLagTracker:
         with self._threads.limit(limits=1, user_api="blas"):
             for measured in measurements:
                 begin = clock.perf_counter()
-                self._answers.find(*self._assembler.take_findings())
+                self._estimates.add_findings(*self._assembler.take_findings())
                 answers += self._take(measured, begin)
         if answers:
             self._answered = answers[-1].frame
@@ -101,14 +101,14 @@ class FixedLagTracker:
         if measured.restart:
             self._lose("the stream has paused")
             self._recent.clear()
-            self._recalibrator.restart(self._known)
+            self._recalibrator.restart(self._earlier)
         self._remember(measured)
         if self._tracking is None:
             return self._begin(begin)
         tracking, waited = self._tracking, self._recalibrator.waited_s
         try:
-            covariance = self._answers.root_covariance(len(self.head.wearers))
-            self._answers.find(*tracking.step(measured, self._lag, covariance))
+            covariance = self._estimates.root_covariance(len(self.head.wearers))
+            self._estimates.add_findings(*tracking.step(measured, self._lag, covariance))
             if tracking.moved:
                 self._recalibrator.leave_out(tracking.moved, measured.frame)
                 if self._found is not None:
@@ -119,7 +119,7 @@ class FixedLagTracker:
         except SolveError as error:
             self._lose(f"tracking was lost at {measured.time:.1f} s ({error})")
             return []
-        answer = self._answers.of(tracking, begin + self._recalibrator.waited_s - waited)
+        answer = self._estimates.of(tracking, begin + self._recalibrator.waited_s - waited)
         oldest = tracking.smoother.numbers[0]
         self._paths.append((oldest, tracking.smoother.state(oldest).p_world_pelvis))
         return [answer]
@@ -130,53 +130,53 @@ class FixedLagTracker:
         newest = smoother.numbers[-1]
         answer = self._recalibrator.answer(newest)
         if isinstance(answer, str):
-            self._answers.find(answer)
-        elif answer is not None and (answer.started.filmed or not smoother.problem.filmed):
+            self._estimates.add_findings(answer)
+        elif answer is not None and (answer.start.has_views or not smoother.problem.has_views):
             self._found, self._next_continuation = answer, newest
         if self._found is not None and tracking.solved and newest >= self._next_continuation:
             again = self._continued(tracking, self._found)
             self._next_continuation = newest + self._lag
             if again is not None:
-                self._answers.begin_anew()
-                self._answers.find(*corrections(smoother, again.smoother, self._found.seconds))
+                self._estimates.reset()
+                self._estimates.add_findings(*corrections(smoother, again.smoother, self._found.seconds))
                 if self._found.seconds >= self.settings.slip.learnt_s:
-                    self._tell_of_doubts(self._found.started)
+                    self._tell_of_doubts(self._found.start)
                 self._learnt_s = max(self._learnt_s, self._found.seconds)
                 tracking, self._found = again, None
         self._recalibrator.begin(tracking.smoother.state(newest))
         return tracking
 
-    def _continued(self, tracking: Tracking, found: Found) -> Tracking | None:
+    def _continued(self, tracking: Tracking, recalibration: Recalibration) -> Tracking | None:
         """Tracking with the calibration that was found; None where that does not succeed yet."""
         video = video_of(self._recent)
-        started = continued(found.started, found.at_find, tracking.smoother, self.head.cameras, video)
-        if started is None:
+        start = continued(recalibration.start, recalibration.at_find, tracking.smoother, self.head.cameras, video)
+        if start is None:
             return None
         try:
-            learnt_s = max(found.seconds, self._learnt_s)
-            tracking = Tracking(self.head, self.settings, started, found.video, self._extra, video, learnt_s)
+            learnt_s = max(recalibration.seconds, self._learnt_s)
+            tracking = Tracking(self.head, self.settings, start, recalibration.video, self._extra, video, learnt_s)
         except SolveError:
             return None
-        tracking.let_go(found.moved)
+        tracking.let_go(recalibration.moved)
         return tracking
 
     def _remember(self, measured: FrameMeasurement) -> None:
         self._recalibrator.remember(measured)
         self._recent.append(measured)
 
-    def _learnt(self, tracking: Tracking, p_world_pelvis: Array) -> Known:
+    def _learnt(self, tracking: Tracking, p_world_pelvis: Array) -> EarlierCalibration:
         """What tracking has taught, of wearers at ``(W, 3)`` metres."""
         problem = tracking.smoother.problem
         names = [one.subject.name for one in self.head.wearers] if self._learnt_s >= BODY_S else []
         bodies = {name: wearer.skeleton for name, wearer in zip(names, problem.wearers, strict=False)}
-        return Known(self._answers.calibrations(tracking.smoother), p_world_pelvis, bodies)
+        return EarlierCalibration(self._estimates.calibrations(tracking.smoother), p_world_pelvis, bodies)
 
     def _lose(self, why: str) -> None:
         """Give up what is tracked, but not what has been learnt of the sensors."""
         self._found = None
         if self._tracking is not None:
-            self._known = self._learnt(self._tracking, self._paths[-1][1])
-            self._answers.find(f"{why}: tracking starts again")
+            self._earlier = self._learnt(self._tracking, self._paths[-1][1])
+            self._estimates.add_findings(f"{why}: tracking starts again")
         self._tracking = None
         self._next_try = 0
 
@@ -187,33 +187,33 @@ class FixedLagTracker:
         if len(self._recent) < self._start_frames or newest < self._next_try:
             return []
         try:
-            started = start(self._stretch(), self.settings, self._known)
-            tracking = self._track(started)
+            start = start_tracking(self._stretch(), self.settings, self._earlier)
+            tracking = self._track(start)
         except (RecordingError, SolveError) as error:
-            self._answers.find(f"tracking cannot start at {self._recent[-1].time:.1f} s: {error}")
+            self._estimates.add_findings(f"tracking cannot start at {self._recent[-1].time:.1f} s: {error}")
             self._next_try = newest + self._lag
             return []
         self._tracking = tracking
         if not self.settings.recalibration.use:
-            self._tell_of_doubts(started)
+            self._tell_of_doubts(start)
         gc.freeze()  # what is there stays: the collector need not look at it again in the midst of an update
-        answers = self._answers.of_start(tracking, begin, self._answered + 1)
+        answers = self._estimates.initial_estimates(tracking, begin, self._answered + 1)
         self._paths.clear()
         oldest = tracking.smoother.numbers[0]
         self._paths.append((oldest, tracking.smoother.state(oldest).p_world_pelvis))
         return answers
 
-    def _tell_of_doubts(self, started: Started) -> None:
+    def _tell_of_doubts(self, start: TrackingStart) -> None:
         """Tell, once, of a calibration that is not settled; of seconds of standing still that goes without saying."""
         if not self._has_told_of_doubts:
-            self._answers.find(*started.findings)
-            self._has_told_of_doubts = bool(started.findings)
+            self._estimates.add_findings(*start.findings)
+            self._has_told_of_doubts = bool(start.findings)
 
     def _stretch(self) -> MeasuredStretch:
         return MeasuredStretch(self.head, self._recent)
 
-    def _track(self, started: Started) -> Tracking:
-        return Tracking(self.head, self.settings, started, video_of(self._recent), self._extra)
+    def _track(self, start: TrackingStart) -> Tracking:
+        return Tracking(self.head, self.settings, start, video_of(self._recent), self._extra)
 
     def _is_worth_another_start(self, tracking: Tracking, newest: int) -> bool:
         """Whether a sensor has come, or a camera shows people and no wearer has been found by it yet."""
@@ -221,7 +221,7 @@ class FixedLagTracker:
             return False
         problem = tracking.smoother.problem
         wanted = self.settings.fusion.use_camera
-        unseen = wanted and not problem.filmed and self._frames_with_people() > SOME_VIDEO
+        unseen = wanted and not problem.has_views and self._frames_with_people() > SOME_VIDEO
         used = {column for columns in problem.sensors for column in columns}
         seen = np.stack([one.orientation_valid for one in self._recent]).mean(axis=0)
         come = any(share > MEASURES and column not in used for column, share in enumerate(seen[: self._worn]))
@@ -238,16 +238,18 @@ class FixedLagTracker:
         path = dict(self._paths).get(self._recent[0].frame)
         if path is None:
             return tracking
-        known = self._learnt(tracking, path)
+        earlier = self._learnt(tracking, path)
         try:
-            again = self._track(start(self._stretch(), self.settings, known))
+            again = self._track(start_tracking(self._stretch(), self.settings, earlier))
         except (RecordingError, SolveError):
             return tracking
         problem = again.smoother.problem
-        found = problem.filmed and not before.filmed
+        found = problem.has_views and not before.has_views
         if not found and sum(map(len, problem.sensors)) <= sum(map(len, before.sensors)):
             return tracking
         again.smoother.marginalise_before(newest - self._lag - 1)
-        self._answers.begin_anew()
-        self._answers.find("a wearer was found in the video" if found else "another sensor is used from here on")
+        self._estimates.reset()
+        self._estimates.add_findings(
+            "a wearer was found in the video" if found else "another sensor is used from here on"
+        )
         return again

@@ -13,10 +13,10 @@ from vip_factors.live.camera_observer import CameraObserver, FrameBelief, standi
 from vip_factors.live.measurement import FrameMeasurement, PlacedVideoFrame
 from vip_factors.live.prediction import predicted
 from vip_factors.live.problem import LagFrame, lag_frame
-from vip_factors.live.sensor_slips import SensorWatch, SlipTest
+from vip_factors.live.sensor_slips import KnockDetector, SlipTest
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
-from vip_factors.live.start import Started
+from vip_factors.live.start import TrackingStart
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.variables import CAMERA
 from vip_factors.sensors.scene import Scene
@@ -49,7 +49,7 @@ class Tracking:
     """
 
     def __init__(
-        self, head: Scene, settings: LiveSettings, started: Started, video: Sequence[PlacedVideoFrame],
+        self, head: Scene, settings: LiveSettings, start: TrackingStart, video: Sequence[PlacedVideoFrame],
         extra: ExtraFactors | None = None, unseen: Sequence[PlacedVideoFrame] = (),
         learnt_s: float = 0.0,
     ) -> None:  # fmt: skip
@@ -58,7 +58,7 @@ class Tracking:
         Args:
             head: of the stream.
             settings: of all rooms.
-            started: where tracking begins.
+            start: where tracking begins.
             video: frames of all cameras in that time.
             extra: makes GTSAM factors of a user's own.
             unseen: video of the frames that tracking begins with in which nobody has looked for wearers yet.
@@ -68,22 +68,22 @@ class Tracking:
             SolveError: if the frames do not determine all variables.
         """
         self._head, self._settings = head, settings
-        self.smoother = LagSmoother(started.problem, started.shared, settings, extra, started.information)
-        for frame, state in zip(started.frames, started.states, strict=True):
+        self.smoother = LagSmoother(start.problem, start.shared, settings, extra, start.information)
+        for frame, state in zip(start.frames, start.states, strict=True):
             self.smoother.append(frame, state)
-        self.observers = self._gathered(started, video)
+        self.observers = self._gathered(start, video)
         self._look(unseen)
         for _ in range(settings.start_iterations):
             self.smoother.update(self.smoother.numbers[0])
         rate, begin = settings.frame_rate, self.smoother.numbers[0]
         anew = settings.recalibration
-        if anew.use and started.information is None:  # a start of a second is too rough to judge sensors by
+        if anew.use and start.information is None:  # a start of a second is too rough to judge sensors by
             begin += round((anew.first_s + anew.delay_s) * rate)
-        self._watches = [SensorWatch(len(one.sensors), settings.watch, rate, begin) for one in started.problem.wearers]
-        self._sensors = [(w, s) for w, one in enumerate(started.problem.wearers) for s in range(len(one.sensors))]
+        self._watches = [KnockDetector(len(one.sensors), settings.watch, rate, begin) for one in start.problem.wearers]
+        self._sensors = [(w, s) for w, one in enumerate(start.problem.wearers) for s in range(len(one.sensors))]
         self._slips = None if anew.use and learnt_s < settings.slip.learnt_s else self._slip_test(begin)
         self._next_test = 0  # frame
-        self._measured = started.frames[-1].orientation_valid  # which sensors were, in the last frame
+        self._measured = start.frames[-1].orientation_valid  # which sensors were, in the last frame
         self.solved, self.moved = True, list[int]()
         self._unsolved = 0  # frames that are predicted only, so far
         self._changed: list[int] = []  # frames with something new since the last update
@@ -101,13 +101,13 @@ class Tracking:
         wander = layout.per_column("process_noise")[columns[0]]
         return SlipTest(np.stack(columns), wander, self._settings.slip, self._settings.frame_rate, begin)
 
-    def _gathered(self, started: Started, video: Sequence[PlacedVideoFrame]) -> list[CameraObserver]:
+    def _gathered(self, start: TrackingStart, video: Sequence[PlacedVideoFrame]) -> list[CameraObserver]:
         """The observers, told who is who in the frames of the start."""
-        skeletons, observers = [wearer.skeleton for wearer in started.problem.wearers], []
-        for each, spreads in zip(started.associated, started.spreads, strict=True):
+        skeletons, observers = [wearer.skeleton for wearer in start.problem.wearers], []
+        for each, spreads in zip(start.associated, start.spreads, strict=True):
             camera = next(one for one in self._head.cameras if one.name == each.camera.name)
             settings = self._settings
-            soles = [settings.factors.sole.of(one.sole) for one in started.shared.wearers]
+            soles = [settings.factors.sole.of(one.sole) for one in start.shared.wearers]
             observer = CameraObserver(camera, skeletons, soles, spreads, settings.online_association, settings.camera)
             own = [one for one in video if one.video.camera == camera.name]
             for one in sorted(own, key=lambda one: one.video.time):
@@ -181,25 +181,25 @@ class Tracking:
             frame.orientation_valid[columns[knocks.ringing]] = False
             knocked += columns[knocks.ringing].tolist()
             for sensor in knocks.moved.tolist():
-                self._loosen(number, sensor)
+                self._estimate_sensor_anew(number, sensor)
                 knocked.append(int(columns[sensor]))
                 if self._slips is not None:
                     self._slips.suspect(self._sensors.index((number, sensor)), frame.number)
         self._measured = measured
         return knocked
 
-    def _loosen(self, wearer: int, sensor: int) -> None:
+    def _estimate_sensor_anew(self, wearer: int, sensor: int) -> None:
         """Let a sensor sit anew behind the newest frame."""
         settings, newest = self._settings.watch, self.smoother.numbers[-1]
-        self.smoother.loosen_sensor(wearer, sensor, settings.heading_sigma_deg, settings.mounting_sigma_deg)
+        self.smoother.inflate_sensor_sigmas(wearer, sensor, settings.heading_sigma_deg, settings.mounting_sigma_deg)
         if self._slips is not None:
-            self._slips.forget([self._sensors.index((wearer, sensor))], newest)
+            self._slips.restart([self._sensors.index((wearer, sensor))], newest)
 
     def let_go(self, columns: Sequence[int]) -> None:
         """Estimate the sensors of these columns anew: they have moved since the calibration was found."""
         for wearer, sensor in self._sensors:
             if self.smoother.problem.sensors[wearer][sensor] in columns:
-                self._loosen(wearer, sensor)
+                self._estimate_sensor_anew(wearer, sensor)
 
     def _told(self, wearer: int, sensor: int) -> str:
         """A sensor has moved: what to say."""
@@ -274,17 +274,17 @@ class Tracking:
         frames = [
             self.smoother.frame(n) for n in self.smoother.numbers[window.first - self.smoother.numbers[0] :][recent]
         ]
-        settings, standing = self._settings.camera.ground_contact, list[Array | None]()
+        settings, foot_contacts = self._settings.camera.ground_contact, list[Array | None]()
         for wearer, columns, feet, body in zip(
             problem.wearers, problem.sensors, problem.feet[camera], window.bodies, strict=False
         ):  # the camera's own sensors are the last
             recently = at - recent.start
-            standing.append(
+            foot_contacts.append(
                 None
                 if feet is None
                 else standing_feet(wearer, columns, feet, body.at(recent), frames, recently, settings)
             )
-        return standing
+        return foot_contacts
 
     def _fixed_pose(self, camera: int) -> tuple[Array, Array] | None:
         """Where a camera that stands still is; None of one whose pose belongs to the frames."""
@@ -305,8 +305,8 @@ class Tracking:
         slipped = self._slips.slipped(*estimate)
         if slipped is not None:
             wearer, sensor = self._sensors[slipped]
-            self._slips.forget([at for at, (owner, _) in enumerate(self._sensors) if owner == wearer], newest)
-            self._loosen(wearer, sensor)  # and what it taught of the others may be wrong as well
+            self._slips.restart([at for at, (owner, _) in enumerate(self._sensors) if owner == wearer], newest)
+            self._estimate_sensor_anew(wearer, sensor)  # and what it taught of the others may be wrong as well
             found.append(self._sensors[slipped])
         return [self._told(*one) for one in dict.fromkeys(found)]
 

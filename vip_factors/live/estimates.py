@@ -39,15 +39,15 @@ class AnswerFilter:
             before: what is believed by now of the frame told last; None to begin anew.
             now: what is believed of the next one.
         """
-        told = self._told
-        if told is None or before is None or self.share >= 1:
+        filtered = self._told
+        if filtered is None or before is None or self.share >= 1:
             self._told = now
             return now
-        believed, last, old = _rotations(now), _rotations(before), _rotations(told)
+        believed, last, old = _rotations(now), _rotations(before), _rotations(filtered)
         R = believed @ exp((1 - self.share) * log(transpose(last) @ old))
         p = [
             new_p + (1 - self.share) * (old_p - last_p)
-            for old_p, last_p, new_p in zip(_positions(told), _positions(before), _positions(now), strict=True)
+            for old_p, last_p, new_p in zip(_positions(filtered), _positions(before), _positions(now), strict=True)
         ]
         joints = R[:-1].reshape(now.R_parent_child.shape)
         self._told = FrameState(joints, p[0], R[-1], p[1])
@@ -65,7 +65,7 @@ def _positions(state: FrameState) -> tuple[Array, Array]:
 UNKNOWN_ROOT = 0.25 * np.eye(3)  # m², as long as no covariance has been computed
 
 
-class Answers:
+class EstimateBuilder:
     """Makes the answers, and keeps what is computed now and then only: covariances, findings."""
 
     def __init__(self, head: Scene, settings: LiveSettings, lag: int) -> None:
@@ -77,7 +77,7 @@ class Answers:
         self._next_covariance = 0  # frame
         self._newest_told, self._smoothed_told = self._filters()
 
-    def find(self, *sentences: str) -> None:
+    def add_findings(self, *sentences: str) -> None:
         """Something to tell with the next answer."""
         self._findings += sentences
 
@@ -88,15 +88,15 @@ class Answers:
         roots = [slice(FRAME * number + ROOT, FRAME * (number + 1)) for number in range(wearers)]
         return [self._newest[root, root] for root in roots]
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Another smoother answers from here on: what was computed of the last one is not of its variables."""
         self._newest = self._smoothed = self._shared = None
 
-    def of_start(self, tracking: Tracking, begin: float, first: int) -> list[LiveEstimate]:
+    def initial_estimates(self, tracking: Tracking, begin: float, first: int) -> list[LiveEstimate]:
         """Answers to the frames that tracking began with, from the number ``first`` on."""
         smoother = tracking.smoother
         numbers = smoother.numbers
-        self.begin_anew()
+        self.reset()
         self._measure(smoother, numbers[-1])
         self._newest_told, self._smoothed_told = self._filters()
         answers = []
@@ -151,11 +151,11 @@ class Answers:
         smoother = tracking.smoother
         numbers, time = smoother.numbers, smoother.frame(number).time
 
-        def told(one: AnswerFilter, at: int) -> FrameState:
+        def filtered(one: AnswerFilter, at: int) -> FrameState:
             return one.filtered(smoother.state(at - 1) if at - 1 in numbers else None, smoother.state(at))
 
-        newest = told(self._newest_told, number)
-        smoothed = told(self._smoothed_told, back) if back in numbers else None
+        newest = filtered(self._newest_told, number)
+        smoothed = filtered(self._smoothed_told, back) if back in numbers else None
         late = smoother.frame(back).time if smoothed is not None else 0.0
         calibrations = self.calibrations(smoother)
         chosen = tracking.observers[0].chosen if tracking.observers and number == numbers[-1] else None
@@ -179,7 +179,7 @@ class Answers:
         self, smoother: LagSmoother, state: FrameState, time: float, covariance: Array | None
     ) -> LiveCameraPose | None:
         problem = smoother.problem
-        if not self._head.cameras or not problem.filmed:
+        if not self._head.cameras or not problem.has_views:
             return None
         if problem.moving:
             free = problem.camera.free_pose and covariance is not None

@@ -18,8 +18,8 @@ from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
 from vip_factors.viz.eye import Eye, Lens, looking_at, room_model, scaled, viewpoints
 from vip_factors.viz.figure import Figure, blend, lit_from
 from vip_factors.viz.film import film, film_times, layout
-from vip_factors.viz.film_file import FilmSettings
 from vip_factors.viz.film_panes import CameraPane, heading_errors
+from vip_factors.viz.film_settings import FilmSettings
 from vip_factors.viz.room import Backdrop, Room
 
 SMALL = FilmSettings(video_height=96, video_rate=10.0)

@@ -12,7 +12,7 @@ from vip_factors.cli.options import RERUN_FILE, Flag, Output, parse
 from vip_factors.cli.terminal import progress_bar
 from vip_factors.errors import InputError
 from vip_factors.ranges import Port
-from vip_factors.viz.film_file import FilmSettings
+from vip_factors.viz.film_settings import FilmSettings
 from vip_factors.viz.viewer import check_display
 
 INSTEAD_OF_A_WINDOW = "--serve, --save FILE.rrd, --picture or --video"

@@ -10,8 +10,9 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.viz.drawn_scene import DrawnScene
 from vip_factors.viz.figure import figure_of
-from vip_factors.viz.film_file import FilmSettings, check_film, film_file
+from vip_factors.viz.film_file import check_film, film_file
 from vip_factors.viz.film_panes import CameraPane, HeadingsPane
+from vip_factors.viz.film_settings import FilmSettings
 from vip_factors.viz.room import RoomPane
 
 NO_CAMERA_RATE = 30.0  # frames per second

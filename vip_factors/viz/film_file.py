@@ -1,8 +1,7 @@
-"""Films into files, and their settings: H.264 in MP4 that browsers and phones play, or animated WebP and GIF."""
+"""Films into files: H.264 in MP4 that browsers and phones play, or animated WebP and GIF."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Protocol
@@ -11,7 +10,6 @@ import numpy as np
 
 from vip_factors.atomic import atomic_path
 from vip_factors.errors import InputError
-from vip_factors.ranges import Rate
 
 SUFFIXES = (".mp4", ".webp", ".gif")
 H264 = {"crf": "20", "preset": "veryfast"}  # no loss to be seen on a screen; drawing takes longer than this
@@ -130,33 +128,3 @@ def _one_palette(images: list[Any]) -> list[Any]:
         sheet.paste(image, (0, row * image.height))
     palette = sheet.quantize(256, method=Image.Quantize.MEDIANCUT)
     return [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
-
-
-@dataclass(frozen=True)
-class FilmSettings:
-    """Of films (--video)."""
-
-    video_height: int = 720
-    """Height in pixels; the width follows. Small films for pages: 360 to 480."""
-    video_rate: Rate = 30.0
-    """Most frames per second: of a faster video every second or third frame is shown. 15 makes animated pictures
-    (.gif, .webp) half as large."""
-    video_seconds: tuple[float, float] | None = None
-    """First and last second of the recording to show; all of it if not given."""
-    video_opacity: float = 0.72
-    """Of the bodies over the camera's picture: the person under them has to be seen."""
-    headings: Path | None = None
-    """Live estimate of the same recording (vip-factors stream RECORDING --out …): how its headings settle is drawn
-    beside the room."""
-
-    def __post_init__(self) -> None:
-        if not 64 <= self.video_height <= 2160:
-            raise InputError(f"film of {self.video_height} pixels' height: expected 64 to 2160")
-        if not 0 < self.video_rate <= 120:
-            raise InputError(f"film of {self.video_rate} frames per second: expected more than 0, at most 120")
-        if self.video_seconds is not None and not self.video_seconds[0] < self.video_seconds[1]:
-            raise InputError(
-                f"film from second {self.video_seconds[0]} to {self.video_seconds[1]}: expected a later end"
-            )
-        if not 0 < self.video_opacity <= 1:
-            raise InputError(f"opacity {self.video_opacity}: expected more than 0, at most 1")

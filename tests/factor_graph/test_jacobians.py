@@ -12,6 +12,7 @@ from small_problems import S, small_scene, walking_scene
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
 from vip_factors.factor_graph.term_factors import TermFactor
+from vip_factors.factor_graph.variables import variable_of
 from vip_factors.geometry.rotations import exp
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
@@ -114,20 +115,10 @@ def numerical_jacobian(factor: gtsam.NoiseModelFactor, values: gtsam.Values, key
 
 
 def _value(values: gtsam.Values, key: int) -> Any:
-    letter = chr(gtsam.symbolChr(key))
-    reader = {
-        "r": "atRot3",
-        "b": "atRot3",
-        "q": "atRot3",
-        "t": "atPoint3",
-        "p": "atPoint3",
-        "k": "atPoint3",
-        "m": "atVector",
-        "s": "atVector",
-        "e": "atVector",
-        "c": "atPose3",
-    }
-    return getattr(values, reader.get(letter, "atDouble"))(key)
+    one = variable_of(key)
+    assert one is not None
+    reader = {"rotation": "atRot3", "point": "atPoint3", "pose": "atPose3", "vector": "atDouble"}[one.manifold]
+    return getattr(values, "atVector" if one.is_one_vector else reader)(key)
 
 
 def test_every_term_is_in_the_cost_the_equations_and_the_graph() -> None:

@@ -13,7 +13,6 @@ from vip_factors.errors import InputError, VipFactorsError
 PROGRAM = "python -m tests.studies"
 # Name → module here and its study.
 STUDIES = {
-    "sip": "sip:Sip",
     "vip": "vip:Vip",
     "totalcapture": "totalcapture:TotalCapture",
     "association": "crowd:WhoIsWho",
@@ -30,7 +29,6 @@ STUDIES = {
     "long": "long:Long",
     "speed": "speed:Speed",
     "recordings": "recordings:Recordings",
-    "starts": "recordings:Starts",
     "golden": "golden:Golden",
     "population": "population:Population",
     "weights": "weights:Weights",

@@ -1,4 +1,4 @@
-"""Any recordings, one row for each wearer: batch and live beside their truth, what is found fault with, and starts."""
+"""Any recordings, one row for each wearer: batch and live beside their truth, and what is found fault with."""
 
 import time as clock
 from collections.abc import Iterator, Sequence
@@ -9,33 +9,24 @@ import numpy as np
 import tyro
 
 from tests.studies.live_run import filled_motion
-from tests.studies.study import Study, Tell, columns, table
+from tests.studies.study import Study, Tell, columns
 from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.evaluate.evaluation import evaluate_motion
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.findings import sentences
-from vip_factors.geometry.rotations import Array, angle_between, rotation_z, transpose, wrap_angle, yaw_of
-from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.pipeline import smooth
-from vip_factors.sensors.frames import ImuFrames, resample
 from vip_factors.sensors.live import live_samples, stream_head
-from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import Settings
-from vip_factors.stages.calibration_start import search_start
-from vip_factors.stages.inertial import first_calibration
-from vip_factors.stages.sensor_checks import checked
 
 METRICS = ("mpjpe", "mpjae", "knee_flexion_rmse")
 NOTHING = (np.nan, np.nan, np.nan)
 DEFAULT = LiveSettings()
-WRONG_DEG = 60.0  # a bone turned by more starts in another valley than the truth's
 
 
 @dataclass(frozen=True)
@@ -149,87 +140,3 @@ def _errors(motion: Motion | None, truth: Motion | None, since: float) -> tuple[
     later = slice(int(np.searchsorted(ours.time, since)), len(ours))
     metrics = evaluate_motion(ours.frames(later), true.frames(later)).metrics
     return tuple(metrics[name].value if name in metrics else np.nan for name in METRICS)
-
-
-@dataclass(frozen=True)
-class StartTrial:
-    """The start of one wearer.
-
-    Attributes:
-        recording, wearer: their names.
-        initial_pose: declared, or "none".
-        off_deg: by sensor, the median over frames of how far the start turns its bone against the truth; all of them
-            may face another way together.
-        flagged: names of the sensors that the start itself calls in question.
-        cpu_s: of the search.
-    """
-
-    recording: str
-    wearer: str
-    initial_pose: str
-    off_deg: dict[str, float]
-    flagged: tuple[str, ...]
-    cpu_s: float
-
-    @property
-    def counts(self) -> tuple[int, int, int, int]:
-        """Sensors, those that start wrong, of these flagged, and those that are right but flagged."""
-        wrong, flagged = {name for name, off in self.off_deg.items() if off > WRONG_DEG}, set(self.flagged)
-        return len(self.off_deg), len(wrong), len(wrong & flagged), len(flagged - wrong)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Starts(Study):
-    """First headings and mountings of recordings with a truth: sensors that start wrong, one row for each wearer."""
-
-    recordings: tyro.conf.Positional[tuple[Path, ...]] = ()
-    """Recordings or scenes (.mcap)."""
-
-    def rows(self, tell: Tell) -> Iterator[StartTrial]:
-        found = 0
-        for done, path in enumerate(self.recordings):
-            tell(path.name, done / len(self.recordings))
-            for wearer in read_scene(path).wearers:
-                if wearer.truth is not None:
-                    found += 1
-                    yield _start_trial(path.name, wearer, Settings())
-        if not found:
-            raise InputError("no start to judge: expected .mcap files of recordings with a truth")
-
-    def tables(self, rows: Sequence[StartTrial]) -> Iterator[str]:
-        head = ["recording", "wearer", "pose", "sensors", f"start > {WRONG_DEG:.0f}° wrong", "of these flagged",
-                "right but flagged", "CPU s"]  # fmt: skip
-        lines = [[one.recording, one.wearer, one.initial_pose, *one.counts, one.cpu_s] for one in rows]
-        sums = np.sum([one.counts for one in rows], axis=0)
-        yield table(head, [*lines, ["all", "", "", *sums, sum(one.cpu_s for one in rows)]])
-
-
-def _start_trial(name: str, recording: Recording, settings: Settings) -> StartTrial:
-    recording, _ = checked(recording, settings)
-    begin = clock.process_time()
-    frames = resample(recording, settings.frame_rate)
-    usual = first_calibration(recording, frames, settings)
-    starts = search_start(recording, frames, usual, settings)
-    cpu_s = clock.process_time() - begin
-    best, flagged = (starts.best.calibration, (*starts.doubtful, *starts.tilted)) if starts else (usual, ())
-    off = dict(zip(frames.sensors, np.rad2deg(bones_off(recording, frames, best)).tolist(), strict=True))
-    questioned = tuple(frames.sensors[s] for s in sorted(set(flagged)))
-    return StartTrial(name, recording.subject.name, recording.initial_pose, off, questioned, cpu_s)
-
-
-def bones_off(recording: Recording, frames: ImuFrames, start: InitialCalibration) -> Array:
-    """``(S,)`` radians, the median over frames of how far a start turns each sensor's bone against the truth.
-
-    The world's heading is the one about which most sensors agree.
-    """
-    assert recording.truth is not None
-    true = recording.truth.motion
-    bones = [recording.placement.site(name).bone_index for name in frames.sensors]
-    at = np.clip(np.searchsorted(true.time, frames.time), 0, len(true) - 1)
-    R_true = true.state.R_world_bone[at][:, bones]
-    R_found = rotation_z(start.headings) @ frames.R_inertial_sensor @ transpose(start.R_bone_sensor)
-    seen = frames.orientation_valid & ((frames.time >= true.time[0]) & (frames.time <= true.time[-1]))[:, None]
-    yaw = np.angle(np.sum(np.exp(1j * yaw_of(R_found @ transpose(R_true))) * seen, axis=0))
-    common = yaw[np.abs(wrap_angle(yaw[:, None] - yaw)).sum(axis=1).argmin()]
-    off = angle_between(rotation_z(common) @ R_true, R_found)
-    return np.nanmedian(np.where(seen, off, np.nan), axis=0)

@@ -1,14 +1,11 @@
 """Streams that end badly: killed, or on a disk that is full. What is left of their files, and what was said."""
 
 import json
-import multiprocessing
-import pickle
 import subprocess
 import time
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -19,11 +16,10 @@ from tests.studies.stream_program import COMMAND
 from tests.studies.study import Fixed, Study, Tell, bullets
 from vip_factors.atomic import partial_path
 from vip_factors.body.kinematics import Motion
-from vip_factors.io.live_mcap import FLUSH_S, LiveMcapSink
+from vip_factors.io.live_mcap import FLUSH_S
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import write_scene
-from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
@@ -33,8 +29,6 @@ from vip_factors.viz.rerun_file import is_whole
 RATE = 30.0  # frames per second: one slow core keeps up
 VIEWER_S = 60.0  # that the process of Rerun may take to complete its file, and any other to end
 LEAST_BYTES = 1000  # that a full disk holds
-PACED_S = 2.0  # before the end, in which answers are written as fast as they would come
-PATIENCE_S = 60.0  # for a process to start and write
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,59 +213,3 @@ def _on_full_disk(command: Sequence[str], scene: Path, folder: Path, most: int) 
     whole &= "e.rrd" not in names or is_whole(folder / "e.rrd")
     whole &= not any(name.startswith(".") for name in names) and "Traceback" not in done.stderr
     return FullDisk(most, done.returncode, said.replace(f"{folder}/", ""), str(folder) in said, whole)
-
-
-@dataclass(frozen=True)
-class Killed:
-    """What a killed program left.
-
-    Attributes:
-        written_s: time of the last smoothed pose that was handed to the file.
-        left_s: time of the last one that can be read.
-        readable: frames.
-    """
-
-    written_s: float
-    left_s: float
-    readable: int
-
-    @property
-    def lost_s(self) -> float:
-        """What was lost."""
-        return self.written_s - self.left_s
-
-
-def kill_while_writing(answers: Sequence[LiveEstimate], setup: Scene, rate: float, until: float) -> Killed | None:
-    """Write answers up to a time (s) in a process of its own, kill it without a warning, and read what it left.
-
-    None if the process ended by itself.
-    """
-    first = [one for one in answers if one.time <= until]
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "estimate.mcap"
-        context = multiprocessing.get_context("spawn")
-        here, there = context.Pipe(duplex=False)
-        process = context.Process(target=_write, args=(pickle.dumps((first, setup, rate)), str(path), there))
-        process.start()
-        try:
-            written = here.poll(PATIENCE_S) and here.recv()
-        finally:
-            process.kill()
-            process.join()
-        if not written:
-            return None
-        motion = _readable(partial_path(path))
-    late = next(one.wearers[0].smoothed for one in reversed(first) if one.wearers[0].smoothed is not None)
-    return Killed(late.time, float(motion.time[-1]), len(motion))
-
-
-def _write(content: bytes, path: str, done: Connection) -> None:
-    """In the other process: write all answers, the last ones at their own pace, say so, and wait for the end."""
-    answers, setup, rate = pickle.loads(content)
-    sink = LiveMcapSink(path, setup, rate)
-    for answer in answers:
-        if answer.time > answers[-1].time - PACED_S:
-            time.sleep(1 / rate)
-        sink.write(answer)
-    done.send(True)
-    time.sleep(PATIENCE_S)

@@ -11,7 +11,6 @@ import numpy as np
 
 from tests.studies.faults import Fault, chosen_faults
 from tests.studies.scenes import HOLD_S, SETTLED_S, find_clips, posed_scene, straps_and_sensors
-from tests.studies.stream_ends import Killed, kill_while_writing
 from tests.studies.stream_run import (
     ErrorOverTime,
     StreamRun,
@@ -34,8 +33,6 @@ from vip_factors.simulate.staging import lasting
 UNTIL_FAULT_S = 4.0  # before it, over which errors are compared
 LASTING_S = 3.0  # after the beginning of what does not end: that counts as "during"
 LEAST_AFTER_S = 3.0  # that are left after it
-KILLS = (0.0, 0.13, 0.29, 0.41)  # seconds after the fault's time: anywhere between two flushes
-KILLED = "killed"
 POSE_ERROR_DEG = 4.0  # of the held T-pose, as in the suite of single wearers
 
 
@@ -94,15 +91,6 @@ class FaultTrial:
     failure: str = ""
 
 
-@dataclass(frozen=True)
-class KilledTrial:
-    """Programs killed while they write."""
-
-    camera: str
-    clip: str
-    kills: tuple[Killed, ...]
-
-
 @dataclass(frozen=True, kw_only=True)
 class StreamFaults(Study):
     """Live streams with samples lost, late or wrong: what it costs, and how soon all is good again."""
@@ -118,7 +106,7 @@ class StreamFaults(Study):
     cameras: tuple[CameraKind, ...] = ("fixed", "hand-held")
     """What films."""
     faults: tuple[str, ...] = ()
-    """Parts of names of faults, such as 'lost', 'shank' or 'clock'; 'killed' for that of the program; all if absent."""
+    """Parts of names of faults, such as 'lost', 'shank' or 'clock'; all if absent."""
     processes: int = 1
     """Streams worked on side by side."""
     frame_rate: float = 60.0
@@ -141,14 +129,12 @@ class StreamFaults(Study):
     def settings(self) -> LiveSettings:
         return LiveSettings(frame_rate=self.frame_rate, recalibration=RecalibrationSettings(use=self.recalibration))
 
-    def rows(self, tell: Tell) -> Iterator[FaultTrial | KilledTrial]:
+    def rows(self, tell: Tell) -> Iterator[FaultTrial]:
         work = [(camera, clip) for clip in self.clips or ("gestures",) for camera in self.cameras]
         for number, (camera, clip) in enumerate(work):
             tell(f"{clip}, {camera}", number / len(work))
             scene = self.scene(camera, clip)
-            faults = chosen_faults(scene, self.fault_s, tuple(name for name in self.faults if name != KILLED))
-            if self.faults == (KILLED,):
-                faults = []
+            faults = chosen_faults(scene, self.fault_s, self.faults)
             usual = _run((scene, self.settings, None))
             assert isinstance(usual, StreamRun)
             jobs = [(scene, self.settings, fault) for fault in faults]
@@ -157,11 +143,6 @@ class StreamFaults(Study):
                 for done, (fault, run) in enumerate(zip(faults, runs, strict=True)):
                     tell(fault.name, (number + done / len(faults)) / len(work))
                     yield _scored(scene, camera, clip, fault, run, usual, self)
-            if not self.faults or KILLED in self.faults:
-                ends = (self.fault_s + late for late in KILLS)
-                setup = stream_head(scene)
-                kills = (kill_while_writing(usual.answers, setup, self.frame_rate, end) for end in ends)
-                yield KilledTrial(camera, clip, tuple(one for one in kills if one is not None))
 
     def scene(self, camera: CameraKind, clip: str = "gestures", seed: int = 0) -> Scene:
         """One wearer of 13 sensors who holds a T-pose and then does what a clip shows."""
@@ -174,7 +155,7 @@ class StreamFaults(Study):
         settings = SceneSettings.realistic(camera=camera, imu=straps_and_sensors())
         return posed_scene(motion, f"{clip}, {camera}", settings, POSE_ERROR_DEG, seed)
 
-    def tables(self, rows: Sequence[FaultTrial | KilledTrial]) -> Iterator[str]:
+    def tables(self, rows: Sequence[FaultTrial]) -> Iterator[str]:
         """A table for each stream, and what was said below it."""
         yield (
             f"MPJPE mm of one wearer's stream of {self.seconds:g} s; faults from {self.fault_s:g} s on; in brackets "
@@ -184,13 +165,8 @@ class StreamFaults(Study):
         )
         for (clip, camera), own in group(rows, lambda one: (one.clip, one.camera)).items():
             yield f"## {clip}, {camera} camera"
-            faults = [one for one in own if isinstance(one, FaultTrial)]
-            if faults:
-                yield table(HEAD, map(_line, faults))
-                yield "\n".join(line for one in faults for line in _said(one))
-            for one in own:
-                if isinstance(one, KilledTrial):
-                    yield _kill_line(one)
+            yield table(HEAD, map(_line, own))
+            yield "\n".join(line for one in own for line in _said(one))
 
 
 def _run(job: tuple[Scene, LiveSettings, Fault | None]) -> StreamRun | str:
@@ -277,13 +253,3 @@ def _said(one: FaultTrial) -> Iterator[str]:
     first = {sentence: time for time, sentence in reversed(one.findings)}
     for sentence, count in Counter(sentence for _, sentence in one.findings).items():
         yield f"  - {first[sentence]:.1f} s: {sentence}" + (f" ({count} times)" if count > 1 else "")
-
-
-def _kill_line(trial: KilledTrial) -> str:
-    if not trial.kills:
-        return "Killed while it wrote: nothing could be read"
-    lost = [one.lost_s for one in trial.kills]
-    return (
-        f"Killed while it wrote, {len(lost)} times: {np.min(lost):.2f} to {np.max(lost):.2f} s of smoothed poses lost, "
-        f"{min(one.readable for one in trial.kills)} frames or more could be read"
-    )

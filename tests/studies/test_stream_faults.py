@@ -1,4 +1,4 @@
-"""Errors of streams over time, the program that is killed, the table; the tracker itself is tested elsewhere."""
+"""Errors of streams over time, the table; the tracker itself is tested elsewhere."""
 
 import math
 from dataclasses import replace
@@ -8,8 +8,7 @@ import pytest
 from live_answers import answers, live_scene, truth_of
 
 from tests.studies.faults import chosen_faults
-from tests.studies.stream_ends import kill_while_writing
-from tests.studies.stream_faults import Errors, FaultTrial, KilledTrial, StreamFaults
+from tests.studies.stream_faults import Errors, FaultTrial, StreamFaults
 from tests.studies.stream_run import ErrorOverTime, bad_seconds, error_over_time, run_stream, seconds_until_good
 from tests.studies.study import markdown
 from vip_factors.errors import InputError
@@ -102,15 +101,6 @@ def test_a_queue_that_runs_over_is_told_and_order_is_kept(scene: Scene, monkeypa
     assert run.arrival[-1] > 10
 
 
-@pytest.mark.slow
-def test_little_is_lost_with_the_program() -> None:
-    scene = live_scene(3.0, 1)
-    killed = kill_while_writing(list(answers(scene)), stream_head(scene), 60.0, 2.2)
-    assert killed is not None
-    assert 0 <= killed.lost_s <= 0.51
-    assert killed.readable > 80
-
-
 def test_the_table_says_what_was_measured() -> None:
     usual, bad = Errors(20.0, 21.0, 22.0), Errors(20.0, 50.0, float("nan"))
     trial = FaultTrial(
@@ -118,7 +108,7 @@ def test_the_table_says_what_was_measured() -> None:
         ((1.0, 2.0, 3.0, 4.0),), 0.5, ((8.0, "it is dead"), (9.0, "it is dead")),
     )  # fmt: skip
     failed = replace(trial, fault="other", failure="ValueError: x", findings=())
-    table = markdown(StreamFaults(), [trial, failed, KilledTrial("fixed", "gestures", ())])
+    table = markdown(StreamFaults(), [trial, failed])
     row = next(line for line in table.splitlines() if line.startswith("| pelvis"))
     assert row.split(" | ")[1:8] == ["20.0", "50.0 (21.0)", "n/a (22.0)", "20.0", "50.0 (21.0)", "n/a (22.0)", "1.5"]
     assert "not to the end" in row

@@ -7,10 +7,19 @@ import numpy as np
 import pytest
 
 from tests.studies import scenes, thesis, vip
-from tests.studies.scenes import chosen_clips, distorted, nominal_start, start_errors, turned
-from tests.studies.sip import errors_by_kind
+from tests.studies.scenes import (
+    HOLD_S,
+    calibrated_at_first_frame,
+    chosen_clips,
+    distorted,
+    find_clips,
+    nominal_start,
+    start_errors,
+    true_calibration,
+    turned,
+)
 from tests.studies.study import markdown, run
-from tests.studies.vip import Vip
+from tests.studies.vip import Vip, errors_by_kind
 from tests.studies.vip_variants import VARIANTS, chosen_variants, settings_of, told
 from vip_factors.errors import InputError, SolveError
 from vip_factors.geometry.rotations import angle_between, wrap_angle
@@ -132,3 +141,26 @@ def test_clips_are_chosen_by_kind_and_name() -> None:
         chosen_clips(("low",), ("07_01",))
     with pytest.raises(InputError, match="'99_99' is neither"):
         chosen_clips((), ("99_99",))
+
+
+def test_first_frame_gives_the_simulators_mountings_if_nothing_errs() -> None:
+    perfect = replace(QUICK, sensors=SimulateSettings.noise_free(heading_offset_deg=90.0))
+    recording = perfect.scene(gestures(3.0), "walk", 0).wearers[0]
+    found = true_calibration(calibrated_at_first_frame(recording))
+    for sensor, calibration in true_calibration(recording).items():
+        assert found[sensor].heading == calibration.heading
+        assert angle_between(found[sensor].R_bone_sensor, calibration.R_bone_sensor) < 1e-6
+
+
+def test_the_middle_of_a_long_clip_is_taken_and_short_ones_are_refused(scene: Scene) -> None:
+    start, end = scene.wearers[0].interval
+    assert end - start == pytest.approx(QUICK.seconds + HOLD_S, abs=0.05)
+    with pytest.raises(InputError, match=r"lasts 1\.0"):
+        QUICK.scene(gestures(1.0), "walk", 0)
+
+
+def test_missing_clips_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="07_01"):
+        find_clips(tmp_path, ["07_01"])
+    with pytest.raises(InputError, match="expected a folder"):
+        find_clips(tmp_path / "absent", ["07_01"])

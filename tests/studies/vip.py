@@ -22,7 +22,6 @@ from tests.studies.scenes import (
     straps_and_sensors,
     true_motion,
 )
-from tests.studies.sip import errors_by_kind
 from tests.studies.study import NAN, Fixed, Study, Tell, bullets, group, mean, table
 from tests.studies.vip_variants import VARIANTS, Variant, chosen_variants, settings_of, told
 from vip_factors.body.kinematics import Motion
@@ -220,6 +219,15 @@ def measured(trial: Trial, estimate: Estimate, scene: Scene, skip_s: float) -> T
         solve_seconds=_solve_seconds(estimate),
         findings=sentences(estimate.findings),
     )
+
+
+def errors_by_kind(trials: Sequence[Trial]) -> dict[str, tuple[float, float]]:
+    """MPJPE in mm and MPJAE in degrees by kind of motion, every recording alike, and ``mean`` of the kinds."""
+    found = {
+        kind: (mean(one.mpjpe_mm for one in own), mean(one.mpjae_deg for one in own))
+        for kind, own in group(trials, lambda one: one.kind).items()
+    }
+    return found | {"mean": (mean(p for p, _ in found.values()), mean(a for _, a in found.values()))}
 
 
 def _metric(evaluation: SceneEvaluation, name: str) -> float:

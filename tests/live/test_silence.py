@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tracked import RATE, filmed, poses, track
 
-from tests.studies.stream_fault_injection import Chosen, everything, lost, of_imus
+from tests.studies.faults import Chosen, everything, lost, of_imus
 from vip_factors.evaluate.metrics import common_frames, mpjpe
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset

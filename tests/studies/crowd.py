@@ -13,7 +13,7 @@ import numpy as np
 from tests.studies.pose_prior_training import held_out_names
 from tests.studies.scenes import BLEND_S, HOLD_S, PLACEMENT, POSE, find_clips, straps_and_sensors
 from tests.studies.study import NAN, Fixed, Study, Tell, bullets, group, mean, table
-from tests.studies.thesis import ASSOCIATION_3DPW
+from tests.studies.vip_variants import ASSOCIATION_3DPW
 from vip_factors.associate.associate import associate
 from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Flag

@@ -8,7 +8,7 @@ import numpy as np
 
 from tests.studies.processes import apart, peak_memory
 from tests.studies.study import MB, Study, Tell, table
-from tests.studies.thesis import SECONDS_1000_FRAMES_20_ITERATIONS
+from tests.studies.vip_variants import SECONDS_1000_FRAMES_20_ITERATIONS
 from vip_factors.assembly.objective import WearerObjective
 from vip_factors.cli.options import Flag
 from vip_factors.pipeline import smooth

@@ -1,4 +1,7 @@
-"""The whole program fed over the loopback, in small: a tracker that knows the answers stands in for ours."""
+"""The whole program in small, fed over the loopback, killed, on full disks.
+
+A tracker that knows the answers stands in for ours.
+"""
 
 import sys
 from pathlib import Path
@@ -7,9 +10,10 @@ import numpy as np
 import pytest
 from live_answers import live_scene
 
-from tests.studies import stream_hour, stream_slow
+from tests.studies import stream_ends, stream_hour, stream_slow
 from tests.studies.long_stream import LongStreamTrials
 from tests.studies.processes import begun_by, is_running, process_tree
+from tests.studies.stream_ends import DiskFull, FullDisk, StreamKill, small_scene
 from tests.studies.stream_hour import Watch, WholeEnd, whole_stream, whole_tables
 from tests.studies.stream_program import StreamProgram
 from tests.studies.stream_slow import Answers, SlowPart, SlowStream, StreamSlow
@@ -114,3 +118,25 @@ def test_answers_are_in_time_again() -> None:
     answers._rows = [(time, age, 0.0) for time, age in ages]
     assert answers.good_after(50.0) == pytest.approx(5.0)
     assert answers.good_after(56.0) == 0.0
+
+
+def test_killed_streams_lose_a_chunk_at_most(tmp_path: Path) -> None:
+    write_scene(small_scene(2.0), tmp_path / "known.mcap")
+    command = (sys.executable, str(STUB), str(tmp_path / "known.mcap"))
+    study = StreamKill(kills=1, seconds=2.0, command=command)
+    found = run(study)
+    for one in found:
+        assert one.estimate
+        assert one.rerun
+        assert one.lost_s < 0.5 + 0.3 + 1 / stream_ends.RATE  # a flush, and a lag that the first pose may be after
+        assert one.left == ("e.partial.mcap", "e.partial.rrd")
+    assert markdown(study, found).startswith("1 streams killed after")
+
+
+def test_streams_on_full_disks_are_counted() -> None:
+    good = FullDisk(9000, 2, "vip-factors: e.partial.mcap: File too large", named=True, orderly=True)
+    bad = FullDisk(8000, 0, "60 frames", named=False, orderly=True)
+    assert good.good
+    told = markdown(DiskFull(), [good, bad])
+    assert "2 streams on full disks: exit code not 0 1, file named 1, nothing half-written 2 times" in told
+    assert told.splitlines()[1:] == ["", "- 8000 bytes: exit code 0: 60 frames"]

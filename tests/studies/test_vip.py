@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.studies import scenes, thesis, vip
+from tests.studies import scenes, vip
 from tests.studies.scenes import (
     HOLD_S,
     calibrated_at_first_frame,
@@ -20,7 +20,7 @@ from tests.studies.scenes import (
 )
 from tests.studies.study import markdown, run
 from tests.studies.vip import Vip, errors_by_kind
-from tests.studies.vip_variants import VARIANTS, chosen_variants, settings_of, told
+from tests.studies.vip_variants import PUBLISHED, VARIANTS, chosen_variants, settings_of, told
 from vip_factors.errors import InputError, SolveError
 from vip_factors.geometry.rotations import angle_between, wrap_angle
 from vip_factors.sensors.scene import Scene
@@ -41,7 +41,7 @@ def scene() -> Scene:
 
 
 def test_the_thesis_names_its_trackers_as_we_do() -> None:
-    assert set(thesis.VARIANTS) <= set(VARIANTS)
+    assert set(PUBLISHED) <= set(VARIANTS)
     assert [one.name for one in chosen_variants(("VIP", "IT"))] == ["VIP", "IT"]
     with pytest.raises(InputError, match="unknown variant 'VIPER': expected some of IT, VIP"):
         chosen_variants(("VIPER",))

@@ -8,7 +8,6 @@ from time import perf_counter
 
 import numpy as np
 
-from tests.studies import thesis
 from tests.studies.scenes import (
     SETTLED_S,
     Clip,
@@ -23,7 +22,15 @@ from tests.studies.scenes import (
     true_motion,
 )
 from tests.studies.study import NAN, Fixed, Study, Tell, bullets, group, mean, table
-from tests.studies.vip_variants import VARIANTS, Variant, chosen_variants, settings_of, told
+from tests.studies.vip_variants import (
+    PUBLISHED,
+    PUBLISHED_BY_ACTIVITY,
+    VARIANTS,
+    Variant,
+    chosen_variants,
+    settings_of,
+    told,
+)
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import RecordingError, SolveError
 from vip_factors.estimate import Estimate, WearerEstimate
@@ -112,7 +119,7 @@ class VipTables(Study):
         shown = [*kinds, "mean"] if len(kinds) > 1 else ["mean"]
         yield table(
             ["variant", *shown, "thesis, mean"],
-            [[name, *(row.get(kind) for kind in shown), thesis.VARIANTS.get(name)] for name, row in means.items()],
+            [[name, *(row.get(kind) for kind in shown), PUBLISHED.get(name)] for name, row in means.items()],
         )
         yield bullets("", _compared(variants))
         yield "Errors of headings and mountings in degrees (after the common yaw), and all else"
@@ -120,8 +127,8 @@ class VipTables(Study):
         head += ["camera mm", "camera deg", "precision %", "recall %", "solve s", "all s"]
         yield table(["variant", *head], [[name, *_details(own)] for name, own in variants.items()])
         yield "Thesis, on TotalCapture (other motions, real sensors; tables 4.2 and 4.3)"
-        published = list(thesis.BY_ACTIVITY["VIP"])
-        lines = [[name, *(row[kind] for kind in published)] for name, row in thesis.BY_ACTIVITY.items()]
+        published = list(PUBLISHED_BY_ACTIVITY["VIP"])
+        lines = [[name, *(row[kind] for kind in published)] for name, row in PUBLISHED_BY_ACTIVITY.items()]
         yield table(["variant", *published], lines)
         failures = (f"{t.variant}, {t.clip}, seed {t.seed}: {t.failure}" for t in rows if t.failure)
         yield bullets("Not solved, and left out of the means:", failures)
@@ -262,8 +269,8 @@ def _compared(variants: dict[str, list[Trial]]) -> Iterator[str]:
             continue
         a, b = (errors_by_kind([found[key] for key in both])["mean"][0] for found in (first, second))
         published = ""
-        if one in thesis.VARIANTS and other in thesis.VARIANTS:
-            theirs, reference = thesis.VARIANTS[one][0], thesis.VARIANTS[other][0]
+        if one in PUBLISHED and other in PUBLISHED:
+            theirs, reference = PUBLISHED[one][0], PUBLISHED[other][0]
             published = f" (thesis {100 * theirs / reference:.1f} %, {theirs - reference:+.1f} mm)"
         yield f"MPJPE of {one} is {100 * a / b:.1f} % of {other}'s, {a - b:+.1f} mm{published}"
 

@@ -264,6 +264,16 @@ POSTURE_KINDS = {
         "Check the declared pose, the placement, and whether the sensors stayed where they were.",
         "{name} by {value:.0f}°",
     ),
+    "two calibrations": Kind(
+        DOUBT,
+        "wearer '{wearer}': two calibrations explain the recording, this one only {times} times as well as another, "
+        "which turns {each} on their bones: do not trust how these bones are turned; a pose held at the start, or more "
+        "and brisker motion, would tell",
+        "The recording does not settle how some sensors sat",
+        "How these bones are turned about themselves may be the other way; where their ends are may be right.",
+        "Declare a pose held at the start, or record more and brisker motion of these limbs.",
+        "{name} by {value:.0f}°",
+    ),
     "body size": Kind(
         CARE,
         "wearer '{wearer}': stature and pictures disagree: all lengths together ask for a body {percent:.0f} % "

@@ -1,12 +1,13 @@
 """Video-inertial fusion (thesis 4.3.3): wearers, camera, headings and mountings jointly; coarsely, then finely."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.kinematics import Motion
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.problem.scene import CameraProblem, ExtraTerms, KeypointView, SceneProblem, Viewpoint
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState, seconds_late
@@ -40,12 +41,14 @@ HELD = np.deg2rad(1.0)  # of a mounting that is kept where the start had it
 class FusionSolution:
     """A scene's problem and its solution.
 
-    ``spreads`` is what was taken for the scatter of each camera's detections of each wearer, in OKS sigmas.
+    ``spreads`` is what was taken for the scatter of each camera's detections of each wearer, in OKS sigmas;
+    ``findings`` tell of another solution that is hardly less likely.
     """
 
     model: SceneProblem
     state: SceneState
     spreads: tuple[tuple[float, ...], ...]
+    findings: tuple[Finding, ...] = ()
 
     def measured_spreads(self) -> tuple[tuple[float, ...], ...]:
         """How each camera's detections of each wearer scatter about the solution, in OKS sigmas."""
@@ -312,7 +315,7 @@ def fuse_in_rounds(
     for _ in range(settings.fusion.refits):
         if not solution.is_consistent():
             solution = fuse(initial, solution, associated, settings, solver)
-    solution = _reconsidered(initial, solution, associated, settings, solver)
+    solution = _reconsidered(initial, solution, associated, names, settings, solver)
     associated = add_left_over_detections(
         associated, solution.camera_path, solution.clock, solution.motions(names), settings
     )
@@ -323,13 +326,14 @@ def _reconsidered(
     initial: FusionStart,
     solution: FusionSolution,
     associated: Sequence[AssociatedCamera],
+    names: Sequence[str],
     settings: Settings,
     solver: Solver,
 ) -> FusionSolution:
     """The better of a solution and, if something ended far from where it is likely, of one that began with that held.
 
     Many frames of one posture may lead a mounting or a hinge's axis from where a single statement had it into another
-    valley, from which no way leads back.
+    valley, from which no way leads back. Where both stand, findings say so.
     """
     cautious = [
         _with_unlikely_fixed(one, own) for one, own in zip(solution.model.wearers, solution.state.wearers, strict=True)
@@ -342,7 +346,27 @@ def _reconsidered(
     ]
     other = fuse(replace(initial, wearers=tuple(likely)), None, associated, settings, solver)
     other = fuse(initial, other, associated, settings, solver)
-    return min(solution, other, key=lambda one: _cost(one, solution))
+    (cost, best), (rival_cost, rival) = sorted(
+        ((_cost(one, solution), one) for one in (solution, other)), key=lambda pair: pair[0]
+    )
+    if rival_cost - cost > settings.calibration.start.settled:
+        return best
+    return replace(best, findings=tuple(_rival_findings(best, rival, names, rival_cost - cost)))
+
+
+def _rival_findings(
+    best: FusionSolution, rival: FusionSolution, names: Sequence[str], margin: float
+) -> Iterator[Finding]:
+    """Of each wearer the sensors that two solutions turn by more than 60° against each other; ``margin`` nats apart."""
+    for name, model, one, other in zip(names, best.model.wearers, best.state.wearers, rival.state.wearers, strict=True):
+        turned = np.rad2deg(angle_between(one.R_bone_sensor, other.R_bone_sensor))
+        far = {
+            sensor: float(by)
+            for sensor, by in zip(model.frames.sensors, turned, strict=True)
+            if by > np.rad2deg(TURNED)
+        }
+        if far:
+            yield Finding("two calibrations", name, numbers=far, words={"times": f"{np.exp(margin):.1f}"})
 
 
 def _with_unlikely_fixed(model: WearerProblem, state: WearerState) -> WearerProblem:

@@ -64,6 +64,7 @@ def scene_estimate(
     found = [
         *who_is_who(scene, associated),
         *undetermined[: shared is None],
+        *coarse.findings,
         *quality_checks(scene, associated, fine, wearers),
         *(clock_findings(first, camera) if associated[0].camera is first else ()),
     ]

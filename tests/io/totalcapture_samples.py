@@ -94,7 +94,7 @@ def write(
     for t in range(lost_head, FRAMES):
         lines.append(str(t + 1 - lost_head))
         for k, sensor in enumerate(SENSORS):
-            values = [*q_wxyz[sensor][t], *force[t, k], *([0.5] * 6 if aux else [])]
-            lines.append(f"{sensor}\t" + " ".join(f"{x:.9g}" for x in values))
+            row = [*q_wxyz[sensor][t], *force[t, k], *([0.5] * 6 if aux else [])]
+            lines.append(f"{sensor}\t" + " ".join(f"{x:.9g}" for x in row))
     (folder / f"{prefix}Xsens{'_AuxFields' if aux else ''}.sensors").write_text("\n".join(lines) + "\n")
     return Session(folder, R, state, mountings, streams, force)

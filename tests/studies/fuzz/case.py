@@ -7,6 +7,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from tests.studies.fuzz.bytes_and_text import Mutation, mutated_bytes, mutated_text
 from tests.studies.fuzz.containers import (
@@ -17,6 +18,7 @@ from tests.studies.fuzz.containers import (
     mutated_protobuf,
     mutated_stream,
 )
+from vip_factors.body.kinematics import Motion
 
 MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     ".mcap": (mutated_mcap, mutated_mcap, mutated_mcap, mutated_bytes),
@@ -94,3 +96,26 @@ def mutations_of(name: str) -> tuple[Mutation, ...]:
 def files_below(folder: Path) -> dict[str, bytes]:
     """All files of a folder."""
     return {str(one.relative_to(folder)): one.read_bytes() for one in sorted(folder.rglob("*")) if one.is_file()}
+
+
+def written(write: Callable[[Path], object]) -> dict[str, bytes]:
+    """All files that something writes into a folder."""
+    with TemporaryDirectory() as name:
+        write(Path(name))
+        return files_below(Path(name))
+
+
+def written_motions(motion: Motion) -> dict[str, bytes]:
+    """A motion as the files of other programs: a.bvh, a.npz."""
+    from vip_factors.estimate import Estimate, WearerEstimate
+    from vip_factors.io.export.animation import write_bvh
+    from vip_factors.io.export.files import ExportSettings
+    from vip_factors.io.export.smpl import write_amass
+
+    estimate = Estimate("a", "IT", (WearerEstimate("a", "IT", motion, {}),))
+
+    def write(folder: Path) -> None:
+        write_bvh(estimate, folder / "a.bvh", ExportSettings())
+        write_amass(estimate, folder / "a.npz", ExportSettings())
+
+    return written(write)

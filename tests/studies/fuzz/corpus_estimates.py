@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tests.studies.fuzz.case import Case, Files, command_case, files_below, installed
+from tests.studies.fuzz.case import Case, Files, command_case, files_below, installed, written_motions
 from tests.studies.fuzz.corpus_scenes import scene_files, small_scene
 from vip_factors.body.kinematics import Motion
 
@@ -21,7 +21,7 @@ def estimate_cases() -> list[Case]:
     cases = [
         case("view-scene", scene, f"view {of_scene} --save {{}}/out.rrd --overwrite", seldom=80),
         case("view-plain", plain, f"view {of_plain} --save {{}}/out.rrd --overwrite", seldom=60),
-        case("view-motion", _motions(), "view {}/a.bvh --save {}/out.rrd --overwrite", seldom=40),
+        case("view-motion", written_motions(true_motion()), "view {}/a.bvh --save {}/out.rrd --overwrite", seldom=40),
         case("view-images", _images(), "view {}/scene.mcap --save {}/out.rrd --overwrite", seldom=50),
         case("picture-scene", scene, f"view {of_scene} --picture {{}}/out.png --overwrite", seldom=250),
         case("picture-plain", plain, f"view {of_plain} --picture {{}}/out.png --overwrite", seldom=250),
@@ -38,7 +38,7 @@ def estimate_cases() -> list[Case]:
              sound=("plain.estimate.mcap",), seldom=15),
     ]  # fmt: skip
     for suffix in ("bvh", "npz"):
-        files = {name: content for name, content in _motions().items() if name.endswith(suffix)}
+        files = {name: content for name, content in written_motions(true_motion()).items() if name.endswith(suffix)}
         estimate = {"plain.estimate.mcap": plain["plain.estimate.mcap"]}
         line = f"evaluate {{}}/plain.estimate.mcap --truth {{}}/a.{suffix}"
         cases.append(case(f"evaluate-{suffix}", files | estimate, line, sound=tuple(estimate), seldom=15))
@@ -67,20 +67,6 @@ def true_motion() -> Motion:
     truth = small_scene().wearers[0].truth
     assert truth is not None
     return truth.motion
-
-
-def _motions() -> Files:
-    """The truth as a motion of other programs."""
-    from vip_factors.estimate import Estimate, WearerEstimate
-    from vip_factors.io.export.animation import write_bvh
-    from vip_factors.io.export.settings import ExportSettings
-    from vip_factors.io.export.smpl import write_amass
-
-    estimate = Estimate("a", "IT", (WearerEstimate("a", "IT", true_motion(), {}),))
-    with TemporaryDirectory() as name:
-        write_bvh(estimate, Path(name, "a.bvh"), ExportSettings())
-        write_amass(estimate, Path(name, "a.npz"), ExportSettings())
-        return files_below(Path(name))
 
 
 def _live_estimate() -> bytes:

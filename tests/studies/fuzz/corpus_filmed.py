@@ -1,14 +1,14 @@
 """Videos, images, and what convert puts together: wearers, cameras, 2D poses, logs of a camera's own sensor, bodies."""
 
-import json
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
-from tests.studies.fuzz.case import Case, Files, command_case, installed
+from tests.io.pose_files import person, write_mmpose, write_openpose
+from tests.studies.fuzz.case import Case, Files, command_case, installed, written
 from tests.studies.fuzz.corpus_scenes import scene_files
+from tests.studies.fuzz.corpus_small import FLOOR
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.geometry.rotations import exp
 
@@ -16,7 +16,6 @@ WIDTH, HEIGHT = 64, 48
 BOARD_WIDTH, BOARD_HEIGHT, FOCAL = 200, 150, 180.0
 COLUMNS, ROWS = 5, 4  # inner corners
 CAMERA = f"width = {WIDTH}\nheight = {HEIGHT}\nfx = 50\nfy = 50\ncx = {WIDTH / 2}\ncy = {HEIGHT / 2}\ndistortion = []\n"
-FLOOR = "[floor]\nR_floor_camera = [[1,0,0],[0,0,1],[0,-1,0]]\np_floor_camera = [0.0, -3.0, 1.2]\n"
 BOARD_CAMERA = (
     f"width = {BOARD_WIDTH}\nheight = {BOARD_HEIGHT}\nfx = {FOCAL}\nfy = {FOCAL}\ncx = {BOARD_WIDTH / 2}\n"
     f"cy = {BOARD_HEIGHT / 2}\ndistortion = [0.0, 0.0, 0.0, 0.0]\n"
@@ -29,7 +28,10 @@ def filmed_cases(log: Files) -> list[Case]:
     """By ``convert`` and ``calibrate-camera``; ``log`` is one of Xsens's, in the folder log."""
     case, log = command_case, dict(log)
     plain = {"plain.mcap": scene_files()["plain.mcap"]}
-    filmed = {"poses.json": _poses(), "camera.toml": (CAMERA + FLOOR).encode()}
+    people = {number: [_standing("coco17")] for number in range(1, FRAMES + 1)}
+    names = keypoint_set("coco17").keypoints
+    filmed = {**written(lambda folder: write_mmpose(folder / "poses.json", people, names)),
+              "camera.toml": (CAMERA + FLOOR).encode()}  # fmt: skip
     seen = "--detections {}/poses.json --camera {}/camera.toml --video-rate 10"
     cases = [
         case("convert-camera", plain | filmed, f"{CONVERT} {seen} --static-camera --known-camera-pose", seldom=20),
@@ -74,23 +76,6 @@ def _png(view: int) -> bytes:
     return png_bytes(board(view))
 
 
-def _people(count: int) -> list[list[float]]:
-    """Keypoints of one who stands in the small picture."""
-    rows = np.column_stack([20 + 10 * np.sin(np.arange(count)), np.linspace(6, 42, count), np.full(count, 0.9)])
-    return [[round(float(one), 3) for one in row] for row in rows]
-
-
-def _poses() -> bytes:
-    names = keypoint_set("coco17").keypoints
-    person = {
-        "keypoints": [row[:2] for row in _people(17)], "keypoint_scores": [0.9] * 17, "bbox_score": 0.9, "track_id": 0,
-    }  # fmt: skip
-    frames = [{"frame_id": number, "instances": [person]} for number in range(1, FRAMES + 1)]
-    about = {"dataset_name": "coco", "keypoint_id2name": {str(row): name for row, name in enumerate(names)}}
-    tree: dict[str, Any] = {"meta_info": about, "instance_info": frames}
-    return json.dumps(tree).encode()
-
-
 def _lab() -> dict[str, bytes]:
     """A calibration of two cameras, and OpenPose's folders of both, as Pose2Sim has them."""
     tables = [
@@ -99,12 +84,19 @@ def _lab() -> dict[str, bytes]:
         "translation = [0.5, 1.5, 4.0]\nfisheye = false\n"
         for name, turn in (("left", 0.0), ("right", 0.3))
     ]
-    person = {"person_id": [-1], "pose_keypoints_2d": [one for row in _people(25) for one in row]}
-    content = json.dumps({"version": 1.3, "people": [person]}).encode()
-    frames = {
-        f"{name}_json/{name}_{number:012d}_keypoints.json": content for name in ("left", "right") for number in range(3)
-    }
-    return {"Calib.toml": "\n".join([*tables, "[metadata]\nadjusted = false\n"]).encode()} | frames
+    tables.append("[metadata]\nadjusted = false\n")
+    poses = {number: [_standing("body25")] for number in range(3)}
+
+    def write(folder: Path) -> None:
+        for name in ("left", "right"):
+            write_openpose(folder / f"{name}_json", poses, f"{name}_")
+
+    return {"Calib.toml": "\n".join(tables).encode()} | written(write)
+
+
+def _standing(keypoints: str) -> np.ndarray:
+    """Keypoints ``(K, 3)`` of one who stands in the small picture."""
+    return person(keypoints, x=28, y=4, height=40)
 
 
 def moving_square(frame: int) -> np.ndarray:

@@ -1,9 +1,8 @@
 """Sensor logs of all formats, a few samples each, written here in the form that their makers give them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -18,16 +17,14 @@ from tests.io.table_samples import (
     write_named,
     write_quaternions,
 )
-from tests.studies.fuzz.case import Case, Files, files_below
+from tests.studies.fuzz.case import Case, Files, written
 from vip_factors.cli.info_text import recording_text
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.geometry.rotations import Array, exp
 from vip_factors.io.convert import ImportOptions, import_recording
 from vip_factors.io.convert_template import write_templates
 
 ROWS = 8
 NAMES = ("Pelvis", "LeftShank", "RightForeArm")
-GRAVITY = np.array([0.0, 0.0, 9.81])
 SELDOM = {"mvnx": 8, "totalcapture": 12, "apdm-7": 3}
 
 
@@ -71,8 +68,8 @@ def _logs() -> list[tuple[str, str, Files, dict[str, str]]]:
     json = (
         b'{"stature_m": 1.7, "sex": "male", "sensors": {"Pelvis": "pelvis", "RightForeArm": {"site": "right_forearm"}}}'
     )
-    txt = _written(partial(_mtw, names=NAMES))
-    mapped = {**_written(partial(_mtw, names=("a-000_00B1", "a-000_00B2"))), "m.xml": xml}
+    txt = written(partial(_mtw, names=NAMES))
+    mapped = {**written(partial(_mtw, names=("a-000_00B1", "a-000_00B2"))), "m.xml": xml}
     opals = {"Lumbar": sample(1), "Right Ankle": sample(2)}
     si = ("m/s^2", "rad/s")
     return [
@@ -80,32 +77,20 @@ def _logs() -> list[tuple[str, str, Files, dict[str, str]]]:
         ("placement-toml", "log", _below("log", txt) | {"p.toml": placement}, {"placement": "p.toml"}),
         ("placement-json", "log", _below("log", txt) | {"p.json": json}, {"placement": "p.json"}),
         ("opensense-xml", "log", _below("log", mapped), {"placement": "log/m.xml"}),
-        ("xsens-dot", "log", _below("log", _written(_dot)), {}),
-        ("mvnx", "a.mvnx", _written(lambda folder: mvnx_samples.write(folder / "a.mvnx", mvnx_samples.motion())), {}),
-        ("apdm-7", "a.csv", _written(lambda folder: write_format7(folder / "a.csv", opals)), {}),
-        ("apdm-named", "a.csv", _written(lambda folder: write_named(folder / "a.csv", opals, si)), {}),
-        ("opensense-sto", "a.sto", _written(lambda folder: _quaternion_table(folder / "a.sto")), {}),
+        ("xsens-dot", "log", _below("log", written(_dot)), {}),
+        ("mvnx", "a.mvnx", written(lambda folder: mvnx_samples.write(folder / "a.mvnx", mvnx_samples.motion())), {}),
+        ("apdm-7", "a.csv", written(lambda folder: write_format7(folder / "a.csv", opals)), {}),
+        ("apdm-named", "a.csv", written(lambda folder: write_named(folder / "a.csv", opals, si)), {}),
+        ("opensense-sto", "a.sto", written(lambda folder: _quaternion_table(folder / "a.sto")), {}),
         ("opensim-export", "log", _below("log", _opensim_export()), {}),
         ("table", "log.csv", _table(), {"columns": "map.toml"}),
         ("ros2", "a.mcap", {"a.mcap": _ros2()}, {}),
-        ("totalcapture", "s1", _below("s1", _written(totalcapture_samples.write)), {}),
+        ("totalcapture", "s1", _below("s1", written(totalcapture_samples.write)), {}),
     ]
 
 
 def _below(folder: str, files: Files) -> dict[str, bytes]:
     return {f"{folder}/{name}": content for name, content in files.items()}
-
-
-def _sample(seed: int, rows: int = ROWS) -> tuple[Array, Array, Array]:
-    """Orientation, specific force and angular rate of a sensor that turns."""
-    random = np.random.default_rng(seed)
-    rate = random.normal(size=3)
-    R = exp(random.normal(size=3)) @ exp(0.01 * np.arange(rows)[:, None] * rate)
-    return R, np.einsum("nji,j->ni", R, GRAVITY), np.tile(rate, (rows, 1))
-
-
-def _quaternions(R: Array) -> Array:
-    return quaternion_from_matrix(R, Order.WXYZ)
 
 
 def _row(*values: object, separator: str = ",") -> str:
@@ -114,7 +99,7 @@ def _row(*values: object, separator: str = ",") -> str:
 
 def _opensim_export() -> dict[str, bytes]:
     names = ("pelvis_imu", "tibia_l_imu")
-    files = dict(_written(lambda folder: _quaternion_table(folder / "walk_Orientations.sto")))
+    files = dict(written(lambda folder: _quaternion_table(folder / "walk_Orientations.sto")))
     for file, quantity in (("walk_Accel.trc", 1), ("walk_Gyro.trc", 2)):
         lines = [
             f"PathFileType\t4\t(X/Y/Z)\t{file}",
@@ -125,7 +110,7 @@ def _opensim_export() -> dict[str, bytes]:
             "",
         ]
         for i in range(ROWS):
-            values = np.concatenate([_sample(seed)[quantity][i] for seed in (1, 2)])
+            values = np.concatenate([sample(seed, ROWS)[quantity][i] for seed in (1, 2)])
             lines.append(_row(i + 1, float(678 + i / 100), *values, separator="\t"))
         files[file] = ("\n".join(lines) + "\n").encode()
     return files
@@ -136,9 +121,14 @@ def _table() -> dict[str, bytes]:
     text = ['time = "t"', 'time_unit = "s"', 'acceleration_unit = "m/s2"', 'angular_rate_unit = "rad/s"',
             'quaternion_order = "wxyz"', 'quaternion_sense = "sensor_to_world"', 'world_up = "z"']  # fmt: skip
     for number, name in enumerate(("pelvis", "left shank")):
-        R, force, rate = _sample(number)
+        R, force, rate = sample(number, ROWS)
+        q_wxyz = quaternion_from_matrix(R, Order.WXYZ)
         text += [f'[sensors."{name}"]', 'file = "log.csv"']
-        for quantity, values in (("acceleration", force), ("angular_rate", rate), ("quaternion", _quaternions(R))):
+        for quantity, values in (
+            ("acceleration", force),
+            ("angular_rate", rate),
+            ("quaternion", q_wxyz),
+        ):
             columns = [f"{number}_{quantity}_{axis}" for axis in range(values.shape[1])]
             head += columns
             text.append(f"{quantity} = {columns}")
@@ -161,7 +151,7 @@ def _ros2() -> bytes:
     for number, name in enumerate(("pelvis", "left_shank"), start=1):
         channel = struct.pack("<HH", number, 1) + text(f"/imu/{name}") + text("cdr") + struct.pack("<I", 0)
         records.append((0x04, channel))
-        R, force, rate = _sample(number)
+        R, force, rate = sample(number, ROWS)
         quaternion = quaternion_from_matrix(R, Order.XYZW)
         for i in range(ROWS):
             frame = name.encode() + b"\0"
@@ -172,13 +162,6 @@ def _ros2() -> bytes:
             content = struct.pack("<HIQQ", number, i, time_ns, time_ns) + head + struct.pack("<37d", *numbers)
             records.append((0x05, content))
     return mcap_of([*records, (0x0F, b"\0" * 4), (0x02, b"\0" * 20)])
-
-
-def _written(write: Callable[[Path], object]) -> Files:
-    """What is written into a folder."""
-    with TemporaryDirectory() as name:
-        write(Path(name))
-        return files_below(Path(name))
 
 
 def _mtw(folder: Path, names: Sequence[str]) -> None:
@@ -195,5 +178,5 @@ def _dot(folder: Path) -> None:
 
 
 def _quaternion_table(path: Path) -> None:
-    R = np.stack([_sample(seed)[0] for seed in (1, 2)], axis=1)
+    R = np.stack([sample(seed, ROWS)[0] for seed in (1, 2)], axis=1)
     write_quaternions(path, R, ["pelvis_imu", "tibia_l_imu"])

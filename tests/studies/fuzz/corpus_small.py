@@ -10,14 +10,13 @@ import numpy as np
 
 from tests.io.motion_samples import write_amc
 from tests.io.pose_files import person, write_alphapose, write_coco, write_mmpose, write_openpose
-from tests.studies.fuzz.case import Case, files_below
+from tests.studies.fuzz.case import Case, files_below, written, written_motions
 from vip_factors.body.anthropometry import LengthPrior, likely_body
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, PooledOffsets, keypoint_set
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.cli.info_text import motion_text
 from vip_factors.cli.settings_file import read_settings
 from vip_factors.configurations import configured
-from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.settings import Settings, flatten
 from vip_factors.simulate.gestures import gestures
 
@@ -73,32 +72,18 @@ def small_cases() -> list[Case]:
 
 
 def _motions() -> list[Case]:
-    from vip_factors.io.export.animation import write_bvh
-    from vip_factors.io.export.settings import ExportSettings
-    from vip_factors.io.export.smpl import write_amass
     from vip_factors.io.motions import read_motion
 
     def read(folder: Path, name: str) -> None:
         motion_text(read_motion(folder / name))
 
-    motion = gestures(0.05)
-    estimate = Estimate("a", "IT", (WearerEstimate("a", "IT", motion, {}),))
-    with TemporaryDirectory() as name:
-        write_bvh(estimate, Path(name, "a.bvh"), ExportSettings())
-        write_amass(estimate, Path(name, "a.npz"), ExportSettings())
-        write_amc(Path(name, "07_01.amc"), [{}, {}, {}])
-        files = files_below(Path(name))
+    files = written_motions(gestures(0.05)) | written(lambda folder: write_amc(folder / "07_01.amc", [{}, {}, {}]))
     together = {"bvh": ("a.bvh",), "amass": ("a.npz",), "asf-amc": ("07_01.amc", "07.asf")}
     return [
-        Case(
-            kind,
-            {one: files[one] for one in names},
-            partial(read, name=names[0]),
-            f"vip-factors info {{}}/{names[0]}",
-            seldom=5 if kind == "asf-amc" else 2,
-        )
+        Case(kind, {one: files[one] for one in names}, partial(read, name=names[0]),
+             f"vip-factors info {{}}/{names[0]}", seldom=5 if kind == "asf-amc" else 2)
         for kind, names in together.items()
-    ]
+    ]  # fmt: skip
 
 
 def _detections() -> list[Case]:

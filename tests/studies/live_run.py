@@ -1,7 +1,7 @@
 """A scene fed to the fixed-lag tracker sample by sample: its answers as motions, and their errors."""
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
@@ -26,11 +26,25 @@ from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.camera_path import move_motion, scene_gauge
-from vip_factors.sensors.live import live_samples, stream_head
+from vip_factors.sensors.live import LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 
 SINCE_S = (0.0, 1.0, 3.0, 6.0, 1e9)  # edges of the times since the start that are told apart
+
+
+def timed_answers(
+    samples: Iterable[LiveSample], tracker: FixedLagTracker
+) -> Iterator[tuple[float, list[LiveEstimate], float, float]]:
+    """Of every sample with answers: its time, these, and wall and CPU seconds of all samples since the last ones."""
+    wall, cpu = 0.0, 0.0
+    for sample in samples:
+        before = clock.perf_counter(), clock.thread_time()
+        answers = tracker.push(sample)
+        wall, cpu = wall + clock.perf_counter() - before[0], cpu + clock.thread_time() - before[1]
+        if answers:
+            yield sample.time, answers, wall, cpu
+            wall, cpu = 0.0, 0.0
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock
-from time import perf_counter, thread_time
 from typing import Any
 
 import numpy as np
 
+from tests.studies.live_run import timed_answers
 from tests.studies.long_stream import LongStream, LongStreamStudy, LongStreamTrials, stream_scene
 from tests.studies.processes import ProcessTree, apart, process_tree, resident_memory
 from tests.studies.stream_program import COMMAND, StreamProgram
@@ -34,6 +34,12 @@ LOOK_S = 5.0  # between looks at memory
 START_S = 10.0  # of the stream: the first answers come together, once there is a second to answer
 ESTIMATE, RERUN = "stream.mcap", "stream.rrd"
 DROPPED = re.compile(r"does not keep up: (?:(\d+) video frames)?(?: and )?(?:(\d+) IMU samples)? were dropped")
+
+
+def dropped(sentence: str) -> np.ndarray:
+    """Video frames and samples of IMUs ``(2,)`` that a finding says were dropped."""
+    found = DROPPED.search(sentence)
+    return np.array([int(number or 0) for number in found.groups()] if found else (0, 0))
 
 
 @dataclass(frozen=True)
@@ -69,18 +75,14 @@ def measured_parts(
     """Parts of ``part_s`` seconds, as they end; the start's updates are not counted."""
     tracker, started, resident = FixedLagTracker(setup, settings), False, resident_memory()
     rows: list[tuple[float, float]] = []
-    wall, cpu, findings, end, time = 0.0, 0.0, 0, part_s, 0.0
-    for sample in samples:
-        if sample.time >= end and rows:
+    findings, end, time = 0, part_s, 0.0
+    for time, answers, wall, cpu in timed_answers(samples, tracker):
+        if time >= end and rows:
             yield _part(end, rows, findings, resident)
             rows, findings, end = [], 0, end + part_s
-        before = perf_counter(), thread_time()
-        answers = tracker.push(sample)
-        wall, cpu, time = wall + perf_counter() - before[0], cpu + thread_time() - before[1], sample.time
-        if answers:
-            findings += sum(len(one.findings) for one in answers)
-            rows += [(wall / len(answers), cpu / len(answers))] * len(answers) if started else []
-            started, wall, cpu = True, 0.0, 0.0
+        findings += sum(len(one.findings) for one in answers)
+        rows += [(wall / len(answers), cpu / len(answers))] * len(answers) if started else []
+        started = True
     if rows:
         yield _part(time, rows, findings, resident)
 
@@ -213,8 +215,7 @@ class Watch:
             for sentence in answer.get("findings", ()):
                 self._findings += 1
                 self.said.append((time, sentence))
-                if found := DROPPED.search(sentence):
-                    self._dropped += [int(number or 0) for number in found.groups()]
+                self._dropped += dropped(sentence)
 
     def look(self, time: float, tree: ProcessTree | None) -> None:
         """At memory."""

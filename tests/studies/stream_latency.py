@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from time import perf_counter, sleep, thread_time
+from time import perf_counter, sleep
 
 import numpy as np
 
+from tests.studies.live_run import timed_answers
 from tests.studies.long_stream import LongStream, LongStreamStudy, stream_scene
 from tests.studies.processes import apart
 from tests.studies.stream_references import ReferenceTime, run_references
@@ -43,7 +44,7 @@ class Latency:
         late: share of updates that took longer than a frame, of wall time.
         start_s, start_cpu_s: the call that gave the first answer.
         first_s: the stream's time of the newest frame then.
-        total_s: wall time of all calls.
+        total_s: wall time of all calls up to the last answer.
         slowest: the slowest updates.
         age_s: with a stream in real time: from the newest frame to its answer, once the start has been caught up with.
         caught_up_s: seconds from the first answer until answers came in time; NaN if they never did.
@@ -142,23 +143,14 @@ def measure(
     rows: list[tuple[float, float, float, float]] = []  # stream's time, wall, CPU, age; of each answer
     slowest: list[SlowUpdate] = []
     start: tuple[float, float, float] | None = None
-    wall, cpu, total, begin = 0.0, 0.0, 0.0, perf_counter()
-    for sample in samples:
-        if real_time:
-            sleep(max(0.0, begin + sample.time - perf_counter()))
-        before = perf_counter(), thread_time()
-        answers = tracker.push(sample)
-        after = perf_counter(), thread_time()
-        wall, cpu, total = wall + after[0] - before[0], cpu + after[1] - before[1], total + after[0] - before[0]
-        if not answers:
-            continue
+    total, begin = 0.0, perf_counter()
+    for _, answers, wall, cpu in timed_answers(_when_due(samples, begin) if real_time else samples, tracker):
+        age, total = perf_counter() - begin, total + wall
         if start is None:
             start = wall, cpu, answers[-1].time
         else:
-            age = after[0] - begin
             rows += [(one.time, wall / len(answers), cpu / len(answers), age - one.time) for one in answers]
             slowest = _with_slow(slowest, answers, wall / len(answers), cpu / len(answers))
-        wall, cpu = 0.0, 0.0
         tell(answers[-1].time)
     if start is None or not rows:
         raise RecordingError("the stream is too short: expected answers after the start; ask for more seconds")
@@ -172,6 +164,13 @@ def measure(
         len(rows), frame, _quantiles(seconds), _quantiles(cpu_seconds), float(np.mean(seconds > frame)), *start, total,
         tuple(slowest), aged, caught,
     )  # fmt: skip
+
+
+def _when_due(samples: Iterable[LiveSample], begin: float) -> Iterator[LiveSample]:
+    """Each sample so many seconds after ``begin`` as its time says."""
+    for sample in samples:
+        sleep(max(0.0, begin + sample.time - perf_counter()))
+        yield sample
 
 
 def _with_slow(slowest: list[SlowUpdate], answers: Sequence[LiveEstimate], wall: float, cpu: float) -> list[SlowUpdate]:

@@ -19,7 +19,7 @@ import numpy as np
 
 from tests.studies.long_stream import LEAST_SCENE_S, LongStream, LongStreamTrials, stream_scene
 from tests.studies.processes import ProcessTree, apart, process_tree
-from tests.studies.stream_hour import DROPPED
+from tests.studies.stream_hour import dropped
 from tests.studies.stream_program import COMMAND, StreamProgram
 from tests.studies.stream_run import error_over_time
 from tests.studies.study import MB, NAN, Fixed, Study, Tell, bullets, table
@@ -210,8 +210,7 @@ class Answers:
         chosen = np.flatnonzero((read >= span[0]) & (read < span[1]))
         time, age, sigma = rows[chosen].T
         said = tuple(one for one in self._said if span[0] <= one[0] < span[1])
-        numbers = [found.groups() for _, sentence in said if (found := DROPPED.search(sentence))]
-        lost = np.array([[int(number or 0) for number in pair] for pair in numbers] or [[0, 0]]).sum(axis=0)
+        lost = sum((dropped(sentence) for _, sentence in said), np.zeros(2, int))
         wearer = scene.wearers[0]
         assert wearer.truth is not None
         poses = [self._poses[index] for index in chosen]

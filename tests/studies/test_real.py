@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 
 from tests.studies.__main__ import main
-from tests.studies.gait import (
-    Agreement,
-    StrideErrors,
-)
+from tests.studies.gait import Agreement, StrideErrors
 from tests.studies.real import Real, RealTrial
 from tests.studies.real_recordings import real_recordings
 from tests.studies.study import markdown, run

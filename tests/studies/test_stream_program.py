@@ -6,7 +6,6 @@ A tracker that knows the answers stands in for ours.
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from live_answers import live_scene
 
@@ -16,7 +15,7 @@ from tests.studies.processes import begun_by, is_running, process_tree
 from tests.studies.stream_ends import DiskFull, FullDisk, StreamKill, small_scene
 from tests.studies.stream_hour import Watch, WholeEnd, whole_stream, whole_tables
 from tests.studies.stream_program import StreamProgram
-from tests.studies.stream_slow import Answers, SlowPart, SlowStream, StreamSlow
+from tests.studies.stream_slow import Answers, StreamSlow
 from tests.studies.study import markdown, no_news, run
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.io.mcap_recording import write_scene
@@ -102,14 +101,6 @@ def test_a_slow_machine_for_a_moment(command: tuple[str, ...], monkeypatch: pyte
     assert "got 0.5 of that" in markdown(study, [result])
     with pytest.raises(InputError, match="one after the other"):
         StreamSlow(seconds=2.0, begin_s=1.2, end_s=0.8)
-
-
-def test_the_table_of_a_slow_machine() -> None:
-    part = SlowPart("during", 10, 2, (0.1, 0.5, 1.0), 20.0, (5.0, np.nan), (3, 40), 10**8, ((30.0, "it is slow"),))
-    tables = markdown(StreamSlow(), [SlowStream(0.6, (part,), float("nan"), 0)])
-    assert "| during | 10 | 2 | 0.10 | 0.50 | 1.00 | 20.0 | 5 | nan | 3 | 40 | 100 |" in tables
-    assert "in time again NOT" in tables
-    assert "- 30.0 s: it is slow" in tables
 
 
 def test_answers_are_in_time_again() -> None:

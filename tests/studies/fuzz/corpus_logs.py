@@ -124,11 +124,7 @@ def _table() -> dict[str, bytes]:
         R, force, rate = sample(number, ROWS)
         q_wxyz = quaternion_from_matrix(R, Order.WXYZ)
         text += [f'[sensors."{name}"]', 'file = "log.csv"']
-        for quantity, values in (
-            ("acceleration", force),
-            ("angular_rate", rate),
-            ("quaternion", q_wxyz),
-        ):
+        for quantity, values in (("acceleration", force), ("angular_rate", rate), ("quaternion", q_wxyz)):
             columns = [f"{number}_{quantity}_{axis}" for axis in range(values.shape[1])]
             head += columns
             text.append(f"{quantity} = {columns}")

@@ -95,7 +95,7 @@ def test_a_picture_shows_what_was_found_beside_what_was_likely(run: Run, folder:
 
 
 def texts_of(picture: Path) -> set[str | None]:
-    return {element.text for element in ElementTree.parse(picture).getroot() if element.tag.endswith("text")}
+    return {element.text for element in ElementTree.parse(picture).iter() if element.tag.endswith("text")}
 
 
 def test_a_stream_uses_the_body(run: Run, folder: Path, tmp_path: Path) -> None:

@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tests.studies.scenes import begun_late, drawn_scene, slowed
 from vip_factors.associate.hypothesis import wearer_points
 from vip_factors.body.kinematics import Motion, forward_kinematics, local_rotations
-from vip_factors.errors import InputError, RecordingError
+from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp, rotation_z
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.camera_model import CameraModel
@@ -17,11 +18,10 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.noise import smooth_process
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings
-from vip_factors.simulate.staging import from_time, lasting, path_of_standing_feet, staged
+from vip_factors.simulate.staging import path_of_standing_feet, staged
 
 SHORTEST_CLIP_S = 3.0  # that can be repeated
-DRAWS = 20  # of people, before a scene is given up: some clips have faults that no sensor would measure
-MOTION_HZ = 60.0
+DRAWS = 20  # of people, before a scene is given up
 NEAR_M, SHOWN_SHARE = 0.12, 0.3  # how near, and how many, keypoints of a detection must be to show a part of somebody
 KEYPOINT_SETS = ("openpose18", "coco17", "body25", "halpe26")
 CAMERAS = ("hand-held", "walking", "hand-held", "fixed")
@@ -64,29 +64,23 @@ class LabelledScene:
 
 def usable(clips: Iterable[Motion]) -> list[Motion]:
     """Clips, slowed to 60 frames per second, that are long enough to be repeated."""
-    slowed = [clip.frames(slice(None, None, max(1, round(clip.rate / MOTION_HZ)))) for clip in clips]
-    found = [clip for clip in slowed if len(clip) / clip.rate > SHORTEST_CLIP_S]
+    known = [slowed(clip) for clip in clips]
+    found = [clip for clip in known if len(clip) / clip.rate > SHORTEST_CLIP_S]
     if not found:
-        raise InputError(f"scenes need motions longer than {SHORTEST_CLIP_S:g} s: none of {len(slowed)} is")
+        raise InputError(f"scenes need motions longer than {SHORTEST_CLIP_S:g} s: none of {len(known)} is")
     return found
 
 
 def make_scene(clips: Sequence[Motion], seed: int, making: SceneMaking | None = None) -> Scene:
     """Two wearers and some bystanders who do what random clips show, at random places, filmed by a random camera."""
     making, random = making or SceneMaking(), np.random.default_rng([seed, 0xA550C])
-    for draw in range(DRAWS):
-        try:
-            return _draw_scene(clips, seed, making, random)
-        except RecordingError:
-            if draw == DRAWS - 1:
-                raise
-    raise AssertionError  # not reached
+    return drawn_scene(lambda: _draw_scene(clips, seed, making, random), DRAWS)
 
 
 def _draw_scene(clips: Sequence[Motion], seed: int, making: SceneMaking, random: np.random.Generator) -> Scene:
     people = making.wearers + int(random.integers(making.bystanders[0], making.bystanders[1] + 1))
     chosen = random.choice(len(clips), people, replace=len(clips) < people)
-    moving = [_started(clips[i], making.seconds, random) for i in chosen]
+    moving = [begun_late(clips[i], making.seconds, random) for i in chosen]
     moving[making.wearers :] = [_passing(motion, random) for motion in moving[making.wearers :]]
     motions = staged(moving, seed)
     performers = [
@@ -175,12 +169,6 @@ def _turns(random: np.random.Generator, count: int, degrees: tuple[float, float]
     axis = random.standard_normal((count, 3))
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     return exp(axis * np.deg2rad(random.uniform(*degrees, (count, 1))))
-
-
-def _started(motion: Motion, seconds: float, random: np.random.Generator) -> Motion:
-    """From a random moment of the clip on, for some seconds: two people with one clip are not in step."""
-    late = float(random.uniform(0, len(motion) / motion.rate))
-    return from_time(lasting(motion, seconds + late), late)
 
 
 def _passing(motion: Motion, random: np.random.Generator) -> Motion:

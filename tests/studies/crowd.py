@@ -11,7 +11,17 @@ from time import perf_counter
 import numpy as np
 
 from tests.studies.pose_prior_training import held_out_names
-from tests.studies.scenes import BLEND_S, HOLD_S, PLACEMENT, POSE, find_clips, straps_and_sensors
+from tests.studies.scenes import (
+    BLEND_S,
+    HOLD_S,
+    PLACEMENT,
+    POSE,
+    begun_late,
+    drawn_scene,
+    find_clips,
+    slowed,
+    straps_and_sensors,
+)
 from tests.studies.study import NAN, Fixed, Study, Tell, bullets, group, mean, table
 from tests.studies.vip_variants import ASSOCIATION_3DPW
 from vip_factors.associate.associate import associate
@@ -30,7 +40,7 @@ from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
-from vip_factors.simulate.staging import from_time, lasting, staged, with_initial_pose
+from vip_factors.simulate.staging import staged, with_initial_pose
 from vip_factors.stages.association import gravity_in_camera
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.inertial import inertial_tracker
@@ -38,7 +48,6 @@ from vip_factors.stages.solver import Solver
 from vip_factors.stages.windows import scene_plan
 
 DRAWS = 10  # of people: clips have single faults that no sensor could measure
-MOTION_HZ = 60.0
 SHORTEST_S = 2.0  # of a clip that is to be repeated
 PASSING = 0.5  # share of bystanders who come and go
 POSE_ERROR_DEG = 4.0  # of the held T-pose, as in the suite of single wearers
@@ -69,33 +78,22 @@ class Crowd(Study):
 
     def held_out_motions(self) -> dict[str, Motion]:
         """The clips held out of all training, at 60 Hz or a little more."""
-        motions = {name: read_motion(file) for name, file in find_clips(self.motions, held_out_names()).items()}
-        slowed = {k: one.frames(slice(None, None, max(1, round(one.rate / MOTION_HZ)))) for k, one in motions.items()}
-        return {name: motion for name, motion in slowed.items() if len(motion) / motion.rate >= SHORTEST_S}
+        motions = {name: slowed(read_motion(file)) for name, file in find_clips(self.motions, held_out_names()).items()}
+        return {name: motion for name, motion in motions.items() if len(motion) / motion.rate >= SHORTEST_S}
 
     def scene(self, clips: Mapping[str, Motion], camera: CameraKind, seed: int) -> Scene:
         """Wearers who hold a T-pose and then do what random clips show, among bystanders, some of whom come and go."""
         random = np.random.default_rng([seed, 0xC40D])
-        for draw in range(DRAWS):
-            people = self.wearers + self.bystanders
-            chosen = random.choice(sorted(clips), people, replace=len(clips) < people)
-            try:
-                return self._draw([clips[name] for name in chosen], camera, seed, random)
-            except RecordingError:
-                if draw == DRAWS - 1:
-                    raise
-        raise AssertionError  # not reached
+        return drawn_scene(lambda: self._draw(clips, camera, seed, random), DRAWS)
 
-    def _draw(self, clips: Sequence[Motion], camera: CameraKind, seed: int, random: np.random.Generator) -> Scene:
-        moving = []
-        for number, clip in enumerate(clips):
-            late = float(random.uniform(0, len(clip) / clip.rate))  # two people with one clip are not in step
+    def _draw(self, clips: Mapping[str, Motion], camera: CameraKind, seed: int, random: np.random.Generator) -> Scene:
+        people, moving = self.wearers + self.bystanders, []
+        for number, name in enumerate(random.choice(sorted(clips), people, replace=len(clips) < people)):
             if number < self.wearers:
-                motion = from_time(lasting(clip, self.seconds + late), late)
-                pose_seed = seed + 1009 * number
+                motion, pose_seed = begun_late(clips[name], self.seconds, random), seed + 1009 * number
                 moving.append(with_initial_pose(motion, POSE, HOLD_S, BLEND_S, POSE_ERROR_DEG, pose_seed))
             else:
-                motion = from_time(lasting(clip, self.seconds + HOLD_S + late), late)
+                motion = begun_late(clips[name], self.seconds + HOLD_S, random)
                 moving.append(_passing(motion, random) if random.random() < PASSING else motion)
         performers = [
             Performer(f"wearer{number + 1}", motion, preset(self.placement, motion.skeleton), POSE)

@@ -1,6 +1,6 @@
 """Simulated scenes that several studies share: held-out clips, one wearer, 13 sensors, one camera; what starts are."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -11,7 +11,7 @@ from tests.studies.pose_prior_training import HELD_OUT_CLIPS, held_out_names
 from tests.studies.study import Study
 from vip_factors.body.calibration_pose import nominal_pose
 from vip_factors.body.kinematics import Motion
-from vip_factors.errors import InputError
+from vip_factors.errors import InputError, RecordingError
 from vip_factors.evaluate.calibration import ENDS
 from vip_factors.evaluate.metrics import resample as resample_motion
 from vip_factors.geometry.rotations import Array, angle_between, rotation_z, transpose, wrap_angle
@@ -25,13 +25,14 @@ from vip_factors.settings import Settings
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.simulate.staging import with_initial_pose
+from vip_factors.simulate.staging import from_time, lasting, with_initial_pose
 
 POSE, HOLD_S, BLEND_S = "t-pose", 2.0, 1.0  # TotalCapture's subjects start in a T-pose
 SETTLED_S = HOLD_S + BLEND_S  # errors count from here on
 LEAST_S = 0.5  # of a clip left after the blend
 PLACEMENT = "totalcapture13"
 CLIPS_APART = 101  # in seeds: no two recordings share a draw
+MOTION_HZ = 60.0  # to which captured motions are slowed
 START_HZ = 15.0  # at which the start is looked at
 SettingsT = TypeVar("SettingsT", bound=Settings)
 
@@ -119,6 +120,27 @@ def middle_of(motion: Motion, seconds: float, name: str) -> Motion:
     count = min(len(motion), round(seconds * motion.rate) + 1)
     start = (len(motion) - count) // 2
     return replace(motion.frames(slice(start, start + count)), start=0.0)
+
+
+def slowed(motion: Motion) -> Motion:
+    """Every n-th frame, for 60 frames per second or a little more."""
+    return motion.frames(slice(None, None, max(1, round(motion.rate / MOTION_HZ))))
+
+
+def begun_late(motion: Motion, seconds: float, random: np.random.Generator) -> Motion:
+    """From a random moment of a repeated clip on, for some seconds: two people with one clip are not in step."""
+    late = float(random.uniform(0, len(motion) / motion.rate))
+    return from_time(lasting(motion, seconds + late), late)
+
+
+def drawn_scene(draw: Callable[[], Scene], draws: int) -> Scene:
+    """The first scene, of so many draws of people, that sensors can record: some clips have faults that none would."""
+    for _ in range(draws - 1):
+        try:
+            return draw()
+        except RecordingError:
+            pass
+    return draw()
 
 
 def posed_scene(motion: Motion, name: str, settings: SceneSettings, pose_error_deg: float, seed: int) -> Scene:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.studies.faults import Fault, chosen_faults
-from tests.studies.scenes import HOLD_S, SETTLED_S, find_clips, posed_scene, straps_and_sensors
+from tests.studies.scenes import HOLD_S, SETTLED_S, find_clips, posed_scene, slowed, straps_and_sensors
 from tests.studies.stream_run import (
     ErrorOverTime,
     StreamRun,
@@ -150,8 +150,7 @@ class StreamFaults(Study):
             motion = gestures(self.seconds - HOLD_S, 60.0)
         else:
             motion = read_motion(find_clips(self.motions, [clip])[clip])
-            slowed = motion.frames(slice(None, None, max(1, round(motion.rate / 60))))
-            motion = lasting(slowed, self.seconds - HOLD_S)
+            motion = lasting(slowed(motion), self.seconds - HOLD_S)
         settings = SceneSettings.realistic(camera=camera, imu=straps_and_sensors())
         return posed_scene(motion, f"{clip}, {camera}", settings, POSE_ERROR_DEG, seed)
 

@@ -32,6 +32,14 @@ def test_every_factor_has_a_paragraph() -> None:
     assert terms == {one for one in headings(DOCS / "factors.md") if one[0].islower()}
 
 
+def test_every_factor_links_its_source() -> None:
+    text = (DOCS / "factors.md").read_text(encoding="utf-8")
+    for kind, block in re.findall(r"^### ([a-z ]+)$(.*?)(?=^##|\Z)", text, flags=re.MULTILINE | re.DOTALL):
+        source = re.search(r"/blob/main/(vip_factors/terms/\w+\.py)\)", block)
+        assert source is not None, kind
+        assert f'"{kind}"' in (ROOT / source[1]).read_text(encoding="utf-8"), kind
+
+
 def test_every_residual_is_in_the_reference() -> None:
     files = {path.stem for path in (ROOT / "vip_factors" / "terms").glob("*.py")} - {
         "__init__",

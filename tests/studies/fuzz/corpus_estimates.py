@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tests.studies.fuzz.case import Case, Files, command_case, files_below, installed, written_motions
+from tests.studies.fuzz.case import Case, Files, command_case, installed, written, written_motions
 from tests.studies.fuzz.corpus_scenes import scene_files, small_scene
 from vip_factors.body.kinematics import Motion
 
@@ -103,6 +103,4 @@ def _images() -> Files:
     assert scene.camera is not None
     images = {frame: png_bytes(moving_square(frame)) if frame else jpeg_bytes(moving_square(0)) for frame in (0, 3)}
     filmed = replace(scene, camera=replace(scene.camera, video=Video(None, images)))
-    with TemporaryDirectory() as name:
-        write_scene(filmed, Path(name, "scene.mcap"))
-        return files_below(Path(name))
+    return written(lambda folder: write_scene(filmed, folder / "scene.mcap"))

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from tests.studies.body_prior_training import DIMENSIONS
-from tests.studies.fuzz.case import Case, files_below, installed
+from tests.studies.fuzz.case import Case, installed, written
 from tests.studies.fuzz.containers import protobuf_of
 from tests.studies.train_prior import train_body_prior_from_folder
 from vip_factors import __version__
@@ -186,8 +186,7 @@ def _study(suffix: str) -> Case:
     def read(folder: Path) -> None:
         _afresh(folder, f"study{suffix}", go_on)
 
-    with TemporaryDirectory() as name:
-        go_on(Path(name, f"study{suffix}"))
-        files = {one: data for one, data in files_below(Path(name)).items() if one.endswith(suffix)}
+    made = written(lambda folder: go_on(folder / f"study{suffix}"))
+    files = {one: data for one, data in made.items() if one.endswith(suffix)}
     command = f"vip-factors tune RECORDING.mcap --study {{}}/study{suffix} --trials 2"
     return Case(f"study-{suffix[1:]}", files, read, command, seldom=5 if suffix == ".log" else 40)

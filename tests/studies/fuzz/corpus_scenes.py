@@ -3,12 +3,11 @@
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from threading import Event
 
 import numpy as np
 
-from tests.studies.fuzz.case import Case, Files, command_case, files_below
+from tests.studies.fuzz.case import Case, Files, command_case, written
 from tests.studies.fuzz.containers import varint
 from vip_factors.body.hinges import HINGE_OF, HingeEstimate
 from vip_factors.body.lengths import LENGTHS
@@ -97,15 +96,16 @@ def scene_files() -> dict[str, bytes]:
 
     scene = small_scene()
     estimate = small_estimate(scene)
-    with TemporaryDirectory() as name:
-        folder = Path(name)
+
+    def write(folder: Path) -> None:
         write_scene(scene, folder / "scene.mcap")
         write_recording(scene.wearers[0], folder / "plain.mcap")
         write_estimate(estimate, folder / "scene.estimate.mcap")
         write_estimate(Estimate.of_one(estimate.wearers[0]), folder / "plain.estimate.mcap")
         with open(folder / "a.messages", "wb") as file:
             write_messages(scene, file, token=TOKEN)
-        return files_below(folder)
+
+    return written(write)
 
 
 def scene_cases() -> list[Case]:
@@ -228,8 +228,10 @@ def _recordings() -> Files:
     scene, filmed = simulated_scene(SECONDS), simulated_scene(FILMED_SECONDS)
     wearer = filmed.wearers[0]
     few = {name: wearer.imus[name] for name in list(wearer.imus)[:3]}
-    with TemporaryDirectory() as name:
-        write_scene(scene, Path(name, "scene.mcap"))
-        write_recording(scene.wearers[0], Path(name, "plain.mcap"))
-        write_scene(replace(filmed, wearers=(replace(wearer, imus=few),)), Path(name, "filmed.mcap"))
-        return files_below(Path(name))
+
+    def write(folder: Path) -> None:
+        write_scene(scene, folder / "scene.mcap")
+        write_recording(scene.wearers[0], folder / "plain.mcap")
+        write_scene(replace(filmed, wearers=(replace(wearer, imus=few),)), folder / "filmed.mcap")
+
+    return written(write)

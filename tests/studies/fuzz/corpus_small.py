@@ -4,13 +4,12 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from tests.io.motion_samples import write_amc
 from tests.io.pose_files import person, write_alphapose, write_coco, write_mmpose, write_openpose
-from tests.studies.fuzz.case import Case, files_below, written, written_motions
+from tests.studies.fuzz.case import Case, written, written_motions
 from vip_factors.body.anthropometry import LengthPrior, likely_body
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, PooledOffsets, keypoint_set
 from vip_factors.body.lengths import LENGTHS
@@ -93,14 +92,14 @@ def _detections() -> list[Case]:
         read_detections(folder / name, 30.0)
 
     names = keypoint_set("coco17").keypoints
-    with TemporaryDirectory() as name:
-        folder = Path(name)
+
+    def write_all(folder: Path) -> None:
         write_openpose(folder / "poses", {number: [person("body25")] * 2 for number in range(3)})
         for kind, write in (("alphapose", write_alphapose), ("coco", write_coco)):
             write(folder / f"{kind}.json", {number: [person()] for number in range(3)})
         write_mmpose(folder / "mmpose.json", {number: [person()] * 2 for number in range(1, 4)}, names)
-        files = files_below(folder)
-    cases = []
+
+    files, cases = written(write_all), []
     for kind in ("openpose", "alphapose", "mmpose", "coco"):
         name = "poses" if kind == "openpose" else f"{kind}.json"
         command = f"vip-factors convert RECORDING.mcap out.mcap --detections {{}}/{name} --camera CAMERA.toml"
@@ -135,10 +134,12 @@ def _bodies() -> list[Case]:
     likely, lengths = likely_body(1.7), LengthPrior(LENGTHS, 1e-4 * np.eye(len(LENGTHS)))
     shape = (len(OFFSET_KEYPOINTS), 3)
     offsets = PooledOffsets(KeypointOffsets(np.full(shape, 0.01), np.full(shape, 0.02)), 2)
-    with TemporaryDirectory() as name:
-        write_body_file(Path(name, "body.toml"), BodyFile("Ada", likely.skeleton, lengths, (), "made"))
-        write_keypoint_offsets(Path(name, "offsets.toml"), KeypointOffsetsFile({"body25": offsets}, "made"))
-        files = files_below(Path(name))
+
+    def write(folder: Path) -> None:
+        write_body_file(folder / "body.toml", BodyFile("Ada", likely.skeleton, lengths, (), "made"))
+        write_keypoint_offsets(folder / "offsets.toml", KeypointOffsetsFile({"body25": offsets}, "made"))
+
+    files = written(write)
     readers: dict[str, tuple[str, Callable[[Path], object], str]] = {
         "body": ("body.toml", read_body_file, "vip-factors convert LOG out.mcap --body {}/body.toml"),
         "offsets": (

@@ -341,6 +341,15 @@ class EstimateChunks:
             1 if camera is None else len(camera.path),
         )
 
+    def with_findings(self, findings: tuple[Finding, ...]) -> "EstimateChunks":
+        """The same, with findings of the whole before its own."""
+        closed = self.closed
+        return replace(
+            self,
+            head=_preceded(self.head, findings),
+            closed=None if closed is None else lambda: _preceded(closed(), findings),
+        )
+
     def whole(self) -> Estimate:
         """All chunks together, in memory."""
         chunks = list(self.chunks)
@@ -354,6 +363,10 @@ class EstimateChunks:
             camera=None if head.camera is None else _joined_camera(head.camera, cameras),
             reports=(*head.reports, *(report for one in chunks for report in one.reports)),
         )
+
+
+def _preceded(estimate: Estimate, findings: tuple[Finding, ...]) -> Estimate:
+    return replace(estimate, findings=(*findings, *estimate.findings))
 
 
 def _joined_wearer(head: WearerEstimate, *chunks: WearerEstimate) -> WearerEstimate:

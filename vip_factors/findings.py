@@ -143,6 +143,14 @@ SENSORS_ALONE = "The video adds nothing: the result rests on the sensors alone."
 FILM_WHOLE = "Place the camera so that the person is seen from head to foot."
 
 SENSOR_KINDS = {
+    "sensors exchanged": Kind(
+        DOUBT,
+        "wearer '{wearer}': the sensors {pair}{rivals} are in each other's places: bones that share a joint are "
+        "accelerated alike there, and with these exchanged they are ({nats:.0f} nats likelier); {done}",
+        "Two sensors are in each other's places",
+        "If they were not exchanged in the reconstruction, the joints beside these sensors are wrong as a whole.",
+        "Exchange the two in the list of sensors, or let the reconstruction do it (--assignment.exchange).",
+    ),
     "accelerometer range": Kind(
         NOTE,
         "wearer '{wearer}': the accelerometer of '{subject}' stands at the end of its range ({largest:.0f} m/s²) in "

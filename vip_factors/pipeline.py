@@ -22,6 +22,7 @@ from vip_factors.settings import Settings, flatten
 from vip_factors.stages.filmed_windows import smooth_filmed
 from vip_factors.stages.inertial_windows import smooth_wearer
 from vip_factors.stages.open_graph import factor_graph
+from vip_factors.stages.sensor_assignment import with_sensors_assigned
 from vip_factors.stages.solver import Progress
 
 __all__ = ["factor_graph", "smooth", "smooth_chunks"]
@@ -71,13 +72,13 @@ def smooth_chunks(
     """
     on_progress = progress or (lambda stage, fraction: None)
     extra = None if extra_factors is None else UserTerms(extra_factors)
-    findings = tuple[Finding, ...]()
     with _one_blas_thread():
+        source, findings = with_sensors_assigned(source, settings)
         if source.head.camera is not None and settings.fusion.use_camera:
             filmed = smooth_filmed(source, settings, on_progress, extra)
             if isinstance(filmed, EstimateChunks):
-                return replace(filmed, chunks=_in_one_thread(filmed.chunks))
-            findings = (*filmed, Finding("not in the video"))
+                return replace(filmed.with_findings(findings), chunks=_in_one_thread(filmed.chunks))
+            findings = (*findings, *filmed, Finding("not in the video"))
         if extra is not None and len(source.wearers) > 1:
             raise InputError(
                 "extra factors among several wearers need a camera that sees them: else each is in a world of its own"

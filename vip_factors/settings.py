@@ -6,6 +6,7 @@ from enum import StrEnum
 from typing import Any
 
 from vip_factors.associate.settings import AssociationSettings
+from vip_factors.initialise.sensor_assignment import AssignmentSettings
 from vip_factors.initialise.sensor_faults import AccelerometerSettings, SensorClockSettings
 from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.ranges import NotNegative, NotNegativeInt, RangeError, Rate, check_ranges
@@ -120,6 +121,7 @@ class Settings:
     covariance: bool = False  # marginal covariance of every joint and frame: costs about one more iteration a minute
     accelerometers: AccelerometerSettings = field(default_factory=AccelerometerSettings)
     sensor_clocks: SensorClockSettings = field(default_factory=SensorClockSettings)
+    assignment: AssignmentSettings = field(default_factory=AssignmentSettings)
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     factors: FactorSettings = field(default_factory=FactorSettings)
     fusion: FusionSettings = field(default_factory=FusionSettings)

@@ -29,6 +29,7 @@ STRONG = 15.0  # m/s², from which on an acceleration counts less at the start
 ROUNDS = 12
 BLOCK = 1.0  # s: misfits within a swing belong together
 LEAST_BLOCKS = 8
+LEAST_SHARED = 3.0  # s that two sensors have in common, to be told apart from others
 # Of the joint's mean square acceleration, misfit that is left: knees and ankles leave 0.05–0.4, hips to 0.7; a loose
 # sensor on a thigh 0.9 to its shank and 2.6 to its pelvis, and 85 ms where there were none.
 POOR = 0.75
@@ -56,7 +57,7 @@ def joint_signal(stream: ImuStream) -> JointSignal | None:
     """None of a stream without orientation or specific force, or one that is too short."""
     if stream.R_inertial_sensor is None or stream.specific_force is None:
         return None
-    if stream.time[-1] - stream.time[0] < LEAST_BLOCKS * BLOCK:
+    if stream.time[-1] - stream.time[0] < LEAST_SHARED:
         return None
     # Coarse frames, FINE times, each a part of a step later than before.
     time = np.arange(stream.time[0], stream.time[-1], STEP / FINE)
@@ -88,7 +89,22 @@ def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] |
         return None
     above = parent.spline(time)
     start = min((_start(above, child.spline(time + seconds), seconds) for seconds in STARTS), key=lambda one: one[0])
-    return _refined(above, child.spline, time, start[1], start[2])
+    seconds, sigma, misfit = _refined(above, child.spline, time, start[1], start[2])
+    return None if misfit > POOR or abs(seconds) > STARTS[-1] + STEP else (seconds, sigma)
+
+
+def joint_misfit(one: JointSignal, other: JointSignal) -> tuple[float, float] | None:
+    """Of a joint's acceleration the share (in squares) by which two sensors disagree, and seconds that tell it.
+
+    Heading and arms are those that fit best; clocks agree. None where the two share no time.
+    """
+    time = np.arange(max(one.time[0], other.time[0]) + STEP, min(one.time[-1], other.time[-1]) - STEP, STEP)
+    time = time[_complete(one, time, STEP) & _complete(other, time, STEP)] if len(time) else time
+    if len(time) * STEP < LEAST_SHARED:
+        return None
+    above = one.spline(time)
+    _, _, heading = _start(above, other.spline(time), 0.0)
+    return _refined(above, other.spline, time, 0.0, heading, delay=False)[2], len(time) * STEP
 
 
 def _complete(signal: JointSignal, time: Array, reach: float) -> np.ndarray:
@@ -116,8 +132,13 @@ def _start(above: Array, below: Array, seconds: float) -> tuple[float, float, fl
     return best
 
 
-def _refined(above: Array, below: BSpline, time: Array, seconds: float, heading: float) -> tuple[float, float] | None:
-    """Gauss–Newton over delay, heading and both arms, Cauchy weights; a sigma from blocks as independent as swings."""
+def _refined(
+    above: Array, below: BSpline, time: Array, seconds: float, heading: float, delay: bool = True
+) -> tuple[float, float, float]:
+    """Gauss–Newton over delay, heading and both arms, Cauchy weights: the delay, its sigma, and the misfit's share.
+
+    The sigma is from blocks as independent as swings.
+    """
     arms, rate = np.zeros(6), below.derivative()
     for _ in range(ROUNDS):
         turned = rotation_z(heading) @ below(time + seconds)
@@ -125,6 +146,7 @@ def _refined(above: Array, below: BSpline, time: Array, seconds: float, heading:
         misfit = above[:, :, 0] - turned[:, :, 0] + by_arms @ arms
         at = np.concatenate([[1.0], arms[3:]])
         by_seconds, by_heading = -(rotation_z(heading) @ rate(time + seconds)) @ at, -(turned @ at) @ _TURN.T
+        by_seconds = by_seconds if delay else np.zeros_like(by_seconds)
         slopes = np.concatenate([by_seconds[..., None], by_heading[..., None], by_arms], axis=2)
         square = np.sum(misfit**2, axis=1)
         scale = max(float(np.median(square)) / 2.37, 0.05)  # 2.37: the median of chi square with three degrees
@@ -136,14 +158,12 @@ def _refined(above: Array, below: BSpline, time: Array, seconds: float, heading:
         seconds += float(np.clip(step[0], -0.03, 0.03))
         heading, arms = heading + float(step[1]), arms + step[2:]
         if abs(seconds) > STARTS[-1] + STEP:
-            return None
+            break
     block = ((time - time[0]) / BLOCK).astype(int)
     sums = np.stack([np.bincount(block, column) for column in scores.T], axis=1)
     spread = np.linalg.solve(hessian, sums.T)[0]
     joint = np.sum((above[:, :, 0] + above[:, :, 1:] @ arms[:3]) ** 2, axis=1)
-    if weight @ square > POOR * (weight @ joint):
-        return None
-    return seconds, float(np.linalg.norm(spread))
+    return seconds, float(np.linalg.norm(spread)), float(weight @ square / (weight @ joint))
 
 
 LIMBS = ("knee", "ankle", "foot", "elbow", "wrist", "hand")  # what the lower bone of a link within a limb is called

@@ -5,8 +5,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vip_factors.body.joint_limits import load_joint_limits
-from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.errors import RecordingError
 from vip_factors.findings import Finding
 from vip_factors.initialise.sensor_faults import (
@@ -18,12 +16,12 @@ from vip_factors.initialise.sensor_faults import (
     range_ends,
     sensor_delays,
 )
-from vip_factors.initialise.sensor_tree import sensor_tree
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource
 from vip_factors.settings import Settings
+from vip_factors.stages.sensor_assignment import placed_links
 
 LEAST_GRAVITY = 0.05  # of what it is: with less there is none in the samples, and nothing to scale them by
 
@@ -182,12 +180,8 @@ def _delays(recording: Recording, settings: Settings) -> tuple[SensorDelay, ...]
     names = recording.placed
     if len(names) < 2:
         return ()
-    sites = [recording.placement.site(name) for name in names]
-    bones = [site.bone_index for site in sites]
-    links = sensor_tree(
-        bones, np.stack([site.p_bone_sensor for site in sites]), recording.subject.body(), load_pose_prior(),
-        load_joint_limits(), np.deg2rad(settings.calibration.start.bone_sigma_deg),
-    )  # fmt: skip
+    bones = [recording.placement.site(name).bone_index for name in names]
+    links = placed_links(recording, settings)
     return sensor_delays([recording.imus[name] for name in names], bones, links, settings.sensor_clocks)
 
 

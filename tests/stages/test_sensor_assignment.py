@@ -1,0 +1,67 @@
+"""Sensors in each other's places are found and told, and exchanged if wanted; those in their own are left there."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from vip_factors.initialise.sensor_assignment import AssignmentSettings, Exchange, exchanged_sensors
+from vip_factors.pipeline import smooth
+from vip_factors.sensors.calibration import preset
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.sources import SceneInMemory
+from vip_factors.settings import Settings
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.recording import simulate_recording
+from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.stages.sensor_assignment import exchanged, exchanges_of, with_sensors_assigned
+
+LEGS = ("pelvis", "left_thigh", "left_shank", "left_foot", "right_thigh", "right_shank", "right_foot")
+
+
+@cache
+def legs() -> Recording:
+    motion = gestures(12.0)
+    whole = preset("totalcapture13", motion.skeleton)
+    placement = replace(whole, sites=tuple(site for site in whole.sites if site.sensor in LEGS))
+    return simulate_recording(motion, placement, SimulateSettings.realistic(), seed=1)
+
+
+def mistaken(one: str, other: str) -> Recording:
+    """The recording with two sensors in each other's places, and a truth that does not know of it."""
+    numbers = legs().placed.index(one), legs().placed.index(other)
+    return replace(legs(), placement=exchanged(legs().placement, legs().placed, [Exchange(numbers, 0.0)]))
+
+
+def test_sensors_in_their_places_are_left_there() -> None:
+    source = SceneInMemory(Scene("legs", (legs(),)))
+    assert with_sensors_assigned(source, Settings()) == (source, ())
+
+
+@pytest.mark.parametrize(
+    "pair", [("left_thigh", "right_thigh"), ("left_shank", "right_shank"), ("right_thigh", "right_shank")]
+)
+def test_exchanged_sensors_are_found(pair: tuple[str, str]) -> None:
+    recording = mistaken(*pair)
+    (found,) = exchanges_of(recording, Settings())
+    assert {recording.placed[number] for number in found.sensors} == set(pair)
+    assert found.nats > AssignmentSettings().least
+
+
+def test_exchanged_sensors_are_told_and_exchanged_where_wanted() -> None:
+    recording = mistaken("left_thigh", "right_thigh")
+    told = smooth(recording, Settings(acceleration=False, covariance=False))
+    assert [one.kind for one in told.findings].count("sensors exchanged") == 1
+    assert "--assignment.exchange" in str(told.findings[0])
+    settings = replace(Settings(acceleration=False, covariance=False), assignment=AssignmentSettings(exchange=True))
+    right, truth = (smooth(one, settings).only_wearer.motion for one in (recording, legs()))
+    np.testing.assert_allclose(right.R_parent_child, truth.R_parent_child, atol=1e-9)
+
+
+def test_what_tells_nothing_accuses_nobody() -> None:
+    """Sensors without accelerations, or without a neighbour."""
+    assert exchanged_sensors([None] * 4, [(0, 1), (1, 2)], AssignmentSettings()) == ()
+    still = replace(legs(), imus={name: replace(one, specific_force=None) for name, one in legs().imus.items()})
+    assert exchanges_of(still, Settings()) == ()

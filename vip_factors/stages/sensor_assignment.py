@@ -1,0 +1,149 @@
+"""Sensors that are on one another's segments: told, and exchanged if that is wanted, before anything is estimated."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from vip_factors.body.joint_limits import load_joint_limits
+from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.findings import Finding
+from vip_factors.initialise.sensor_assignment import Exchange, exchanged_sensors
+from vip_factors.initialise.sensor_faults import joint_signal
+from vip_factors.initialise.sensor_tree import Link, sensor_tree
+from vip_factors.sensors.calibration import Placement, SensorSite, site_name
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.sources import RecordingSource, SceneSource
+from vip_factors.settings import Settings
+
+
+def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[SceneSource, tuple[Finding, ...]]:
+    """The source with its sensors in each other's places where that is wanted, and what was found."""
+    if not settings.assignment.check:
+        return source, ()
+    placements, findings = list[Placement](), list[Finding]()
+    for one in source.wearers:
+        start, end = one.interval
+        half = min(end - start, settings.assignment.seconds) / 2
+        streams = one.between((start + end) / 2 - half, (start + end) / 2 + half)
+        head = replace(one.head, imus=dict(streams))
+        found = exchanges_of(head, settings)
+        findings += [_finding(head, exchange, settings.assignment.exchange) for exchange in found]
+        placements.append(exchanged(head.placement, head.placed, found))
+    if not (findings and settings.assignment.exchange):
+        return source, tuple(findings)
+    return ReplacedSource(source, tuple(placements)), tuple(findings)
+
+
+def exchanges_of(recording: Recording, settings: Settings) -> tuple[Exchange, ...]:
+    """Exchanges of placed sensors, by their numbers, that explain a recording better."""
+    if len(recording.placed) < 2:
+        return ()
+    links = [(one.parent, one.child) for one in placed_links(recording, settings) if one.p_parent is not None]
+    signals = [joint_signal(recording.imus[name]) for name in recording.placed]
+    return exchanged_sensors(signals, links, settings.assignment)
+
+
+def placed_links(recording: Recording, settings: Settings) -> tuple[Link, ...]:
+    """The tree of a recording's placed sensors, by their numbers."""
+    sites = [recording.placement.site(name) for name in recording.placed]
+    return sensor_tree(
+        [site.bone_index for site in sites], np.stack([site.p_bone_sensor for site in sites]),
+        recording.subject.body(), load_pose_prior(), load_joint_limits(),
+        np.deg2rad(settings.calibration.start.bone_sigma_deg),
+    )  # fmt: skip
+
+
+def exchanged(placement: Placement, names: Sequence[str], exchanges: Sequence[Exchange]) -> Placement:
+    """A placement with sensors in each other's sites."""
+    sites = {site.sensor: site for site in placement.sites}
+    for exchange in exchanges:
+        one, other = (names[number] for number in exchange.sensors)
+        sites[one], sites[other] = replace(sites[other], sensor=one), replace(sites[one], sensor=other)
+    return replace(placement, sites=tuple(sites.values()))
+
+
+def _finding(recording: Recording, exchange: Exchange, done: bool) -> Finding:
+    def pair(numbers: tuple[int, int]) -> str:
+        one, other = (recording.placement.site(recording.placed[number]) for number in numbers)
+        return f"{_told(one, recording)} and {_told(other, recording)}"
+
+    words = {
+        "pair": pair(exchange.sensors),
+        "rivals": "".join(f", or {pair(one)}" for one in exchange.rivals),
+        "done": "they are taken for one another" if done else "--assignment.exchange takes them for one another",
+    }
+    numbers = {"nats": exchange.nats}
+    subject = recording.placed[exchange.sensors[0]]
+    return Finding("sensors exchanged", recording.subject.name, subject=subject, numbers=numbers, words=words)
+
+
+def _told(site: SensorSite, recording: Recording) -> str:
+    where = (site_name(site, recording.subject.body()) or site.bone).replace("_", " ")
+    return f"'{site.sensor}' ({where})"
+
+
+@dataclass(frozen=True)
+class ReplacedRecording:
+    """A recording with another placement; see :class:`~vip_factors.sensors.sources.RecordingSource`."""
+
+    source: RecordingSource
+    placement: Placement
+
+    @cached_property
+    def head(self) -> Recording:
+        """The recording without what was measured."""
+        return replace(self.source.head, placement=self.placement)
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Names of the placed sensors that have samples."""
+        own = self.source.sensors
+        return tuple(site.sensor for site in self.placement.sites if site.sensor in own)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Seconds of their first and last sample."""
+        return self.source.interval
+
+    def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
+        """What was measured from one instant to another."""
+        return self.source.between(start, end)
+
+
+@dataclass(frozen=True)
+class ReplacedSource:
+    """A scene whose wearers have other placements; see :class:`~vip_factors.sensors.sources.SceneSource`."""
+
+    source: SceneSource
+    placements: tuple[Placement, ...]
+
+    @cached_property
+    def head(self) -> Scene:
+        """The scene without what was measured."""
+        return self._placed(self.source.head)
+
+    @cached_property
+    def wearers(self) -> tuple[RecordingSource, ...]:
+        """The recordings."""
+        return tuple(map(ReplacedRecording, self.source.wearers, self.placements))
+
+    @property
+    def video_start(self) -> float:
+        """Seconds of the first video frame; infinite without one."""
+        return self.source.video_start
+
+    def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
+        """What was measured from one instant to another."""
+        return self._placed(self.source.between(start, end))
+
+    def detected(self, start: float, end: float) -> int:
+        """How many people were detected between two instants."""
+        return self.source.detected(start, end)
+
+    def _placed(self, scene: Scene) -> Scene:
+        wearers = zip(scene.wearers, self.placements, strict=True)
+        return replace(scene, wearers=tuple(replace(one, placement=placement) for one, placement in wearers))

@@ -14,15 +14,7 @@ from vip_factors.assembly.objective import SceneObjective, scene_slices
 from vip_factors.errors import InputError
 from vip_factors.factor_graph.extra import StreamedTerms, UserTerms
 from vip_factors.factor_graph.graph import factor_graph_of
-from vip_factors.factor_graph.keys import (
-    camera_key,
-    clock_key,
-    heading_key,
-    joint_key,
-    mounting_key,
-    root_key,
-    wearer_key,
-)
+from vip_factors.factor_graph.keys import camera_key, joint_key, root_key, variable_key
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
@@ -59,11 +51,17 @@ def many_kinds(time: Array, first: int, begin: int = 0, moving: bool = False) ->
             graph.add(gtsam.BetweenFactorPoint3(root_key(t - 2), root_key(t), np.array([0.1, 0.0, 0.0]), THREE))
             graph.add(gtsam.BetweenFactorRot3(joint_key(t - 1, 3), joint_key(t, 3), turned, THREE))
     if first == begin:
-        graph.add(gtsam.PriorFactorRot3(mounting_key(2), turned, THREE))
-        graph.add(gtsam.PriorFactorDouble(heading_key(3, 1), 0.4, ONE))
-        graph.add(gtsam.BetweenFactorRot3(mounting_key(1, 1), mounting_key(4), turned, THREE))
-        graph.add(gtsam.PriorFactorDouble(clock_key(), 0.1, ONE))
-        graph.add(gtsam.PriorFactorVector(wearer_key("m"), np.zeros(69), gtsam.noiseModel.Isotropic.Sigma(69, 0.1)))
+        graph.add(gtsam.PriorFactorRot3(variable_key("R_bone_sensor", 2), turned, THREE))
+        graph.add(gtsam.PriorFactorDouble(variable_key("headings", 3, 1), 0.4, ONE))
+        graph.add(
+            gtsam.BetweenFactorRot3(
+                variable_key("R_bone_sensor", 1, 1), variable_key("R_bone_sensor", 4), turned, THREE
+            )
+        )
+        graph.add(gtsam.PriorFactorDouble(variable_key("clock"), 0.1, ONE))
+        graph.add(
+            gtsam.PriorFactorVector(variable_key("pose_mean"), np.zeros(69), gtsam.noiseModel.Isotropic.Sigma(69, 0.1))
+        )
         robust = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(1.3), SIX)
         graph.add(
             gtsam.PriorFactorPose3(

@@ -175,7 +175,7 @@ def _camera(settings: GaussianSettings, random: np.random.Generator) -> tuple[Ca
     poses, heading = CameraPoses(R, p), random.uniform(-np.pi, np.pi)
     sigma = np.deg2rad(settings.noise * settings.mounting_sigma_deg)
     R_camera_imu = np.diag([1.0, -1.0, -1.0])
-    noise = factors.orientation.sigma * random.standard_normal((T, 3))
+    noise = np.deg2rad(factors.orientation.sigma_deg) * random.standard_normal((T, 3))
     R_imu = rotation_z(heading).T @ exp(-noise) @ R @ R_camera_imu
     force = _force(poses.point(P_CAMERA_IMU), step, factors.acceleration.sigma, random) @ rotation_z(heading)
     inside = np.ones((T, 1), bool)

@@ -22,6 +22,8 @@ Those of the second and further wearers carry the wearer's number above bit 44.
 
 import gtsam
 
+from vip_factors.problem.variables import ROWS
+
 # A symbol's index packs frame and joint; 32 joints to a frame leave room for 2³⁹ frames of a wearer.
 JOINT_SLOTS = 32
 WEARER = 1 << 44
@@ -38,56 +40,18 @@ def root_key(frame: int, wearer: int = 0) -> int:
     return int(gtsam.symbol("t", wearer * WEARER + frame))
 
 
-def heading_key(sensor: int, wearer: int = 0, knot: int = 0) -> int:
-    """Key of the double γ, with R_world_inertial = Rz(γ), at a knot of its walk; a constant heading has the first."""
-    return shared_variable_key("h", sensor, wearer, knot)
-
-
-def mounting_key(sensor: int, wearer: int = 0) -> int:
-    """Key of the ``Rot3`` R_bone_sensor."""
-    return shared_variable_key("b", sensor, wearer)
-
-
-def sensor_place_key(sensor: int, wearer: int = 0) -> int:
-    """Key of the ``Point3`` from where a sensor was said to sit to where it does."""
-    return shared_variable_key("p", sensor, wearer)
-
-
-def wearer_key(letter: str, wearer: int = 0) -> int:
-    """Key of what a wearer has one of: mean joint vector, lengths, axes of hinges, sole."""
-    return shared_variable_key(letter, 0, wearer)
-
-
-def keypoint_key(keypoint: int) -> int:
-    """Key of the ``Point3`` of one of the detector's :data:`~vip_factors.body.keypoints.OFFSET_KEYPOINTS`."""
-    return shared_variable_key("k", keypoint)
-
-
 def camera_key(frame: int) -> int:
     """Key of the ``Pose3`` T_world_camera; a camera that stands still has the one of frame 0."""
     return int(gtsam.symbol("c", frame))
 
 
-def camera_heading_key() -> int:
-    """Key of the double γ of the IMU on the camera."""
-    return shared_variable_key("g")
+def variable_key(block: str, item: int = 0, wearer: int = 0, knot: int = 0) -> int:
+    """Key of what all frames share, by its row of :data:`~vip_factors.problem.variables.ROWS`.
 
-
-def camera_mounting_key() -> int:
-    """Key of the ``Rot3`` R_camera_imu."""
-    return shared_variable_key("q")
-
-
-def clock_key() -> int:
-    """Key of the double: seconds by which the video's clock must be put forward in the recording's middle."""
-    return shared_variable_key("o")
-
-
-def clock_drift_key() -> int:
-    """Key of the double: by how many seconds more in every second from there."""
-    return shared_variable_key("d")
-
-
-def shared_variable_key(letter: str, item: int = 0, wearer: int = 0, knot: int = 0) -> int:
-    """Key of any variable that all frames share, by its letter."""
-    return int(gtsam.symbol(letter, wearer * WEARER + knot * KNOT + item))
+    Args:
+        block: ``headings``, ``R_bone_sensor``, ``sensor_positions``, ``body``, ``clock`` …
+        item: sensor or keypoint.
+        wearer: whose.
+        knot: of a heading that walks.
+    """
+    return int(gtsam.symbol(ROWS[block].letter, wearer * WEARER + knot * KNOT + item))

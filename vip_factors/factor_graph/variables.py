@@ -53,7 +53,7 @@ class Variable:
                 return keys.root_key(self.frame, self.wearer)
             case "poses":
                 return keys.camera_key(self.frame)
-        return keys.shared_variable_key(ROWS[self.block].letter, self.item, self.wearer, self.knot)
+        return keys.variable_key(self.block, self.item, self.wearer, self.knot)
 
     @property
     def manifold(self) -> Manifold:

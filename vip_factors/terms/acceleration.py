@@ -17,9 +17,7 @@ from vip_factors.terms.robust import Loss, RobustLoss
 
 SECOND_DIFFERENCE = np.array([1.0, -2.0, 1.0])  # of positions before, now and after: their acceleration, times step²
 GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s², world
-_QUARTER = np.array(
-    [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-)  # of rows: what turns about −z, as it sets out
+_QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # of rows: what turns about −z, at its start
 
 
 @dataclass(frozen=True)
@@ -48,8 +46,7 @@ def acceleration_residual(
 
 def acceleration_by_heading(heading: float | Array, specific_force_inertial: Array) -> Array:
     """Derivative of :func:`acceleration_residual` by the heading, ``(..., 3)`` m/s² per radian."""
-    turned = _turned(heading, specific_force_inertial)
-    return turned @ _QUARTER
+    return _turned(heading, specific_force_inertial) @ _QUARTER
 
 
 def _turned(heading: float | Array, specific_force_inertial: Array) -> Array:

@@ -5,13 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vip_factors.geometry.rotations import (
-    Array,
-    hat,
-    inverse_right_jacobian,
-    log,
-    transpose,
-)
+from vip_factors.geometry.rotations import Array, hat, inverse_right_jacobian, log, transpose
 from vip_factors.problem.state import CameraPoses
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term
 from vip_factors.terms.evaluation import CameraEvaluation

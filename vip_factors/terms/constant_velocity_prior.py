@@ -3,7 +3,8 @@
 The pelvis is tied to its neighbours in time by what sensors measure alone. Where no accelerometer says anything,
 nothing else says where the root is; where no sensor says how it is turned, nothing else says which way the wearer
 faces. There, and only there, two broad priors hold: a root that keeps its velocity, and a pelvis that stays turned as
-it was.
+it was. Residuals: the root's acceleration ``(p(t−1) − 2 p(t) + p(t+1))/step²``, m/s², world axes; the pelvis's angular
+velocity ``Log(R(t)ᵀ R(t+1))/step``, rad/s, in its own axes.
 """
 
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.geometry.rotations import Array, log, transpose
+from vip_factors.geometry.rotations import log, transpose
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.terms.acceleration import SECOND_DIFFERENCE
 from vip_factors.terms.equations import DenseEquations, DifferenceEquations, JacobianBlock, Term
@@ -31,25 +32,6 @@ class ConstantVelocitySettings:
     turn_sigma: float = 3.0  # rad/s, each axis: a brisk turn on the spot, half a turn in a second
 
 
-def root_acceleration_residual(p_before: Array, p_now: Array, p_after: Array, step: float) -> Array:
-    """Acceleration ``(p(t−1) − 2 p(t) + p(t+1))/step²`` of the root ``(..., 3)``, m/s², world axes.
-
-    Its derivatives are ``SECOND_DIFFERENCE / step²``, each times the identity.
-    """
-    return (p_before - 2 * p_now + p_after) / step**2
-
-
-def pelvis_turn_residual(R_world_pelvis: Array, R_world_pelvis_after: Array, step: float) -> Array:
-    """Mean angular velocity ``Log(R(t)ᵀ R(t+1))/step``, ``(..., 3)`` rad/s, in the pelvis's axes."""
-    return log(transpose(R_world_pelvis) @ R_world_pelvis_after) / step
-
-
-def pelvis_turn_jacobians(residual: Array, step: float) -> tuple[Array, Array]:
-    """Derivatives of :func:`pelvis_turn_residual` by the rotation now and the one after, ``(..., 3, 3)``."""
-    by_now, by_after = turn_jacobians(residual * step)
-    return by_now / step, by_after / step
-
-
 def _applies(problem: WearerProblem) -> bool:
     return bool(problem.use_acceleration and problem.settings.coasting.use)
 
@@ -62,7 +44,7 @@ def root_equations(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEqu
         return
     settings: ConstantVelocitySettings = at.problem.settings.coasting
     p, step = at.state.p_world_pelvis[first.start : first.stop + 2, None], frames.step
-    residual = root_acceleration_residual(p[:-2], p[1:-1], p[2:], step) / settings.acceleration_sigma
+    residual = (p[:-2] - 2 * p[1:-1] + p[2:]) / step**2 / settings.acceleration_sigma
     c = SECOND_DIFFERENCE / (step**2 * settings.acceleration_sigma)
     yield DifferenceEquations(first.start, residual, unmeasured[:, None], SQUARE, at.owner, (0,), np.zeros_like(p), c)
 
@@ -76,16 +58,14 @@ def pelvis_equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquati
         return
     settings: ConstantVelocitySettings = at.problem.settings.coasting
     R, step = at.state.R_parent_child[first.start : first.stop + 1, 0], frames.step
-    rate = pelvis_turn_residual(R[:-1], R[1:], step)
+    turn = log(transpose(R[:-1]) @ R[1:])
 
     def blocks() -> tuple[JacobianBlock, ...]:
-        by_both = pelvis_turn_jacobians(rate, step)
-        return tuple(
-            JacobianBlock(at.owner, "pelvis", J[:, None] / settings.turn_sigma, ahead=ahead)
-            for ahead, J in enumerate(by_both)
-        )
+        by_both = (J[:, None] / step / settings.turn_sigma for J in turn_jacobians(turn))
+        return tuple(JacobianBlock(at.owner, "pelvis", J, ahead=ahead) for ahead, J in enumerate(by_both))
 
-    yield DenseEquations(first.start, rate[:, None] / settings.turn_sigma, unmeasured[:, None], SQUARE, blocks)
+    rate = turn[:, None] / step / settings.turn_sigma
+    yield DenseEquations(first.start, rate, unmeasured[:, None], SQUARE, blocks)
 
 
 ROOT_VELOCITY = Term("root coasting", 2, root_equations, every_frame=False)

@@ -1,6 +1,6 @@
 """Floor contact: a foot that bears the body stands on the floor. Without it a whole scene may tilt unnoticed.
 
-Its derivative by the point is the row ``e_zᵀ``.
+The residual is the height of a contact point over the floor at z = 0, metres; its derivative by the point ``e_zᵀ``.
 """
 
 from collections.abc import Iterator
@@ -23,11 +23,6 @@ class FloorContactSettings:
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # a step or a chair must let go
 
 
-def floor_contact_residual(p_world_contact: Array) -> Array:
-    """Height ``(..., 1)`` in metres of a contact point, ``(..., 3)``, over the floor at z = 0."""
-    return p_world_contact[..., 2:]
-
-
 def equations(at: WearerEvaluation, first: slice) -> Iterator[BoneEquations]:
     """One factor for each contact point."""
     problem = at.problem
@@ -42,7 +37,7 @@ def equations(at: WearerEvaluation, first: slice) -> Iterator[BoneEquations]:
         return up @ body.point_twists(p), tuple(one.times(up) for one in at.contact_blocks(body))
 
     yield BoneEquations(
-        first.start, floor_contact_residual(p) / settings.sigma, problem.contact_confidence[first], settings.loss,
+        first.start, p[..., 2:] / settings.sigma, problem.contact_confidence[first], settings.loss,
         at.owner, problem.contact_points.bones, derivatives,
     )  # fmt: skip
 

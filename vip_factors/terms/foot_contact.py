@@ -1,6 +1,7 @@
 """Foot contact: a foot that bears the body does not move. It is what keeps an inertial root path from running away.
 
-Linear in the two positions: derivatives ``−1/step`` and ``1/step``, each times the identity.
+The residual is the velocity of a contact point between two frames, m/s: linear in the two positions, with derivatives
+``−1/step`` and ``1/step``, each times the identity.
 """
 
 from collections.abc import Iterator
@@ -8,7 +9,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vip_factors.geometry.rotations import Array
 from vip_factors.terms.equations import DifferenceEquations, Term, differenced
 from vip_factors.terms.evaluation import WearerEvaluation
 from vip_factors.terms.robust import Loss, RobustLoss
@@ -23,11 +23,6 @@ class FootContactSettings:
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # a wrong contact must let go
 
 
-def foot_contact_residual(p_now: Array, p_after: Array, step: float) -> Array:
-    """Velocity of a contact point between two frames, ``(..., 3)`` m/s, from its positions ``(..., 3)`` in metres."""
-    return (p_after - p_now) / step
-
-
 def equations(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquations]:
     """One factor for each contact point, from a frame to the next."""
     problem = at.problem
@@ -37,7 +32,7 @@ def equations(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquation
     body, step = at.body.at(slice(first.start, first.stop + 1)), problem.frames.step
     p, c = at.contact_points.on(body), np.array([-1.0, 1.0]) / (step * settings.sigma)
     yield DifferenceEquations(
-        first.start, foot_contact_residual(p[:-1], p[1:], step) / settings.sigma,
+        first.start, (p[1:] - p[:-1]) / step / settings.sigma,
         problem.contact_confidence[first] * problem.frames.follows[first, None], settings.loss, at.owner,
         problem.contact_points.bones, at.arms(p, first), c, lambda: differenced(at.contact_blocks(body), c),
     )  # fmt: skip

@@ -1,11 +1,13 @@
-"""Gauge prior: IMUs alone see neither where the scene is nor how fast it drifts; somebody has to say."""
+"""Gauge prior: IMUs alone see neither where the scene is nor how fast it drifts; somebody has to say.
+
+The residual is the root's position less the chosen one, metres; its derivative is the identity.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.geometry.rotations import Array
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
 from vip_factors.terms.evaluation import WearerEvaluation
 
@@ -17,11 +19,6 @@ class GaugePriorSettings:
     position_sigma: float = 0.01  # m: the first root position is a choice, so any small number does
 
 
-def gauge_prior_residual(p_world_pelvis: Array, p_world_prior: Array) -> Array:
-    """Root position less the chosen one, ``(3,)`` metres. Its derivative is the identity."""
-    return p_world_pelvis - p_world_prior
-
-
 def equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
     """One factor on the root of the first frame, of each stretch if there are several."""
     problem = at.problem
@@ -31,7 +28,7 @@ def equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
     block = JacobianBlock(at.owner, "root", np.eye(3)[None, None] / settings.position_sigma)
     for frame, p_world in problem.placed_starts:
         if first.start <= frame < first.stop:
-            residual = gauge_prior_residual(at.state.p_world_pelvis[frame], p_world) / settings.position_sigma
+            residual = (at.state.p_world_pelvis[frame] - p_world) / settings.position_sigma
             yield from prior_equations(block, residual[None], first=frame)
 
 

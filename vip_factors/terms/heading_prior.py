@@ -1,4 +1,7 @@
-"""Heading prior: what the rough placement and the initial pose said about one sensor's heading."""
+"""Heading prior: what the rough placement and the initial pose said about one sensor's heading.
+
+The residual is the heading less its prior, wrapped into [−π, π), radians; its derivative is one.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,19 +23,9 @@ class HeadingPriorSettings:
     gauge_sigma_deg: float = 0.1  # of the reference sensor, whose heading defines the world's
 
     @property
-    def least_sigma(self) -> float:
-        """Least standard deviation in radians."""
-        return float(np.deg2rad(self.least_sigma_deg))
-
-    @property
     def gauge_sigma(self) -> float:
         """Standard deviation in radians of the reference sensor's heading."""
         return float(np.deg2rad(self.gauge_sigma_deg))
-
-
-def heading_prior_residual(heading: Array, prior_heading: Array) -> Array:
-    """Heading less its prior, wrapped into [−π, π), radians; any shape. Its derivative is one."""
-    return wrap_angle(heading - prior_heading)
 
 
 def heading_sigmas(problem: WearerProblem) -> Array:
@@ -42,7 +35,7 @@ def heading_sigmas(problem: WearerProblem) -> Array:
     sensor: a walk's mean is off its start by a third of the variance that it gathers, and here two walk.
     """
     settings: HeadingPriorSettings = problem.settings.heading_prior
-    sigmas = np.maximum(problem.heading_sigma, settings.least_sigma)
+    sigmas = np.maximum(problem.heading_sigma, np.deg2rad(settings.least_sigma_deg))
     if problem.headings_walk:
         whole = walk_sigma(problem, problem.heading_knots[-1] - problem.heading_knots[0])
         sigmas = np.hypot(sigmas, np.sqrt(2 / 3) * whole)
@@ -55,7 +48,7 @@ def equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
     """One factor for each sensor: on its heading at the first knot, where it walks."""
     if at.problem.free_headings:
         sigmas = heading_sigmas(at.problem)
-        residual = heading_prior_residual(at.state.headings, at.problem.prior_headings) / sigmas
+        residual = wrap_angle(at.state.headings - at.problem.prior_headings) / sigmas
         jacobian = (1 / sigmas)[None, :, None, None]
         block = JacobianBlock(at.owner, "headings", jacobian, each=True, ahead=AT_THE_FIRST_KNOT)
         yield from prior_equations(block, residual[:, None])
@@ -65,9 +58,8 @@ def camera_equations(at: CameraEvaluation) -> Iterator[DenseEquations]:
     """One factor on the heading of the camera's sensor."""
     if at.problem.imu is not None:
         sigma = np.deg2rad(at.problem.settings.heading_sigma_deg)
-        residual = heading_prior_residual(np.array(at.state.heading), np.array(at.problem.prior_heading)) / sigma
-        block = JacobianBlock(at.owner, "heading", np.ones((1, 1, 1, 1)) / sigma)
-        yield from prior_equations(block, residual.reshape(1, 1))
+        residual = wrap_angle(at.state.heading - at.problem.prior_heading).reshape(1, 1) / sigma
+        yield from prior_equations(JacobianBlock(at.owner, "heading", np.ones((1, 1, 1, 1)) / sigma), residual)
 
 
 HEADING_PRIOR = Term.prior("heading prior", equations)

@@ -1,4 +1,8 @@
-"""Heading walk: a filter without a magnetometer forgets its north, slowly and with no memory of where it was."""
+"""Heading walk: a filter without a magnetometer forgets its north, slowly and with no memory of where it was.
+
+The residual is by how much a heading walked from one knot to the next, radians; its derivatives are −1 and 1. It is not
+wrapped: between its knots the heading is interpolated, so it is continuous.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,21 +28,8 @@ class HeadingWalkSettings:
     unknown_drift_deg: float = 10.0
 
     def sigma(self, seconds: Array, drift_deg: Array) -> Array:
-        """Standard deviations in radians of what is added in so many seconds to a heading that drifts like that.
-
-        Args:
-            seconds: any shape.
-            drift_deg: degrees per √minute, of a shape that broadcasts.
-        """
+        """Radians added in ``seconds`` to a heading that drifts by ``drift_deg`` per √minute; shapes broadcast."""
         return np.deg2rad(drift_deg) * np.sqrt(np.asarray(seconds) / 60)
-
-
-def heading_walk_residual(before: Array, after: Array) -> Array:
-    """How far a heading walked from one knot to the next, radians; any shape.
-
-    Its derivatives are −1 and 1. Not wrapped: between its knots the heading is interpolated, so it is continuous.
-    """
-    return after - before
 
 
 def walk_sigma(problem: WearerProblem, seconds: Array) -> Array:
@@ -53,7 +44,7 @@ def equations(at: WearerEvaluation) -> Iterator[KnotEquations]:
     problem, knots = at.problem, at.state.heading_knots
     if problem.free_headings and problem.headings_walk:
         root = 1 / walk_sigma(problem, np.diff(problem.heading_knots)[:, None])
-        residual = root * heading_walk_residual(knots[:-1], knots[1:])
+        residual = root * np.diff(knots, axis=0)
         yield KnotEquations(0, residual[..., None], 1.0, SQUARE, at.owner, "headings", root)
 
 

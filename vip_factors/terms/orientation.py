@@ -5,13 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vip_factors.geometry.rotations import (
-    Array,
-    inverse_right_jacobian,
-    log,
-    rotation_z,
-    transpose,
-)
+from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, rotation_z, transpose
 from vip_factors.terms.equations import BoneEquations, JacobianBlock, Term
 from vip_factors.terms.evaluation import WearerEvaluation
 from vip_factors.terms.robust import Loss, RobustLoss

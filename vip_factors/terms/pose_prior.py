@@ -4,15 +4,14 @@ The learnt Gaussian says how people differ *and* how they move. Its mean, believ
 knees of somebody who only stands. So the mean of a recording is a variable, and only that variable is held, once, to
 the learnt mean: a hierarchical model. Where the mean is not free it stays the learnt one (thesis eq. 3.14).
 
-With ``x = Log(R)`` of each joint, ``∂x/∂δ = J_r⁻¹(x)`` block by block, so that the derivative is ``scale · L`` times
-these.
+With ``x = Log(R)`` of each joint: ``scale · L (x − m)``, of unit variance where the Gaussian holds (thesis eqs. 3.14,
+3.28–3.29), and ``mean_scale · L (m − μ)``. By the mean the derivative is ``−scale · L``; with ``∂x/∂δ = J_r⁻¹(x)`` that
+by the joints is ``scale · L`` times these, block by block.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from vip_factors.body.pose_prior import PosePrior
-from vip_factors.geometry.rotations import Array
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, JointEquations, Term, prior_equations
 from vip_factors.terms.evaluation import WearerEvaluation
 from vip_factors.terms.robust import SQUARE
@@ -26,25 +25,11 @@ class PosePriorSettings:
     mean_scale: float = 0.6  # of the recording's mean: a recording of one activity is off by more than one pose is
 
 
-def pose_prior_residual(x: Array, mean: Array, prior: PosePrior, settings: PosePriorSettings) -> Array:
-    """``scale · L (x − m)``, ``(T, 69)``, of unit variance where the Gaussian holds (thesis eqs. 3.14, 3.28–3.29).
-
-    ``m`` ``(69,)`` is the mean of the recording; the derivative by it is ``−scale · L``.
-    """
-    return settings.scale * (x - mean) @ prior.whitening.T
-
-
-def pose_mean_residual(mean: Array, prior: PosePrior, settings: PosePriorSettings) -> Array:
-    """``mean_scale · L (m − μ)``, ``(69,)``: the recording's mean against the learnt one."""
-    return settings.mean_scale * prior.whitening @ (mean - prior.mean)
-
-
 def pose_equations(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:
     """One factor a frame."""
-    prior = at.problem.prior
     settings: PosePriorSettings = at.problem.settings.pose_prior
-    x = at.joint_vectors(first)
-    residual = pose_prior_residual(x.reshape(len(x), -1), at.state.pose_mean, prior, settings)
+    prior, x = at.problem.prior, at.joint_vectors(first)
+    residual = settings.scale * (x.reshape(len(x), -1) - at.state.pose_mean) @ prior.whitening.T
     yield JointEquations(
         first.start, residual[:, None], 1.0, SQUARE, at.owner, lambda: (at.joint_jacobians(first),),
         settings.scale * prior.whitening, settings.scale**2 * prior.information, "pose_mean",
@@ -54,10 +39,10 @@ def pose_equations(at: WearerEvaluation, first: slice) -> Iterator[JointEquation
 def mean_equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
     """One factor on the recording's mean pose."""
     if at.problem.free_pose_mean:
-        settings: PosePriorSettings = at.problem.settings.pose_prior
-        residual = pose_mean_residual(at.state.pose_mean, at.problem.prior, settings)
-        by_mean = (settings.mean_scale * at.problem.prior.whitening)[None, None]
-        yield from prior_equations(JacobianBlock(at.owner, "pose_mean", by_mean), residual[None])
+        prior, settings = at.problem.prior, at.problem.settings.pose_prior
+        by_mean = settings.mean_scale * prior.whitening
+        block = JacobianBlock(at.owner, "pose_mean", by_mean[None, None])
+        yield from prior_equations(block, (by_mean @ (at.state.pose_mean - prior.mean))[None])
 
 
 POSE_PRIOR = Term("pose prior", 0, pose_equations)

@@ -1,13 +1,15 @@
 """Smoothness: joints that no sensor sees turn no faster than people turn them.
 
 Six sensors leave thighs, upper arms and the trunk free between two poses that fit. Acceleration ties them together
-over time, but its noise, summed twice, lets them wander; a Gaussian over their speed holds them.
+over time, but its noise, summed twice, lets them wander; a Gaussian over their speed holds them:
+``time · L Log(R(t)ᵀ R(t+1)) / step``, whitened. It is the pose prior's, ``Σ⁻¹ = Lᵀ L``, of rotation over a time instead
+of from the mean: joints that deviate together turn together. The difference is taken on the group, for rotation vectors
+jump at half a turn.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from vip_factors.body.pose_prior import PosePrior
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
 from vip_factors.terms.equations import JointEquations, Term
 from vip_factors.terms.evaluation import WearerEvaluation
@@ -21,15 +23,6 @@ class SmoothnessSettings:
     use: bool = True  # without it six sensors lose a third more: see the changelog
     # s in which a joint crosses one standard deviation of the pose prior, at one standard deviation of its speed.
     time: float = 0.07
-
-
-def smoothness_residual(turn: Array, step: float, prior: PosePrior, settings: SmoothnessSettings) -> Array:
-    """``time · L Log(R(t)ᵀ R(t+1)) / step``, whitened, ``(T, 69)``, of the turns ``(T, 23, 3)`` from frame to frame.
-
-    The Gaussian is the pose prior's, ``Σ⁻¹ = Lᵀ L``, of rotation over a time instead of from the mean: joints that
-    deviate together turn together. The difference is taken on the group, for rotation vectors jump at half a turn.
-    """
-    return settings.time / step * turn.reshape(len(turn), -1) @ prior.whitening.T
 
 
 def turn_jacobians(turn: Array) -> tuple[Array, Array]:
@@ -47,7 +40,7 @@ def equations(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:
     R = at.state.R_parent_child[first.start : first.stop + 1, 1:]
     follows, scale = problem.frames.follows[first, None, None], settings.time / problem.frames.step
     turn = follows * log(transpose(R[:-1]) @ R[1:])
-    residual = smoothness_residual(turn, problem.frames.step, prior, settings)
+    residual = scale * turn.reshape(len(turn), -1) @ prior.whitening.T
     yield JointEquations(
         first.start, residual[:, None], 1.0, SQUARE, at.owner,
         lambda: tuple(follows[..., None] * J for J in turn_jacobians(turn)),

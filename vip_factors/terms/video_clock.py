@@ -8,6 +8,7 @@ prior's residual is ``(o, d)``, in seconds and seconds a second.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -26,23 +27,12 @@ class VideoClockSettings:
     drift_sigma: NotNegative = 1e-3
 
 
-def offset_equations(at: CameraEvaluation) -> Iterator[DenseEquations]:
-    """One factor on the offset of the video's clock."""
+def equations(at: CameraEvaluation, block: str, sigma: str) -> Iterator[DenseEquations]:
+    """One factor on the offset of the video's clock, or on its drift; ``sigma`` names its setting."""
     if at.problem.free_clock:
-        yield from _number_prior(at, "clock", at.state.clock, at.problem.settings.clock.offset_sigma)
+        root = np.full((1, 1), 1 / getattr(at.problem.settings.clock, sigma))
+        yield from prior_equations(JacobianBlock(at.owner, block, root[None, None]), root * getattr(at.state, block))
 
 
-def drift_equations(at: CameraEvaluation) -> Iterator[DenseEquations]:
-    """One factor on its drift."""
-    if at.problem.free_clock:
-        yield from _number_prior(at, "clock_drift", at.state.clock_drift, at.problem.settings.clock.drift_sigma)
-
-
-def _number_prior(at: CameraEvaluation, block: str, value: float, sigma: float) -> Iterator[DenseEquations]:
-    return prior_equations(
-        JacobianBlock(at.owner, block, np.ones((1, 1, 1, 1)) / sigma), np.full((1, 1), value / sigma)
-    )
-
-
-CLOCK_PRIOR = Term.prior("clock prior", offset_equations)
-CLOCK_DRIFT_PRIOR = Term.prior("clock drift prior", drift_equations)
+CLOCK_PRIOR = Term.prior("clock prior", partial(equations, block="clock", sigma="offset_sigma"))
+CLOCK_DRIFT_PRIOR = Term.prior("clock drift prior", partial(equations, block="clock_drift", sigma="drift_sigma"))

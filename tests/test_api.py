@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vip_factors as vip
-from vip_factors.evaluate.evaluation import SceneEvaluation
+from vip_factors.evaluate.evaluation import Evaluation
 from vip_factors.settings import SolverName
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
@@ -81,7 +81,7 @@ def test_from_sensors_to_a_file_of_another_program(
 
 def test_an_evaluation_printed_begins_with_five_lines(recording: vip.Scene, estimate: vip.Estimate) -> None:
     found = vip.evaluate(estimate, recording)
-    assert isinstance(found, SceneEvaluation)
+    assert isinstance(found, Evaluation)
     assert str(found).splitlines()[:5] == found.summary()
     one = vip.evaluate(estimate.wearers[0], recording.wearers[0])
     assert one["mpjpe"] == found["mpjpe"]

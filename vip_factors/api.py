@@ -10,7 +10,7 @@ from typing import Literal
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.estimate import Estimate, WearerEstimate
-from vip_factors.evaluate.evaluation import SceneEvaluation
+from vip_factors.evaluate.evaluation import Evaluation
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.export.settings import ExportSettings
 from vip_factors.sensors.recording import Recording
@@ -143,7 +143,7 @@ def smooth(
     return pipeline.smooth(recording, settings or Settings(), progress)
 
 
-def evaluate(estimate: WearerEstimate | Estimate, truth: Recording | Scene) -> SceneEvaluation:
+def evaluate(estimate: WearerEstimate | Estimate, truth: Recording | Scene) -> Evaluation:
     """How far an estimate is from the truth that a recording holds; printed, it begins with the most important.
 
     Args:

@@ -133,12 +133,12 @@ def of(motion: Motion) -> WearerEstimate:
 
 
 def test_the_bone_above_says_whether_a_place_is_known() -> None:
-    legs = Compared.of(LEGS)
+    legs = Compared(LEGS)
     assert [JOINT_NAMES[row] for row in legs.positions(POSITION_JOINTS)] == [
         "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
     ]  # fmt: skip
-    assert {JOINT_NAMES[row] for row in Compared.of(UPPER).positions(POSITION_JOINTS)} >= {"left_hip", "left_wrist"}
-    assert {JOINT_NAMES[row] for row in Compared.of(UPPER).orientations(ORIENTATION_JOINTS)} == {
+    assert {JOINT_NAMES[row] for row in Compared(UPPER).positions(POSITION_JOINTS)} >= {"left_hip", "left_wrist"}
+    assert {JOINT_NAMES[row] for row in Compared(UPPER).orientations(ORIENTATION_JOINTS)} == {
         "neck", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
     }  # fmt: skip
 

@@ -34,7 +34,7 @@ from tests.studies.vip_variants import (
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import RecordingError, SolveError
 from vip_factors.estimate import Estimate, WearerEstimate
-from vip_factors.evaluate.evaluation import SceneEvaluation, evaluate_scene
+from vip_factors.evaluate.evaluation import Evaluation, evaluate_scene
 from vip_factors.evaluate.metrics import common_frames, mpjae, mpjpe
 from vip_factors.findings import sentences
 from vip_factors.pipeline import smooth
@@ -237,7 +237,7 @@ def errors_by_kind(trials: Sequence[Trial]) -> dict[str, tuple[float, float]]:
     return found | {"mean": (mean(p for p, _ in found.values()), mean(a for _, a in found.values()))}
 
 
-def _metric(evaluation: SceneEvaluation, name: str) -> float:
+def _metric(evaluation: Evaluation, name: str) -> float:
     return evaluation.metrics[name].value if name in evaluation.metrics else NAN
 
 

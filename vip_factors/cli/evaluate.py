@@ -14,7 +14,7 @@ from vip_factors.errors import InputError
 if TYPE_CHECKING:
     from vip_factors.body.kinematics import Motion
     from vip_factors.estimate import Estimate
-    from vip_factors.evaluate.evaluation import Evaluation, SceneEvaluation
+    from vip_factors.evaluate.evaluation import Evaluation
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
             file.write(evaluation.to_json())
 
 
-def _evaluation(options: EvaluateOptions) -> "Evaluation | SceneEvaluation":
+def _evaluation(options: EvaluateOptions) -> "Evaluation":
     from vip_factors.cli.files import open_one
     from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
     from vip_factors.evaluate.scene_metrics import doubts

@@ -98,14 +98,6 @@ def mean_and_95th(errors_rad: Array) -> tuple[float, float]:
     return float(degrees.mean()), float(np.quantile(degrees, 0.95))
 
 
-@dataclass(frozen=True)
-class Consistency:
-    """NEES over dimension: its mean, and the share of errors inside their own 95 % ellipsoid (0.95 is honest)."""
-
-    nees: float
-    coverage_95: float
-
-
 def nees(error: Array, covariance: Array) -> Array:
     """``eᵀ P⁻¹ e / d`` of errors ``(..., d)`` under ``(..., d, d)``; NaN where the covariance is not positive."""
     shape, d = error.shape[:-1], error.shape[-1]
@@ -127,13 +119,12 @@ def joint_nees(estimate: Motion, truth: Motion, covariance: PoseCovariance) -> A
     return nees(log(transpose(estimate.R_parent_child) @ truth.R_parent_child), covariance.joints)
 
 
-def summarise(values: Array, dimension: int) -> Consistency:
-    """Mean and 95 % coverage of NEES values, those that are NaN left out."""
+def summarise(values: Array, dimension: int) -> tuple[float, float]:
+    """Mean of NEES values, and the share of errors inside their own 95 % ellipsoid (0.95 is honest); without NaN."""
     finite = values[np.isfinite(values)]
     if len(finite) == 0:
-        return Consistency(float("nan"), float("nan"))
-    inside = finite * dimension <= chdtri(dimension, 0.05)
-    return Consistency(float(finite.mean()), float(inside.mean()))
+        return float("nan"), float("nan")
+    return float(finite.mean()), float(np.mean(finite * dimension <= chdtri(dimension, 0.05)))
 
 
 def heading_nees(error: CalibrationError, estimate: Calibration) -> Array:
@@ -146,11 +137,6 @@ def mounting_nees(error: CalibrationError, estimate: Calibration) -> Array:
     """NEES of every sensor's mounting, its three axes taken as independent."""
     sigma = np.stack([np.broadcast_to(estimate[name].mounting_sigma, 3) for name in error.mounting])
     return nees(np.stack(list(error.mounting.values())), (sigma**2)[..., None] * np.eye(3))
-
-
-def camera_nees(tangent: Array, covariance: Array) -> Array:
-    """NEES of camera poses ``(T,)``: right perturbations ``(T, 6)`` (rad, m) under ``(T, 6, 6)``."""
-    return nees(tangent, covariance)
 
 
 ENDS = frozenset(f"{side}_{bone}" for side in ("left", "right") for bone in ("ankle", "foot", "wrist", "hand"))
@@ -221,5 +207,5 @@ def consistency_metrics(what: str, values: Array, dimension: int) -> dict[str, M
     """NEES and coverage of values that are already over their dimension; empty if none is defined."""
     if not np.any(np.isfinite(values)):
         return {}
-    result = summarise(values, dimension)
-    return {f"nees_{what}": Metric(result.nees, ""), f"coverage_95_{what}": Metric(result.coverage_95, "")}
+    mean, coverage = summarise(values, dimension)
+    return {f"nees_{what}": Metric(mean, ""), f"coverage_95_{what}": Metric(coverage, "")}

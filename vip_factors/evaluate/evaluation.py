@@ -57,25 +57,29 @@ class EvaluationWarning(UserWarning):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """How good an estimate is.
+    """How good an estimate is, of one wearer or of a scene; what does not apply is empty.
 
     Attributes:
         name, method: of the estimate.
-        frames: how many were compared.
-        metrics: by name, in the order of the table.
+        metrics: by name, in the order of the table; of a scene those of the whole.
+        frames: of one wearer: how many were compared.
         joints: per joint: ``position_mm`` and ``orientation_deg`` after the alignment of MPJPE, ``local_deg`` in the
             parent's frame, ``centre_mm`` from its true place on the bone above; with a covariance ``nees``.
         sensors: per sensor: ``heading_deg`` (signed, after the gauge) and ``mounting_deg``.
         lengths: of the body: ``estimate_mm``, ``truth_mm``, ``error_mm``.
+        wearers: of a scene, by subject.
+        pairs: of a scene's wearers, ``"one - other"``: ``relative_mm``, ``distance_mm`` and their 95th percentiles.
     """
 
     name: str
     method: str
-    frames: int
     metrics: Mapping[str, Metric]
-    joints: Mapping[str, Mapping[str, float]]
+    frames: int | None = None
+    joints: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     sensors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     lengths: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    wearers: Mapping[str, "Evaluation"] = field(default_factory=dict)
+    pairs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __getitem__(self, metric: str) -> float:
         return self.metrics[metric].value
@@ -85,15 +89,20 @@ class Evaluation:
 
     def summary(self) -> list[str]:
         """Five lines, each with the gauge that its errors are in."""
-        return summary_lines(self.metrics, {self.name: self.metrics})
+        wearers = {name: one.metrics for name, one in self.wearers.items()}
+        return summary_lines(self.metrics, wearers or {self.name: self.metrics})
 
     def to_table(self) -> str:
-        """Markdown: the metrics, then joints, lengths and sensors."""
-        lines = metric_lines(self.metrics) + row_lines("joint", self.joints) + row_lines("length", self.lengths)
-        return "\n".join(lines + row_lines("sensor", self.sensors)) + "\n"
+        """Markdown: the metrics, then joints, lengths and sensors, or pairs and every wearer of a scene."""
+        lines = [f"## {self.name}, {self.method}", ""] if self.wearers else []
+        lines += metric_lines(self.metrics) + row_lines("joint", self.joints) + row_lines("length", self.lengths)
+        lines += row_lines("sensor", self.sensors) + row_lines("pair", self.pairs)
+        for name, one in self.wearers.items():
+            lines += ["", f"## {name}", "", one.to_table().rstrip()]
+        return "\n".join(lines) + "\n"
 
     def to_json(self) -> str:
-        """Everything, as JSON; what is not defined is null."""
+        """Everything, as JSON; a number that is not defined is null, what is empty is left out."""
         return json_text(asdict(self))
 
 
@@ -115,7 +124,7 @@ def evaluate(
         EvaluationWarning: if both carry a calibration but share no sensor: headings and mountings are left out.
     """
     motion, reference, chosen = common_frames(estimate.motion, truth.motion)
-    compared = Compared.of(truth.known_bones)
+    compared = Compared(truth.known_bones)
     table = _motion_metrics(motion, reference, compared) | {
         "jitter": Metric(metrics.jitter(motion), "m/s³"),
         # Of the truth as given: interpolated to other frames it would seem to shake.
@@ -129,7 +138,7 @@ def evaluate(
         values = joint_nees(motion, reference, covariance)
         table |= consistency_metrics("joints", values[:, _turns(compared)], 3)
         for name, row in joints.items():
-            row["nees"] = summarise(values[:, joint_index(name)], 3).nees
+            row["nees"] = summarise(values[:, joint_index(name)], 3)[0]
     sensors: dict[str, Mapping[str, float]] = {}
     if estimate.calibration and truth.calibration and not share_sensors(estimate.calibration, truth.calibration):
         warnings.warn(EvaluationWarning(_other_sensors(estimate.calibration, truth.calibration)), stacklevel=2)
@@ -140,7 +149,7 @@ def evaluate(
             over_time = heading_error_over_time(estimate.calibration, truth.calibration, motion.time, gauge)
             table["heading_error_over_time"] = Metric(mean_and_95th(np.abs(list(over_time.values())))[0], "deg")
         sensors = sensor_table(error)
-    return Evaluation(estimate.name, estimate.method, len(motion), table, joints, sensors, lengths)
+    return Evaluation(estimate.name, estimate.method, table, len(motion), joints, sensors, lengths)
 
 
 def _other_sensors(estimate: Calibration, truth: Calibration) -> str:
@@ -216,46 +225,7 @@ def _legs(compared: Compared) -> list[str]:
     return [side for side in ("left", "right") if len(compared.orientations((f"{side}_hip", f"{side}_knee"))) == 2]
 
 
-@dataclass(frozen=True)
-class SceneEvaluation:
-    """How good a scene's estimate is.
-
-    Attributes:
-        name, method: of the estimate.
-        metrics: of the scene as a whole, by name, in the order of the table.
-        wearers: by subject.
-        pairs: of wearers, ``"one - other"``: ``relative_mm``, ``distance_mm`` and their 95th percentiles.
-    """
-
-    name: str
-    method: str
-    metrics: Mapping[str, Metric]
-    wearers: Mapping[str, Evaluation]
-    pairs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-
-    def __getitem__(self, metric: str) -> float:
-        return self.metrics[metric].value
-
-    def __str__(self) -> str:
-        return "\n".join([*self.summary(), "", self.to_table().rstrip()])
-
-    def summary(self) -> list[str]:
-        """Five lines, each with the gauge that its errors are in."""
-        return summary_lines(self.metrics, {name: one.metrics for name, one in self.wearers.items()})
-
-    def to_table(self) -> str:
-        """Markdown: the scene, pairs of wearers, then every wearer."""
-        lines = [f"## {self.name}, {self.method}", "", *metric_lines(self.metrics), *row_lines("pair", self.pairs)]
-        for name, evaluation in self.wearers.items():
-            lines += ["", f"## {name}", "", evaluation.to_table().rstrip()]
-        return "\n".join(lines) + "\n"
-
-    def to_json(self) -> str:
-        """Everything, as JSON; what is not defined is null."""
-        return json_text(asdict(self))
-
-
-def evaluate_scene(estimate: Estimate, scene: Scene) -> SceneEvaluation:
+def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:
     """Every metric that the scene's truth allows.
 
     One yaw and one translation are removed from the whole scene, camera and wearers together; an estimate without
@@ -300,7 +270,7 @@ def evaluate_scene(estimate: Estimate, scene: Scene) -> SceneEvaluation:
         )
         for i, j in (combinations(pairs, 2) if tied else ())
     }
-    return SceneEvaluation(estimate.name, estimate.method, table, wearers, together)
+    return Evaluation(estimate.name, estimate.method, table, wearers=wearers, pairs=together)
 
 
 def _camera_pair(camera: CameraEstimate | None, truth: SceneTruth | None) -> tuple[PathPair | None, np.ndarray]:
@@ -321,7 +291,7 @@ def _wearer(estimate: Estimate, scene: Scene, index: int, pair: MotionPair, gaug
     recording = scene.wearers[index]
     assert recording.truth is not None
     one = evaluate(estimate.wearers[index], recording.truth, recording.placement, yaw(gauge) if tied else None)
-    known = Compared.of(recording.truth.known_bones).positions(POSITION_JOINTS)
+    known = Compared(recording.truth.known_bones).positions(POSITION_JOINTS)
     error = position_error(move_motion(pair[0], gauge), pair[1])[:, known]
     metrics = {**one.metrics, "scene_position_error": Metric(float(CM * error.mean()), "cm")}
     return replace(one, metrics=metrics)

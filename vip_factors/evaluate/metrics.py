@@ -4,7 +4,7 @@ All metrics take an estimate and the truth at the same frames, each with its own
 the one place where evaluation interpolates). Joints of which the truth knows nothing are left out of every mean.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,11 +43,6 @@ class Compared:
     """
 
     bones: frozenset[str] | None = None
-
-    @classmethod
-    def of(cls, bones: Collection[str] | None) -> "Compared":
-        """Of a truth that knows some bones, or all (None)."""
-        return cls(None if bones is None else frozenset(bones))
 
     def orientations(self, names: tuple[str, ...] = JOINT_NAMES) -> list[int]:
         """Rows of those bones among the named ones whose turn is known."""

@@ -15,11 +15,11 @@ from vip_factors.evaluate.calibration import (
     ENDS,
     CalibrationError,
     calibration_error,
-    camera_nees,
     consistency_metrics,
     error_metrics,
     heading_nees,
     mounting_nees,
+    nees,
     share_sensors,
 )
 from vip_factors.evaluate.camera import camera_error
@@ -95,9 +95,8 @@ def honesty(
     if camera is not None and estimate.camera.covariance is not None:
         known = wearer not in pairs  # where the camera's path was given, and with it the world
         gauge = Alignment(np.eye(3), np.zeros(3), np.ones(())) if known else anchored_gauge(pairs[wearer], turn)
-        error_of_camera = camera_error(camera, gauge)
-        of_camera = camera_nees(error_of_camera.tangent, estimate.camera.covariance[chosen])
-        table |= consistency_metrics("camera", of_camera, 6)
+        nees_of_camera = nees(camera_error(camera, gauge).tangent, estimate.camera.covariance[chosen])
+        table |= consistency_metrics("camera", nees_of_camera, 6)
     return table
 
 

@@ -41,13 +41,13 @@ def number(value: float) -> str:
 
 
 def json_text(value: object) -> str:
-    """As JSON; what is not defined is null."""
-    return json.dumps(_without_nan(value), indent=2) + "\n"
+    """As JSON: a number that is not defined is null, and what is None or empty is left out."""
+    return json.dumps(_plain(value), indent=2) + "\n"
 
 
-def _without_nan(value: object) -> object:
+def _plain(value: object) -> object:
     if isinstance(value, Mapping):
-        return {key: _without_nan(inner) for key, inner in value.items()}
+        return {key: _plain(inner) for key, inner in value.items() if inner is not None and inner != {}}
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vip_factors.evaluate.evaluation import Evaluation, SceneEvaluation, evaluate, evaluate_scene
+from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.rotations import Array
 from vip_factors.report.blocks import Block, Chart, Charts, Paragraph, Section, Table
@@ -122,7 +122,6 @@ def _truth(material: Material) -> list[Block]:
         return []
     assert material.scene is not None
     scene, one = material.scene, material.estimate.wearers[0]
-    evaluation: Evaluation | SceneEvaluation
     truth = scene.wearers[0].truth
     if len(scene.wearers) == 1 and scene.camera is None and truth is not None:
         evaluation = evaluate(one, truth, scene.wearers[0].placement)

@@ -14,7 +14,6 @@ PROGRAM = "python -m tests.studies"
 # Name → module here and its study.
 STUDIES = {
     "vip": "vip:Vip",
-    "totalcapture": "totalcapture:TotalCapture",
     "association": "crowd:WhoIsWho",
     "wearers": "crowd:Wearers",
     "consistency": "consistency:Consistency",
@@ -22,11 +21,11 @@ STUDIES = {
     "kaichi": "kaichi:Kaichi",
     "stream-faults": "stream_faults:StreamFaults",
     "stream-latency": "stream_latency:Latencies",
-    "stream-hour": "stream_hour:StreamHour",
-    "stream-slow": "stream_slow:StreamSlow",
+    "stream-hour": "stream_program:StreamHour",
+    "stream-slow": "stream_program:StreamSlow",
     "stream-kill": "stream_ends:StreamKill",
     "disk-full": "stream_ends:DiskFull",
-    "long": "long:Long",
+    "long": "long_stream:Long",
     "speed": "speed:Speed",
     "recordings": "recordings:Recordings",
     "golden": "golden:Golden",

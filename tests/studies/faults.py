@@ -116,14 +116,8 @@ def heading_reset(samples: Samples, sensor: str, angle: float, start: float) -> 
             yield sample
 
 
-def clock_jumping(samples: Samples, chosen: Chosen, jump: float, start: float) -> Iterator[LiveSample]:
-    """From ``start`` on the clocks of the chosen samples are ``jump`` seconds ahead; behind if it is negative."""
-    for sample in samples:
-        yield replace(sample, time=sample.time + jump) if sample.time >= start and chosen(sample) else sample
-
-
 def clocks_leaping(samples: Samples, leaps: Sequence[tuple[float, Chosen, float]]) -> Iterator[LiveSample]:
-    """Clocks that leap again: each leap is when (s), whose, and by how much (s); they add up."""
+    """Clocks that leap: when (s), whose, and by how many seconds they are ahead from then on; leaps add up."""
     for sample in samples:
         shift = sum(by for at, chosen, by in leaps if sample.time >= at and chosen(sample))
         yield replace(sample, time=sample.time + shift) if shift else sample
@@ -145,8 +139,6 @@ class Fault:
         begin: seconds from the start of the stream.
         end: when it is over; infinite if what has changed stays so.
         change: the stream with the fault.
-        overload_s: seconds that each update takes from begin to end; 0: the tracker keeps up.
-        restart: whether tracking is begun anew at ``end`` by a program that knows nothing of before.
         jump: seconds that the clocks of all samples leap at ``begin``.
     """
 
@@ -154,8 +146,6 @@ class Fault:
     begin: float
     end: float
     change: Callable[[Samples], Iterator[LiveSample]]
-    overload_s: float = 0.0
-    restart: bool = False
     jump: float = 0.0
 
     @property
@@ -173,7 +163,6 @@ DEAD = ("left_forearm", "right_shank", "pelvis")
 TURN_DEG, HEADING_DEG = 40.0, 60.0
 SLIP_S = 0.2  # that a strap takes to slip; a filter that starts anew takes no time
 CAMERA_GONE_S = 10.0
-OVERLOAD_S = 8.0  # with updates of three frames each, five seconds of samples pile up: more than the queue holds
 
 
 def faults_of(scene: Scene, begin: float, seed: int = 0) -> dict[str, Fault]:
@@ -193,18 +182,13 @@ def faults_of(scene: Scene, begin: float, seed: int = 0) -> dict[str, Fault]:
           for sensor in DEAD),
         *(fault for sensor in LIMBS for fault in _moved(wearer, sensor, begin)),
         Fault("silence of 2 s", begin, away, partial(lost, chosen=everything, start=begin, end=away)),
-        Fault("started again after 2 s", begin, away, partial(lost, chosen=everything, start=begin, end=away),
-              restart=True),
         Fault("video 150 ms late", begin, begin + 5, partial(
             delayed, chosen=of_video, delay=0.15, start=begin, end=begin + 5)),
         Fault("20 % of samples twice", begin, begin + 5, partial(
             repeated, chosen=everything, share=0.2, start=begin, end=begin + 5, seed=seed)),
         Fault("IMU samples up to 40 ms late, in disorder", begin, begin + 5, partial(
             delayed, chosen=of_imus, delay=0.0, jitter=0.04, start=begin, end=begin + 5, seed=seed)),
-        Fault("right_shank's clock 3 s back", begin, FOREVER, partial(
-            clock_jumping, chosen=OfSensors(["right_shank"]), jump=-3.0, start=begin)),
         *clock_faults(begin, seed),
-        Fault("updates of 50 ms for 8 s", begin, begin + OVERLOAD_S, iter, overload_s=0.05),
     ]  # fmt: skip
     return {fault.name: fault for fault in faults}
 
@@ -253,7 +237,7 @@ def clock_faults(begin: float, seed: int = 0) -> Iterator[Fault]:
             at = begin + random.random()
             yield Fault(
                 f"{whose} {abs(step):g} s {'ahead' if step > 0 else 'back'}", at, FOREVER,
-                partial(clock_jumping, chosen=chosen, jump=step, start=at), jump=step if of_all else 0.0,
+                partial(clocks_leaping, leaps=[(at, chosen, step)]), jump=step if of_all else 0.0,
             )  # fmt: skip
         for step, takes in DRIFTS:
             at = begin + random.random()

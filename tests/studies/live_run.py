@@ -1,50 +1,25 @@
 """A scene fed to the fixed-lag tracker sample by sample: its answers as motions, and their errors."""
 
 import time as clock
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import pairwise
 
 import numpy as np
 
 from tests.studies.scenes import with_nominal_pose
-from vip_factors.body.kinematics import Motion
+from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import InputError, RecordingError
-from vip_factors.evaluate.metrics import (
-    CM,
-    ORIENTATION_JOINTS,
-    common_frames,
-    indices,
-    jitter,
-    local_orientation_error,
-    mpjae,
-    mpjpe,
-)
+from vip_factors.evaluate.metrics import CM, POSITION_JOINTS, common_frames, indices, mpjae, mpjpe, resample
+from vip_factors.geometry.poses import align_rigid
+from vip_factors.geometry.rotations import Array
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose
-from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.camera_path import move_motion, scene_gauge
-from vip_factors.sensors.live import LiveSample, live_samples, stream_head
+from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
-
-SINCE_S = (0.0, 1.0, 3.0, 6.0, 1e9)  # edges of the times since the start that are told apart
-
-
-def timed_answers(
-    samples: Iterable[LiveSample], tracker: FixedLagTracker
-) -> Iterator[tuple[float, list[LiveEstimate], float, float]]:
-    """Of every sample with answers: its time, these, and wall and CPU seconds of all samples since the last ones."""
-    wall, cpu = 0.0, 0.0
-    for sample in samples:
-        before = clock.perf_counter(), clock.thread_time()
-        answers = tracker.push(sample)
-        wall, cpu = wall + clock.perf_counter() - before[0], cpu + clock.thread_time() - before[1]
-        if answers:
-            yield sample.time, answers, wall, cpu
-            wall, cpu = 0.0, 0.0
 
 
 @dataclass(frozen=True)
@@ -53,28 +28,16 @@ class LiveRun:
 
     Attributes:
         newest, smoothed: with zero lag, and one lag later; where tracking was lost the pose before is kept.
-        newest_poses: as answered, with covariances; none where tracking was lost.
-        start: seconds of the frame that the first answer in time was given to: those before it came late.
-        calibration: at the end.
         lost: frames between the first and the last without an answer.
-        cpu_seconds: by answer, of this process; the first is the start's.
+        cpu_s: of this process.
         findings: each with the second of it.
     """
 
     newest: Motion
     smoothed: Motion
-    newest_poses: tuple[LivePose, ...]
-    start: float
-    calibration: Calibration
     lost: int
-    cpu_seconds: tuple[float, ...]
+    cpu_s: float
     findings: tuple[str, ...]
-
-    @property
-    def cpu_ms(self) -> tuple[float, float]:
-        """Median and 95th percentile of an answer's milliseconds, the start's left out; NaN without any."""
-        later = 1e3 * np.array(self.cpu_seconds[1:])
-        return (float(np.median(later)), float(np.quantile(later, 0.95))) if len(later) else (np.nan, np.nan)
 
 
 def live_settings(settings: Settings, **changes: object) -> LiveSettings:
@@ -84,37 +47,32 @@ def live_settings(settings: Settings, **changes: object) -> LiveSettings:
     return replace(with_nominal_pose(live), **changes)  # type: ignore[arg-type]
 
 
-def run_live(scene: Scene, settings: LiveSettings, tell: Callable[[float], None] = lambda fraction: None) -> LiveRun:
-    """Feed a scene of one wearer to the tracker as fast as it takes it."""
+def streamed(scene: Scene, settings: LiveSettings) -> list[LiveEstimate]:
+    """What the tracker answers to a scene, as fast as it goes."""
     tracker = FixedLagTracker(stream_head(scene), settings)
-    wearer, end = scene.wearers[0], scene.wearers[0].interval[1]
-    answers: list[LiveEstimate] = []
-    seconds: list[float] = []
-    at_once = 0  # answers of the start; all but the last of them came late
+    return [*(answer for sample in live_samples(scene) for answer in tracker.push(sample)), *tracker.finish()]
+
+
+def smoothed_motion(answers: Sequence[LiveEstimate], wearer: int, scene: Scene, rate: float) -> Motion | None:
+    """The smoothed poses, on the body that was believed at the end."""
+    poses = [pose for answer in answers if (pose := answer.wearers[wearer].smoothed) is not None]
+    if not poses:
+        return None
+    subject = scene.wearers[wearer].subject
+    return filled_motion(poses, answers[-1].wearers[wearer].skeleton or subject.body(), rate, subject.name)
+
+
+def run_live(scene: Scene, settings: LiveSettings) -> LiveRun:
+    """Feed a scene of one wearer to the tracker as fast as it takes it."""
     begin = clock.process_time()
-    for sample in live_samples(scene):
-        new = tracker.push(sample)
-        if not new:
-            continue
-        at_once = at_once or len(new)
-        seconds.append(clock.process_time() - begin)
-        answers += new
-        tell(min(1.0, sample.time / end))
-        begin = clock.process_time()
-    answers += tracker.finish()
-    newest = [one.wearers[0].newest for one in answers]
-    smoothed = [pose for one in answers if (pose := one.wearers[0].smoothed) is not None]
-    if not answers or not smoothed:
-        raise RecordingError(
-            f"scene '{scene.name}': the tracker gave no answer in {end:.1f} s: is it shorter than its start?"
-        )
-    body = answers[-1].wearers[0].skeleton or wearer.subject.body()
-    motion, late = (filled_motion(one, body, settings.frame_rate, wearer.subject.name) for one in (newest, smoothed))
-    return LiveRun(
-        motion, late, tuple(newest), newest[min(at_once, len(newest)) - 1].time, answers[-1].wearers[0].calibration,
-        len(motion) - len(newest), tuple(seconds),
-        tuple(f"{one.time:.1f} s: {finding}" for one in answers for finding in one.findings),
-    )  # fmt: skip
+    answers = streamed(scene, settings)
+    smoothed = smoothed_motion(answers, 0, scene, settings.frame_rate)
+    if smoothed is None:
+        raise RecordingError(f"scene '{scene.name}': the tracker gave no answer: is it shorter than its start?")
+    poses = [one.wearers[0].newest for one in answers]
+    newest = filled_motion(poses, smoothed.skeleton, settings.frame_rate, smoothed.name)
+    findings = tuple(f"{one.time:.1f} s: {finding}" for one in answers for finding in one.findings)
+    return LiveRun(newest, smoothed, len(newest) - len(poses), clock.process_time() - begin, findings)
 
 
 def filled_motion(poses: Sequence[LivePose], body: Skeleton, rate: float, name: str) -> Motion:
@@ -127,22 +85,33 @@ def filled_motion(poses: Sequence[LivePose], body: Skeleton, rate: float, name: 
     return Motion(body, R, p, rate, start, name)
 
 
+def error_over_time(poses: Sequence[LivePose], body: Skeleton, truth: Motion, rate: float) -> Array:
+    """MPJPE ``(T,)`` in mm at ``k / rate`` seconds, each frame aligned rigidly; NaN where there is no pose."""
+    frames = int(np.floor((len(truth) - 1) / truth.rate * rate + 1e-6)) + 1
+    error: Array = np.full(frames, np.nan)
+    # Halfway between two frames it is always the later one, so that each pose has a frame of its own.
+    nearest = np.floor(np.array([one.time for one in poses]) * rate + 0.5 + 1e-6).astype(int)
+    chosen = [(row, one) for row, one in zip(nearest, poses, strict=True) if 0 <= row < frames]
+    if not chosen:
+        return error
+    offset = max(0.0, chosen[0][1].time - chosen[0][0] / rate)  # frames lie where the stream put them
+    true = resample(truth, offset, rate, frames - (offset > 0)).state.p_world_joint
+    chosen = [(row, one) for row, one in chosen if row < len(true)]
+    R, p = (np.stack([getattr(one, name) for _, one in chosen]) for name in ("R_parent_child", "p_world_pelvis"))
+    rows, joints = [row for row, _ in chosen], indices(POSITION_JOINTS)
+    ours, theirs = forward_kinematics(body, R, p).p_world_joint[:, joints], true[rows][:, joints]
+    error[rows] = 1e3 * np.linalg.norm(align_rigid(ours, theirs).apply(ours) - theirs, axis=-1).mean(axis=1)
+    return error
+
+
 @dataclass(frozen=True)
 class PoseErrors:
-    """Means over frames.
-
-    Attributes:
-        mpjpe_mm, mpjae_deg: every frame aligned.
-        root_cm: of the root's place, after one yaw and one translation of the whole motion.
-        jitter: m/s³.
-        frames: compared.
-    """
+    """Means over frames: every frame aligned (``mpjpe_mm``, ``mpjae_deg``); of the root's place after one yaw and one
+    translation of the whole motion (``root_cm``)."""
 
     mpjpe_mm: float
     mpjae_deg: float
     root_cm: float
-    jitter: float
-    frames: int
 
 
 def pose_errors(motion: Motion, truth: Motion, after_s: float) -> PoseErrors:
@@ -155,61 +124,4 @@ def pose_errors(motion: Motion, truth: Motion, after_s: float) -> PoseErrors:
     estimate, reference, _ = common_frames(motion.frames(slice(late, None)), truth)
     moved = move_motion(estimate, scene_gauge([(estimate, reference)]))
     root = np.linalg.norm(moved.p_world_pelvis - reference.p_world_pelvis, axis=1).mean()
-    return PoseErrors(
-        mpjpe(estimate, reference), mpjae(estimate, reference), float(CM * root), jitter(estimate), len(estimate)
-    )
-
-
-@dataclass(frozen=True)
-class SinceStart:
-    """The newest poses of a span of time since tracking began.
-
-    Attributes:
-        since_s, until_s: of the span.
-        frames: in it.
-        mpjpe_mm: every frame aligned.
-        error_deg, sigma_deg: of one joint (of the nine that MPJAE takes, each in its parent), root mean square over
-            joints and frames, and what the covariances say of it. With honest covariances they are the same.
-    """
-
-    since_s: float
-    until_s: float
-    frames: int
-    mpjpe_mm: float
-    error_deg: float
-    sigma_deg: float
-
-
-def since_start(poses: Sequence[LivePose], start: float, truth: Motion) -> tuple[SinceStart, ...]:
-    """Errors and expectations of poses by time since ``start`` (s); spans without a frame are left out."""
-    time = np.array([pose.time for pose in poses])
-    inside = (time >= truth.time[0] - 1e-6) & (time <= truth.time[-1] + 1e-6)
-    joints, spans = indices(ORIENTATION_JOINTS), []
-    for since, until in pairwise(SINCE_S):
-        within = inside & (time - start >= since - 1e-6) & (time - start < until - 1e-6)
-        chosen = [pose for pose, use in zip(poses, within, strict=True) if use]
-        if not chosen:
-            continue
-        estimate, reference = _pair(chosen, truth)
-        error = local_orientation_error(estimate, reference)[:, joints]
-        variances = [
-            np.trace(covariance[joints], axis1=1, axis2=2)
-            for pose in chosen
-            if (covariance := pose.joint_covariance) is not None
-        ]
-        sigma = float(np.sqrt(np.mean(variances))) if variances else float("nan")
-        degrees = (float(np.rad2deg(one)) for one in (np.sqrt(np.mean(error**2)), sigma))
-        spans.append(SinceStart(since, until, len(chosen), mpjpe(estimate, reference), *degrees))
-    return tuple(spans)
-
-
-def _pair(poses: Sequence[LivePose], truth: Motion) -> tuple[Motion, Motion]:
-    """The poses, and the truth's frames next to them in time, as if they followed one another."""
-    time = np.array([pose.time for pose in poses])
-    nearest = np.clip(np.rint((time - truth.start) * truth.rate).astype(int), 0, len(truth) - 1)
-    R = np.stack([pose.R_parent_child for pose in poses])
-    p = np.stack([pose.p_world_pelvis for pose in poses])
-    reference = Motion(
-        truth.skeleton, truth.R_parent_child[nearest], truth.p_world_pelvis[nearest], truth.rate, 0.0, truth.name
-    )
-    return Motion(truth.skeleton, R, p, truth.rate, 0.0, truth.name), reference
+    return PoseErrors(mpjpe(estimate, reference), mpjae(estimate, reference), float(CM * root))

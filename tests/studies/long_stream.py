@@ -1,24 +1,41 @@
-"""A stream or a recording of any length from a scene of a minute: played forwards and backwards, with new noise.
+"""A stream of any length from a scene of a minute, played forwards and backwards with new noise; and what memory and
+time a recording of hours takes that is made so.
 
 Mechanics has no direction of time: played backwards, orientations and specific forces are still those of one and the
 same motion, and the video shows it. The wearer rests at both ends, so nothing jolts where the direction turns. What is
 drawn slowly (calibration, filter errors, straps, the detector's habits) repeats with the scene; white noise is new.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter, process_time
+from typing import Literal
 
 import numpy as np
 
+from tests.studies.processes import apart, peak_memory
 from tests.studies.scenes import HOLD_S, PLACEMENT, POSE, straps_and_sensors
-from tests.studies.study import Study
+from tests.studies.study import MB, Study, Tell, group, table
+from vip_factors.atomic import atomic_open
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import exp
+from vip_factors.io.mcap_estimate_writer import write_estimate
+from vip_factors.io.mcap_recording import IMU, recording_messages
+from vip_factors.io.mcap_samples import sample_messages
+from vip_factors.io.mcap_source import open_source
+from vip_factors.io.mcap_writer import MessageWriter
+from vip_factors.pipeline import smooth_chunks
 from vip_factors.sensors.calibration import preset
+from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.live import ImuSample, LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
 from vip_factors.simulate.settings import SimulateSettings
@@ -28,6 +45,7 @@ REST_POSE, REST_S, BLEND_S = "n-pose", 1.0, 1.0  # at the end of the scene
 LEAST_SCENE_S = 8.0  # the poses at both ends, their blends, and something to see in between
 LEAST_STEP = 0.25  # of the period of a stream: samples nearer than that to the turn are not sent twice
 IMU_RATE = 60.0  # Hz, each sensor at its own instants
+CHUNK_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -140,3 +158,95 @@ class LongStream:
             own = None if sample.R_inertial_sensor is None else R[imu].copy()
             yield replace(sample, time=time, R_inertial_sensor=own, specific_force=measured)
             imu += 1 if there else -1
+
+
+@dataclass(frozen=True)
+class LongRun:
+    """One recording.
+
+    Attributes:
+        frames: of the estimate.
+        seconds, cpu_seconds: of wall and of processors, from opening the recording to the estimate's name.
+        before, peak: resident bytes before the recording was opened, and at most.
+        recording_bytes, estimate_bytes: of the files.
+    """
+
+    frames: int
+    seconds: float
+    cpu_seconds: float
+    before: int
+    peak: int
+    recording_bytes: int
+    estimate_bytes: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Long(Study):
+    """What memory and time a recording of hours takes, solved window by window: simulated, and written to disk."""
+
+    hours: float = 0.25
+    """Of the simulated recording, of IMUs at 60 Hz; an hour takes half a GB of disk, with its estimate."""
+    sensors: Literal["sip6", "tnt10", "totalcapture13", "mvn17"] = "totalcapture13"
+    """Which sensors."""
+    clip_s: float = 60.0
+    """Of the clip that is played forwards and backwards, with new noise."""
+
+    def __post_init__(self) -> None:
+        if not self.clip_s >= LEAST_SCENE_S:
+            raise InputError(f"a clip of {self.clip_s:g} s: expected at least {LEAST_SCENE_S:g} s")
+        if not self.hours > 0:
+            raise InputError(f"a recording of {self.hours:g} hours: expected more than nothing")
+
+    def rows(self, tell: Tell) -> Iterator[LongRun]:
+        with TemporaryDirectory(prefix="vip_factors_") as folder:
+            recording, estimate = Path(folder) / "long.mcap", Path(folder) / "long.estimate.mcap"
+            tell("making the recording", 0.0)
+            apart(self.write, recording)
+            tell("smoothing", 0.1)
+            yield apart(smoothed, recording, estimate)
+
+    def write(self, path: Path) -> None:
+        """The recording lap by lap, without its truth."""
+        motion, errors = resting(self.clip_s), replace(without_white_noise(IMU_RATE), angular_rate=False)
+        clip = simulate_recording(motion, preset(self.sensors, motion.skeleton), errors, 0, "long recording", POSE)
+        clip, seconds = replace(clip, truth=None), 3600 * self.hours
+        stream = LongStream(Scene(clip.name, (clip,)), LongStreamTrials(seconds, self.clip_s))
+        with atomic_open(path, "wb") as file, MessageWriter(file, CHUNK_BYTES) as writer:
+            recording_messages(writer, clip)
+            for _, samples in groupby(stream, lambda sample: int(sample.time / clip.interval[1])):
+                own = group((one for one in samples if isinstance(one, ImuSample)), lambda one: one.sensor)
+                streams = [_imu_stream(name, several) for name, several in own.items()]
+                writer.add_in_order(*(sample_messages(writer, IMU + one.name, one, clip.start_ns) for one in streams))
+
+    def tables(self, rows: Sequence[LongRun]) -> Iterator[str]:
+        yield f"{self.hours:g} h of {self.sensors}, a clip of {self.clip_s:g} s repeated"
+        head = [
+            "frames",
+            "peak MB",
+            "of which before",
+            "s",
+            "s an hour",
+            "CPU s an hour",
+            "recording MB",
+            "estimate MB",
+        ]
+        numbers = (
+            (one.peak / MB, one.before / MB, one.seconds, one.seconds / self.hours, one.cpu_seconds / self.hours,
+             one.recording_bytes / MB, one.estimate_bytes / MB) for one in rows
+        )  # fmt: skip
+        yield table(head, [[r.frames, *(f"{n:.0f}" for n in own)] for r, own in zip(rows, numbers, strict=True)])
+
+
+def _imu_stream(name: str, samples: Sequence[ImuSample]) -> ImuStream:
+    force, R = (np.array([getattr(one, of) for one in samples]) for of in ("specific_force", "R_inertial_sensor"))
+    return ImuStream(name, np.array([one.time for one in samples]), force, R)
+
+
+def smoothed(recording: Path, estimate: Path) -> LongRun:
+    """As ``vip-factors smooth`` does."""
+    before, begin, cpu = peak_memory(), perf_counter(), process_time()
+    chunks = smooth_chunks(open_source([recording], Settings().windows.above_s))
+    write_estimate(chunks, estimate)
+    seconds, cpu_seconds = perf_counter() - begin, process_time() - cpu
+    sizes = (path.stat().st_size for path in (recording, estimate))
+    return LongRun(chunks.frames[0], seconds, cpu_seconds, before, peak_memory(), *sizes)

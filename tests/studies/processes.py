@@ -32,11 +32,6 @@ def peak_memory() -> int:
     return peak if sys.platform == "darwin" else 1024 * peak  # macOS counts in bytes, others in KiB
 
 
-def resident_memory() -> int:
-    """Bytes of this process that are in memory now; where the system does not say, the most there have been."""
-    return _resident(os.getpid()) or peak_memory()
-
-
 @dataclass(frozen=True)
 class ProcessTree:
     """A program and the processes that it has begun, at one moment.
@@ -63,26 +58,18 @@ def process_tree(pid: int) -> ProcessTree | None:
 
 def begun_by(pid: int) -> list[int]:
     """Numbers of the processes below one; empty where the system does not say."""
-    parents = {}
-    for folder in PROC.glob("[0-9]*"):
-        fields = _stat(int(folder.name))
-        if fields is not None:
-            parents[int(folder.name)] = int(fields[1])
-    return [one for one in parents if _is_below(one, pid, parents)]
+    stats = {int(folder.name): _stat(int(folder.name)) for folder in PROC.glob("[0-9]*")}
+    parents = {one: int(fields[1]) for one, fields in stats.items() if fields is not None}
+    below = {pid}
+    while more := {one for one, parent in parents.items() if parent in below} - below:
+        below |= more
+    return sorted(below - {pid})
 
 
 def is_running(pid: int) -> bool:
     """Whether there is such a process, and it has not ended."""
     fields = _stat(pid)
     return fields is not None and fields[0] != "Z"
-
-
-def _is_below(pid: int, root: int, parents: dict[int, int]) -> bool:
-    while pid in parents:
-        pid = parents[pid]
-        if pid == root:
-            return True
-    return False
 
 
 def _stat(pid: int) -> list[str] | None:

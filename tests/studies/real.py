@@ -21,9 +21,10 @@ from tests.studies.gait import (
     gait_of,
     stride_errors,
 )
+from tests.studies.live_run import smoothed_motion, streamed
 from tests.studies.marker_body import SIDES, CameraName, filmed
 from tests.studies.real_recordings import RealRecording, real_recordings
-from tests.studies.recordings import RecordingTrial, recording_trials, recordings_table, smoothed_motion, streamed
+from tests.studies.recordings import DEFAULT, RecordingTrial, recording_trials, recordings_table
 from tests.studies.study import Study, Tell, table
 from tests.studies.walk import AngleError
 from vip_factors.body.kinematics import Motion
@@ -170,7 +171,7 @@ def _trial(one: RealRecording, folder: Path, with_live: bool, camera: CameraName
     reference = None if one.angles is None else one.angles(folder)
 
     (own,) = estimate.wearers
-    motions = (own.motion, smoothed_motion(answers, 0, scene))
+    motions = (own.motion, smoothed_motion(answers, 0, scene, DEFAULT.frame_rate))
     batch, live = (_errors(motion, reference) for motion in motions)
     other = None
     if one.other is not None and reference is not None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from tests.studies.live_run import filled_motion
+from tests.studies.live_run import smoothed_motion, streamed
 from tests.studies.study import Study, Tell, columns
 from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Flag
@@ -18,10 +18,7 @@ from vip_factors.evaluate.metrics import common_frames
 from vip_factors.findings import sentences
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.tracker import FixedLagTracker
-from vip_factors.live_estimate import LiveEstimate
 from vip_factors.pipeline import smooth
-from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
 METRICS = ("mpjpe", "mpjae", "knee_flexion_rmse")
@@ -93,13 +90,13 @@ def recording_trials(name: str, scene: Scene, with_live: bool) -> Iterator[Recor
     begin = clock.process_time()
     estimate = smooth(scene)
     batch_s, begin = clock.process_time() - begin, clock.process_time()
-    answers = streamed(scene) if with_live else []
+    answers = streamed(scene, DEFAULT) if with_live else []
     live_s = clock.process_time() - begin
     said = tuple(sentence for answer in answers for sentence in answer.findings)
     for wearer, (recording, own) in enumerate(zip(scene.wearers, estimate.wearers, strict=True)):
         truth = None if recording.truth is None else recording.truth.motion
         start, end = recording.interval
-        motion = smoothed_motion(answers, wearer, scene)
+        motion = smoothed_motion(answers, wearer, scene, DEFAULT.frame_rate)
         live, late = (_errors(motion, truth, since) for since in (start, (start + end) / 2))
         yield RecordingTrial(
             name, recording.subject.name, end - start, _errors(own.motion, truth, start), live, late, batch_s, live_s,
@@ -116,21 +113,6 @@ def who_is_who(scene: Scene, given: np.ndarray, wearer: int) -> tuple[float, flo
     counts = [np.sum(one == wearer) for one in (given, scene.truth.wearer)]
     precision, recall = (float(100 * right / count) if count else np.nan for count in counts)
     return precision, recall
-
-
-def streamed(scene: Scene, settings: LiveSettings = DEFAULT) -> list[LiveEstimate]:
-    """What the tracker answers to a scene, as fast as it goes."""
-    tracker = FixedLagTracker(stream_head(scene), settings)
-    return [*(answer for sample in live_samples(scene) for answer in tracker.push(sample)), *tracker.finish()]
-
-
-def smoothed_motion(answers: Sequence[LiveEstimate], wearer: int, scene: Scene) -> Motion | None:
-    """The smoothed poses, on the body that was believed at the end."""
-    poses = [pose for answer in answers if (pose := answer.wearers[wearer].smoothed) is not None]
-    if not poses:
-        return None
-    body = answers[-1].wearers[wearer].skeleton or scene.wearers[wearer].subject.body()
-    return filled_motion(poses, body, DEFAULT.frame_rate, scene.wearers[wearer].subject.name)
 
 
 def _errors(motion: Motion | None, truth: Motion | None, since: float) -> tuple[float, ...]:

@@ -15,13 +15,11 @@ from tests.studies.processes import begun_by, is_running
 from tests.studies.stream_program import COMMAND
 from tests.studies.study import Fixed, Study, Tell, bullets
 from vip_factors.atomic import partial_path
-from vip_factors.body.kinematics import Motion
 from vip_factors.io.live_mcap import FLUSH_S
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_reader import McapWarning
-from vip_factors.io.mcap_recording import write_scene
+from vip_factors.io.mcap_recording import write_recording
 from vip_factors.sensors.calibration import preset
-from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.viz.rerun_file import is_whole
@@ -29,17 +27,6 @@ from vip_factors.viz.rerun_file import is_whole
 RATE = 30.0  # frames per second: one slow core keeps up
 VIEWER_S = 60.0  # that the process of Rerun may take to complete its file, and any other to end
 LEAST_BYTES = 1000  # that a full disk holds
-
-
-@dataclass(frozen=True, kw_only=True)
-class EndStudy(Study):
-    """Options of studies of streams that end badly."""
-
-    seconds: float = 6.0
-    """Of each stream: one wearer of six sensors, 30 frames per second."""
-    seed: int = 0
-    """Of the moments, or of the sizes."""
-    command: Fixed[tuple[str, ...]] = COMMAND
 
 
 @dataclass(frozen=True)
@@ -59,7 +46,7 @@ class KilledStream:
     estimate: bool
     rerun: bool
     left: tuple[str, ...]
-    outlived_s: float = 0.0
+    outlived_s: float
 
 
 @dataclass(frozen=True)
@@ -80,16 +67,27 @@ class FullDisk:
     named: bool
     orderly: bool
 
-    @property
-    def good(self) -> bool:
-        """Whether it was as it should be."""
-        return self.code != 0 and self.named and self.orderly
 
+@dataclass(frozen=True, kw_only=True)
+class EndStudy(Study):
+    """Options of studies of streams that end badly."""
 
-def small_scene(seconds: float) -> Scene:
-    """One wearer of six sensors."""
-    motion = gestures(seconds, 60.0)
-    return Scene("wearer", (simulate_recording(motion, preset("sip6", motion.skeleton)),))
+    seconds: float = 6.0
+    """Of each stream: one wearer of six sensors, 30 frames per second."""
+    seed: int = 0
+    """Of the moments, or of the sizes."""
+    command: Fixed[tuple[str, ...]] = COMMAND
+
+    def ends(self, count: int, root: Path, tell: Tell) -> Iterator[tuple[float, list[str], Path]]:
+        """A share of the whole at which each stream is to end, its arguments, and its folder."""
+        motion, scene = gestures(self.seconds, 60.0), root / "scene.mcap"
+        write_recording(simulate_recording(motion, preset("sip6", motion.skeleton)), scene)
+        for number, share in enumerate(np.random.default_rng(self.seed).random(count)):
+            tell("streams", number / count)
+            folder = root / str(number)
+            folder.mkdir()
+            files = ["--out", str(folder / "e.mcap"), "--rerun-save", str(folder / "e.rrd")]
+            yield share, [*self.command, "stream", str(scene), *files, "--frame-rate", str(RATE)], folder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,35 +102,21 @@ class StreamKill(EndStudy):
 
     def rows(self, tell: Tell) -> Iterator[KilledStream]:
         with TemporaryDirectory() as root:
-            scene = Path(root) / "scene.mcap"
-            write_scene(small_scene(self.seconds), scene)
-            for number, share in enumerate(np.random.default_rng(self.seed).random(self.kills)):
-                folder = Path(root) / str(number)
-                folder.mkdir()
-                tell("killing", number / self.kills)
-                yield _killed(self.command, scene, folder, int(share * self.seconds * RATE))
+            for share, arguments, folder in self.ends(self.kills, Path(root), tell):
+                yield _killed(arguments, folder, int(share * self.seconds * RATE))
 
     def tables(self, rows: Sequence[KilledStream]) -> Iterator[str]:
-        lost = [one.lost_s for one in rows]
+        after, lost, outlived = ([getattr(one, name) for one in rows] for name in ("after_s", "lost_s", "outlived_s"))
         yield (
-            f"{len(rows)} streams killed after {min(one.after_s for one in rows):.1f} to "
-            f"{max(one.after_s for one in rows):.1f} s: lost of the estimate {np.median(lost):.2f} s (median), "
-            f"{max(lost):.2f} s at most; estimate readable {sum(one.estimate for one in rows)}, Rerun's file "
-            f"{sum(one.rerun for one in rows)} times; processes it had begun were gone after "
-            f"{max(one.outlived_s for one in rows):.1f} s at most"
+            f"{len(rows)} streams killed after {min(after):.1f} to {max(after):.1f} s: lost of the estimate "
+            f"{np.median(lost):.2f} s (median), {max(lost):.2f} s at most; estimate readable "
+            f"{sum(one.estimate for one in rows)}, Rerun's file {sum(one.rerun for one in rows)} times; processes it "
+            f"had begun were gone after {max(outlived):.1f} s at most"
         )
 
 
-def _arguments(scene: Path, folder: Path) -> list[str]:
-    return [
-        "stream", str(scene), "--out", str(folder / "e.mcap"), "--rerun-save", str(folder / "e.rrd"), "--frame-rate",
-        str(RATE),
-    ]  # fmt: skip
-
-
-def _killed(command: Sequence[str], scene: Path, folder: Path, answers: int) -> KilledStream:
-    started = [*command, *_arguments(scene, folder), "--real-time", "--json"]
-    process = subprocess.Popen(started, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+def _killed(arguments: Sequence[str], folder: Path, answers: int) -> KilledStream:
+    process = subprocess.Popen([*arguments, "--real-time", "--json"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     assert process.stdout is not None
     lines = [process.stdout.readline()]
     while len(lines) < answers and lines[-1]:
@@ -143,30 +127,26 @@ def _killed(command: Sequence[str], scene: Path, folder: Path, answers: int) -> 
     rest, _ = process.communicate()
     whole = [line for line in b"".join([*lines, rest]).split(b"\n")[:-1] if line]
     smoothed = [one["wearers"][0]["smoothed"] for one in map(json.loads, whole)]
-    told = [one["time"] for one in smoothed if one is not None]
+    times = [one["time"] for one in smoothed if one is not None] or [0.0]
     rrd = partial_path(folder / "e.rrd")
     while (any(map(is_running, below)) or not is_whole(rrd)) and time.monotonic() - killed < VIEWER_S:
         time.sleep(0.1)
     outlived = time.monotonic() - killed  # those that hold the pipe were waited for above
     end = _readable_until(folder / "e.mcap")
-    first, last = (told[0], told[-1]) if told else (0.0, 0.0)
-    lost = last - (end if end is not None else first)
+    lost = times[-1] - (times[0] if end is None else end)
+    readable = end is not None or times[-1] - times[0] < FLUSH_S
     left = tuple(sorted(path.name for path in folder.iterdir()))
-    return KilledStream(last, lost, end is not None or last - first < FLUSH_S, is_whole(rrd), left, outlived)
+    return KilledStream(times[-1], lost, readable, is_whole(rrd), left, outlived)
 
 
 def _readable_until(path: Path) -> float | None:
     """Time of the last pose of what there is of an estimate; None if there is nothing that can be read."""
     try:
-        return float(_readable(path if path.exists() else partial_path(path)).time[-1])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", McapWarning)  # that it was cut off: it was
+            return float(read_estimate(path if path.exists() else partial_path(path)).wearers[0].motion.time[-1])
     except (ValueError, OSError, IndexError):
         return None
-
-
-def _readable(path: Path) -> Motion:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", McapWarning)  # that it was cut off: it was
-        return read_estimate(path).wearers[0].motion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,30 +161,29 @@ class DiskFull(EndStudy):
 
     def rows(self, tell: Tell) -> Iterator[FullDisk]:
         with TemporaryDirectory() as root:
-            scene, folder = Path(root) / "scene.mcap", Path(root) / "whole"
-            folder.mkdir()
-            write_scene(small_scene(self.seconds), scene)
-            subprocess.run([*self.command, *_arguments(scene, folder)], check=True, capture_output=True)
-            size = max(path.stat().st_size for path in folder.iterdir())
-            for number, share in enumerate(np.random.default_rng(self.seed).random(self.streams)):
-                folder = Path(root) / str(number)
-                folder.mkdir()
-                tell("filling the disk", number / self.streams)
-                yield _on_full_disk(self.command, scene, folder, LEAST_BYTES + int(share * 0.9 * size))
+            size = 0
+            for share, arguments, folder in self.ends(self.streams, Path(root), tell):
+                if not size:  # of a whole one
+                    subprocess.run(arguments, check=True, capture_output=True)
+                    size = max(path.stat().st_size for path in folder.iterdir())
+                    for path in folder.iterdir():
+                        path.unlink()
+                yield _on_full_disk(arguments, folder, LEAST_BYTES + int(share * 0.9 * size))
 
     def tables(self, rows: Sequence[FullDisk]) -> Iterator[str]:
         yield (
             f"{len(rows)} streams on full disks: exit code not 0 {sum(one.code != 0 for one in rows)}, file named "
             f"{sum(one.named for one in rows)}, nothing half-written {sum(one.orderly for one in rows)} times"
         )
-        yield bullets("", (f"{one.bytes} bytes: exit code {one.code}: {one.said}" for one in rows if not one.good))
+        bad = (one for one in rows if not (one.code and one.named and one.orderly))
+        yield bullets("", (f"{one.bytes} bytes: exit code {one.code}: {one.said}" for one in bad))
 
 
-def _on_full_disk(command: Sequence[str], scene: Path, folder: Path, most: int) -> FullDisk:
+def _on_full_disk(arguments: Sequence[str], folder: Path, most: int) -> FullDisk:
     import resource
 
     done = subprocess.run(
-        [*command, *_arguments(scene, folder)], capture_output=True, text=True, check=False,
+        arguments, capture_output=True, text=True, check=False,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most)),
     )  # fmt: skip
     said = (done.stderr.splitlines() or [""])[-1]

@@ -1,30 +1,26 @@
 """What faults of a live stream cost: errors before, during and after, and how long until all is good again."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from tests.studies.faults import Fault, chosen_faults
+from tests.studies.live_run import error_over_time
 from tests.studies.scenes import HOLD_S, SETTLED_S, find_clips, posed_scene, slowed, straps_and_sensors
-from tests.studies.stream_run import (
-    ErrorOverTime,
-    StreamRun,
-    bad_seconds,
-    error_over_time,
-    run_stream,
-    seconds_until_good,
-)
-from tests.studies.study import Study, Tell, cell, group, table
+from tests.studies.study import NAN, Study, Tell, cell, group, mean, table
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array
 from vip_factors.io.motions import read_motion
 from vip_factors.live.settings import LiveSettings, RecalibrationSettings
-from vip_factors.sensors.live import live_samples, stream_head
+from vip_factors.live.tracker import FixedLagTracker
+from vip_factors.live_estimate import LivePose
+from vip_factors.sensors.live import LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
@@ -33,22 +29,17 @@ from vip_factors.simulate.staging import lasting
 UNTIL_FAULT_S = 4.0  # before it, over which errors are compared
 LASTING_S = 3.0  # after the beginning of what does not end: that counts as "during"
 LEAST_AFTER_S = 3.0  # that are left after it
+GOOD = 1.2  # times the error of the undisturbed stream
 POSE_ERROR_DEG = 4.0  # of the held T-pose, as in the suite of single wearers
-
-
-HEAD = (
-    "fault", "newest: before", "during", "after", "smoothed: before", "during", "after", "newest good after s",
-    "smoothed good after s", "bad s", "place at end cm", "frames missing", "oldest answer s",
-)  # fmt: skip
+HEAD = ("fault", "before", "during", "after", "good again after s", "frames missing")
 
 
 @dataclass(frozen=True)
-class Errors:
-    """MPJPE in mm before, during and after a fault; NaN without an answer."""
+class StreamRun:
+    """The newest poses of a stream, in order, on the scene's clock; and its sentences, with when they were said."""
 
-    before: float
-    during: float
-    after: float
+    poses: tuple[LivePose, ...] = ()
+    findings: tuple[tuple[float, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -57,16 +48,11 @@ class FaultTrial:
 
     Attributes:
         fault, camera, clip: which.
-        newest, smoothed: errors of the two answers.
-        usual_newest, usual_smoothed: those of the undisturbed stream in the same times.
-        place_cm: error of the wearer's place in the last two seconds, and the undisturbed stream's.
+        errors: MPJPE mm of the newest pose before, during and after the fault; NaN without an answer.
+        usual: the undisturbed stream's in the same times.
+        good_s: until errors are as usual again, from the end of the fault (from its beginning, if it lasts); NaN if
+            they are not to the end.
         missing: frames without an answer that the undisturbed stream answered.
-        latency_s: age of the newest pose at most, during and after.
-        good_newest_s, good_smoothed_s: until errors are as usual again, from the end of the fault (from its beginning,
-            if it lasts); NaN if they are not to the end.
-        bad_newest_s, bad_smoothed_s: seconds since the fault's beginning in which errors were not as usual.
-        by_second: ``(newest, smoothed, usual newest, usual smoothed)`` of each second.
-        clock_shift_s: by which the stream's clock is behind at the end.
         findings: what was said from the beginning of the fault on, that the undisturbed stream does not say then.
         failure: what was raised, if anything.
     """
@@ -74,19 +60,10 @@ class FaultTrial:
     fault: str
     camera: str
     clip: str
-    newest: Errors
-    smoothed: Errors
-    usual_newest: Errors
-    usual_smoothed: Errors
-    place_cm: tuple[float, float]
+    errors: tuple[float, ...]
+    usual: tuple[float, ...]
+    good_s: float
     missing: int
-    latency_s: float
-    good_newest_s: float
-    good_smoothed_s: float
-    bad_newest_s: float
-    bad_smoothed_s: float
-    by_second: tuple[tuple[float, float, float, float], ...]
-    clock_shift_s: float = 0.0
     findings: tuple[tuple[float, str], ...] = ()
     failure: str = ""
 
@@ -135,32 +112,48 @@ class StreamFaults(Study):
             tell(f"{clip}, {camera}", number / len(work))
             scene = self.scene(camera, clip)
             faults = chosen_faults(scene, self.fault_s, self.faults)
-            usual = _run((scene, self.settings, None))
-            assert isinstance(usual, StreamRun)
+            usual = run_stream(live_samples(scene), stream_head(scene), self.settings)
             jobs = [(scene, self.settings, fault) for fault in faults]
             with ProcessPoolExecutor(self.processes) if self.processes > 1 else nullcontext() as pool:
                 runs = map(_run, jobs) if pool is None else pool.map(_run, jobs)
                 for done, (fault, run) in enumerate(zip(faults, runs, strict=True)):
                     tell(fault.name, (number + done / len(faults)) / len(work))
-                    yield _scored(scene, camera, clip, fault, run, usual, self)
+                    yield self._scored(scene, camera, clip, fault, run, usual)
 
     def scene(self, camera: CameraKind, clip: str = "gestures", seed: int = 0) -> Scene:
         """One wearer of 13 sensors who holds a T-pose and then does what a clip shows."""
         if self.motions is None:
             motion = gestures(self.seconds - HOLD_S, 60.0)
         else:
-            motion = read_motion(find_clips(self.motions, [clip])[clip])
-            motion = lasting(slowed(motion), self.seconds - HOLD_S)
+            motion = lasting(slowed(read_motion(find_clips(self.motions, [clip])[clip])), self.seconds - HOLD_S)
         settings = SceneSettings.realistic(camera=camera, imu=straps_and_sensors())
         return posed_scene(motion, f"{clip}, {camera}", settings, POSE_ERROR_DEG, seed)
+
+    def _scored(
+        self, scene: Scene, camera: str, clip: str, fault: Fault, run: StreamRun | str, usual: StreamRun
+    ) -> FaultTrial:
+        failure, run = (run, StreamRun()) if isinstance(run, str) else ("", run)
+        wearer = scene.wearers[0]
+        assert wearer.truth is not None
+        body, truth = wearer.subject.body(), wearer.truth.motion
+        error, undisturbed = (error_over_time(one.poses, body, truth, self.frame_rate) for one in (run, usual))
+        over = fault.begin + LASTING_S if fault.lasts else fault.end
+        spans = ((fault.begin - UNTIL_FAULT_S, fault.begin), (fault.begin, over), (over, self.seconds))
+        rows = [slice(max(0, round(start * self.frame_rate)), round(end * self.frame_rate)) for start, end in spans]
+        errors, usual_errors = (tuple(mean(one[span]) for span in rows) for one in (error, undisturbed))
+        good = seconds_until_good(error, undisturbed, self.frame_rate, fault.begin if fault.lasts else fault.end)
+        missing = int(np.isnan(error).sum() - np.isnan(undisturbed).sum())
+        said = {(round(time), sentence) for time, sentence in usual.findings}
+        new = ((time, one) for time, one in run.findings if time >= fault.begin and (round(time), one) not in said)
+        return FaultTrial(fault.name, camera, clip, errors, usual_errors, good, missing, tuple(new), failure)
 
     def tables(self, rows: Sequence[FaultTrial]) -> Iterator[str]:
         """A table for each stream, and what was said below it."""
         yield (
-            f"MPJPE mm of one wearer's stream of {self.seconds:g} s; faults from {self.fault_s:g} s on; in brackets "
-            "the same stream without the fault.\n'Good after': until the first second whose mean error is at most 1.2 "
-            "times the undisturbed stream's, from the end of the fault, or from its beginning if it lasts. 'Bad': how "
-            "many seconds of smoothed poses in all are not so, from the beginning of the fault on."
+            f"MPJPE mm of the newest poses of one wearer's stream of {self.seconds:g} s; faults from {self.fault_s:g} "
+            "s on; in brackets the same stream without the fault. 'Good again': until the first second whose mean "
+            f"error is at most {GOOD:g} times the undisturbed stream's, from the end of the fault, or from its "
+            "beginning if it lasts."
         )
         for (clip, camera), own in group(rows, lambda one: (one.clip, one.camera)).items():
             yield f"## {clip}, {camera} camera"
@@ -168,87 +161,66 @@ class StreamFaults(Study):
             yield "\n".join(line for one in own for line in _said(one))
 
 
-def _run(job: tuple[Scene, LiveSettings, Fault | None]) -> StreamRun | str:
+def _run(job: tuple[Scene, LiveSettings, Fault]) -> StreamRun | str:
     scene, settings, fault = job
     try:
         return run_stream(live_samples(scene), stream_head(scene), settings, fault)
     except Exception as error:  # of a tracker that must never end so: told in the table
-        if fault is None:
-            raise
         return f"{type(error).__name__}: {error}"
 
 
-def _scored(
-    scene: Scene, camera: str, clip: str, fault: Fault, run: StreamRun | str, usual: StreamRun, trials: StreamFaults
-) -> FaultTrial:
-    failure, run = (run, StreamRun((), ())) if isinstance(run, str) else ("", run)
-    newest, smoothed = errors_of(scene, run, trials)
-    usual_newest, usual_smoothed = errors_of(scene, usual, trials)
-    over = fault.begin + LASTING_S if fault.lasts else fault.end
-    good_from = fault.begin if fault.lasts else fault.end
-    spans = ((fault.begin - UNTIL_FAULT_S, fault.begin), (fault.begin, over), (over, trials.seconds))
-    said = {(round(time), sentence) for time, sentence in usual.findings}
-    seconds = int(trials.seconds)
-    series = (newest, smoothed, usual_newest, usual_smoothed)
-    last = (trials.seconds - 2, trials.seconds)
-    errors = [Errors(*(one.mean(*span) for span in spans)) for one in series]
-    by_second = []
-    for second in range(seconds):
-        ours, late, usual_ours, usual_late = (one.mean(second, second + 1) for one in series)
-        by_second.append((ours, late, usual_ours, usual_late))
-    return FaultTrial(
-        fault=fault.name, camera=camera, clip=clip,
-        newest=errors[0], smoothed=errors[1], usual_newest=errors[2], usual_smoothed=errors[3],
-        place_cm=(smoothed.place(*last), usual_smoothed.place(*last)),
-        missing=newest.missing(0, trials.seconds) - usual_newest.missing(0, trials.seconds),
-        latency_s=run.latency(fault.begin, float("inf")),
-        good_newest_s=seconds_until_good(newest, usual_newest, good_from),
-        good_smoothed_s=seconds_until_good(smoothed, usual_smoothed, good_from),
-        bad_newest_s=bad_seconds(newest, usual_newest, fault.begin),
-        bad_smoothed_s=bad_seconds(smoothed, usual_smoothed, fault.begin),
-        by_second=tuple(by_second),
-        clock_shift_s=run.clock_shift_s,
-        findings=tuple(
-            (time, one) for time, one in run.findings if time >= fault.begin and (round(time), one) not in said
-        ),
-        failure=failure,
-    )  # fmt: skip
+def run_stream(
+    samples: Iterable[LiveSample], setup: Scene, settings: LiveSettings, fault: Fault | None = None
+) -> StreamRun:
+    """Track a stream, with a fault if there is one."""
+    now = 0.0  # the newest undisturbed sample's time, when what a fault makes of it comes
+
+    def sent() -> Iterator[LiveSample]:
+        nonlocal now
+        for sample in samples:
+            now = max(now, sample.time)
+            yield sample
+
+    tracker, answered = FixedLagTracker(setup, settings), []
+    for sample in sent() if fault is None else fault.change(sent()):
+        answered += [(now, one) for one in tracker.push(sample)]
+    answered += [(now, one) for one in tracker.finish()]
+    poses = [one.wearers[0].newest for _, one in answered]
+    if fault is not None and fault.jump:
+        # After a leap of all clocks a stream cannot know how long it took: poses are moved to when they were given.
+        arrival = np.array([time for time, _ in answered])
+        age, before, after = arrival - [one.time for one in poses], arrival < fault.begin, arrival > fault.begin + 2
+        shift = float(np.median(age[after]) - np.median(age[before])) if after.any() and before.any() else 0.0
+        poses = [
+            replace(one, time=one.time + shift) if time >= fault.begin else one
+            for one, time in zip(poses, arrival, strict=True)
+        ]
+    findings = sorted((time, sentence) for time, one in answered for sentence in one.findings)
+    return StreamRun(tuple(poses), tuple(findings))
 
 
-def errors_of(scene: Scene, run: StreamRun, trials: StreamFaults) -> tuple[ErrorOverTime, ErrorOverTime]:
-    """Of the newest and of the smoothed poses of the first wearer."""
-    wearer, rate = scene.wearers[0], trials.settings.frame_rate
-    assert wearer.truth is not None
-    newest = [one.wearers[0].newest for one in run.answers]
-    smoothed = [late for one in run.answers if (late := one.wearers[0].smoothed) is not None]
-    told = [one.wearers[0].skeleton for one in run.answers[-1:]]
-    body, truth = (told[0] if told else None) or wearer.subject.body(), wearer.truth.motion
-    found = []
-    for poses in (newest, smoothed):
-        rows = error_over_time(poses, body, truth, rate, trials.fault_s)
-        found.append(ErrorOverTime(rate, rows[:, 0], rows[:, 1]))
-    return found[0], found[1]
+def seconds_until_good(error: Array, undisturbed: Array, rate: float, start: float) -> float:
+    """Seconds from ``start`` until a second begins whose mean error is at most 1.2 times the undisturbed stream's in
+    the same second; NaN if none does. A frame without an answer is not good."""
+    length, begin = round(rate), max(0, round(start * rate))
+    for row in range(begin, min(len(error), len(undisturbed)) - length + 1):
+        ours, theirs = error[row : row + length], undisturbed[row : row + length]
+        seen = np.isfinite(theirs)
+        if seen.any() and np.all(np.isfinite(ours[seen])) and ours[seen].mean() <= GOOD * theirs[seen].mean():
+            return (row - begin) / rate
+    return NAN
 
 
 def _line(one: FaultTrial) -> list[object]:
     if one.failure:
         return [one.fault, f"failed: {one.failure}", *[""] * (len(HEAD) - 2)]
-    late = (cell(s) if np.isfinite(s) else "not to the end" for s in (one.good_newest_s, one.good_smoothed_s))
-    pairs = [(one.newest, one.usual_newest), (one.smoothed, one.usual_smoothed)]
-    errors = (
-        text for ours, usual in pairs
-        for text in (cell(ours.before), _both(ours.during, usual.during), _both(ours.after, usual.after))
-    )  # fmt: skip
-    return [one.fault, *errors, *late, one.bad_smoothed_s, _both(*one.place_cm), one.missing, f"{one.latency_s:.2f}"]
-
-
-def _both(ours: float, usual: float) -> str:
-    return f"{cell(ours)} ({cell(usual)})"
+    during, after = (f"{cell(ours)} ({cell(usual)})" for ours, usual in zip(one.errors[1:], one.usual[1:], strict=True))
+    good = cell(one.good_s) if np.isfinite(one.good_s) else "not to the end"
+    return [one.fault, one.errors[0], during, after, good, one.missing]
 
 
 def _said(one: FaultTrial) -> Iterator[str]:
-    shift = f" (the stream's clock is {one.clock_shift_s:.2f} s behind from then on)" if one.clock_shift_s else ""
-    yield f"- {one.fault}{shift}: " + ("" if one.findings else "nothing was said")
+    yield f"- {one.fault}: " + ("" if one.findings else "nothing was said")
     first = {sentence: time for time, sentence in reversed(one.findings)}
     for sentence, count in Counter(sentence for _, sentence in one.findings).items():
         yield f"  - {first[sentence]:.1f} s: {sentence}" + (f" ({count} times)" if count > 1 else "")

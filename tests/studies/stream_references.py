@@ -1,10 +1,11 @@
-"""GTSAM's own smoothers on the factors of a stream, beside the tracker's smoother on the very same factors.
+"""GTSAM's own fixed-lag smoothers on the factors of a stream, beside the tracker's smoother on the very same factors.
 
 The frames are those that the tracker smoothed: what its association chose, where its estimate stood when they left the
-lag, which is where all of them start from.
+lag, which is where all of them start from. GTSAM's smoothers know nothing of bodies: factors, values, and the number
+of each variable's frame.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter, process_time
 
@@ -12,8 +13,6 @@ import gtsam
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from tests.studies.reference_smoothers import Isam2Chain, LagOfGtsam, TimeOrderedIsam2
-from tests.studies.study import Tell
 from vip_factors.errors import RecordingError
 from vip_factors.factor_graph.graph import factor_graph_of
 from vip_factors.factor_graph.keys import root_key
@@ -23,14 +22,50 @@ from vip_factors.live.problem import FrameState, LagFrame, LagProblem, stacked
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracker import FixedLagTracker
-from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.live import LiveSample
 from vip_factors.sensors.scene import Scene
 
 NEVER_S = 1e9  # between steps of what frames share: GTSAM's smoothers hold it constant
+MOVED = 0.0087  # rad or m, half a degree: from which on ISAM2 linearises a variable anew
 OURS = "ours"
 Timed = tuple[Array, Array]
+"""Wall and CPU time of each update ``(n, 2)``, and the newest root positions ``(n, 3)`` of the first wearer."""
+
+
+class LagOfGtsam:
+    """``BatchFixedLagSmoother`` or ``IncrementalFixedLagSmoother``; time is counted in frames."""
+
+    def __init__(self, smoother: gtsam.FixedLagSmoother) -> None:
+        self._smoother = smoother
+
+    @classmethod
+    def batch(cls, lag: int, iterations: int | None = None) -> "LagOfGtsam":
+        """All frames of the lag at once, by at most so many iterations; None: to convergence."""
+        settings = gtsam.LevenbergMarquardtParams()
+        if iterations is not None:
+            settings.setMaxIterations(iterations)
+        return cls(gtsam.BatchFixedLagSmoother(float(lag), settings))
+
+    @classmethod
+    def incremental(cls, lag: int) -> "LagOfGtsam":
+        """By ISAM2."""
+        settings = gtsam.ISAM2Params()
+        settings.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(0.0))
+        settings.setRelinearizeThreshold(MOVED)
+        settings.relinearizeSkip = 1  # the default looks only every tenth time
+        settings.findUnusedFactorSlots = True  # else their number grows without end
+        return cls(gtsam.IncrementalFixedLagSmoother(float(lag), settings))
+
+    def update(
+        self, newest: int, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, frames: Mapping[int, int],
+        shared: Sequence[int],
+    ) -> gtsam.Values:  # fmt: skip
+        """Put in what is new (``frames``: number by key); all variables of the lag then."""
+        times = {key: float(frame) for key, frame in frames.items()}
+        times.update(dict.fromkeys(shared, float(newest)))
+        self._smoother.update(factors, values, times)  # type: ignore[arg-type]  # its Mapping is invariant in its keys
+        return self._smoother.calculateEstimate()
 
 
 @dataclass(frozen=True)
@@ -70,41 +105,25 @@ class RecordedWindow:
 
 
 def run_references(
-    samples: Iterable[LiveSample], setup: Scene, settings: LiveSettings, updates: int, tell: Tell
+    samples: Iterable[LiveSample], setup: Scene, settings: LiveSettings, updates: int
 ) -> tuple[ReferenceTime, ...]:
     """Time each smoother on ``updates`` frames after as many as the lag holds; ours is the first."""
     lag = max(1, round(settings.lag_s * settings.frame_rate))
     settings = without_walk(settings)
     with ThreadpoolController().limit(limits=1, user_api="blas"):  # as the tracker does
-        return _timed(recorded_window(samples, setup, settings, lag + 1 + updates), settings, lag, tell)
-
-
-def _timed(window: RecordedWindow, settings: LiveSettings, lag: int, tell: Tell) -> tuple[ReferenceTime, ...]:
-    times: dict[str, Timed] = {}
-    for done, (name, run) in enumerate(_smoothers(window, settings, lag).items()):
-        tell("references", done / 5)
-        times[name] = run()
-    ours = times[OURS][1]
+        window = recorded_window(samples, setup, settings, lag + 1 + updates)
+        times = {
+            OURS: timed_lag(window, settings, lag),
+            "IncrementalFixedLagSmoother": timed_reference(window, LagOfGtsam.incremental(lag), lag),
+            "BatchFixedLagSmoother, one iteration": timed_reference(window, LagOfGtsam.batch(lag, 1), lag),
+        }
     return tuple(
         ReferenceTime(
             name, len(seconds), float(np.median(seconds[:, 0])), float(seconds[:, 0].max()),
-            float(np.median(seconds[:, 1])), float(np.linalg.norm(found - ours, axis=1).max()),
+            float(np.median(seconds[:, 1])), float(np.linalg.norm(found - times[OURS][1], axis=1).max()),
         )
         for name, (seconds, found) in times.items()
     )  # fmt: skip
-
-
-def _smoothers(window: RecordedWindow, settings: LiveSettings, lag: int) -> dict[str, Callable[[], Timed]]:
-    layout = window.problem.layout
-    return {
-        OURS: lambda: timed_lag(window, settings, lag),
-        "ISAM2, our linear factors": lambda: timed_lag(
-            window, settings, lag, Isam2Chain(layout.frame_width, layout.static_width)
-        ),
-        "ISAM2 in time order": lambda: timed_reference(window, TimeOrderedIsam2(lag), lag),
-        "IncrementalFixedLagSmoother": lambda: timed_reference(window, LagOfGtsam.incremental(lag), lag),
-        "BatchFixedLagSmoother, one iteration": lambda: timed_reference(window, LagOfGtsam.batch(lag, 1), lag),
-    }
 
 
 def without_walk(settings: LiveSettings) -> LiveSettings:
@@ -133,12 +152,9 @@ def recorded_window(samples: Iterable[LiveSample], setup: Scene, settings: LiveS
 
 
 def _window(
-    problem: LagProblem,
-    frames: Sequence[LagFrame],
-    states: Sequence[FrameState],
-    shared: SceneState,
+    problem: LagProblem, frames: Sequence[LagFrame], states: Sequence[FrameState], shared: SceneState,
     settings: LiveSettings,
-) -> RecordedWindow:
+) -> RecordedWindow:  # fmt: skip
     frames = [replace(frame, number=number) for number, frame in enumerate(frames)]
     model = problem.model(frames, beginning=True)
     wearers = [
@@ -173,31 +189,26 @@ class Arrival:
     shared: tuple[int, ...]
 
 
-def arrivals(problem: SceneProblem, state: SceneState, first: int) -> Iterator[Arrival]:
-    """A scene's GTSAM factors, each with the last of its frames: up to ``first`` at once, then frame by frame."""
+def feed(window: RecordedWindow, first: int) -> Iterator[Arrival]:
+    """The window's GTSAM factors, each with the last of its frames: up to ``first`` at once, then frame by frame."""
+    state = stacked(window.states, window.shared)
+    problem = window.problem.model(window.frames, beginning=True)
     whole, moving = factor_graph_of(problem, state), problem.camera.moving
     of_frames = [one for one in whole.variables if one.is_of_a_frame or (one.is_of_the_camera_path and moving)]
     static = [one for one in whole.variables if one not in set(of_frames)]
-    shared = tuple(one.key for one in static)
     for begin, newest in [(0, first), *((t, t) for t in range(first + 1, problem.frames))]:
         graph = gtsam.NonlinearFactorGraph()
         for factor in whole.factors:
             if begin <= factor.frames[-1] <= newest:
                 graph.push_back(factor.factor)
         fresh = [one for one in of_frames if begin <= one.frame <= newest]
+        values = values_of(state, [*fresh, *(static if begin == 0 else ())])
         frames = {one.key: one.frame for one in fresh}
-        yield Arrival(newest, graph, values_of(state, [*fresh, *(static if begin == 0 else ())]), frames, shared)
+        yield Arrival(newest, graph, values, frames, tuple(one.key for one in static))
 
 
-def feed(window: RecordedWindow, first: int) -> list[Arrival]:
-    """The window's GTSAM factors, update by update."""
-    problem = window.problem
-    state = stacked(window.states, window.shared)
-    return list(arrivals(problem.model(window.frames, beginning=True), state, first))
-
-
-def timed_reference(window: RecordedWindow, smoother: LagOfGtsam | TimeOrderedIsam2, lag: int) -> Timed:
-    """Wall and CPU time of each update ``(n, 2)``, and the newest root positions ``(n, 3)`` of the first wearer."""
+def timed_reference(window: RecordedWindow, smoother: LagOfGtsam, lag: int) -> Timed:
+    """One of GTSAM's smoothers."""
     seconds, found = [], []
     for one in feed(window, lag):
         begin = perf_counter(), process_time()
@@ -207,11 +218,9 @@ def timed_reference(window: RecordedWindow, smoother: LagOfGtsam | TimeOrderedIs
     return np.array(seconds[1:]), np.array(found[1:])
 
 
-def timed_lag(window: RecordedWindow, settings: LiveSettings, lag: int, chain: Isam2Chain | None = None) -> Timed:
-    """The same of the tracker's smoother, with another chain in it if there is one."""
+def timed_lag(window: RecordedWindow, settings: LiveSettings, lag: int) -> Timed:
+    """The tracker's smoother."""
     smoother = LagSmoother(window.problem, window.shared, settings)
-    if chain is not None:
-        smoother._chain = chain  # type: ignore[assignment]
     for frame, state in zip(window.frames[: lag + 1], window.states[: lag + 1], strict=True):
         smoother.append(frame, state)
     smoother.update(0)

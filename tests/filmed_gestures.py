@@ -50,7 +50,7 @@ def filmed_gestures(
     imu = SimulateSettings()
     if mounting_error_deg is not None:
         imu = replace(imu, mounting_error_deg=mounting_error_deg)
-    settings = SceneSettings.realistic(camera=camera, imu=imu, time_offset_s=time_offset_s, azimuth_deg=azimuth_deg)
+    settings = SceneSettings(camera=camera, imu=imu, time_offset_s=time_offset_s, azimuth_deg=azimuth_deg)
     return simulate_scene(performers, settings, seed=seed)
 
 

@@ -48,7 +48,7 @@ def seen_between(scene: Scene, first: float, last: float) -> Scene:
 
 @pytest.fixture(scope="module", params=["fixed", "hand-held"])
 def scene(request: pytest.FixtureRequest) -> Scene:
-    return filmed(SceneSettings.realistic(camera=request.param, time_offset_s=OFFSET))
+    return filmed(SceneSettings(camera=request.param, time_offset_s=OFFSET))
 
 
 def test_motion_tells_the_offset(scene: Scene) -> None:
@@ -63,7 +63,7 @@ def test_motion_tells_the_offset(scene: Scene) -> None:
 
 def test_eight_keypoints_tell_the_offset() -> None:
     """Within a step: the steps of these gestures are all alike, and the arms that tell them apart are not seen."""
-    scene = filmed(SceneSettings.realistic(camera="fixed", time_offset_s=OFFSET))
+    scene = filmed(SceneSettings(camera="fixed", time_offset_s=OFFSET))
     detections = scene.camera.detections
     joints = ("shoulder", "hip", "knee", "ankle")
     given = np.array([name.split("_")[-1] in joints for name in detections.keypoints.keypoints])

@@ -42,7 +42,7 @@ def scene_of(wearers: list[Motion], bystanders: list[Motion], seed: int = 0) -> 
     performers = [
         Performer(f"wearer{n}", one, preset("totalcapture13", one.skeleton)) for n, one in enumerate(wearers)
     ] + [Performer(f"bystander{n}", one) for n, one in enumerate(bystanders)]
-    settings = SceneSettings.realistic(camera="hand-held", azimuth_deg=-90.0, distance_m=6.5)
+    settings = SceneSettings(camera="hand-held", azimuth_deg=-90.0, distance_m=6.5)
     return simulate_scene(performers, settings, seed)
 
 

@@ -26,7 +26,7 @@ PATIENT = AssemblySettings(patience=0.3)
 
 def simulated(imu_rate: float, packet_loss: float, jitter: float = 0.0) -> tuple[Scene, list[ImuStream]]:
     motion = gestures(4.0)
-    settings = SceneSettings.realistic(imu=SimulateSettings(imu_rate=imu_rate, packet_loss=packet_loss))
+    settings = SceneSettings(imu=SimulateSettings(imu_rate=imu_rate, packet_loss=packet_loss))
     scene = simulate_scene([Performer("anna", motion, preset("sip6", motion.skeleton))], settings, seed=3)
     random = np.random.default_rng(5)
 

@@ -146,7 +146,7 @@ def test_keypoints_far_from_where_they_are_expected_count_less(far_px: float) ->
 def two_cameras() -> Scene:
     """Both of known pose, facing each other."""
     motion = placed(gestures(3.0), 0.3, (0.4, -0.2))
-    settings = SceneSettings.realistic(camera="fixed", cameras=2, azimuth_deg=270.0)
+    settings = SceneSettings(camera="fixed", cameras=2, azimuth_deg=270.0)
     return simulate_scene([Performer("anna", motion, preset("tnt10", motion.skeleton))], settings, seed=5)
 
 

@@ -197,9 +197,9 @@ def test_what_happens_lasts() -> None:
 
 
 def test_impossible_settings_say_so() -> None:
-    with pytest.raises(InputError, match="share from 0 to 1"):
+    with pytest.raises(InputError, match="merge .*1 at most"):
         DetectorSettings(merge=1.5)
     with pytest.raises(InputError, match="0 or more"):
         DetectorSettings(bias_m=-0.1)
-    with pytest.raises(InputError, match="above 0"):
+    with pytest.raises(InputError, match="more than 0"):
         DetectorSettings(event_time_s=0.0)

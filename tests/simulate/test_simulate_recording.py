@@ -130,7 +130,7 @@ def test_realistic_errors_lie_where_measured_ones_do() -> None:
     motion = gestures(30.0, rate=120.0)
     sensors = ("left_thigh", "right_thigh", "left_shank", "right_upper_arm")
     placement = Placement(tuple(sensor_site(sensor, motion.skeleton) for sensor in sensors))
-    settings = SimulateSettings.realistic(phases=False, packet_loss=0.0, gap_s=0.0, position_error_m=0.0)
+    settings = SimulateSettings(phases=False, packet_loss=0.0, gap_s=0.0, position_error_m=0.0)
     real = simulate_recording(motion, placement, settings)
     ideal = simulate_recording(motion, placement, PLAIN())
     for sensor in sensors:
@@ -143,7 +143,7 @@ def test_realistic_errors_lie_where_measured_ones_do() -> None:
 def test_same_seed_same_recording_and_sensors_are_independent(motion: Motion) -> None:
     sites = preset("sip6", motion.skeleton).sites
     few, many = Placement(sites[:2]), Placement(sites[2:4] + sites[1::-1])
-    settings = SimulateSettings.realistic(heading_offset_deg=45.0)
+    settings = SimulateSettings(heading_offset_deg=45.0)
     once, again, more = (simulate_recording(motion, p, settings, seed=7) for p in (few, few, many))
     other = simulate_recording(motion, few, settings, seed=8)
     for sensor, stream in once.imus.items():

@@ -75,7 +75,7 @@ def test_truth_of_a_wearer_and_keypoints_share_one_motion(people) -> None:
 
 
 def test_wearers_recordings_are_those_of_each_alone(people) -> None:
-    scene = simulate_scene(people, SceneSettings.realistic(), seed=9)
+    scene = simulate_scene(people, SceneSettings(), seed=9)
     alone = simulate_recording(people[0].motion, people[0].placement, seed=9)
     stream = scene.wearers[0].imus["left_forearm"]
     assert np.array_equal(stream.specific_force, alone.imus["left_forearm"].specific_force)
@@ -90,7 +90,7 @@ def test_wearers_recordings_are_those_of_each_alone(people) -> None:
 @pytest.mark.parametrize("camera", ["fixed", "walking"])
 def test_same_seed_same_scene(people, camera: CameraKind) -> None:
     some = [people[0], people[-1]]
-    one, two, other = (simulate_scene(some, SceneSettings.realistic(camera=camera), seed=seed) for seed in (4, 4, 5))
+    one, two, other = (simulate_scene(some, SceneSettings(camera=camera), seed=seed) for seed in (4, 4, 5))
     assert np.array_equal(one.camera.detections.pixels, two.camera.detections.pixels, equal_nan=True)
     assert np.array_equal(one.truth.wearer, two.truth.wearer)
     assert np.array_equal(one.truth.camera.p_world_camera, two.truth.camera.p_world_camera)
@@ -157,7 +157,7 @@ def test_people_have_a_plausible_size_and_are_mostly_in_view(people, camera: Cam
 
 
 def test_realistic_scene_has_the_detectors_troubles(people) -> None:
-    scene = simulate_scene(people, SceneSettings.realistic(), seed=6)
+    scene = simulate_scene(people, SceneSettings(), seed=6)
     detections, truth = scene.camera.detections, scene.truth
     for number in (0, 1):
         frames = detections.frame[truth.wearer == number]
@@ -195,7 +195,7 @@ def test_impossible_scenes_say_why(people) -> None:
 
 
 def test_further_cameras_stand_around_and_see_for_themselves(people) -> None:
-    settings = SceneSettings.realistic(camera="fixed", azimuth_deg=10.0)
+    settings = SceneSettings(camera="fixed", azimuth_deg=10.0)
     alone = simulate_scene(people, settings, seed=4)
     scene = simulate_scene(people, replace(settings, cameras=4), seed=4)
     assert [camera.name for camera in scene.cameras] == ["camera", "camera_2", "camera_3", "camera_4"]

@@ -40,7 +40,7 @@ def filmed() -> tuple[Scene, Skeleton]:
     body = likely_body(STATURE).variation.varied(usual, lengths)
     motion = replace(gestures(8.0), skeleton=body)
     performer = Performer("anna", motion, preset("tnt10", body))
-    scene = simulate_scene([performer], SceneSettings.realistic(camera="fixed"), seed=2)
+    scene = simulate_scene([performer], SceneSettings(camera="fixed"), seed=2)
     wearers = tuple(replace(one, subject=Subject("anna", STATURE)) for one in scene.wearers)
     return replace(scene, wearers=wearers), body
 

@@ -26,7 +26,7 @@ def legs() -> Recording:
     motion = gestures(12.0)
     whole = preset("totalcapture13", motion.skeleton)
     placement = replace(whole, sites=tuple(site for site in whole.sites if site.sensor in LEGS))
-    return simulate_recording(motion, placement, SimulateSettings.realistic(), seed=1)
+    return simulate_recording(motion, placement, SimulateSettings(), seed=1)
 
 
 def mistaken(one: str, other: str) -> Recording:

@@ -29,7 +29,7 @@ def leg(rigid: bool = False) -> Recording:
     motion = gestures(12.0)
     whole = preset("totalcapture13", motion.skeleton)
     placement = replace(whole, sites=tuple(site for site in whole.sites if site.sensor in LEG))
-    settings = SimulateSettings.noise_free() if rigid else SimulateSettings.realistic()
+    settings = SimulateSettings.noise_free() if rigid else SimulateSettings()
     return simulate_recording(motion, placement, settings, seed=1)
 
 

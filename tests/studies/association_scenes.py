@@ -87,7 +87,7 @@ def _draw_scene(clips: Sequence[Motion], seed: int, making: SceneMaking, random:
         Performer(f"person{number}", motion, preset("sip6", motion.skeleton) if number < making.wearers else None)
         for number, motion in enumerate(motions)
     ]
-    settings = SceneSettings.realistic(
+    settings = SceneSettings(
         camera=CAMERAS[seed % len(CAMERAS)],
         keypoints=KEYPOINT_SETS[seed // 2 % len(KEYPOINT_SETS)],
         fov_deg=float(random.uniform(45, 75)),

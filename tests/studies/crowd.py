@@ -101,9 +101,7 @@ class Crowd(Study):
             else Performer(f"bystander{number + 1 - self.wearers}", motion)
             for number, motion in enumerate(staged(moving, seed))
         ]
-        settings = SceneSettings.realistic(
-            camera=camera, keypoints="openpose18", fov_deg=60.0, imu=straps_and_sensors()
-        )
+        settings = SceneSettings(camera=camera, keypoints="openpose18", fov_deg=60.0, imu=straps_and_sensors())
         return simulate_scene(performers, settings, seed, f"crowd{seed}")
 
 

@@ -104,7 +104,7 @@ def without_white_noise(imu_rate: float) -> SimulateSettings:
 def stream_scene(trials: LongStreamTrials) -> Scene:
     """The scene, at rest at both ends, without white noise of the IMUs: :class:`LongStream` adds it."""
     motion = resting(trials.scene_s)
-    settings = SceneSettings.realistic(
+    settings = SceneSettings(
         camera=trials.camera, video_rate=trials.video_rate, keypoints=trials.keypoints,
         imu=without_white_noise(trials.imu_rate),
     )  # fmt: skip

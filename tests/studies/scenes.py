@@ -109,7 +109,7 @@ def find_clips(folder: Path, names: Sequence[str]) -> dict[str, Path]:
 
 def straps_and_sensors() -> SimulateSettings:
     """Realistic sensors: headings of their own each, and straps put on by eye, from which headings are guessed."""
-    return SimulateSettings.realistic(heading_offset_deg=180.0, mounting_error_deg=10.0)
+    return SimulateSettings(heading_offset_deg=180.0, mounting_error_deg=10.0)
 
 
 def middle_of(motion: Motion, seconds: float, name: str) -> Motion:

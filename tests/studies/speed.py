@@ -202,7 +202,7 @@ def timed_vip(frames: int, iterations: int | None = None) -> VipTime:
     settings = _limited(iterations)
     motion = with_initial_pose(gestures((frames - 1) / settings.frame_rate - HOLD_S), "t-pose", HOLD_S)
     performer = Performer("wearer", motion, preset(PLACEMENTS[-1], motion.skeleton), "t-pose")
-    scene = simulate_scene([performer], SceneSettings.realistic(camera="hand-held"))
+    scene = simulate_scene([performer], SceneSettings(camera="hand-held"))
     before, clock, begin = peak_memory(), StageClock(), perf_counter()
     estimate = smooth(scene, settings, clock)
     clock(AFTERWARDS, 1.0)

@@ -96,7 +96,7 @@ class StreamAccuracy(ClipStudy):
     def scene(self, motion: Motion, name: str, camera: Filming, begin: Begins, seed: int) -> Scene:
         """Begun in a T-pose or in the middle of the motion, with the same straps, sensors and detector."""
         filmed = "fixed" if camera == "none" else camera
-        settings = SceneSettings.realistic(camera=filmed, keypoints="openpose18", imu=straps_and_sensors())
+        settings = SceneSettings(camera=filmed, keypoints="openpose18", imu=straps_and_sensors())
         middle = middle_of(motion, self.seconds, name)
         if begin == "t-pose":
             scene = posed_scene(middle, name, settings, self.pose_error_deg, seed)

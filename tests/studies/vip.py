@@ -146,7 +146,7 @@ class Vip(VipTables, ClipStudy):
     keypoints: Fixed[str] = "openpose18"  # the thesis's detector
 
     def scene(self, motion: Motion, name: str, seed: int) -> Scene:
-        settings = SceneSettings.realistic(camera=self.camera, keypoints=self.keypoints, imu=self.sensors)
+        settings = SceneSettings(camera=self.camera, keypoints=self.keypoints, imu=self.sensors)
         return posed_scene(middle_of(motion, self.seconds, name), name, settings, self.pose_error_deg, seed)
 
     def rows(self, tell: Tell) -> Iterator[Trial]:

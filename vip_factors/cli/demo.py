@@ -56,9 +56,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         check_target(path, options.overwrite)
     with progress_bar() as tell:
         tell("simulating", 0.0)
-        errors = SimulateSettings.realistic(
-            heading_offset_deg=HEADING_OFFSET_DEG, mounting_error_deg=MOUNTING_ERROR_DEG
-        )
+        errors = SimulateSettings(heading_offset_deg=HEADING_OFFSET_DEG, mounting_error_deg=MOUNTING_ERROR_DEG)
         recording = simulated(
             SimulateOptions(GESTURES, Path(), options.placement, options.seed, seconds=options.seconds, errors=errors)
         )

@@ -106,7 +106,7 @@ def simulate_recording(
     Raises:
         InputError: for a motion of fewer than 8 frames, or of less than two IMU periods.
     """
-    settings = settings or SimulateSettings.realistic()
+    settings = settings or SimulateSettings()
     return record(dense_motion(motion, settings.lowpass_hz), placement, settings, seed, name, initial_pose)
 
 

@@ -66,7 +66,7 @@ def simulate_scene(
     Raises:
         InputError: without a wearer, if names repeat, or if the wearers' motions share less than two video frames.
     """
-    settings = settings or SceneSettings.realistic()
+    settings = settings or SceneSettings()
     if all(one.placement is None for one in performers):
         raise InputError(f"scene '{name}' has nobody with sensors: expected at least one performer with a placement")
     if len({one.name for one in performers}) < len(performers):

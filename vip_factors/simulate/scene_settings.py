@@ -1,13 +1,13 @@
 """What is set of a filmed scene; apart from sensors and detector, which the command line shows without NumPy."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import InputError
-from vip_factors.ranges import Rate
+from vip_factors.ranges import Range, Rate, check_ranges
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.simulate.settings import DetectorSettings, SimulateSettings
 
@@ -16,20 +16,26 @@ CameraKind = Literal["fixed", "hand-held", "walking"]
 
 @dataclass(frozen=True)
 class SceneSettings:
-    """Camera, detector and sensors of a simulated scene."""
+    """Camera, detector and sensors of a simulated scene; by default with the errors that they have in use."""
 
     camera: CameraKind = "hand-held"  # on a tripod, in the hands of somebody who stands, or of somebody who follows
     video_rate: Rate = 30.0  # Hz: what phones film at, and 3DPW was
     width: int = 1920  # pixels
     height: int = 1080
-    fov_deg: float = 60.0  # horizontal: a phone's main camera (65–70) less what filming crops
+    fov_deg: Annotated[float, Range(least=5, most=150)] = (
+        60.0  # horizontal: a phone's main camera (65–70) less what filming crops
+    )
     distortion: tuple[float, ...] = ()  # OpenCV's; phones correct theirs
     azimuth_deg: float | None = None  # direction from the action to the camera, about the vertical; drawn if None
-    distance_m: float | None = None  # from the action to the camera; as its extent asks for if None
+    distance_m: Annotated[float | None, Range(above=0)] = (
+        None  # from the action to the camera; as its extent asks for if None
+    )
     keypoints: str = "openpose18"  # the thesis's COCO-18
     time_offset_s: float = 0.0  # to add to the video's times to get the sensors'; the scene itself says 0
     camera_imu: bool | None = None  # whether the camera carries one; None: if it moves
-    cameras: int = 1  # in all: further ones stand around the action, evenly spread, and their poses are known
+    cameras: Annotated[int, Range(least=1)] = (
+        1  # in all: further ones stand around the action, evenly spread, and their poses are known
+    )
     known_pose: bool | None = None  # whether a fixed first camera's pose is known too; None: if there are further ones
     # What a board on the floor tells of a camera four metres away, each axis: half a metre of board, corners to 0.2 px.
     pose_error_deg: float = 0.1
@@ -42,22 +48,9 @@ class SceneSettings:
         keypoint_set(self.keypoints)
         if self.camera not in ("fixed", "hand-held", "walking"):
             raise InputError(f"camera '{self.camera}': expected fixed, hand-held or walking")
-        if not self.video_rate > 0:
-            raise InputError(f"video rate {self.video_rate:g} Hz: expected a positive number")
-        if not 5 <= self.fov_deg <= 150:
-            raise InputError(f"field of view of {self.fov_deg:g} degrees: expected 5 to 150")
-        if self.distance_m is not None and not self.distance_m > 0:
-            raise InputError(f"camera distance of {self.distance_m:g} m: expected a positive number")
-        if not self.camera_mounting_error_deg >= 0:
-            raise InputError(f"camera mounting error {self.camera_mounting_error_deg:g}: expected 0 degrees or more")
-        if self.cameras < 1:
-            raise InputError(f"{self.cameras} cameras: expected at least one")
+        check_ranges(self, zero=True)
         if self.known_pose and self.camera != "fixed":
             raise InputError(f"a known pose of a {self.camera} camera: only that of a fixed one can be known")
-        if not (self.pose_error_deg >= 0 and self.pose_error_m >= 0):
-            raise InputError(
-                f"errors of known poses {self.pose_error_deg:g} degrees, {self.pose_error_m:g} m: expected 0 or more"
-            )
         self.model  # its own checks  # noqa: B018
 
     @property
@@ -79,11 +72,6 @@ class SceneSettings:
         if self.known_pose is None:
             return self.cameras > 1 and self.camera == "fixed"
         return self.known_pose
-
-    @classmethod
-    def realistic(cls, **changes: Any) -> "SceneSettings":
-        """Sensors and a detector as they are in use."""
-        return cls(**changes)
 
     @classmethod
     def noise_free(cls, **changes: Any) -> "SceneSettings":

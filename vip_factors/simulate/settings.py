@@ -10,14 +10,20 @@ keypoint's OKS sigma times the square root of the person's area in the image.
 """
 
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Annotated, Any
 
-from vip_factors.ranges import RangeError, Rate
+from vip_factors.ranges import MaybeRate, NotNegative, Range, Rate, Share, check_ranges
+
+Seconds = Annotated[float, Range(above=0)]
+Doubt = Annotated[float, Range()]
 
 
 @dataclass(frozen=True)
 class SimulateSettings:
-    """Rates and errors of a simulated recording; the defaults are those of :meth:`realistic`.
+    """Rates and errors of a simulated recording; by default those of body-worn sensors in use.
+
+    That is 3–6° of orientation error correlated in time, and 1–3 m/s² at moving limbs. Headings and mountings are right
+    unless asked for: ``SimulateSettings(heading_offset_deg=45, mounting_error_deg=10)``.
 
     Sigmas are standard deviations of normal distributions, per axis where a quantity has axes; 0 switches an error
     off. Where an error stands, physically, matters: the *filter* errors are mistakes of the sensor's attitude
@@ -26,26 +32,26 @@ class SimulateSettings:
     """
 
     imu_rate: Rate = 100.0  # Hz; Xsens Awinda sends 60–100 Hz
-    truth_rate: float = 60.0  # Hz of the truth motion: the frame rate of TotalCapture and of most video
+    truth_rate: Rate = 60.0  # Hz of the truth motion: the frame rate of TotalCapture and of most video
     phases: bool = True  # sensors sample at their own instants within a period, as unsynchronised ones do
     angular_rate: bool = True  # whether the streams carry a gyroscope
     # Mocap jitter, zero phase, 4th order: the usual gait cutoff, with which walks of the CMU collection have the 3 m/s²
     # at the pelvis that a real sensor shows; at 10 Hz their jitter adds half as much again.
-    lowpass_hz: float | None = 6.0
+    lowpass_hz: MaybeRate = 6.0
 
-    heading_offset_deg: float = 0.0  # uniform in ±; ask for it: the papers' experiment is ±45
+    heading_offset_deg: NotNegative = 0.0  # uniform in ±; ask for it: the papers' experiment is ±45
     heading_drift_deg: float = 1.0  # random walk, degrees per √minute: consumer magnetometer-free filters, 1–5
-    mounting_error_deg: float = 0.0  # of the placement's mounting; 10–15 for a careless calibration pose
+    mounting_error_deg: NotNegative = 0.0  # of the placement's mounting; 10–15 for a careless calibration pose
     position_error_m: float = 0.01  # of the placement's position: straps sit a centimetre off the table's place
 
     filter_heading_deg: float = 2.5  # correlated attitude error about the vertical; data sheets say 1.5–2.5 in motion
     filter_tilt_deg: float = 1.0  # correlated tilt error, each axis; gravity holds it: data sheets say 0.5–1
-    filter_time_s: float = 1.5  # correlation time of both: attitude filters average gravity over about a second
+    filter_time_s: Seconds = 1.5  # correlation time of both: attitude filters average gravity over about a second
     filter_white_deg: float = 0.3  # uncorrelated attitude error, each axis: rounding and time stamps
 
     skin_deg: float = 2.0  # slow rotation of the sensor on the bone, each axis, at a thigh (see recording.SEGMENTS)
     skin_m: float = 0.004  # slow shift on the bone, each axis, at a thigh; Leardini et al. 2005 report 5–30 mm
-    skin_time_s: float = 0.5  # correlation time: muscles and skin follow the steps
+    skin_time_s: Seconds = 0.5  # correlation time: muscles and skin follow the steps
     wobble: float = 1.0  # strength of the sprung response to impacts (see recording.py); 1 is the natural one
     wobble_tilt_deg_per_cm: float = 4.0  # rocking of the box while it shifts: 1 cm over its 15 cm strap
 
@@ -53,30 +59,13 @@ class SimulateSettings:
     acceleration_bias: float = 0.05  # m/s², wandering over bias_time_s; 5 mg is usual without a tumble calibration
     gyro_white_deg_s: float = 0.5  # a sample; MEMS gyroscopes have 0.01 deg/s/√Hz, range and shaking add
     gyro_bias_deg_s: float = 0.1  # after a usual still period
-    bias_time_s: float = 100.0  # correlation time of both biases: temperature
+    bias_time_s: Seconds = 100.0  # correlation time of both biases: temperature
 
-    packet_loss: float = 0.002  # share of single samples lost; Awinda indoors
+    packet_loss: Annotated[float, Range(least=0, most=0.99)] = 0.002  # share of single samples lost; Awinda indoors
     gap_s: float = 0.25  # length of one longer gap per sensor, when the body blocks the radio
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if isinstance(value, bool) or value is None:
-                continue
-            positive = one.name.endswith(("_rate", "time_s")) or one.name == "lowpass_hz"
-            if not (value > 0 if positive else value >= 0):
-                wanted = "above 0" if positive else "0 or more"
-                raise RangeError(one.name, f"is {value:g}: expected {wanted}")
-        if not self.packet_loss < 1:
-            raise RangeError("packet_loss", f"is {self.packet_loss:g}: expected a share below 1")
-
-    @classmethod
-    def realistic(cls, **changes: Any) -> "SimulateSettings":
-        """Body-worn sensors in use: 3–6° orientation error correlated in time, 1–3 m/s² at moving limbs.
-
-        Headings and mountings are right unless asked for: ``realistic(heading_offset_deg=45, mounting_error_deg=10)``.
-        """
-        return cls(**changes)
+        check_ranges(self, zero=True)
 
     @classmethod
     def noise_free(cls, **changes: Any) -> "SimulateSettings":
@@ -92,7 +81,7 @@ ROOT_AREA_PER_HEIGHT = 0.45  # COCO's areas are those of masks: a standing body 
 
 @dataclass(frozen=True)
 class DetectorSettings:
-    """Errors of a simulated detector; the defaults are those of :meth:`realistic`.
+    """Errors of a simulated detector; by default one such as OpenPose on ordinary video.
 
     Sizes of errors are in units (see above), so that they grow with the person in the image and are larger at hips
     than at eyes. Shares are shares of time; what happens, lasts for about its time constant. *Doubt* is how unsure
@@ -105,71 +94,46 @@ class DetectorSettings:
     # forgets (0.28), and what changes from frame to frame (0.10, second differences). The first two are taken by 0.7:
     # measured errors have long tails, which are doubt's here, and together they have the measured RMS again.
     drift_error: float = 0.26
-    drift_time_s: float = 3.0  # measured, 0.3 to 0.75 s apart
+    drift_time_s: Seconds = 3.0  # measured, 0.3 to 0.75 s apart
     slow_error: float = 0.20
-    slow_time_s: float = 0.14
+    slow_time_s: Seconds = 0.14
     white_error: float = 0.10
 
-    confidence: float = 0.64  # of a keypoint without doubt; measured median 0.63, 5 to 95 %: 0.38 to 0.71
+    confidence: Share = 0.64  # of a keypoint without doubt; measured median 0.63, 5 to 95 %: 0.38 to 0.71
     confidence_spread: float = 0.07  # lasting slow_time_s; measured within a keypoint 0.07, 0.47 of it after 0.1 s
-    plain_doubt: float = -0.4  # mean of a keypoint in plain sight; below 0 is none: with this spread 16 % of the time
-    hidden_doubt: float = 0.3  # behind the person's own body; measured confidence below 0.3 for 3 % of all keypoints
-    behind_doubt: float = 1.2  # behind somebody else; ours: mostly a guess
+    plain_doubt: Doubt = -0.4  # mean of a keypoint in plain sight; below 0 is none: with this spread 16 % of the time
+    hidden_doubt: Doubt = 0.3  # behind the person's own body; measured confidence below 0.3 for 3 % of all keypoints
+    behind_doubt: Doubt = 1.2  # behind somebody else; ours: mostly a guess
     doubt_spread: float = 0.4
-    doubt_time_s: float = 0.5  # ours: as long as limbs take to come forth
+    doubt_time_s: Seconds = 0.5  # ours: as long as limbs take to come forth
     # Measured RMS error by confidence: 0.65: 0.4 units, 0.45: 0.65, 0.35: 1.2, 0.25: 2.1, 0.15: 3.0, 0.05: 4.6.
     doubt_error: float = 4.0
-    least_confidence: float = 0.05  # OpenPose's own default for drawing a keypoint
+    least_confidence: Share = 0.05  # OpenPose's own default for drawing a keypoint
 
-    missed: float = 0.005  # share of keypoints in plain sight not found; measured 0 to 2 % by camera, all keypoints
-    hidden_missed: float = 0.05  # behind the person's own body: an open side of the trial's cameras
-    behind_missed: float = 0.6  # behind somebody else; ours: detectors mostly leave them out
+    missed: Share = 0.005  # share of keypoints in plain sight not found; measured 0 to 2 % by camera, all keypoints
+    hidden_missed: Share = 0.05  # behind the person's own body: an open side of the trial's cameras
+    behind_missed: Share = 0.6  # behind somebody else; ours: detectors mostly leave them out
     # Left for right, arms or legs. Measured: 0.5 % of limb keypoints, nearly all knees. PoseFix
     # (Moon et al. 2019) trains with 3 % at arms and 6 % at legs for COCO's pictures. Between the two; by view is ours.
-    swap_front: float = 0.005
-    swap_side: float = 0.04
-    swap_back: float = 0.02
-    event_time_s: float = 0.25  # ours: bursts of several frames, as one sees them in OpenPose's videos
+    swap_front: Share = 0.005
+    swap_side: Share = 0.04
+    swap_back: Share = 0.02
+    event_time_s: Seconds = 0.25  # ours: bursts of several frames, as one sees them in OpenPose's videos
 
     # What follows is ours, to see what an estimator makes of it: no real recording of several people was measured.
-    missed_person: float = 0.01  # share of time that a person in sight is not found
+    missed_person: Share = 0.01  # share of time that a person in sight is not found
     least_keypoints: int = 4  # fewer do not make a person; OpenPose asks for 3 or 4
     least_height_px: float = 60.0  # of a person to be found; COCO's small people
-    merge: float = 0.15  # share of the time two people overlap, that one detection has limbs of both
-    exchange: float = 0.10  # share of that time, that both are found with limbs exchanged
+    merge: Share = 0.15  # share of the time two people overlap, that one detection has limbs of both
+    exchange: Share = 0.10  # share of that time, that both are found with limbs exchanged
     false_people: float = 0.03  # detections of nobody, per frame
-    false_time_s: float = 0.5
+    false_time_s: Seconds = 0.5
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            value = getattr(self, one.name)
-            positive = one.name.endswith("time_s")
-            if one.name.endswith("_doubt"):
-                continue
-            if not (value > 0 if positive else value >= 0):
-                wanted = "above 0" if positive else "0 or more"
-                raise RangeError(f"detector.{one.name}", f"is {value:g}: expected {wanted}")
-            if value > 1 and one.name in SHARES:
-                raise RangeError(f"detector.{one.name}", f"is {value:g}: expected a share from 0 to 1")
-
-    @classmethod
-    def realistic(cls, **changes: Any) -> "DetectorSettings":
-        """A detector such as OpenPose on ordinary video."""
-        return cls(**changes)
+        check_ranges(self, "detector.", zero=True)
 
     @classmethod
     def noise_free(cls, **changes: Any) -> "DetectorSettings":
         """Every keypoint inside the image, hidden or not, exactly where it is, with confidence one."""
-        right = dict.fromkeys((*ERRORS, *SHARES), 0.0) | {"confidence": 1.0}
-        right |= dict.fromkeys(("plain_doubt", "hidden_doubt", "behind_doubt"), 0.0)
-        return replace(cls(**right, least_keypoints=1), **changes)
-
-
-SHARES = (
-    "confidence", "least_confidence", "missed", "hidden_missed", "behind_missed", "swap_front", "swap_side",
-    "swap_back", "missed_person", "merge", "exchange",
-)  # fmt: skip
-ERRORS = (
-    "bias_m", "drift_error", "slow_error", "white_error", "confidence_spread", "doubt_spread", "doubt_error",
-    "false_people", "least_height_px",
-)  # fmt: skip
+        off = {one.name: 0.0 for one in fields(cls) if not one.name.endswith("time_s")}
+        return cls(**(off | {"confidence": 1.0, "least_keypoints": 1} | changes))  # type: ignore[arg-type]

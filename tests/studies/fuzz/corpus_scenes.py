@@ -39,7 +39,7 @@ def simulated_scene(seconds: float) -> Scene:
     """One wearer of six sensors, filmed by a camera with a sensor of its own; with the truth."""
     motion = gestures(seconds)
     performer = Performer("ann", motion, preset("sip6", motion.skeleton), "n-pose")
-    return simulate_scene([performer], SceneSettings.realistic(camera="hand-held"), seed=1)
+    return simulate_scene([performer], SceneSettings(camera="hand-held"), seed=1)
 
 
 @cache

@@ -197,7 +197,7 @@ def test_what_happens_lasts() -> None:
 
 
 def test_impossible_settings_say_so() -> None:
-    with pytest.raises(InputError, match="merge .*1 at most"):
+    with pytest.raises(InputError, match=r"merge .*1 at most"):
         DetectorSettings(merge=1.5)
     with pytest.raises(InputError, match="0 or more"):
         DetectorSettings(bias_m=-0.1)

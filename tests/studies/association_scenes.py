@@ -17,14 +17,14 @@ from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.noise import smooth_process
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
 from vip_factors.simulate.staging import path_of_standing_feet, staged
 
 SHORTEST_CLIP_S = 3.0  # that can be repeated
 DRAWS = 20  # of people, before a scene is given up
 NEAR_M, SHOWN_SHARE = 0.12, 0.3  # how near, and how many, keypoints of a detection must be to show a part of somebody
 KEYPOINT_SETS = ("openpose18", "coco17", "body25", "halpe26")
-CAMERAS = ("hand-held", "walking", "hand-held", "fixed")
+CAMERAS: tuple[CameraKind, ...] = ("hand-held", "walking", "hand-held", "fixed")
 
 
 @dataclass(frozen=True)

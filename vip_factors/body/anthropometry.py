@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.body.body_prior import STATURE_ROW, VARIABLES, BodyGaussian, Observation, load_body_prior
-from vip_factors.body.lengths import BODY_LENGTHS, LENGTHS, BodyVariation, skeleton_of_lengths
+from vip_factors.body.lengths import BODY_LENGTHS, LENGTHS, LIMB_ENDS, BodyVariation, skeleton_of_lengths
 from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
@@ -140,10 +140,6 @@ def _note(stature_m: float | None, beyond: float, mean: float, sigma: float) -> 
     return ""
 
 
-# By what people call a segment: the joint at its far end.
-SEGMENT_ENDS = {
-    "thigh": "knee", "shank": "ankle", "upper_arm": "elbow", "forearm": "wrist", "foot": "foot", "hand": "hand",
-}  # fmt: skip
 # What is measured without sides, as a sum of the body's lengths.
 WHOLE = {
     "hip_width": {"hip width": 1.0},
@@ -173,16 +169,17 @@ def measured_lengths(measured: Mapping[str, float]) -> tuple[list[tuple[Array, f
             rows.append((_row(WHOLE[name]), metres))
             continue
         side, _, limb = name.partition("_") if name.startswith(("left_", "right_")) else ("", "", name)
-        if limb not in SEGMENT_ENDS:
-            known = ", ".join([*SEGMENT_ENDS, *WHOLE])
+        limb = limb.replace("_", " ")
+        if limb not in LIMB_ENDS:
+            known = ", ".join([*LIMB_ENDS, *WHOLE]).replace(" ", "_").replace(",_", ", ")
             raise InputError(f"unknown segment '{name}': expected one of {known}, with left_ or right_ before a limb's")
         # A side's own length comes after both sides', and wins.
         sides.setdefault(limb, {}).update({one: metres for one in ([side] if side else ["left", "right"])})
     halves: dict[str, float] = {}
     for limb, lengths in sides.items():
         mean = float(np.mean(list(lengths.values())))
-        rows.append((_row({limb.replace("_", " "): 1.0}), mean))
-        halves |= {f"{side}_{SEGMENT_ENDS[limb]}": metres - mean for side, metres in lengths.items()}
+        rows.append((_row({limb: 1.0}), mean))
+        halves |= {f"{side}_{LIMB_ENDS[limb]}": metres - mean for side, metres in lengths.items()}
     return rows, halves
 
 

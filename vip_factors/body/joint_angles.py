@@ -99,67 +99,32 @@ _SPINE = (
     ("flexion", -1, "forward"), ("lateral_bending", 1, "to the right"), ("axial_rotation", 1, "to the left"),
 )  # fmt: skip
 _MIDDLE = (
-    _Joint(
-        "pelvis", "", "pelvis", "yxz",
-        (
-            ("rotation", 1, "facing further to the left; 0 is along the world's x axis"),
-            ("obliquity", 1, "right side lower"),
-            ("tilt", -1, "forward (anterior)"),
-        ),
-    ),
+    _Joint("pelvis", "", "pelvis", "yxz", (
+        ("rotation", 1, "facing further to the left; 0 is along the world's x axis"),
+        ("obliquity", 1, "right side lower"), ("tilt", -1, "forward (anterior)"))),
     _Joint("trunk", "pelvis", "spine3", "zxy", _SPINE),
     _Joint("neck", "spine3", "head", "zxy", _SPINE),
 )  # fmt: skip
 # Of the right side; the left one is looked at in a mirror.
 _SIDE = (
-    _Joint(
-        "hip", "pelvis", "hip", "zxy",
-        (("flexion", 1, "thigh forward"), ("adduction", 1, "thigh inward"), ("internal_rotation", 1, "thigh inward")),
-    ),
-    _Joint(
-        "knee", "hip", "knee", "zxy",
-        (("flexion", -1, "bent"), ("adduction", 1, "shank inward (varus)"), ("internal_rotation", 1, "shank inward")),
-    ),
-    _Joint(
-        "ankle", "knee", "ankle", "zxy",
-        (
-            ("dorsiflexion", 1, "toes up"),
-            ("inversion", 1, "sole inward"),
-            ("internal_rotation", 1, "toes inward"),
-        ),
-    ),
-    _Joint(
-        "shoulder", "spine3", "shoulder", "yxy",
-        (
-            ("plane_of_elevation", 1, "0 is sideways, 90 forward, -90 backward"),
-            ("elevation", -1, "arm away from hanging, in that plane; never negative"),
-            ("axial_rotation", 1, "internal"),
-        ),
-    ),
-    _Joint(
-        "shoulder", "spine3", "shoulder", "zxy",
-        (
-            ("flexion", 1, "arm forward"),
-            ("adduction", 1, "arm inward; negative is abduction"),
-            ("internal_rotation", 1, "upper arm inward"),
-        ),
-    ),
-    _Joint(
-        "elbow", "shoulder", "elbow", "zxy",
-        (
-            ("flexion", 1, "bent"),
-            ("carrying_angle", -1, "forearm outward (valgus)"),
-            ("pronation", 1, "palm inward, then back; 90 with the palm at the thigh"),
-        ),
-    ),
-    _Joint(
-        "wrist", "elbow", "wrist", "zxy",
-        (
-            ("flexion", 1, "towards the palm"),
-            ("ulnar_deviation", 1, "towards the little finger"),
-            ("pronation", 1, "hand inward about the forearm, beyond its own pronation"),
-        ),
-    ),
+    _Joint("hip", "pelvis", "hip", "zxy", (
+        ("flexion", 1, "thigh forward"), ("adduction", 1, "thigh inward"), ("internal_rotation", 1, "thigh inward"))),
+    _Joint("knee", "hip", "knee", "zxy", (
+        ("flexion", -1, "bent"), ("adduction", 1, "shank inward (varus)"), ("internal_rotation", 1, "shank inward"))),
+    _Joint("ankle", "knee", "ankle", "zxy", (
+        ("dorsiflexion", 1, "toes up"), ("inversion", 1, "sole inward"), ("internal_rotation", 1, "toes inward"))),
+    _Joint("shoulder", "spine3", "shoulder", "yxy", (
+        ("plane_of_elevation", 1, "0 is sideways, 90 forward, -90 backward"),
+        ("elevation", -1, "arm away from hanging, in that plane; never negative"), ("axial_rotation", 1, "internal"))),
+    _Joint("shoulder", "spine3", "shoulder", "zxy", (
+        ("flexion", 1, "arm forward"), ("adduction", 1, "arm inward; negative is abduction"),
+        ("internal_rotation", 1, "upper arm inward"))),
+    _Joint("elbow", "shoulder", "elbow", "zxy", (
+        ("flexion", 1, "bent"), ("carrying_angle", -1, "forearm outward (valgus)"),
+        ("pronation", 1, "palm inward, then back; 90 with the palm at the thigh"))),
+    _Joint("wrist", "elbow", "wrist", "zxy", (
+        ("flexion", 1, "towards the palm"), ("ulnar_deviation", 1, "towards the little finger"),
+        ("pronation", 1, "hand inward about the forearm, beyond its own pronation"))),
 )  # fmt: skip
 
 

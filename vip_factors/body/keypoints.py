@@ -6,7 +6,7 @@ of stature) and from looking at annotated pictures. A detector's own bias of a c
 everybody, and how people scatter about it are pooled from recordings whose motion is known (:func:`pooled_offsets`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from vip_factors.geometry.rotations import Array
 
 
 @dataclass(frozen=True)
-class _KeypointSite:
+class _Site:
     """On ``bone``, from its joint (or from the middle of ``joints`` at rest, or a skeleton's landmark) by ``offset``.
 
     ``offset`` is in fractions of stature, bone axes: x left, y up, z forward.
@@ -28,87 +28,63 @@ class _KeypointSite:
     joints: tuple[str, ...] = ()
     landmark: str = ""
 
-
-def _both_sides(sites: Mapping[str, _KeypointSite]) -> dict[str, _KeypointSite]:
-    def right(site: _KeypointSite) -> _KeypointSite:
-        x, y, z = site.offset
-        return _KeypointSite(
-            site.bone.replace("left_", "right_"), (-x, y, z), site.joints, site.landmark.replace("left_", "right_")
-        )
-
-    return {
-        f"{side}_{name}": site if side == "left" else right(site)
-        for name, site in sites.items()
-        for side in ("left", "right")
-    }
+    def mirrored(self) -> "_Site":
+        """The right one of a left site."""
+        x, y, z = self.offset
+        bone, landmark = (name.replace("left_", "right_") for name in (self.bone, self.landmark))
+        return _Site(bone, (-x, y, z), self.joints, landmark)
 
 
-_SITES: dict[str, _KeypointSite] = {
-    "nose": _KeypointSite("head", (0.0, 0.010, 0.062)),
-    "head_top": _KeypointSite("head", landmark="head_top"),
-    "neck": _KeypointSite(
-        "spine3", joints=("left_shoulder", "right_shoulder")
-    ),  # detectors learn the shoulders' middle
-    "mid_hip": _KeypointSite(
-        "pelvis", (0.0, 0.008, 0.0), joints=("left_hip", "right_hip")
-    ),  # in the middle of its hips
-    **_both_sides(
-        {
-            "eye": _KeypointSite("head", (0.018, 0.028, 0.050)),
-            "ear": _KeypointSite("head", (0.042, 0.020, 0.0)),
-            "shoulder": _KeypointSite(
-                "left_shoulder", (0.0, 0.005, 0.0)
-            ),  # annotators point at the skin above the joint
-            "elbow": _KeypointSite("left_elbow"),
-            "wrist": _KeypointSite("left_wrist"),
-            "hip": _KeypointSite("left_hip", (0.008, 0.008, 0.0)),  # and towards the trochanter, wider than the joint
-            "knee": _KeypointSite("left_knee"),
-            "ankle": _KeypointSite("left_ankle"),
-            "heel": _KeypointSite("left_ankle", landmark="left_heel"),
-            "big_toe": _KeypointSite("left_foot", landmark="left_toe_tip"),
-            "small_toe": _KeypointSite("left_foot", (0.022, 0.0, 0.004)),
-        }
-    ),
-}
+def _both_sides(**left: _Site) -> dict[str, _Site]:
+    right = {f"right_{name}": site.mirrored() for name, site in left.items()}
+    return {f"left_{name}": site for name, site in left.items()} | right
+
+
+_SHOULDERS, _HIPS = ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip")
+_SITES = {
+    "nose": _Site("head", (0.0, 0.010, 0.062)),
+    "head_top": _Site("head", landmark="head_top"),
+    "neck": _Site("spine3", joints=_SHOULDERS),  # detectors learn the shoulders' middle
+    "mid_hip": _Site("pelvis", (0.0, 0.008, 0.0), _HIPS),  # in the middle of its hips
+} | _both_sides(
+    eye=_Site("head", (0.018, 0.028, 0.050)),
+    ear=_Site("head", (0.042, 0.020, 0.0)),
+    shoulder=_Site("left_shoulder", (0.0, 0.005, 0.0)),  # annotators point at the skin above the joint
+    elbow=_Site("left_elbow"),
+    wrist=_Site("left_wrist"),
+    hip=_Site("left_hip", (0.008, 0.008, 0.0)),  # and towards the trochanter, wider than the joint
+    knee=_Site("left_knee"),
+    ankle=_Site("left_ankle"),
+    heel=_Site("left_ankle", landmark="left_heel"),
+    big_toe=_Site("left_foot", landmark="left_toe_tip"),
+    small_toe=_Site("left_foot", (0.022, 0.0, 0.004)),
+)
 
 # Where the detectors of a family put what has the same name, in the place of the table above; both sides alike. From
 # the marker sets that Pose2Sim and OpenCap put onto OpenSim models for each keypoint set and, of knee and heel, from
 # OpenPose beside markers on two walkers; no other detector was ever published beside markers with directions. Needham
 # et al. 2021 (Scientific Reports 11: 20673) tell sizes: hips and knees 30–50 mm, ankles 1–15 mm.
-_FEET_PLACES = {
-    "heel": _KeypointSite(
-        "left_ankle", (-0.003, 0.014, 0.018), landmark="left_heel"
-    ),  # on the shoe's side, not under it
-    "big_toe": _KeypointSite("left_foot", (-0.003, 0.012, -0.012), landmark="left_toe_tip"),
-    "small_toe": _KeypointSite("left_foot", (0.022, 0.003, 0.013)),
-}
-_UPPER_NECK = _KeypointSite("spine3", (0.0, 0.037, -0.002), joints=("left_shoulder", "right_shoulder"))
-_OPENPOSE_PLACES = _both_sides(
-    {
-        "hip": _KeypointSite("left_hip", (0.009, 0.008, 0.009)),
-        "knee": _KeypointSite("left_knee", (0.0, 0.002, 0.007)),
-        **_FEET_PLACES,
-    }
+_FEET_SITES = _both_sides(
+    heel=_Site("left_ankle", (-0.003, 0.014, 0.018), landmark="left_heel"),  # on the shoe's side, not under it
+    big_toe=_Site("left_foot", (-0.003, 0.012, -0.012), landmark="left_toe_tip"),
+    small_toe=_Site("left_foot", (0.022, 0.003, 0.013)),
 )
-_COCO_PLACES = _both_sides(
-    {
-        "hip": _KeypointSite("left_hip", (0.009, 0.008, 0.007)),
-        "knee": _KeypointSite("left_knee", (0.0, 0.002, 0.005)),
-        **_FEET_PLACES,
-    }
+_UPPER_NECK = {"neck": _Site("spine3", (0.0, 0.037, -0.002), _SHOULDERS)}
+_OPENPOSE_SITES = _FEET_SITES | _both_sides(
+    hip=_Site("left_hip", (0.009, 0.008, 0.009)), knee=_Site("left_knee", (0.0, 0.002, 0.007))
 )
-_BLAZEPOSE_PLACES = _both_sides(
-    {"hip": _KeypointSite("left_hip", (0.008, 0.008, 0.004)), "knee": _KeypointSite("left_knee", (0.0, 0.002, 0.002)),
-     **_FEET_PLACES, "big_toe": _KeypointSite("left_foot", (0.003, 0.014, -0.016), landmark="left_toe_tip")}
-)  # fmt: skip
-_FAMILIES: dict[str, dict[str, _KeypointSite]] = {
-    "coco17": _COCO_PLACES,
-    "openpose18": _OPENPOSE_PLACES,
-    "body25": _OPENPOSE_PLACES,
-    "body25b": {**_OPENPOSE_PLACES, "neck": _UPPER_NECK},
-    "halpe26": {**_COCO_PLACES, "neck": _UPPER_NECK},
-    "blazepose33": _BLAZEPOSE_PLACES,
-}
+_COCO_SITES = _FEET_SITES | _both_sides(
+    hip=_Site("left_hip", (0.009, 0.008, 0.007)), knee=_Site("left_knee", (0.0, 0.002, 0.005))
+)
+_BLAZEPOSE_SITES = _FEET_SITES | _both_sides(
+    hip=_Site("left_hip", (0.008, 0.008, 0.004)),
+    knee=_Site("left_knee", (0.0, 0.002, 0.002)),
+    big_toe=_Site("left_foot", (0.003, 0.014, -0.016), landmark="left_toe_tip"),
+)
+_FAMILIES = {
+    "coco17": _COCO_SITES, "openpose18": _OPENPOSE_SITES, "body25": _OPENPOSE_SITES,
+    "body25b": _OPENPOSE_SITES | _UPPER_NECK, "halpe26": _COCO_SITES | _UPPER_NECK, "blazepose33": _BLAZEPOSE_SITES,
+}  # fmt: skip
 
 # Standard deviation of where people point, over the square root of the person's area (COCO's OKS sigmas); the last
 # rows are ours: soft points like shoulders, feet like ankles.
@@ -118,10 +94,7 @@ OKS_SIGMA: dict[str, float] = {
     **_FACE,
     **{f"{side}_{name}": sigma for name, sigma in _LIMB.items() for side in ("left", "right")},
     **{f"{side}_{name}": 0.089 for name in ("heel", "big_toe", "small_toe") for side in ("left", "right")},
-    "neck": 0.079,
-    "mid_hip": 0.107,
-    "head_top": 0.079,
-}
+} | {"neck": 0.079, "mid_hip": 0.107, "head_top": 0.079}
 
 _COCO17 = (
     "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow",
@@ -191,7 +164,7 @@ class KeypointSet:
         return tuple(_landmark(sites[name], skeleton) if name in sites else None for name in self.keypoints)
 
 
-def _landmark(site: _KeypointSite, skeleton: Skeleton) -> Landmark | None:
+def _landmark(site: _Site, skeleton: Skeleton) -> Landmark | None:
     rest, bone = skeleton.p_pelvis_joint, joint_index(site.bone)
     centre = np.zeros(3)
     if site.landmark:

@@ -76,7 +76,7 @@ def skeleton_of_lengths(lengths: Array, source: str) -> Skeleton:
     stature = float(STATURE @ lengths)
     ball = BALL_HEIGHT * stature - of["ankle height"]
     foot = np.sqrt(max(of["foot"] ** 2 - ball**2, (0.5 * of["foot"]) ** 2))
-    collar = of["shoulder height"] - COLLAR_DROP * stature
+    drop, collar = COLLAR_DROP * stature, COLLAR_WIDTH * stature
     depths = np.diff([depth * stature for _, depth in TRUNK.values()])
     at = {
         name: (0.0, share * of["trunk"], depth)
@@ -90,12 +90,8 @@ def skeleton_of_lengths(lengths: Array, source: str) -> Skeleton:
             f"{side}_knee": (0.0, -of["thigh"], 0.0),
             f"{side}_ankle": (0.0, -of["shank"], of["ankle depth"]),
             f"{side}_foot": (0.0, ball, float(foot)),
-            f"{side}_collar": (x * COLLAR_WIDTH * stature, collar, COLLAR_DEPTH * stature),
-            f"{side}_shoulder": (
-                x * (of["shoulder width"] / 2 - COLLAR_WIDTH * stature),
-                COLLAR_DROP * stature,
-                of["shoulder depth"],
-            ),
+            f"{side}_collar": (x * collar, of["shoulder height"] - drop, COLLAR_DEPTH * stature),
+            f"{side}_shoulder": (x * (of["shoulder width"] / 2 - collar), drop, of["shoulder depth"]),
             f"{side}_elbow": (x * of["upper arm"], 0.0, 0.0),
             f"{side}_wrist": (x * of["forearm"], of["wrist height"], of["wrist depth"]),
             f"{side}_hand": (x * of["hand"], 0.0, 0.0),
@@ -129,28 +125,19 @@ def stature_of(skeleton: Skeleton) -> float:
 
 FOUND = "; lengths estimated"  # behind a skeleton's source
 NO_LENGTH_M = 1e-9  # a limb that short has no direction: its length stays as it is
-LIMBS = {
-    "upper arm": ("left_elbow", "right_elbow"),
-    "forearm": ("left_wrist", "right_wrist"),
-    "hand": ("left_hand", "right_hand"),
-    "thigh": ("left_knee", "right_knee"),
-    "shank": ("left_ankle", "right_ankle"),
-    "foot": ("left_foot", "right_foot"),
-}
+# Limbs by the joint at the far end of each, widths by the joint on either side.
+LIMB_ENDS = {
+    "thigh": "knee", "shank": "ankle", "upper arm": "elbow", "forearm": "wrist", "foot": "foot", "hand": "hand"
+}  # fmt: skip
+LIMBS = {name: (f"left_{end}", f"right_{end}") for name, end in LIMB_ENDS.items()}
 STRAIGHT = {"upper arm": 0, "forearm": 0, "hand": 0, "thigh": 1, "shank": 1}  # along which axis of the bone above
 WIDTHS = {"hip width": "hip", "shoulder width": "shoulder"}
 # Lengths that move joints along an axis of the body: up is 1, forward 2.
-SHIFTS = {
-    "hip height": (("left_hip", "right_hip"), 1),
-    "hip depth": (("left_hip", "right_hip"), 2),
-    "neck": (("head",), 1),
-    "neck height": (("neck",), 1),
-    "neck depth": (("neck",), 2),
-    "shoulder height": (("left_shoulder", "right_shoulder"), 1),
-    "shoulder depth": (("left_shoulder", "right_shoulder"), 2),
-    "wrist height": (("left_wrist", "right_wrist"), 1),
-    "wrist depth": (("left_wrist", "right_wrist"), 2),
-    "ankle depth": (("left_ankle", "right_ankle"), 2),
+SHIFTS = {"neck": (("head",), 1), "neck height": (("neck",), 1), "neck depth": (("neck",), 2)} | {
+    f"{end} {way}": ((f"left_{end}", f"right_{end}"), axis)
+    for end in ("hip", "shoulder", "wrist", "ankle")
+    for way, axis in (("height", 1), ("depth", 2))
+    if (end, way) != ("ankle", "height")
 }
 
 # Joints at the far ends of limbs that sensors sit along.
@@ -190,10 +177,8 @@ class BodyVariation:
             children = [joint for joint in STRETCHED if PARENTS[joint] == bone]
             for child in children:
                 along = skeleton.p_parent_joint[child]
-                share = float(
-                    np.clip(p_bone_point[number] @ along / max(float(along @ along), NO_LENGTH_M**2), 0.0, 1.0)
-                )
-                shift[number] += share * self.directions[child]
+                share = p_bone_point[number] @ along / max(float(along @ along), NO_LENGTH_M**2)
+                shift[number] += float(np.clip(share, 0.0, 1.0)) * self.directions[child]
         return shift
 
     def varied(self, skeleton: Skeleton, lengths: Array) -> Skeleton:
@@ -215,9 +200,8 @@ def directions_of(skeleton: Skeleton) -> Array:
             along = skeleton.p_parent_joint[joint_index(joint)]
             if name in STRAIGHT:  # what bends it at rest is a length of its own
                 along = np.where(np.arange(3) == STRAIGHT[name], along, 0.0)
-            directions[joint_index(joint), :, LENGTHS.index(name)] = along / max(
-                float(np.linalg.norm(along)), NO_LENGTH_M
-            )
+            column = LENGTHS.index(name)
+            directions[joint_index(joint), :, column] = along / max(float(np.linalg.norm(along)), NO_LENGTH_M)
     for name, end in WIDTHS.items():
         for side, sign in (("left", 0.5), ("right", -0.5)):
             directions[joint_index(f"{side}_{end}"), 0, LENGTHS.index(name)] = sign

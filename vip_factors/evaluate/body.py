@@ -6,7 +6,7 @@ import numpy as np
 
 from vip_factors.body.hinges import HINGES, Hinge
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.lengths import LENGTHS, lengths_of, width
+from vip_factors.body.lengths import LENGTHS, LIMB_ENDS, WIDTHS, lengths_of, width
 from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.estimate import BodyEstimate
 from vip_factors.evaluate.calibration import consistency_metrics, nees
@@ -14,8 +14,7 @@ from vip_factors.evaluate.metrics import EVERYTHING, MM, Compared
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.rotations import Array, transpose
 
-LIMBS = {"thigh": "knee", "shank": "ankle", "upper arm": "elbow", "forearm": "wrist", "hand": "hand"}
-WIDTHS = {"hip width": "hip", "shoulder width": "shoulder"}
+LIMBS = {name: end for name, end in LIMB_ENDS.items() if name != "foot"}
 UNSURE = ("hand",)  # told, but not in the mean: skeletons end hands where they like
 _ENDS = {name: (f"left_{end}", f"right_{end}") for name, end in (LIMBS | WIDTHS).items()} | {"trunk": ("neck",)}
 LEAST_BEND = np.deg2rad(30.0)  # a joint that bends less does not show its axis

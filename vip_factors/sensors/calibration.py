@@ -1,7 +1,7 @@
 """Where sensors sit on the body and how they are turned there, as placed, and as estimated: headings and mountings."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -137,17 +137,11 @@ class NamedSite:
 def _both_sides(name: str, site: NamedSite) -> dict[str, NamedSite]:
     """The site on the left as given, and mirrored on the right."""
 
-    def mirror(word: str | None) -> str | None:
-        if word is None:
-            return None
-        swap = {"left": "right", "right": "left"}
-        return swap.get(word, word.replace("left_", "right_"))
+    def mirror(word: str) -> str:
+        return {"left": "right", "right": "left"}.get(word, word.replace("left_", "right_"))
 
-    right = NamedSite(
-        str(mirror(site.bone)), mirror(site.child), site.along, str(mirror(site.outward)), site.depth,
-        str(mirror(site.x_axis)), site.lift,
-    )  # fmt: skip
-    return {f"left_{name}": site, f"right_{name}": right}
+    words = {key: mirror(getattr(site, key) or "") for key in ("bone", "child", "outward", "x_axis")}
+    return {f"left_{name}": site, f"right_{name}": replace(site, **words)}  # type: ignore[arg-type]
 
 
 AT_THE_SITE_M = 0.005  # what was placed by name sits there but for rounding, and sites are further apart
@@ -203,21 +197,12 @@ PRESETS: dict[str, tuple[str, ...]] = {
     "sip6": _SIX,  # thesis 3.2.2
     "tnt10": _TEN,  # TNT15, thesis 2.5.1
     "totalcapture13": _THIRTEEN,
-    "mvn17": (
-        *_THIRTEEN,
-        "left_shoulder",
-        "right_shoulder",
-        "left_hand",
-        "right_hand",
-    ),  # Xsens MVN full body
+    "mvn17": (*_THIRTEEN, "left_shoulder", "right_shoulder", "left_hand", "right_hand"),  # Xsens MVN full body
 }
 
 
 def sensor_site(
-    site_name: str,
-    skeleton: Skeleton,
-    sensor: str | None = None,
-    mounting_sigma: float = STRAPPED_MOUNTING_SIGMA,
+    site_name: str, skeleton: Skeleton, sensor: str | None = None, mounting_sigma: float = STRAPPED_MOUNTING_SIGMA
 ) -> SensorSite:
     """A sensor at one of the :data:`SITES`, fitted to a skeleton.
 

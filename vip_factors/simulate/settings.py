@@ -136,4 +136,4 @@ class DetectorSettings:
     def noise_free(cls, **changes: Any) -> "DetectorSettings":
         """Every keypoint inside the image, hidden or not, exactly where it is, with confidence one."""
         off = {one.name: 0.0 for one in fields(cls) if not one.name.endswith("time_s")}
-        return cls(**(off | {"confidence": 1.0, "least_keypoints": 1} | changes))  # type: ignore[arg-type]
+        return cls(**(off | {"confidence": 1.0, "least_keypoints": 1} | changes))

@@ -126,7 +126,7 @@ class StreamFaults(Study):
             motion = gestures(self.seconds - HOLD_S, 60.0)
         else:
             motion = lasting(slowed(read_motion(find_clips(self.motions, [clip])[clip])), self.seconds - HOLD_S)
-        settings = SceneSettings.realistic(camera=camera, imu=straps_and_sensors())
+        settings = SceneSettings(camera=camera, imu=straps_and_sensors())
         return posed_scene(motion, f"{clip}, {camera}", settings, POSE_ERROR_DEG, seed)
 
     def _scored(

@@ -12,14 +12,12 @@ from tests.studies.study import Study
 from vip_factors.body.calibration_pose import nominal_pose
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, RecordingError
-from vip_factors.evaluate.calibration import ENDS
-from vip_factors.evaluate.metrics import resample as resample_motion
-from vip_factors.geometry.rotations import Array, angle_between, rotation_z, transpose, wrap_angle
+from vip_factors.geometry.rotations import Array, rotation_z, transpose
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration
 from vip_factors.io.motions import motion_files, read_motion
 from vip_factors.sensors.calibration import SensorCalibration, preset
 from vip_factors.sensors.frames import resample
-from vip_factors.sensors.recording import Recording, Truth
+from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.simulate.scene import Performer, simulate_scene
@@ -174,25 +172,6 @@ def true_motion(recording: Recording) -> Motion:
     return recording.truth.motion
 
 
-def calibrated_at_first_frame(recording: Recording) -> Recording:
-    """The recording with the calibration that its true first pose and true headings give (thesis, eq. 3.3).
-
-    ``R_bone_sensor = R_world_boneᵀ Rz(γ) R_inertial_sensor`` at each sensor's first sample. Unlike the simulator's own
-    mountings these carry the errors of the attitude filter and of soft tissue in that moment.
-    """
-    motion, calibration = true_motion(recording), {}
-    for site in (recording.placement.site(name) for name in recording.placed):
-        stream = recording.imus[site.sensor]
-        if stream.R_inertial_sensor is None:
-            raise InputError(f"sensor '{site.sensor}' gives no orientation: the study cannot calibrate it")
-        time = float(np.clip(stream.time[0], motion.time[0], motion.time[-1]))
-        R_world_bone = resample_motion(motion, time, motion.rate, 1).state.R_world_bone[0, site.bone_index]
-        heading = true_calibration(recording)[site.sensor].heading
-        R_world_sensor = rotation_z(heading) @ stream.R_inertial_sensor[0]
-        calibration[site.sensor] = SensorCalibration(heading, transpose(R_world_bone) @ R_world_sensor)
-    return replace(recording, truth=Truth(motion, calibration), initial_pose="none")
-
-
 def pelvis_of(recording: Recording, names: Sequence[str]) -> int:
     """Number of its sensor among some, or 0."""
     return next((k for k, name in enumerate(names) if recording.placement.site(name).bone == "pelvis"), 0)
@@ -207,41 +186,10 @@ def nominal_start(recording: Recording, settings: Settings) -> tuple[tuple[str, 
     return frames.sensors, initial_calibration(frames, recording.placement, body, pose, seconds, pelvis)
 
 
-@dataclass(frozen=True)
-class StartErrors:
-    """Mean errors in degrees of what the pipeline starts from, over all sensors; the common yaw is removed.
-
-    Attributes:
-        heading_deg, mounting_deg: of headings from straps and motion, and of mountings read off the declared pose.
-        pose_alone_deg: of mountings read off it with true headings: what the pose does by itself.
-    """
-
-    heading_deg: float
-    mounting_deg: float
-    pose_alone_deg: float
-
-
-def start_errors(recording: Recording, settings: Settings) -> StartErrors:
-    """How far off the start of a recording with a declared pose and a known calibration is."""
-    true, (names, start) = true_calibration(recording), nominal_start(recording, settings)
-    turns = np.array([true[name].heading for name in names]) - start.headings
-    turns = wrap_angle(turns - mean_angle(turns))
-    R_true = np.stack([true[name].R_bone_sensor for name in names])
-    mountings = [angle_between(one.R_bone_sensor, R_true) for one in (start, turned(start, turns))]
-    return StartErrors(*(float(np.rad2deg(np.mean(one))) for one in (np.abs(turns), *mountings)))
-
-
 def as_calibration(sensors: Sequence[str], start: InitialCalibration) -> dict[str, SensorCalibration]:
     """By sensor name, as a recording's truth carries it."""
     pairs = zip(start.headings, start.R_bone_sensor, strict=True)
     return {name: SensorCalibration(float(heading), R) for name, (heading, R) in zip(sensors, pairs, strict=True)}
-
-
-def distorted(start: InitialCalibration, gauge: int, degrees: float, random: np.random.Generator) -> InitialCalibration:
-    """The headings off by uniform ±``degrees`` against that of sensor ``gauge``."""
-    turns = np.deg2rad(random.uniform(-degrees, degrees, len(start.headings)))
-    turns[gauge] = 0.0
-    return turned(start, turns)
 
 
 def turned(start: InitialCalibration, turns: Array) -> InitialCalibration:
@@ -255,23 +203,6 @@ def turned(start: InitialCalibration, turns: Array) -> InitialCalibration:
 def mean_angle(angles: Array) -> float:
     """Circular mean, radians."""
     return float(np.angle(np.exp(1j * angles).sum()))
-
-
-@dataclass(frozen=True)
-class SensorError:
-    """How far a sensor's calibration is off in degrees; ``at_end``: on a hand or foot."""
-
-    sensor: str
-    at_end: bool
-    heading_deg: float
-    mounting_deg: float
-
-
-def sensor_errors(table: Mapping[str, Mapping[str, float]], wearer: Recording) -> tuple[SensorError, ...]:
-    """Of an evaluation's table of sensors."""
-    ends = {site.sensor for site in wearer.placement.sites if site.bone in ENDS}
-    rows = ((name, row["heading_deg"], row["mounting_deg"]) for name, row in table.items())
-    return tuple(SensorError(name, name in ends, abs(heading), mounting) for name, heading, mounting in rows)
 
 
 def without_camera(scene: Scene) -> Scene:

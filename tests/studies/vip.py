@@ -12,44 +12,182 @@ from tests.studies.scenes import (
     SETTLED_S,
     Clip,
     ClipStudy,
-    SensorError,
-    StartErrors,
+    as_calibration,
     middle_of,
+    nominal_start,
+    pelvis_of,
     posed_scene,
-    sensor_errors,
-    start_errors,
     straps_and_sensors,
+    true_calibration,
     true_motion,
+    turned,
+    with_nominal_pose,
+    without_camera,
 )
-from tests.studies.study import NAN, Fixed, Study, Tell, bullets, group, mean, table
-from tests.studies.vip_variants import (
-    PUBLISHED,
-    PUBLISHED_BY_ACTIVITY,
-    VARIANTS,
-    Variant,
-    chosen_variants,
-    settings_of,
-    told,
-)
+from tests.studies.study import NAN, Fixed, Tell, bullets, group, mean, table
 from vip_factors.body.kinematics import Motion
-from vip_factors.errors import RecordingError, SolveError
-from vip_factors.estimate import Estimate, WearerEstimate
-from vip_factors.evaluate.evaluation import Evaluation, evaluate_scene
-from vip_factors.evaluate.metrics import common_frames, mpjae, mpjpe
+from vip_factors.errors import InputError, RecordingError, SolveError
+from vip_factors.estimate import Estimate
+from vip_factors.evaluate.evaluation import evaluate_scene
+from vip_factors.evaluate.metrics import common_frames, mpjae, mpjpe, resample
 from vip_factors.findings import sentences
+from vip_factors.geometry.rotations import rotation_z, transpose
+from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.pipeline import smooth
-from vip_factors.sensors.calibration import Calibration
+from vip_factors.sensors.calibration import PRESETS, SITES, Calibration, SensorCalibration
+from vip_factors.sensors.recording import Recording, Truth
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
 from vip_factors.simulate.settings import SimulateSettings
 
-# Pairs of variants whose MPJPE is to be compared.
-COMPARED = (
-    ("VIP", "IT"), ("VIP-IT", "IT"), ("VIP-Cam", "VIP"), ("VIP-25", "VIP"), ("VIP-45", "VIP"),
-    ("VIP-gtip-25", "VIP-gtip"), ("VIP-gtip-45", "VIP-gtip"),
-)  # fmt: skip
-CALIBRATION_HEAD = ("mean", "95 %", "feet and hands", "95 %")
+SIX = frozenset(SITES[site].bone for site in PRESETS["sip6"])
+NOMINAL, TRUE, FOUND = "nominal pose", "true pose", "as VIP found it"
+# Metrics of an evaluation that are told, with their columns.
+METRICS = {
+    "camera_translation": "camera", "camera_rotation": "camera deg", "association_precision": "precision %",
+    "association_recall": "recall %",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One tracker.
+
+    Attributes:
+        name: the thesis's, where it has one.
+        published: what von Marcard's thesis (2019) reports of it over all of TotalCapture's test sequences, other data
+            than ours: MPJPE mm and MPJAE deg.
+        start: where mountings and headings come from. :data:`NOMINAL`: the declared T-pose, headings by straps;
+            :data:`TRUE`: the true first pose and true headings; :data:`FOUND`: the estimate of VIP.
+        free: whether headings and mountings are estimated from there on.
+        distortion_deg: the headings of the start are off by up to this, each sensor's for itself.
+        six: of the sensors only those of SIP are used.
+        camera: whether there is one.
+        true_pixels, true_camera: detections without error; the camera's poses told.
+        acceleration: False for the inertial tracker, frame by frame.
+    """
+
+    name: str
+    published: tuple[float, float] | None = None
+    start: str = NOMINAL
+    free: bool = True
+    distortion_deg: float = 0.0
+    six: bool = False
+    camera: bool = True
+    true_pixels: bool = False
+    true_camera: bool = False
+    acceleration: bool = True
+
+
+_inertial = partial(Variant, free=False, camera=False)
+VARIANTS: dict[str, Variant] = {
+    one.name: one
+    for one in (
+        _inertial("IT", (55.0, 17.5), NOMINAL, acceleration=False),  # table 4.1; its text says 16.9 deg
+        Variant("VIP", (26.0, 12.3)),  # table 4.1
+        Variant("VIP-45", distortion_deg=45.0),
+        Variant("VIP-Cam", (25.3, 12.2), true_camera=True),  # table 4.8
+        # Weighted as if they were a detector's, as in the thesis (table 4.7).
+        Variant("VIP-2D", (15.1, 10.2), true_pixels=True),
+        Variant("VIP-6", (35.8, 14.7), six=True),  # table 4.9
+        _inertial("VIP-IT", (28.2, 12.2), FOUND, acceleration=False),  # table 4.4
+        Variant("VIP-vanilla", (45.8, 18.0), free=False),
+        _inertial("SIP", (52.2, 14.6), TRUE, six=True),
+        _inertial("SOP", (76.2, 19.7), TRUE, six=True, acceleration=False),  # table 3.3
+    )
+}
+
+
+def chosen_variants(names: tuple[str, ...] = ()) -> tuple[Variant, ...]:
+    """Variants by name; all without one."""
+    unknown = [name for name in names if name not in VARIANTS]
+    if unknown:
+        raise InputError(f"unknown variant '{unknown[0]}': expected some of {', '.join(VARIANTS)}")
+    return tuple(VARIANTS[name] for name in names or VARIANTS)
+
+
+def settings_of(variant: Variant, settings: Settings) -> Settings:
+    """The pipeline's settings for a variant."""
+    from_truth = variant.start != NOMINAL or variant.distortion_deg > 0
+    calibration = replace(
+        settings.calibration, estimate_headings=variant.free, estimate_mountings=variant.free, from_truth=from_truth
+    )
+    fusion = replace(settings.fusion, use_camera=variant.camera)
+    return replace(
+        with_nominal_pose(settings), acceleration=variant.acceleration, fusion=fusion, calibration=calibration
+    )
+
+
+def scene_for(variant: Variant, scene: Scene, settings: Settings, seed: int, found: Calibration | None = None) -> Scene:
+    """The scene as a variant gets it; what it may not know of the truth is for the evaluation to keep."""
+    wearer = _with_six(scene.wearers[0]) if variant.six else scene.wearers[0]
+    scene = replace(scene, wearers=(_started(wearer, variant, settings, seed, found),))
+    if not variant.camera:
+        return without_camera(scene)
+    if scene.camera is None or scene.truth is None or scene.truth.pixels is None:
+        raise InputError(f"scene '{scene.name}' has no true camera: expected a simulated one")
+    if variant.true_pixels:  # the wearers' own detections alone, each keypoint where it is, with confidence one
+        detections, mine = scene.camera.detections, scene.truth.wearer >= 0
+        pixels = scene.truth.pixels[mine]
+        sure = np.all(np.isfinite(pixels), axis=2).astype(float)
+        detections = replace(detections, frame=detections.frame[mine], pixels=pixels, confidence=sure)
+        truth = replace(scene.truth, wearer=scene.truth.wearer[mine], pixels=pixels)
+        scene = replace(scene, camera=replace(scene.camera, detections=detections), truth=truth)
+    if variant.true_camera:
+        assert scene.camera is not None
+        assert scene.truth is not None
+        scene = replace(scene, camera=replace(scene.camera, known_path=scene.truth.camera))
+    return scene
+
+
+def _with_six(wearer: Recording) -> Recording:
+    sites = tuple(site for site in wearer.placement.sites if site.bone in SIX)
+    kept = {site.sensor: wearer.imus[site.sensor] for site in sites if site.sensor in wearer.imus}
+    return replace(wearer, imus=kept, placement=replace(wearer.placement, sites=sites))
+
+
+def _started(
+    wearer: Recording, variant: Variant, settings: Settings, seed: int, found: Calibration | None
+) -> Recording:
+    """The recording with the calibration that the pipeline is to start from where its truth should be."""
+    if variant.start == FOUND:
+        if found is None:
+            raise InputError(f"variant {variant.name} starts from what VIP found: run VIP on the same scene first")
+        return replace(wearer, truth=Truth(true_motion(wearer), found), initial_pose="none")
+    if variant.start == TRUE:
+        return calibrated_at_first_frame(wearer)
+    if not variant.distortion_deg:
+        return wearer
+    names, start = nominal_start(wearer, settings)
+    start = distorted(start, pelvis_of(wearer, names), variant.distortion_deg, np.random.default_rng([seed, 0xD157]))
+    return replace(wearer, truth=Truth(true_motion(wearer), as_calibration(names, start)))
+
+
+def calibrated_at_first_frame(recording: Recording) -> Recording:
+    """The recording with the calibration that its true first pose and true headings give (thesis, eq. 3.3).
+
+    ``R_bone_sensor = R_world_boneᵀ Rz(γ) R_inertial_sensor`` at each sensor's first sample. Unlike the simulator's own
+    mountings these carry the errors of the attitude filter and of soft tissue in that moment.
+    """
+    motion, calibration = true_motion(recording), {}
+    for site in (recording.placement.site(name) for name in recording.placed):
+        stream = recording.imus[site.sensor]
+        if stream.R_inertial_sensor is None:
+            raise InputError(f"sensor '{site.sensor}' gives no orientation: the study cannot calibrate it")
+        time = float(np.clip(stream.time[0], motion.time[0], motion.time[-1]))
+        R_world_bone = resample(motion, time, motion.rate, 1).state.R_world_bone[0, site.bone_index]
+        heading = true_calibration(recording)[site.sensor].heading
+        R_world_sensor = rotation_z(heading) @ stream.R_inertial_sensor[0]
+        calibration[site.sensor] = SensorCalibration(heading, transpose(R_world_bone) @ R_world_sensor)
+    return replace(recording, truth=Truth(motion, calibration), initial_pose="none")
+
+
+def distorted(start: InitialCalibration, gauge: int, degrees: float, random: np.random.Generator) -> InitialCalibration:
+    """The headings off by uniform ±``degrees`` against that of sensor ``gauge``."""
+    turns = np.deg2rad(random.uniform(-degrees, degrees, len(start.headings)))
+    turns[gauge] = 0.0
+    return turned(start, turns)
 
 
 @dataclass(frozen=True)
@@ -58,13 +196,10 @@ class Trial:
 
     Attributes:
         variant, kind, clip, seed: which.
-        frames: compared, those of the initial pose left out.
-        mpjpe_mm, mpjae_deg: over them.
-        sensors: errors of the calibration used or found.
-        camera_m, camera_deg: mean errors of the camera's path after the gauge.
-        precision, recall: of the association, percent.
-        solve_seconds, seconds: of the solves, and of the whole pipeline.
-        start: how far off the start of the recording was.
+        mpjpe_mm, mpjae_deg: without the frames of the initial pose.
+        heading_deg, mounting_deg: errors of the calibration used or found, of each sensor, the common yaw removed.
+        metrics: of :data:`METRICS`.
+        seconds: of the whole pipeline.
         failure: what the pipeline said if it gave up.
     """
 
@@ -72,24 +207,19 @@ class Trial:
     kind: str
     clip: str
     seed: int
-    frames: int = 0
     mpjpe_mm: float = NAN
     mpjae_deg: float = NAN
-    sensors: tuple[SensorError, ...] = ()
-    camera_m: float = NAN
-    camera_deg: float = NAN
-    precision: float = NAN
-    recall: float = NAN
-    solve_seconds: float = NAN
+    heading_deg: tuple[float, ...] = ()
+    mounting_deg: tuple[float, ...] = ()
+    metrics: tuple[float, ...] = (NAN,) * len(METRICS)
     seconds: float = NAN
     findings: tuple[str, ...] = ()
-    start: StartErrors | None = None
     failure: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
-class VipTables(Study):
-    """What studies of the thesis's trackers have in common."""
+class Vip(ClipStudy):
+    """The thesis's video-inertial trackers on simulated scenes, beside its tables."""
 
     variants: tuple[str, ...] = ()
     """Names of trackers, such as IT VIP VIP-IT; all if absent."""
@@ -97,51 +227,11 @@ class VipTables(Study):
     """Frames per second of the reconstructions."""
     iterations: int = 30
     """At most, of each solve."""
-    base: Fixed[Settings] = field(default_factory=Settings)
-
-    @property
-    def settings(self) -> Settings:
-        """Of the estimator; its calibration is each variant's own."""
-        solve = replace(self.base.solve, max_iterations=self.iterations)
-        return replace(self.base, frame_rate=self.frame_rate, solve=solve)
-
-    def title(self, rows: Sequence[Trial]) -> str:
-        """What was recorded, and how."""
-        raise NotImplementedError
-
-    def tables(self, rows: Sequence[Trial]) -> Iterator[str]:
-        """Accuracy, then calibration, camera, association and time of every variant, and the thesis's own figures."""
-        yield self.title(rows)
-        yield _start_line([own[0].start for own in group(rows, lambda one: (one.clip, one.seed)).values()])
-        variants = group(rows, lambda one: one.variant)
-        means = {name: errors_by_kind(own) for name, own in variants.items()}
-        kinds = list(dict.fromkeys(trial.kind for trial in rows))
-        shown = [*kinds, "mean"] if len(kinds) > 1 else ["mean"]
-        yield table(
-            ["variant", *shown, "thesis, mean"],
-            [[name, *(row.get(kind) for kind in shown), PUBLISHED.get(name)] for name, row in means.items()],
-        )
-        yield bullets("", _compared(variants))
-        yield "Errors of headings and mountings in degrees (after the common yaw), and all else"
-        head = [f"{what} {one}" for what in ("heading", "mounting") for one in CALIBRATION_HEAD]
-        head += ["camera mm", "camera deg", "precision %", "recall %", "solve s", "all s"]
-        yield table(["variant", *head], [[name, *_details(own)] for name, own in variants.items()])
-        yield "Thesis, on TotalCapture (other motions, real sensors; tables 4.2 and 4.3)"
-        published = list(PUBLISHED_BY_ACTIVITY["VIP"])
-        lines = [[name, *(row[kind] for kind in published)] for name, row in PUBLISHED_BY_ACTIVITY.items()]
-        yield table(["variant", *published], lines)
-        failures = (f"{t.variant}, {t.clip}, seed {t.seed}: {t.failure}" for t in rows if t.failure)
-        yield bullets("Not solved, and left out of the means:", failures)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Vip(VipTables, ClipStudy):
-    """The thesis's video-inertial trackers on simulated scenes, beside its tables."""
-
     camera: CameraKind = "fixed"  # TotalCapture's
     """What films the simulated scenes."""
     processes: int = 1
     """Recordings worked on side by side; times are then those of a busy machine."""
+    base: Fixed[Settings] = field(default_factory=Settings)
     sensors: Fixed[SimulateSettings] = field(default_factory=straps_and_sensors)
     keypoints: Fixed[str] = "openpose18"  # the thesis's detector
 
@@ -162,70 +252,63 @@ class Vip(VipTables, ClipStudy):
             yield from self.trials(clip, variants)
 
     def trials(self, clip: Clip, variants: Sequence[Variant]) -> list[Trial]:
-        return run_scene(self.scene(clip.motion(), clip.name, clip.seed), clip, variants, self.settings)
+        """All variants on one scene; VIP runs first if another needs what it found."""
+        scene, vip = self.scene(clip.motion(), clip.name, clip.seed), VARIANTS["VIP"]
+        solve = replace(self.base.solve, max_iterations=self.iterations)
+        settings = replace(self.base, frame_rate=self.frame_rate, solve=solve)
+        needed = [vip] if vip in variants or any(one.start == FOUND for one in variants) else []
+        results, found = {}, None
+        for variant in (*needed, *(one for one in variants if one != vip)):
+            trial, estimate = _trial(scene, clip, variant, settings, found)
+            results[variant.name] = trial
+            if variant == vip and estimate is not None:
+                found = estimate.wearers[0].calibration
+        return [results[one.name] for one in variants]
 
-    def title(self, rows: Sequence[Trial]) -> str:
-        return (
+    def tables(self, rows: Sequence[Trial]) -> Iterator[str]:
+        """Accuracy, then calibration, camera, association and time of every variant, and the thesis's own figures."""
+        yield (
             f"MPJPE mm / MPJAE deg of 13 simulated sensors and a {self.camera} camera, "
             f"{len({(trial.clip, trial.seed) for trial in rows})} recordings of {self.seconds:g} s after a T-pose held "
             f"{self.pose_error_deg:g} deg off per joint and axis; straps {self.sensors.mounting_error_deg:g} deg off "
-            f"per axis; {self.keypoints} detections"
+            f"per axis; {self.keypoints} detections. Thesis: on TotalCapture"
         )
-
-
-def run_scene(
-    scene: Scene, clip: Clip, variants: Sequence[Variant], settings: Settings, skip_s: float = SETTLED_S
-) -> list[Trial]:
-    """All variants on one scene; VIP runs first if another needs what it found."""
-    vip = VARIANTS["VIP"]
-    ordered = sorted(variants, key=lambda one: one != vip)
-    results, found, start = {}, None, start_errors(scene.wearers[0], settings)
-    if any(one.needs_vip for one in variants) and vip not in variants:
-        ordered.insert(0, vip)
-    for variant in ordered:
-        trial, estimate = _trial(scene, clip, variant, settings, found, skip_s)
-        results[variant.name] = replace(trial, start=start)
-        if variant == vip and estimate is not None:
-            found = estimate.wearers[0].calibration
-    return [results[one.name] for one in variants]
+        variants = group(rows, lambda one: one.variant)
+        means = {name: errors_by_kind(own) for name, own in variants.items()}
+        kinds = list(dict.fromkeys(trial.kind for trial in rows))
+        shown = [*kinds, "mean"] if len(kinds) > 1 else ["mean"]
+        lines = [[name, *(row.get(kind) for kind in shown), VARIANTS[name].published] for name, row in means.items()]
+        yield table(["variant", *shown, "thesis, mean"], lines)
+        yield "Errors of headings and mountings in degrees (after the common yaw), and all else"
+        head = ["heading mean", "95 %", "mounting mean", "95 %", *METRICS.values(), "s"]
+        yield table(["variant", *head], [[name, *_details(own)] for name, own in variants.items()])
+        failures = (f"{t.variant}, {t.clip}, seed {t.seed}: {t.failure}" for t in rows if t.failure)
+        yield bullets("Not solved, and left out of the means:", failures)
 
 
 def _trial(
-    scene: Scene, clip: Clip, variant: Variant, settings: Settings, found: Calibration | None, skip_s: float
+    scene: Scene, clip: Clip, variant: Variant, settings: Settings, found: Calibration | None
 ) -> tuple[Trial, Estimate | None]:
-    trial = Trial(variant.name, clip.kind, clip.name, clip.repetition)
-    settings = settings_of(variant, settings)
+    trial, settings = Trial(variant.name, clip.kind, clip.name, clip.repetition), settings_of(variant, settings)
     begin = perf_counter()
     try:
-        given = told(scene, variant, settings, clip.seed, found)
+        given = scene_for(variant, scene, settings, clip.seed, found)
         estimate = smooth(given, settings)
     except (SolveError, RecordingError) as error:  # one recording that cannot be solved must not end a run of hours
         return replace(trial, failure=f"{type(error).__name__}: {error}", seconds=perf_counter() - begin), None
-    seconds = perf_counter() - begin
+    seconds, estimated = perf_counter() - begin, estimate.wearers[0].motion
+    late = int(np.count_nonzero(estimated.time < SETTLED_S - 1e-6))
+    motion, reference, _ = common_frames(estimated.frames(slice(late, None)), true_motion(scene.wearers[0]))
     # What the variant was told stands where its truth was: it is judged by the scene as recorded.
-    judged = replace(given, wearers=scene.wearers)
-    return replace(measured(trial, estimate, judged, skip_s), seconds=seconds), estimate
-
-
-def measured(trial: Trial, estimate: Estimate, scene: Scene, skip_s: float) -> Trial:
-    """The trial with all that the scene's truth tells of the estimate; positions from ``skip_s`` seconds on."""
-    wearer, estimated = scene.wearers[0], estimate.wearers[0].motion
-    late = int(np.count_nonzero(estimated.time < skip_s - 1e-6))
-    motion, reference, _ = common_frames(estimated.frames(slice(late, None)), true_motion(wearer))
-    evaluation = evaluate_scene(estimate, scene)
+    evaluation = evaluate_scene(estimate, replace(given, wearers=scene.wearers))
+    sensors = evaluation.wearers[scene.wearers[0].subject.name].sensors.values()
+    metrics = (evaluation.metrics[name].value if name in evaluation.metrics else NAN for name in METRICS)
     return replace(
-        trial,
-        frames=len(motion),
-        mpjpe_mm=mpjpe(motion, reference),
-        mpjae_deg=mpjae(motion, reference),
-        sensors=sensor_errors(evaluation.wearers[wearer.subject.name].sensors, wearer),
-        camera_m=_metric(evaluation, "camera_translation"),
-        camera_deg=_metric(evaluation, "camera_rotation"),
-        precision=_metric(evaluation, "association_precision"),
-        recall=_metric(evaluation, "association_recall"),
-        solve_seconds=_solve_seconds(estimate),
-        findings=sentences(estimate.findings),
-    )
+        trial, mpjpe_mm=mpjpe(motion, reference), mpjae_deg=mpjae(motion, reference),
+        heading_deg=tuple(abs(one["heading_deg"]) for one in sensors),
+        mounting_deg=tuple(one["mounting_deg"] for one in sensors),
+        metrics=tuple(metrics), seconds=seconds, findings=sentences(estimate.findings),
+    ), estimate  # fmt: skip
 
 
 def errors_by_kind(trials: Sequence[Trial]) -> dict[str, tuple[float, float]]:
@@ -237,50 +320,8 @@ def errors_by_kind(trials: Sequence[Trial]) -> dict[str, tuple[float, float]]:
     return found | {"mean": (mean(p for p, _ in found.values()), mean(a for _, a in found.values()))}
 
 
-def _metric(evaluation: Evaluation, name: str) -> float:
-    return evaluation.metrics[name].value if name in evaluation.metrics else NAN
-
-
-def _solve_seconds(estimate: Estimate) -> float:
-    wearers: Sequence[WearerEstimate] = () if estimate.reports else estimate.wearers
-    reports = [*estimate.reports, *(report for one in wearers for report in one.reports)]
-    return float(sum(report.seconds for report in reports))
-
-
-def _start_line(starts: Sequence[StartErrors | None]) -> str:
-    known = [one for one in starts if one is not None]
-    heading, mounting, alone = (
-        mean(getattr(one, name) for one in known) for name in ("heading_deg", "mounting_deg", "pose_alone_deg")
-    )
-    return (
-        f"At the start headings are off by {heading:.1f} deg on average, mountings by {mounting:.1f} ({alone:.1f} with "
-        "true headings)"
-    )
-
-
-def _compared(variants: dict[str, list[Trial]]) -> Iterator[str]:
-    """MPJPE of one variant against another's, ours and the thesis's; over the recordings that both solved."""
-    for one, other in COMPARED:
-        first, second = (
-            {(t.clip, t.seed): t for t in variants.get(name, ()) if not t.failure} for name in (one, other)
-        )
-        both = [key for key in first if key in second]
-        if not both:
-            continue
-        a, b = (errors_by_kind([found[key] for key in both])["mean"][0] for found in (first, second))
-        published = ""
-        if one in PUBLISHED and other in PUBLISHED:
-            theirs, reference = PUBLISHED[one][0], PUBLISHED[other][0]
-            published = f" (thesis {100 * theirs / reference:.1f} %, {theirs - reference:+.1f} mm)"
-        yield f"MPJPE of {one} is {100 * a / b:.1f} % of {other}'s, {a - b:+.1f} mm{published}"
-
-
-def _details(own: Sequence[Trial]) -> list[float]:
-    sensors = [sensor for trial in own for sensor in trial.sensors]
-    cells: list[float] = []
-    for name in ("heading_deg", "mounting_deg"):
-        for at_end in (False, True):
-            values = np.array([getattr(one, name) for one in sensors if one.at_end == at_end])
-            cells += [float(values.mean()), float(np.quantile(values, 0.95))] if len(values) else [NAN, NAN]
-    names = ("camera_deg", "precision", "recall", "solve_seconds", "seconds")
-    return [*cells, 1000 * mean(t.camera_m for t in own), *(mean(getattr(t, name) for t in own) for name in names)]
+def _details(own: Sequence[Trial]) -> Iterator[float]:
+    for values in ([d for one in own for d in one.heading_deg], [d for one in own for d in one.mounting_deg]):
+        yield from (float(np.mean(values)), float(np.quantile(values, 0.95))) if values else (NAN, NAN)
+    yield from (mean(one.metrics[place] for one in own) for place in range(len(METRICS)))
+    yield mean(one.seconds for one in own)

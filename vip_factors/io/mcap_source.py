@@ -4,7 +4,6 @@ import os
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -24,18 +23,15 @@ from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.parts import wearers_in_parts
-from vip_factors.sensors.recording import Recording, nothing_placed
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import (
-    LEAST_SAMPLES,
     MARGIN_S,
+    RecordingInMemory,
     SceneInMemory,
     SceneSource,
     UnfilmedSource,
-    cut_detections,
-    first_video_time,
-    mount_of,
-    without_frames,
+    camera_between,
+    streams_between,
 )
 
 TRUTH = "/truth/"
@@ -46,40 +42,16 @@ CLOCK_SLACK_S = 0.5  # between the time of a sample and that at which it was log
 
 
 @dataclass(frozen=True)
-class WearerFile:
-    """One wearer's recording in an MCAP file; see :class:`~vip_factors.sensors.sources.RecordingSource`.
+class WearerFile(RecordingInMemory):
+    """One wearer's recording in an MCAP file; ``recording`` has of each sensor the first and the last sample alone.
 
     Attributes:
         file: it.
-        ends: the recording, with the first and the last sample of each sensor.
         prefix: what its topics begin with.
     """
 
     file: McapByTime
-    ends: Recording
     prefix: str
-
-    @cached_property
-    def head(self) -> Recording:
-        """The recording without what was measured."""
-        return replace(self.ends, imus={})
-
-    @cached_property
-    def sensors(self) -> tuple[str, ...]:
-        """Names of the placed sensors that have samples."""
-        return tuple(self.ends.placed)
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Seconds of their first and last sample.
-
-        Raises:
-            RecordingError: if no sensor is placed.
-        """
-        if not self.sensors:
-            raise nothing_placed(self.head.name, self.ends.imus)
-        streams = [self.ends.imus[name] for name in self.sensors]
-        return float(min(one.time[0] for one in streams)), float(max(one.time[-1] for one in streams))
 
     def channels(self, contents: McapContents) -> list[McapMessages]:
         """The wearer's samples among some messages."""
@@ -116,42 +88,23 @@ class WearerFile:
         """
         with naming(self.file.path):
             streams = read_streams(self.file.path, self.channels(contents), self.head.start_ns)
-        found = {}
-        for name in self.sensors:
-            if name in streams:
-                inside = (streams[name].time >= start) & (streams[name].time <= end)
-                if np.count_nonzero(inside) >= LEAST_SAMPLES:
-                    found[name] = streams[name].cut(start, end)
-        return found
+        return streams_between(streams, self.sensors, start, end)
 
 
 @dataclass(frozen=True)
-class SceneFile:
-    """A scene with a camera in an MCAP file; see :class:`~vip_factors.sensors.sources.SceneSource`.
+class SceneFile(UnfilmedSource):
+    """A scene with a camera in an MCAP file.
+
+    Its ``scene`` has of each camera the first and the last video frame, and such samples of the sensors on them.
 
     Attributes:
         file: it.
-        name: of the scene.
-        wearers: their recordings.
-        ends: its cameras, with the first and the last video frame, and such samples of the sensors on them.
         topics: of the cameras.
     """
 
+    sources: tuple[WearerFile, ...]
     file: McapByTime
-    name: str
-    wearers: tuple[WearerFile, ...]
-    ends: tuple[Camera, ...]
     topics: tuple[CameraTopics, ...]
-
-    @cached_property
-    def head(self) -> Scene:
-        """The scene without what was measured."""
-        return self._scene([without_frames(one) for one in self.ends], [one.head for one in self.wearers])
-
-    @property
-    def video_start(self) -> float:
-        """Seconds of the first video frame; infinite without one."""
-        return first_video_time(self._scene(self.ends, [one.head for one in self.wearers]))
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
         """What was measured from one instant to another.
@@ -161,14 +114,18 @@ class SceneFile:
         """
         reach = start - MARGIN_S, end + MARGIN_S
         contents = self._contents(*reach)
-        wearers = [replace(one.head, imus=one.among(contents, *reach)) for one in self.wearers]
+        wearers = tuple(replace(one.head, imus=one.among(contents, *reach)) for one in self.sources)
         with naming(self.file.path):
-            cameras = [self._camera(number, Topics(contents), start, end) for number in range(len(self.ends))]
-        return self._scene(cameras, wearers)
+            cameras = tuple(
+                self._camera(camera, own, Topics(contents), start, end)
+                for camera, own in zip(self.scene.cameras, self.topics, strict=True)
+            )
+        return self._scene(wearers, cameras)
 
     def detected(self, start: float, end: float) -> int:
         """How many people were detected between two instants."""
-        time, clock = self.ends[0].timed_detections.time, self.ends[0].clock
+        first = self.scene.cameras[0]
+        time, clock = first.timed_detections.time, first.clock
         if not len(time):
             return 0
         start, end, count = max(start, float(time[0])), min(end, float(np.nextafter(time[-1], np.inf))), 0
@@ -183,7 +140,7 @@ class SceneFile:
     def is_found_by_time(self) -> bool:
         """Whether video frames were logged at their own times, and all that is said of the cameras is there."""
         topics = Topics(self.file.contents)
-        for camera, topic in zip(self.ends, self.topics, strict=True):
+        for camera, topic in zip(self.scene.cameras, self.topics, strict=True):
             for logged in topics.channels(topic("detections"), Detections2D):
                 seen = parsed(self.file.path, logged, Detections2D)
                 own = camera.clock.at(np.array([one.seconds for one in seen]))
@@ -194,17 +151,13 @@ class SceneFile:
 
     @property
     def _start_ns(self) -> int:
-        return self.wearers[0].head.start_ns
-
-    def _scene(self, cameras: Sequence[Camera], wearers: Sequence[Recording]) -> Scene:
-        return Scene(self.name, tuple(wearers), cameras[0], None, tuple(cameras[1:]))
+        return self.scene.start_ns
 
     def _contents(self, start: float, end: float) -> McapContents:
         return self.file.between(*_logged(self._start_ns, start, end))
 
-    def _camera(self, number: int, topics: Topics, start: float, end: float) -> Camera:
+    def _camera(self, whole: Camera, own: CameraTopics, topics: Topics, start: float, end: float) -> Camera:
         """One camera with what it filmed between two instants, and what the sensor on it measured."""
-        whole, own = self.ends[number], self.topics[number]
         info = Topics(self.file.contents).all(own("info"), CameraInfo)[-1]
         seen = topics.all(own("detections"), Detections2D)
         for one in reversed(seen):
@@ -214,8 +167,8 @@ class SceneFile:
         if mount is not None:
             streams = read_streams(topics.path, topics.channels(own("imu"), ImuSample), self._start_ns)
             imu = streams.get(mount.imu.name)
-            mount = None if imu is None else mount_of(mount, imu.cut(start - MARGIN_S, end + MARGIN_S))
-        return replace(whole, detections=cut_detections(detections, start, end, whole.clock), mount=mount, video=None)
+            mount = None if imu is None else replace(mount, imu=imu)
+        return camera_between(replace(whole, detections=detections, mount=mount), start, end)
 
 
 def _logged(start_ns: int, start: float, end: float) -> tuple[int, int]:
@@ -256,21 +209,17 @@ def _logged_s(paths: Sequence[str | os.PathLike[str]]) -> float:
     return (max(last for _, last in known) - min(first for first, _ in known)) / NS_PER_S + 2 * CLOCK_SLACK_S
 
 
-def _together(
-    parts: Sequence[SceneFile | UnfilmedSource], paths: Sequence[str | os.PathLike[str]]
-) -> SceneSource | None:
+def _together(parts: Sequence[UnfilmedSource], paths: Sequence[str | os.PathLike[str]]) -> UnfilmedSource | None:
     """Parts of one recording as one source; None if one of them is missing, or has a camera beside others."""
-    unfilmed = [one for one in parts if isinstance(one, UnfilmedSource)]
-    if len(parts) < len(paths) or (len(parts) > 1 and len(unfilmed) < len(parts)):
+    if len(parts) < len(paths) or (len(parts) > 1 and any(one.scene.cameras for one in parts)):
         return None
     if len(parts) == 1:
         return parts[0]
-    return UnfilmedSource(
-        parts[0].name, wearers_in_parts([one.wearers for one in unfilmed], [str(path) for path in paths])
-    )
+    wearers = wearers_in_parts([one.wearers for one in parts], [str(path) for path in paths])
+    return UnfilmedSource(Scene(parts[0].scene.name, tuple(one.head for one in wearers)), wearers)
 
 
-def _by_time(path: str | os.PathLike[str]) -> SceneFile | UnfilmedSource | None:
+def _by_time(path: str | os.PathLike[str]) -> UnfilmedSource | None:
     """The scene in an MCAP file, to be read by time; None if it cannot be read so."""
     file = McapByTime(path, _comes_once, _comes_in_time)
     of_file = Topics(file.contents)
@@ -278,24 +227,25 @@ def _by_time(path: str | os.PathLike[str]) -> SceneFile | UnfilmedSource | None:
     try:
         with naming(file.path):
             wearers = tuple(
-                WearerFile(file, recording_of(file.contents, prefix), prefix)
+                WearerFile(recording_of(file.contents, prefix), file, prefix)
                 for prefix in wearer_prefixes(file.contents, info)
             )
             if not (wearers and file.chunked and all(one.is_found_by_time for one in wearers)):
                 return None
     except RecordingError:  # what the ends lack the rest may have
         return None
-    name = wearers[0].head.name if info is None else info.name
+    heads = tuple(one.head for one in wearers)
+    name = heads[0].name if info is None else info.name
     if not any(topic.startswith(CAMERA) for topic in file.contents.topics):
-        return UnfilmedSource(name, wearers)
+        return UnfilmedSource(Scene(name, heads), wearers)
     topics = [FIRST_CAMERA, *(CameraTopics(one) for one in (() if info is None else info.further_camera_topics))]
     with warnings.catch_warnings(), naming(file.path):
         warnings.simplefilter("ignore")  # of video frames there are two; whoever reads all of it says what is lost
-        cameras = [camera_of(of_file, one, wearers[0].head.start_ns)[0] for one in topics]
+        cameras = [camera_of(of_file, one, heads[0].start_ns)[0] for one in topics]
     known = tuple(one for one in cameras if one is not None)
     if len(known) < len(topics):
         return None
-    scene = SceneFile(file, name, wearers, known, tuple(topics))
+    scene = SceneFile(Scene(name, heads, known[0], None, known[1:]), wearers, file, tuple(topics))
     return scene if scene.is_found_by_time else None
 
 

@@ -9,12 +9,10 @@ import numpy as np
 
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.camera_model import VideoClock
-from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording, nothing_placed
-from vip_factors.sensors.scene import Camera, CameraMount, Scene
+from vip_factors.sensors.scene import Camera, Scene
 
 MARGIN_S = 1.0  # of samples read on either side of frames: each frame looks a coarse step to both sides
 LEAST_SAMPLES = 2  # of a stream: one alone has no rate
@@ -69,13 +67,19 @@ class RecordingInMemory:
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
         """What was measured from one instant to another."""
-        found = {}
-        for name in self.sensors:
-            stream = self.recording.imus[name]
-            first, last = np.searchsorted(stream.time, start, "left"), np.searchsorted(stream.time, end, "right")
-            if last - first >= LEAST_SAMPLES:
-                found[name] = stream.cut(start, end)
-        return found
+        return streams_between(self.recording.imus, self.sensors, start, end)
+
+
+def streams_between(
+    streams: Mapping[str, ImuStream], sensors: Sequence[str], start: float, end: float
+) -> dict[str, ImuStream]:
+    """The samples of some sensors with ``start <= time <= end``; sensors that have hardly any are left out."""
+    found = {}
+    for name in sensors:
+        time = streams[name].time if name in streams else np.zeros(0)
+        if np.searchsorted(time, end, "right") - np.searchsorted(time, start, "left") >= LEAST_SAMPLES:
+            found[name] = streams[name].cut(start, end)
+    return found
 
 
 def samples_around(recording: RecordingSource, time: Array) -> Mapping[str, ImuStream]:
@@ -119,10 +123,8 @@ def without_gaps(head: Recording, stretches: Sequence[Mapping[str, ImuStream]], 
         for name, stream in streams.items():
             inside = (stream.time >= time[0]) & (stream.time < end + step / 2)
             if np.count_nonzero(inside) >= LEAST_SAMPLES:
-                cut_detections = stream.cut(float(time[0]), float(stream.time[inside][-1]))
-                parts.setdefault(name, []).append(
-                    replace(cut_detections, time=cut_detections.time + (begin - float(time[0])))
-                )
+                cut = stream.cut(float(time[0]), float(stream.time[inside][-1]))
+                parts.setdefault(name, []).append(replace(cut, time=cut.time + (begin - float(time[0]))))
         begin += end - float(time[0]) + step
     if not parts:
         raise RecordingError(f"recording '{head.name}': no sensor measured in any of the stretches")
@@ -186,14 +188,15 @@ class SceneInMemory:
         return self._scene(tuple(one.head for one in self.wearers), tuple(map(without_frames, self.scene.cameras)))
 
     @cached_property
-    def wearers(self) -> tuple[RecordingInMemory, ...]:
+    def wearers(self) -> tuple[RecordingSource, ...]:
         """The recordings of all wearers, in their order."""
         return tuple(RecordingInMemory(one) for one in self.scene.wearers)
 
     @property
     def video_start(self) -> float:
         """Seconds of the first video frame; infinite without one."""
-        return first_video_time(self.scene)
+        time = self.scene.cameras[0].timed_detections.time if self.scene.cameras else np.zeros(0)
+        return float(time[0]) if len(time) else np.inf
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
         """What was measured from one instant to another; all of it is the scene as it is, with its truth."""
@@ -215,36 +218,24 @@ class SceneInMemory:
 
 
 @dataclass(frozen=True)
-class UnfilmedSource:
-    """Wearers whom no camera filmed, from wherever their samples come; see :class:`SceneSource`."""
+class UnfilmedSource(SceneInMemory):
+    """Wearers whom no camera filmed, from wherever their samples come; ``scene`` is what is not measured."""
 
-    name: str
-    wearers: tuple[RecordingSource, ...]
-
-    @cached_property
-    def head(self) -> Scene:
-        """The scene without what was measured."""
-        return Scene(self.name, tuple(one.head for one in self.wearers))
+    sources: tuple[RecordingSource, ...]
 
     @property
-    def video_start(self) -> float:
-        """Seconds of the first video frame; infinite without one."""
-        return np.inf
+    def wearers(self) -> tuple[RecordingSource, ...]:
+        """The recordings."""
+        return self.sources
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
         """What was measured from one instant to another."""
         wearers = (replace(one.head, imus=one.between(start - MARGIN_S, end + MARGIN_S)) for one in self.wearers)
-        return Scene(self.name, tuple(wearers))
+        return self._scene(tuple(wearers), ())
 
     def detected(self, start: float, end: float) -> int:
         """How many people were detected between two instants: nobody."""
         return 0
-
-
-def first_video_time(scene: Scene) -> float:
-    """Seconds of the first camera's first video frame, on the recordings' clock; infinite without one."""
-    time = scene.cameras[0].timed_detections.time if scene.cameras else np.zeros(0)
-    return float(time[0]) if len(time) else np.inf
 
 
 def shared_interval(source: SceneSource) -> tuple[float, float]:
@@ -263,20 +254,13 @@ def camera_between(camera: Camera, start: float, end: float) -> Camera:
     """A camera within ``start <= time <= end``, seconds on the recordings' clock."""
     mount = camera.mount
     if mount is not None:
-        mount = mount_of(mount, mount.imu.cut(start - MARGIN_S, end + MARGIN_S))
-    return replace(
-        camera, detections=cut_detections(camera.detections, start, end, camera.clock), mount=mount, video=None
-    )
-
-
-def mount_of(mount: CameraMount, imu: ImuStream) -> CameraMount | None:
-    """The mount with these samples; None if there are hardly any."""
-    return replace(mount, imu=imu) if len(imu) >= LEAST_SAMPLES else None
-
-
-def cut_detections(detections: Detections, start: float, end: float, clock: VideoClock) -> Detections:
-    """Detections from one instant of the sensors' clock to another; their video frames are counted anew."""
-    time = clock.at(detections.time)
+        imu = mount.imu.cut(start - MARGIN_S, end + MARGIN_S)
+        mount = replace(mount, imu=imu) if len(imu) >= LEAST_SAMPLES else None
+    detections, time = camera.detections, camera.timed_detections.time
     first, last = np.searchsorted(time, start, "left"), np.searchsorted(time, end, "right")
     own = detections.select((detections.frame >= first) & (detections.frame < last))
-    return replace(own, time=detections.time[first:last], frame=own.frame - first)
+    # Video frames are counted anew.
+    return replace(
+        camera, detections=replace(own, time=detections.time[first:last], frame=own.frame - first),
+        mount=mount, video=None,
+    )  # fmt: skip

@@ -139,11 +139,7 @@ def open_source(
 def _network(
     text: str, settings: LiveSourceSettings, on_finding: Callable[[LiveFinding], None] | None, token: str
 ) -> LiveSource:
-    kinds: dict[str, type[TcpServerSource | TcpSenderSource | WebSocketSource]] = {
-        "tcp": TcpServerSource,
-        "tcp-connect": TcpSenderSource,
-        "ws": WebSocketSource,
-    }
+    kinds = {kind.scheme: kind for kind in (TcpServerSource, TcpSenderSource, WebSocketSource)}
     try:
         url = urlsplit(text)
         host, port = url.hostname, url.port

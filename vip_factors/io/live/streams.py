@@ -138,14 +138,16 @@ RETRY = 1.0  # seconds between two attempts to reach a sender that was lost
 KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}  # seconds, seconds, times; by the system's names
 
 
-class TcpServerSource(LiveSource):
-    """Listens on a port; one client at a time, and the next when it has gone.
+class NetworkSource(LiveSource):
+    """What the clients of a port, or a sender that listens, tell; one at a time.
 
     Args:
-        host, port: to listen on; port 0 takes a free one, see :attr:`address`.
+        host, port: to listen on, or of the sender; port 0 takes a free one, see :attr:`address`.
         settings, on_finding: as of every source.
         token: that headers must have; any if empty.
     """
+
+    scheme: str
 
     def __init__(
         self,
@@ -155,86 +157,93 @@ class TcpServerSource(LiveSource):
         on_finding: Callable[[LiveFinding], None] | None = None,
         token: str = "",
     ) -> None:
-        super().__init__(f"tcp://{host}:{port}", settings, on_finding=on_finding)
-        self._where = host, port
-        self._token = token
-        self._server: socket.socket | None = None
+        super().__init__(f"{self.scheme}://{host}:{port}", settings, on_finding=on_finding)
+        self._where, self._token = (host, port), token
+        self._session = Session(self._announce, self._put, token)
+        self._listening: socket.socket | None = None
 
     @property
     def address(self) -> tuple[str, int]:
         """Host and port that are listened on, once open."""
-        if self._server is None:
+        if self._listening is None:
             return self._where
-        host, port = self._server.getsockname()[:2]
+        host, port = self._listening.getsockname()[:2]
         return host, port
 
     @property
     def listens(self) -> str:
         """Who can send, in words."""
-        return listens("tcp", self.address, self._token)
+        if self._listening is None:
+            return ""
+        host, port = self.address
+        where = f"listening at {self.scheme}://{f'[{host}]' if ':' in host else host}:{port}"
+        if host == "localhost" or ip_address(host).is_loopback:
+            return f"{where}, to senders on this machine alone"
+        who = "whoever has the token" if self._token else "everybody: no token is asked for (--token-file)"
+        networks = "all networks of this machine" if ip_address(host).is_unspecified else "the network of that address"
+        return f"{where}, to senders in {networks}, that is {who}; nothing is encrypted"
 
-    def _open(self) -> None:
-        self._server = listening(self.name, *self._where)
-        self._server.settimeout(POLL)
+    def _listen(self) -> socket.socket:
+        """The socket that listens.
 
-    def _read(self) -> None:
-        session = Session(self._announce, self._put, self._token)
-        gone: float | None = None  # when the last client that had a header went
-        while not self._stop.is_set() and (gone is None or time.monotonic() - gone <= self._settings.next_client_wait):
-            accepted = self._accept()
-            if accepted is not None and self._serve(session, *accepted):
-                gone = time.monotonic()
-
-    def _close(self) -> None:
-        if self._server is not None:
-            self._server.close()
-
-    def _accept(self) -> tuple[socket.socket, str] | None:
-        assert self._server is not None  # open
+        Raises:
+            InputError: if it cannot, because the port is in use or the address is none of this machine's.
+        """
+        host, port = self._where
         try:
-            connection, peer = self._server.accept()
-        except TimeoutError:
-            return None
-        except OSError as error:  # closed by us, or a client that went before it was accepted
-            self._stop.wait(0 if isinstance(error, ConnectionError) else POLL)
-            return None
-        return connection, f"{self.name}, client {peer[0]}:{peer[1]}"
+            family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+            self._listening = socket.create_server((host, port), family=family, backlog=BACKLOG)
+        except OSError as error:
+            raise InputError(
+                f"{self.name}: cannot listen there ({error.strerror or error}): choose another port, or a host of this "
+                "machine: 127.0.0.1 for senders on it, 0.0.0.0 for all"
+            ) from error
+        return self._listening
 
-    def _serve(self, session: Session, connection: socket.socket, name: str) -> bool:
-        """Follow one client; whether it had sent its header."""
-        client = Client(session, name)
-        with connection:
-            reason = listen(client, receiver(connection), self._settings, self._stop)
+    def _dismiss(self, client: Client, reason: str) -> None:
+        """The last words about a client of a port, whose stream ended for a ``reason``, or without one."""
         more = self._settings.next_client_wait > 0 or not client.has_header
         awaits = "; waiting for the next client" if more else ""
         if reason:
             client.leave(f"{reason}; its connection is closed{awaits}")
         else:
             client.leave(f"it has left after {client.messages:,} messages{awaits}" if awaits else "")
-        return client.has_header
 
 
-class TcpSenderSource(LiveSource):
-    """Connects to a sender that listens; its end is the stream's, but a connection that breaks is made anew.
+class TcpServerSource(NetworkSource):
+    """Listens on a port; one client at a time, and the next when it has gone."""
 
-    Args:
-        host, port: of the sender.
-        settings, on_finding: as of every source.
-        token: that headers must have; any if empty.
-    """
+    scheme = "tcp"
 
-    def __init__(
-        self,
-        host: str,
-        port: int,
-        settings: LiveSourceSettings = DEFAULT,
-        on_finding: Callable[[LiveFinding], None] | None = None,
-        token: str = "",
-    ) -> None:
-        super().__init__(f"tcp-connect://{host}:{port}", settings, on_finding=on_finding)
-        self._where = host, port
-        self._token = token
-        self._connection: socket.socket | None = None
+    def _open(self) -> None:
+        self._listen().settimeout(POLL)
+
+    def _read(self) -> None:
+        assert self._listening is not None  # open
+        gone: float | None = None  # when the last client that had a header went
+        while not self._stop.is_set() and (gone is None or time.monotonic() - gone <= self._settings.next_client_wait):
+            try:
+                connection, peer = self._listening.accept()
+            except TimeoutError:
+                continue
+            except OSError as error:  # closed by us, or a client that went before it was accepted
+                self._stop.wait(0 if isinstance(error, ConnectionError) else POLL)
+                continue
+            client = Client(self._session, f"{self.name}, client {peer[0]}:{peer[1]}")
+            with connection:
+                reason = listen(client, receiver(connection), self._settings, self._stop)
+            self._dismiss(client, reason)
+            gone = time.monotonic() if client.has_header else gone
+
+    def _close(self) -> None:
+        if self._listening is not None:
+            self._listening.close()
+
+
+class TcpSenderSource(NetworkSource):
+    """Connects to a sender that listens; its end is the stream's, but a connection that breaks is made anew."""
+
+    scheme = "tcp-connect"
 
     def _open(self) -> None:
         try:
@@ -245,16 +254,16 @@ class TcpSenderSource(LiveSource):
             ) from error
 
     def _read(self) -> None:
-        session = Session(self._announce, self._put, self._token)
-        while self._connection is not None:
-            client = Client(session, self.name)
-            with self._connection as connection:
+        connection: socket.socket | None = self._connection
+        while connection is not None:
+            client = Client(self._session, self.name)
+            with connection:
                 reason = listen(client, receiver(connection), self._settings, self._stop)
             if not reason or self._stop.is_set():
                 client.leave()
                 return
             client.leave(f"{reason}; connecting anew")
-            self._connection = self._again()
+            connection = self._again()
 
     def _again(self) -> socket.socket | None:
         begun = time.monotonic()
@@ -264,33 +273,6 @@ class TcpSenderSource(LiveSource):
             except OSError:
                 continue
         return None
-
-
-def listening(name: str, host: str, port: int) -> socket.socket:
-    """A socket that listens.
-
-    Raises:
-        InputError: if it cannot, because the port is in use or the address is none of this machine's.
-    """
-    try:
-        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        return socket.create_server((host, port), family=family, backlog=BACKLOG)
-    except OSError as error:
-        raise InputError(
-            f"{name}: cannot listen there ({error.strerror or error}): choose another port, or a host of this machine: "
-            "127.0.0.1 for senders on it, 0.0.0.0 for all"
-        ) from error
-
-
-def listens(scheme: str, address: tuple[str, int], token: str) -> str:
-    """Who can send to an address, in words."""
-    host, port = address
-    where = f"listening at {scheme}://[{host}]:{port}" if ":" in host else f"listening at {scheme}://{host}:{port}"
-    if host == "localhost" or ip_address(host).is_loopback:
-        return f"{where}, to senders on this machine alone"
-    who = "whoever has the token" if token else "everybody: no token is asked for (--token-file)"
-    networks = "all networks of this machine" if ip_address(host).is_unspecified else "the network of that address"
-    return f"{where}, to senders in {networks}, that is {who}; nothing is encrypted"
 
 
 def receiver(connection: socket.socket) -> Callable[[], bytes | None]:

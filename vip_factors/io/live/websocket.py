@@ -3,77 +3,44 @@
 import logging
 import socket
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.live.session import Client, ClientError, Pace, Session
-from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
-from vip_factors.io.live.source import POLL, LiveSource
-from vip_factors.io.live.streams import listening, listens
-from vip_factors.sensors.live import LiveFinding
+from vip_factors.io.live.session import Client, ClientError, Pace
+from vip_factors.io.live.source import POLL
+from vip_factors.io.live.streams import NetworkSource
 
 if TYPE_CHECKING:
     from websockets.sync.server import Server, ServerConnection
 
 GRACE = 1.0  # seconds for the connection before to end: a client that comes back may be quicker than its old one
 CLOSE_WAIT = 1.0  # seconds that a client may take to say goodbye
-BUSY, REFUSED = 1013, 1008  # close codes: try again later, policy violation
+BUSY, REFUSED, TOO_LARGE = 1013, 1008, 1009  # close codes: try again later, policy violation, message too big
 REASON_BYTES = 120  # a close frame holds 123
 
 
-class WebSocketSource(LiveSource):
+class WebSocketSource(NetworkSource):
     """Listens on a port; one client at a time, and the next when it has gone.
 
     A message that cannot be used is left out; its end is known, so the ones after it are read on.
-
-    Args:
-        host, port: to listen on; port 0 takes a free one, see :attr:`address`.
-        settings, on_finding: as of every source.
-        token: that headers must have; any if empty.
     """
 
-    def __init__(
-        self,
-        host: str,
-        port: int,
-        settings: LiveSourceSettings = DEFAULT,
-        on_finding: Callable[[LiveFinding], None] | None = None,
-        token: str = "",
-    ) -> None:
-        super().__init__(f"ws://{host}:{port}", settings, on_finding=on_finding)
-        self._where = host, port
-        self._server: Server | None = None
-        self._token = token
-        self._session = Session(self._announce, self._put, token)
-        self._busy = Lock()
-        self._gone: float | None = None  # when the last client that had a header went
-        self._failure: Exception | None = None
-        self._opening: set[ServerConnection] = set()
-
-    @property
-    def address(self) -> tuple[str, int]:
-        """Host and port that are listened on, once open."""
-        if self._server is None:
-            return self._where
-        host, port = self._server.socket.getsockname()[:2]
-        return host, port
-
-    @property
-    def listens(self) -> str:
-        """Who can send, in words."""
-        return listens("ws", self.address, self._token)
+    scheme = "ws"
 
     def _open(self) -> None:
         try:
             from websockets.sync.server import serve
         except ImportError as error:
             raise InputError(f"{self.name}: needs the library websockets: pip install 'vip-factors[live]'") from error
-        self._server = serve(
+        self._busy = Lock()
+        self._gone: float | None = None  # when the last client that had a header went
+        self._failure: Exception | None = None
+        self._opening: set[ServerConnection] = set()
+        self._server: Server = serve(
             self._serve,
-            sock=listening(self.name, *self._where),
+            sock=self._listen(),
             compression=None,  # numbers of sensors hardly shrink, and the thread must stay cheap
             open_timeout=self._settings.header_wait,
             close_timeout=CLOSE_WAIT,
@@ -83,7 +50,6 @@ class WebSocketSource(LiveSource):
         )
 
     def _read(self) -> None:
-        assert self._server is not None  # open
         accepting = Thread(target=self._server.serve_forever, name=f"{self.name}, connections", daemon=True)
         accepting.start()
         try:
@@ -110,23 +76,20 @@ class WebSocketSource(LiveSource):
             return
         left, self._gone = self._gone, None  # nobody is waited for while this one is here
         try:
-            reason = self._listen(client, connection)
-            more = self._settings.next_client_wait > 0 or not client.has_header
-            awaits = "; waiting for the next client" if more else ""
+            reason = self._follow(client, connection)
             if self._stop.is_set():
                 client.leave()
-            elif reason:
-                client.leave(f"{reason}; its connection is closed{awaits}")
-                connection.close(REFUSED, reason.encode()[:REASON_BYTES].decode(errors="ignore"))
             else:
-                client.leave(f"it has left after {client.messages:,} messages{awaits}" if awaits else "")
+                self._dismiss(client, reason)
+                if reason:
+                    connection.close(REFUSED, reason.encode()[:REASON_BYTES].decode(errors="ignore"))
         except Exception as error:  # raised in the thread that iterates
             self._failure = error
         finally:
             self._gone = time.monotonic() if client.has_header or left is not None else None
             self._busy.release()
 
-    def _listen(self, client: Client, connection: "ServerConnection") -> str:
+    def _follow(self, client: Client, connection: "ServerConnection") -> str:
         """A clause about why the client's stream ended; empty if it said goodbye."""
         from websockets.exceptions import ConnectionClosed, ConnectionClosedOK
 
@@ -142,7 +105,12 @@ class WebSocketSource(LiveSource):
             except ConnectionClosedOK:
                 return "" if client.has_header else "it left without sending a header"
             except ConnectionClosed as error:
-                return self._closed(error)
+                if error.sent is None or error.sent.code != TOO_LARGE:
+                    return f"the connection was lost ({error})"
+                return (
+                    f"a message was larger than {self._settings.largest_message:,} bytes: either it is no live "
+                    "message, or the setting largest_message must grow"
+                )
             try:
                 take_message(client, data)
             except ClientError as error:
@@ -153,16 +121,6 @@ class WebSocketSource(LiveSource):
                 client.report("pace", f"it sends more than {rate:g} messages a second and has to wait")
                 self._stop.wait(wait)
         return ""
-
-    def _closed(self, error: Any) -> str:
-        sent = error.sent
-        if sent is not None and sent.code == 1009:
-            largest = self._settings.largest_message
-            return (
-                f"a message was larger than {largest:,} bytes: either it is no live message, or the setting "
-                "largest_message must grow"
-            )
-        return f"the connection was lost ({error})"
 
     def _connection_class(self) -> "type[ServerConnection]":
         """Connections that speak of a client which never speaks WebSocket; the library keeps silent about it."""

@@ -14,13 +14,7 @@ from tests.studies.pose_prior_training import (
 )
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.pose_prior import (
-    POSE_SIZE,
-    PosePrior,
-    joint_vector,
-    load_pose_prior,
-    mirror_joint_vector,
-)
+from vip_factors.body.pose_prior import POSE_SIZE, PosePrior, joint_vector, load_pose_prior, mirror_joint_vector
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import exp

@@ -61,11 +61,7 @@ def camera_imu(estimate: Estimate, scene: Scene, gauge: float | None) -> dict[st
 
 
 def honesty(
-    estimate: Estimate,
-    scene: Scene,
-    pairs: Mapping[int, MotionPair],
-    camera: PathPair | None,
-    chosen: np.ndarray,
+    estimate: Estimate, scene: Scene, pairs: Mapping[int, MotionPair], camera: PathPair | None, chosen: np.ndarray
 ) -> dict[str, Metric]:
     """NEES of headings, mountings and camera, in the gauge of the graph's prior (see :func:`anchored_gauge`).
 

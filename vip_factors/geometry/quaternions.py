@@ -38,21 +38,9 @@ def matrix_from_quaternion(quaternion: ArrayLike, order: Order | str) -> Array:
     q = q / norm[..., None]
     w, x, y, z = np.moveaxis(q if _scalar_first(order) else np.roll(q, 1, axis=-1), -1, 0)
     R = np.empty((*q.shape[:-1], 3, 3))
-    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = (
-        1 - 2 * (y * y + z * z),
-        2 * (x * y - w * z),
-        2 * (x * z + w * y),
-    )
-    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = (
-        2 * (x * y + w * z),
-        1 - 2 * (x * x + z * z),
-        2 * (y * z - w * x),
-    )
-    R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = (
-        2 * (x * z - w * y),
-        2 * (y * z + w * x),
-        1 - 2 * (x * x + y * y),
-    )
+    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y))
+    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x))
+    R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
     return R
 
 

@@ -69,10 +69,7 @@ def single_people(
     return DetectedPeople(np.where(there[..., None], pixels, np.nan), np.where(there, confidence, 0.0))
 
 
-GROUPS = {
-    "arms": ("shoulder", "elbow", "wrist"),
-    "legs": ("hip", "knee", "ankle", "heel", "toe"),
-}
+GROUPS = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle", "heel", "toe")}
 FRONT, BACK = 0.5, -0.5  # cosines of the facing angle: 60 degrees to either side are front and back
 OVERLAP = 0.12  # of the nearer one's height in the image: people whose middles are nearer than this overlap
 OVERLAP_DEPTH = 0.6  # and whose heights in the image differ by no more than this factor

@@ -26,9 +26,8 @@ class AssignmentProblem:
 
     Attributes:
         frame, wearer, detection: ``(H,)``: at most one choice per wearer and frame, and per detection.
-        cost: ``(H,)`` of choosing each.
-        edges: ``(E, 2)`` rows of hypotheses; edges between hypotheses that exclude each other are not allowed.
-        edge_cost: ``(E,)`` of choosing both.
+        cost, edge_cost: ``(H,)`` of choosing each, ``(E,)`` of choosing both.
+        edges: ``(E, 2)`` rows of hypotheses, none of which exclude each other.
     """
 
     frame: np.ndarray
@@ -73,13 +72,8 @@ def solve_in_windows(
 ) -> np.ndarray:
     """The choice ``(H,)`` from overlapping windows of video frames, so that a recording's length does not matter.
 
-    Each window decides all its frames but keeps only those before its overlap with the next; earlier decisions stand,
-    and edges to them count.
-
-    Args:
-        problem: hypotheses of all frames.
-        window, overlap: in frames; the longest edge should fit into the overlap.
-        progress: told the fraction done.
+    Each window decides all its frames but keeps only those before its overlap with the next, into which the longest
+    edge should fit; earlier decisions stand, and edges to them count. ``progress`` is told the fraction done.
     """
     chosen = np.zeros(len(problem.cost), bool)
     if len(chosen) == 0:

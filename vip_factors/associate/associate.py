@@ -100,11 +100,8 @@ def add_by_position(
     association: Association, detections: Detections, model: CameraModel, motions: Sequence[Motion],
     camera: CameraPath, settings: AssociationSettings | None = None,
 ) -> Association:  # fmt: skip
-    """An association with the detections added that lie where wearers are found to be since.
-
-    Args:
-        association: of the same detections; what it gives stays.
-        detections, model, motions, camera, settings: as of :func:`associate`.
+    """An association with the detections added that lie where wearers are found to be since; arguments as
+    :func:`associate`'s.
     """
     settings = settings or AssociationSettings()
     if not settings.by_place:
@@ -206,11 +203,7 @@ def build_assignment(
 ) -> tuple[AssignmentProblem, np.ndarray]:
     """The assignment problem over the hypotheses within the gate, ``H`` of ``P``, and their rows ``(H,)``.
 
-    Args:
-        context: of the recording.
-        odds: ``(P,)`` log-odds of all hypotheses on their own.
-        logistic: the regressions of edges, by name.
-        settings: gate, rivals, offsets and weights.
+    ``odds`` ``(P,)`` are the log-odds of all hypotheses on their own, ``logistic`` the regressions of edges by name.
     """
     h, suffix = context.hypotheses, "" if context.camera is None else "_camera"
     rows = np.flatnonzero(gated(context, odds, settings))

@@ -98,13 +98,8 @@ def assign_by_position(
 ) -> np.ndarray:
     """Wearers ``(N,)`` of the detections, with those added that lie where the wearer is; −1 for nobody.
 
-    Wearers are added only in frames that do not show them yet, and only to detections that are nobody's.
-
-    Args:
-        context: of a recording.
-        camera: its path at the video's frames, in the world of all motions.
-        wearer: ``(N,)`` of the detections as given before, −1 for nobody.
-        clothes: ``(W, N)`` log-odds that a detection is dressed as a wearer; whoever is surely not is not taken.
+    Wearers are added only in frames that do not show them yet, and only to detections that are nobody's, and that are
+    not surely dressed otherwise by the log-odds ``clothes`` ``(W, N)``. ``camera`` is in the world of all motions.
     """
     cost = np.stack([position_cost(context, camera, w, wearer == w) for w in range(len(context.wearers))])
     w, d = (index.ravel() for index in np.indices(cost.shape))
@@ -123,13 +118,8 @@ def assign_by_position(
 def position_cost(context: Context, camera: CameraPath, wearer: int, sure: np.ndarray) -> Array:
     """How far off ``(N,)`` each detection is from where a wearer is expected: the keypoints' mean of log(1 + z²).
 
-    Sigmas are the scatter of the detections that are the wearer's already, and what a motion errs by.
-
-    Args:
-        context: of a recording.
-        camera: its path at the video's frames.
-        wearer: whose place.
-        sure: ``(N,)`` which detections are theirs already; with hardly any nobody fits.
+    Sigmas are the scatter of the detections that are ``sure`` ``(N,)`` the wearer's already, and what a motion errs by;
+    with hardly any of these nobody fits.
     """
     if np.sum(sure) < ENOUGH_SURE:
         return np.full(len(sure), NEVER)

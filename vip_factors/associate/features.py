@@ -30,13 +30,9 @@ def given_keypoints(frequency: Array) -> np.ndarray:
 
 
 def counts_for(names: Sequence[str], frequency: Array) -> float:
-    """For how many major joints each one counts: more than one where the detector gives fewer than usual.
-
-    The choice of wearers was learned from people of whom twelve or thirteen can be seen.
-
-    Args:
-        names: of the ``K`` keypoints.
-        frequency: ``(K,)`` how often each is detected.
+    """For how many major joints each one counts, by how often ``(K,)`` each keypoint is detected: more than one where
+    the detector gives fewer than usual. The choice of wearers was learned from people of whom twelve or thirteen can be
+    seen.
     """
     given = int(np.sum(major_joints(names) & given_keypoints(frequency)))
     return max(1.0, ALL_JOINTS / given) if given else 1.0
@@ -74,13 +70,10 @@ class Context:
     Attributes:
         hypotheses: all ``P`` of them.
         wearers: the wearers' keypoints at the video's frames.
-        names: of the keypoints.
-        rays: ``(N, K, 2)`` undistorted coordinates of the detections.
-        weight: ``(N, K)`` confidences.
-        track: ``(N,)`` tracklet of each detection.
-        frame: ``(N,)`` video frame of each detection.
+        names, sigma: of the keypoints, and ``(K,)`` metres, how far they lie off.
+        rays, weight: ``(N, K, 2)`` undistorted coordinates of the detections and ``(N, K)`` confidences.
+        track, frame: ``(N,)`` tracklet and video frame of each detection.
         time: ``(F,)`` of the video's frames, seconds.
-        sigma: ``(K,)`` metres, how far keypoints lie off.
         camera: the path at the video's frames, in the world that all wearers share, or None.
         up_camera: ``(F, 3)`` which way is up in the camera, by its IMU; NaN where unknown.
     """

@@ -213,8 +213,7 @@ class WearerPoints:
     Attributes:
         p_world_keypoint: ``(F, K, 3)`` metres in the wearer's own world; NaN for keypoints that are not on our body,
             and in frames outside the motion.
-        p_world_pelvis: ``(F, 3)``.
-        R_world_pelvis: ``(F, 3, 3)``.
+        p_world_pelvis, R_world_pelvis: ``(F, 3)`` and ``(F, 3, 3)``.
         covered: ``(F,)`` whether the motion covers the frame.
     """
 
@@ -230,10 +229,8 @@ class Hypotheses:
 
     Attributes:
         wearer, detection, frame: ``(P,)`` indices.
-        R_camera_world: ``(P, 3, 3)``, in the wearer's own world.
-        p_world_camera: ``(P, 3)`` metres.
-        p_camera_pelvis: ``(P, 3)`` metres: the wearer's root before the camera.
-        R_camera_pelvis: ``(P, 3, 3)``.
+        R_camera_world, p_world_camera: ``(P, 3, 3)`` and ``(P, 3)`` metres, in the wearer's own world.
+        p_camera_pelvis, R_camera_pelvis: ``(P, 3)`` metres and ``(P, 3, 3)``: the wearer's root before the camera.
         error: ``(P, K, 2)`` reprojection errors, metres at the person's depth.
         cost: ``(P,)`` robust mean of squared errors in sigmas.
     """
@@ -289,11 +286,8 @@ def hypotheses(
 ) -> Hypotheses:
     """The hypothesis camera of every wearer and detection for which one can be found.
 
-    Args:
-        detections: ``N`` of them.
-        rays: ``(N, K, 2)`` undistorted coordinates of their pixels at depth one.
-        wearers: their keypoints at the video's frames.
-        keypoints: whose sigmas to use if not the detections' own.
+    ``rays`` ``(N, K, 2)`` are the detections' undistorted coordinates at depth one; ``keypoints`` have the sigmas to
+    use if not the detections' own.
     """
     weight, sigma = used_confidence(detections), keypoint_sigma(keypoints or detections.keypoints)
     parts = []

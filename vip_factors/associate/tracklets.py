@@ -108,11 +108,7 @@ def contradicted(frame: np.ndarray, track: np.ndarray, wearer: np.ndarray, odds:
 def brief_choices(track: np.ndarray, wearer: np.ndarray, weight: Array, rate: float) -> np.ndarray:
     """Which choices ``(N,)`` lie in long tracklets that hardly ever are the wearer; none if they are all there are.
 
-    Args:
-        track: ``(N,)`` tracklet of each detection.
-        wearer: ``(N,)`` who was chosen, −1 for nobody.
-        weight: ``(N, K)`` confidences of keypoints, 0 for those that are not seen.
-        rate: video frames per second.
+    Arguments as of :func:`contradicted` and :func:`tracklets`.
     """
     wrong = np.zeros(len(wearer), bool)
     if not len(wearer):

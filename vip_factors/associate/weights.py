@@ -28,14 +28,9 @@ VERDICT_CAMERA = (*UNARY_CAMERA, *_SUPPORT)
 def verdict_features(
     context: Context, unary: Array, odds: Array, problem: AssignmentProblem, chosen: np.ndarray
 ) -> Array:
-    """Features ``(C, len(VERDICT))`` of the chosen hypotheses.
+    """Features ``(C, len(VERDICT))`` of the ``C`` hypotheses of a problem that are ``chosen`` ``(H,)``.
 
-    Args:
-        context: of the recording.
-        unary: ``(H, ...)`` features of the problem's hypotheses.
-        odds: ``(H,)`` their log-odds.
-        problem: all within the gate.
-        chosen: ``(H,)`` of them.
+    ``unary`` ``(H, ...)`` and ``odds`` ``(H,)`` are the features and log-odds of the problem's hypotheses on their own.
     """
     a, b = problem.edges.T
     both = chosen[a] & chosen[b]
@@ -81,12 +76,7 @@ FEATURES: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Logistic:
-    """The log-odds that a hypothesis (or both of two) is right: linear in the features.
-
-    Attributes:
-        weights: ``(n,)`` per unit of each feature.
-        bias: log-odds where all features are zero.
-    """
+    """The log-odds that a hypothesis (or both of two) is right: ``weights`` ``(n,)`` times features, and ``bias``."""
 
     weights: Array
     bias: float

@@ -30,12 +30,8 @@ WIDENING = 0.25
 
 @dataclass(frozen=True)
 class LikelyBody:
-    """A body as far as it is known.
-
-    Attributes:
-        skeleton: the likeliest.
-        variation: how others of whom the same is known differ from it.
-        note: a sentence on what is doubtful, or nothing.
+    """A body as far as it is known: the likeliest skeleton, how others of whom the same is known differ from it, and a
+    sentence on what is doubtful, or nothing.
     """
 
     skeleton: Skeleton
@@ -203,11 +199,8 @@ LEAST_SIGMA = 0.003
 
 @dataclass(frozen=True)
 class LengthPrior:
-    """A Gaussian about the lengths of a skeleton.
-
-    Attributes:
-        names: ``B`` of :data:`~vip_factors.body.lengths.LENGTHS`, or of another version's.
-        covariance: ``(B, B)`` m², of changes of the skeleton.
+    """A Gaussian about the lengths of a skeleton: names, ``B`` of :data:`~vip_factors.body.lengths.LENGTHS` or of
+    another version's, and covariance ``(B, B)`` m² of their changes.
     """
 
     names: tuple[str, ...]

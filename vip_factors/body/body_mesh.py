@@ -183,11 +183,8 @@ _NEIGHBOURS = _neighbours()
 
 
 def surface_net(field: Array) -> tuple[Array, np.ndarray]:
-    """The surface on which a field ``(X, Y, Z)`` is zero.
-
-    Returns:
-        Vertices ``(V, 3)`` in cells of the grid, and triangles ``(F, 3)``, anticlockwise seen from where it is
-        negative.
+    """The surface on which a field ``(X, Y, Z)`` is zero: vertices ``(V, 3)`` in cells of the grid, and triangles ``(F,
+    3)``, anticlockwise seen from where it is negative.
     """
     inside = field > 0
     corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])

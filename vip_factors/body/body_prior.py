@@ -21,12 +21,8 @@ STATURE_ROW = np.concatenate([[0.0], STATURE])  # of the variables: stature is a
 
 @dataclass(frozen=True)
 class Observation:
-    """A number that a linear combination of the variables is known by.
-
-    Attributes:
-        row: ``(22,)`` of the :data:`VARIABLES`.
-        value: what was measured.
-        sigma: its standard deviation.
+    """A number that a linear combination ``row`` ``(22,)`` of the :data:`VARIABLES` is known by, with its standard
+    deviation.
     """
 
     row: Array
@@ -36,11 +32,8 @@ class Observation:
 
 @dataclass(frozen=True)
 class BodyGaussian:
-    """A Gaussian over the :data:`VARIABLES`: the mass's logarithm (kg) and the body's lengths in metres.
-
-    Attributes:
-        mean: ``(22,)``.
-        covariance: ``(22, 22)``.
+    """A Gaussian over the :data:`VARIABLES`, the mass's logarithm (kg) and the body's lengths in metres: mean ``(22,)``
+    and covariance ``(22, 22)``.
     """
 
     mean: Array
@@ -83,11 +76,8 @@ class BodyGaussian:
 
 @dataclass(frozen=True)
 class BodyPrior:
-    """Gaussians over men, women and both together.
-
-    Attributes:
-        groups: by name, of :data:`GROUPS`.
-        provenance: one line: data, number of people.
+    """Gaussians over men, women and both together, by name (:data:`GROUPS`); provenance is one line: data, number of
+    people.
     """
 
     groups: Mapping[str, BodyGaussian]

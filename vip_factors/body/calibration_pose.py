@@ -50,11 +50,8 @@ _LEFT_MEANS = {
 
 @dataclass(frozen=True)
 class HeldPose:
-    """A calibration pose as people hold it.
-
-    Attributes:
-        R_parent_child: ``(24, 3, 3)``; the root's heading is free.
-        sigma: ``(24, 3)`` radians about each joint's own axes; the root's row has no meaning.
+    """A calibration pose as people hold it: ``(24, 3, 3)`` rotations, of which the root's heading is free, and standard
+    deviations ``(24, 3)`` in radians about each joint's own axes; the root's row has no meaning.
     """
 
     R_parent_child: Array

@@ -112,8 +112,7 @@ class HingeEstimate:
 
     Attributes:
         joint: its name.
-        variables: ``(n,)`` radians: two tilts of its axis, then an offset of each of its rows
-            (:data:`~vip_factors.body.hinges.HINGES`).
+        variables: ``(n,)`` radians: two tilts of its axis, then an offset of each of its rows (:data:`HINGES`).
         covariance: ``(n, n)`` rad²; NaN if not known.
     """
 
@@ -165,11 +164,8 @@ class HingeEstimate:
 
 @dataclass(frozen=True)
 class HingePrior:
-    """A Gaussian over the variables of all hinges; of anybody, if nothing is said.
-
-    Attributes:
-        mean: ``(H,)`` radians.
-        covariance: ``(H, H)`` rad².
+    """A Gaussian over the variables of all hinges, ``(H,)`` radians and ``(H, H)`` rad²; of anybody, if nothing is
+    said.
     """
 
     mean: Array = field(default_factory=lambda: np.zeros(HINGE_VARIABLES))

@@ -37,12 +37,8 @@ from vip_factors.geometry.rotations import (
 
 @dataclass(frozen=True)
 class AngleDefinition:
-    """One joint angle.
-
-    Attributes:
-        name: such as ``left_knee_flexion``.
-        joint: ``left_knee``, the same for the angles that together make a rotation.
-        positive: what a positive angle means.
+    """One joint angle, such as ``left_knee_flexion``; the same joint, ``left_knee``, has those that together make a
+    rotation. ``positive`` is what a positive angle means.
     """
 
     name: str
@@ -52,13 +48,7 @@ class AngleDefinition:
 
 @dataclass(frozen=True)
 class JointAngles:
-    """Joint angles of a motion.
-
-    Attributes:
-        time: ``(T,)`` seconds from the recording's start.
-        definitions: of the ``N`` angles.
-        degrees: ``(T, N)``.
-    """
+    """Joint angles of a motion: ``time`` ``(T,)`` seconds from the recording's start, ``degrees`` ``(T, N)``."""
 
     time: Array
     definitions: tuple[AngleDefinition, ...]
@@ -162,12 +152,8 @@ def joint_angles(motion: Motion) -> JointAngles:
 def joint_angle_sigmas(motion: Motion, covariance: Array) -> Array:
     """Standard deviations ``(T, N)`` of the angles in degrees, to first order.
 
-    Args:
-        motion: the estimate.
-        covariance: ``(T, 24, 3, 3)`` rad², of right perturbations of the joint rotations.
-
-    Returns:
-        NaN for trunk, neck and shoulders, which several joints turn: how their errors go together is not known.
+    ``covariance`` is ``(T, 24, 3, 3)`` rad², of right perturbations of the joint rotations. NaN for trunk, neck and
+    shoulders, which several joints turn: how their errors go together is not known.
     """
     R, axes = segment_orientations(motion), segment_axes(motion.skeleton)
     sigmas = np.full((len(motion), len(ANGLE_DEFINITIONS)), np.nan)

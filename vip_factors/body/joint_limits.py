@@ -54,12 +54,7 @@ RANGES_DEG: dict[str, tuple[Range, Range, Range]] = {
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Bounds of the stacked rotation vectors of joints 1 … 23.
-
-    Attributes:
-        lower: ``(69,)`` radians.
-        upper: ``(69,)`` radians.
-    """
+    """Bounds ``(69,)`` in radians of the stacked rotation vectors of joints 1 … 23."""
 
     lower: Array
     upper: Array
@@ -76,11 +71,8 @@ class JointLimits:
         return np.minimum(x - self.lower, 0.0) + np.maximum(x - self.upper, 0.0)
 
     def reaching(self, x: Array, beyond: float) -> "JointLimits":
-        """Limits that leave room for what most of the joint vectors ``(T, 69)`` do beyond these by more than so far.
-
-        Args:
-            x: radians.
-            beyond: radians, of the median.
+        """Limits that leave room for what most of the joint vectors ``(T, 69)`` do beyond these, by the median and by
+        more than ``beyond``, in radians.
         """
         outside = self.violation(x)
         most = np.where(np.abs(np.median(outside, axis=0)) > beyond, 1.0, 0.0)

@@ -223,12 +223,8 @@ SHAPE = (len(OFFSET_KEYPOINTS), 3)
 
 @dataclass(frozen=True)
 class KeypointOffsets:
-    """A Gaussian over the offsets of the :data:`~vip_factors.body.keypoints.OFFSET_KEYPOINTS` before one person.
-
-    Attributes:
-        mean: ``(K, 3)`` metres from where the table has a keypoint, of the left side, bone axes; on the right side x
-            is mirrored.
-        sigma: ``(K, 3)`` metres, positive.
+    """A Gaussian over the offsets of the :data:`OFFSET_KEYPOINTS` before one person, ``(K, 3)`` metres each: of the
+    left side, bone axes, from where the table has a keypoint; on the right side x is mirrored.
     """
 
     mean: Array
@@ -246,11 +242,8 @@ class KeypointOffsets:
 
 @dataclass(frozen=True)
 class PooledOffsets:
-    """What several people taught of one detector.
-
-    Attributes:
-        offsets: to expect before the next person.
-        people: how many taught it; one who was recorded twice counts twice.
+    """What several people taught of one detector: offsets to expect before the next person, and how many taught it; one
+    who was recorded twice counts twice.
     """
 
     offsets: KeypointOffsets
@@ -271,16 +264,12 @@ class OffsetTraining:
 def pooled_offsets(
     persons: Sequence[KeypointOffsets], usual: Array, settings: OffsetTraining | None = None
 ) -> PooledOffsets:
-    """What to expect of a detector before the next person; with nobody to learn from, zero and the usual sigmas.
+    """What to expect of a detector before the next person; with nobody to learn from, zero and the usual sigmas ``(K,
+    3)``, m.
 
     Every keypoint by itself: the spread of people, alike in all axes for few tell little, is the mean of what is usual
     and of what was estimated, the noise of each taken off; the habit's mean is weighted by that spread, and drawn to
     zero by its share of the usual.
-
-    Args:
-        persons: the estimate of each person, with its sigmas.
-        usual: ``(K, 3)`` metres, sigmas of a detector of which nothing is known.
-        settings: of the training.
     """
     settings = settings or OffsetTraining()
     habit, people = settings.habit_share * usual**2, (1 - settings.habit_share) * usual**2

@@ -37,12 +37,7 @@ GENERATIONS = tuple(_generations())
 
 @dataclass(frozen=True)
 class BodyState:
-    """World poses of all bones in ``T`` frames.
-
-    Attributes:
-        R_world_bone: ``(T, 24, 3, 3)``.
-        p_world_joint: ``(T, 24, 3)`` metres.
-    """
+    """World poses of all bones in ``T`` frames: rotations ``(T, 24, 3, 3)``, joints ``(T, 24, 3)`` in metres."""
 
     R_world_bone: Array
     p_world_joint: Array
@@ -94,12 +89,8 @@ def twists_at(arms: Array) -> Array:
 
 
 def forward_kinematics(skeleton: Skeleton, R_parent_child: Array, p_world_pelvis: Array) -> BodyState:
-    """World poses of all bones.
-
-    Args:
-        skeleton: whose bones.
-        R_parent_child: ``(T, 24, 3, 3)`` joint rotations; joint 0 is ``R_world_pelvis``.
-        p_world_pelvis: ``(T, 3)`` metres.
+    """World poses of all bones, of joint rotations ``(T, 24, 3, 3)`` (joint 0 is ``R_world_pelvis``) and roots ``(T,
+    3)``, m.
     """
     R_world_bone = np.empty_like(R_parent_child)
     R_world_bone[:, 0] = R_parent_child[:, 0]

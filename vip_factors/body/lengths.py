@@ -66,11 +66,8 @@ HEAD_JOINT = 0.375  # of the way up from the neck to the top of the head
 
 
 def skeleton_of_lengths(lengths: Array, source: str) -> Skeleton:
-    """The skeleton of a body's lengths.
-
-    Args:
-        lengths: ``(21,)`` metres, the :data:`BODY_LENGTHS`.
-        source: one line saying where they come from.
+    """The skeleton of a body's :data:`BODY_LENGTHS`, ``(21,)`` metres; ``source`` is one line saying where they come
+    from.
     """
     of = dict(zip(BODY_LENGTHS, np.asarray(lengths, float).tolist(), strict=True))
     stature = float(STATURE @ lengths)
@@ -146,12 +143,8 @@ STRETCHED = tuple(joint_index(joint) for name in ("upper arm", "forearm", "thigh
 
 @dataclass(frozen=True)
 class BodyVariation:
-    """Linear changes of a skeleton.
-
-    Attributes:
-        directions: ``(24, 3, B)`` how each joint's place on its parent changes with each of the lengths.
-        mean: ``(B,)`` metres, of the prior.
-        whitening: ``(B, B)`` per metre, of the prior.
+    """Linear changes of a skeleton: ``directions`` ``(24, 3, B)``, how each joint's place on its parent changes with
+    each of the lengths, and the prior's mean ``(B,)`` in metres and whitening ``(B, B)`` per metre.
     """
 
     directions: Array

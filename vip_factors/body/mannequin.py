@@ -47,12 +47,8 @@ def region_of(bone: int) -> str:
 
 @dataclass(frozen=True)
 class Segment:
-    """A rounded, tapered piece of the body, fixed to one bone.
-
-    Attributes:
-        bone: index of the bone it moves with.
-        p_bone_start, p_bone_end: ``(3,)`` metres, centres of its two round ends in the bone's frame.
-        radius_start, radius_end: metres.
+    """A rounded, tapered piece of the body, fixed to one bone: centres ``(3,)`` of its two round ends in the bone's
+    frame and their radii, metres.
     """
 
     bone: int
@@ -80,9 +76,8 @@ Point = tuple[float, float, float, float]
 class _Row:
     """One segment before it is fitted to a skeleton; radii in thousandths of stature.
 
-    Attributes:
-        end: joint or landmark that the shares of ``start`` and ``stop`` refer to.
-        capped: pull the far end back by its radius, so that the skin and not the cap's centre lies on the landmark.
+    ``end`` is the joint or landmark that the shares of ``start`` and ``stop`` refer to. If ``capped``, the far end is
+    pulled back by its radius, so that the skin and not the cap's centre lies on the landmark.
     """
 
     bone: str

@@ -12,12 +12,8 @@ from vip_factors.errors import FileFormatError
 
 
 def read_npz(path: Path, expected: str, names: Iterable[str] | None = None) -> dict[str, Any]:
-    """The arrays of an archive by name.
-
-    Args:
-        path: of the file.
-        expected: what it should be, for the complaint.
-        names: of those that are wanted, if they are in it; all if None.
+    """The arrays of an archive by name, of those that are wanted; ``expected``, what it should be, is for the
+    complaint.
 
     Raises:
         FileFormatError: if it is no archive of arrays, or damaged.

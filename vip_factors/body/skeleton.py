@@ -55,11 +55,8 @@ def joint_index(name: str) -> int:
 
 
 def joints_placed_by(bones: Collection[str] | None, joints: Iterable[int]) -> list[int]:
-    """Rows of those joints whose place is known where the motion of some bones is: they sit on the bone above.
-
-    Args:
-        bones: names of the bones whose motion is known; None: all.
-        joints: rows to choose from.
+    """Rows of those joints whose place is known where the motion of some bones (None: all) is: they sit on the bone
+    above.
     """
     return [row for row in joints if bones is None or JOINT_NAMES[max(PARENTS[row], 0)] in bones]
 

@@ -20,12 +20,8 @@ KNUCKLES = {24: (22, 23), 52: (25, 40), 55: (28, 43)}  # SMPL, SMPL-H, SMPL-X
 
 @dataclass(frozen=True)
 class SmplBody:
-    """A model's skeleton and where its pelvis lies in the model's own frame.
-
-    Attributes:
-        skeleton: the 24 joints, with landmarks from the skin.
-        p_model_pelvis: ``(3,)`` metres. SMPL's ``trans`` moves the model's origin: ``p_world_pelvis = trans +
-            p_model_pelvis``.
+    """A model's skeleton, with landmarks from the skin, and where its pelvis lies in the model's own frame, ``(3,)``
+    metres: SMPL's ``trans`` moves the model's origin, ``p_world_pelvis = trans + p_model_pelvis``.
     """
 
     skeleton: Skeleton

@@ -67,13 +67,8 @@ def body_metrics(
     truth: Motion,
     compared: Compared = EVERYTHING,
 ) -> dict[str, Metric]:
-    """Mean errors of lengths and joint centres; with a body that was found, of hinges, and whether it is honest.
-
-    Args:
-        lengths: of :func:`length_table`.
-        body: what the estimate says of it.
-        motion, truth: the estimate's and the true one.
-        compared: what the truth knows.
+    """Mean errors of lengths (of :func:`length_table`) and joint centres; with a body that was found, of hinges, and
+    whether it is honest.
     """
     off = [abs(row["error_mm"]) for name, row in lengths.items() if name not in UNSURE]
     centres = joint_centre_error(motion.skeleton, truth.skeleton)[compared.positions()[1:]]

@@ -147,12 +147,9 @@ def calibration_metrics(
 ) -> dict[str, Metric]:
     """Mean and 95th percentile of heading and mounting errors, and whether their sigmas are honest.
 
-    Args:
-        error: of the sensors that are compared.
-        estimate: with the sigmas.
-        placement: to tell the sensors of feet and hands from the rest.
-        mean_gauge: whether the mean of the heading errors was removed. The sigmas are meant otherwise: one heading
-            defines the world's, and those of the others are against it.
+    The placement tells the sensors of feet and hands from the rest. With ``mean_gauge`` the mean of the heading errors
+    was removed, but the sigmas are meant otherwise: one heading defines the world's, and those of the others are
+    against it.
     """
     table = error_metrics([error])
     if placement is not None:

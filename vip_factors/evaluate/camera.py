@@ -14,12 +14,10 @@ from vip_factors.sensors.camera_path import CameraPath, PathPair, move_path
 
 @dataclass(frozen=True)
 class CameraError:
-    """Errors of a camera path in the true world.
+    """Errors of a camera path in the true world, at ``time`` ``(T,)`` seconds.
 
-    Attributes:
-        time: ``(T,)`` seconds.
-        tangent: ``(T, 6)``: ``T_true = T_estimated Exp(e)`` to first order: rotation (rad), then translation (m), both
-            in the estimated camera's axes.
+    ``tangent`` ``(T, 6)``: ``T_true = T_estimated Exp(e)`` to first order: rotation (rad), then translation (m), both
+    in the estimated camera's axes.
     """
 
     time: Array
@@ -76,10 +74,8 @@ def camera_error(pair: PathPair, gauge: Alignment) -> CameraError:
 def camera_metrics(error: CameraError, seen: np.ndarray | None = None) -> dict[str, Metric]:
     """Mean, 95th percentile and maximum of translation and rotation.
 
-    Args:
-        error: of the path.
-        seen: ``(T,)`` whether a wearer was in view; then the means over those instants alone are given too, for
-            between them the path is only as good as the camera's IMU.
+    Where it is known at which instants a wearer was ``seen`` ``(T,)``, the means over those alone are given too, for
+    between them the path is only as good as the camera's IMU.
     """
     table: dict[str, Metric] = {}
     for name, values, unit in (

@@ -66,12 +66,8 @@ def honesty(
     """NEES of headings, mountings and camera, in the gauge of the graph's prior (see :func:`anchored_gauge`).
 
     The anchoring heading itself is left out: the gauge makes its error zero. Empty where the anchor is not known.
-
-    Args:
-        estimate, scene: what is compared.
-        pairs: motions of the wearers whose truth is known.
-        camera: paths at common instants, if known.
-        chosen: which instants of the estimate those are.
+    ``pairs`` are the motions of the wearers whose truth is known, ``camera`` the paths at common instants, if known,
+    which are those ``chosen`` of the estimate.
     """
     anchor = _anchor(estimate, scene)
     if estimate.camera is None or anchor is None or not pairs:
@@ -194,9 +190,7 @@ class AssociationScore:
     """How right the labels are; NaN where nothing was given, or nothing was there to be found.
 
     Attributes:
-        given: labels that name a wearer.
-        true: detections that are a wearer's.
-        correct: labels that name the right wearer.
+        given, true, correct: labels that name a wearer; detections that are a wearer's; labels that name the right one.
         swapped: labels that name another wearer than the detection's.
         strangers: labels given to detections of bystanders, or of nobody.
         missed: wearers' detections that were given to nobody.
@@ -281,12 +275,8 @@ SAME_START_S = 60.0  # clocks of computers that record together differ by less
 
 
 def doubts(estimate: Estimate, scene: Scene, start_ns: int = 0) -> str:
-    """What speaks against it, as one sentence; empty if nothing does.
-
-    Args:
-        estimate: what was made.
-        scene: the recording with the truth.
-        start_ns: absolute time of the estimate's t = 0; 0 if not known.
+    """What speaks against it, as one sentence; empty if nothing does. ``start_ns``: of the estimate's t = 0, 0 if not
+    known.
     """
     found = [*_of_names(estimate, scene), *_of_starts(scene, start_ns)]
     for one, wearer in zip(estimate.wearers, scene.wearers, strict=False):

@@ -61,11 +61,8 @@ UNKNOWN = "not compared: "
 
 
 def summary_lines(scene: Metrics, wearers: Mapping[str, Metrics]) -> list[str]:
-    """Five lines: positions, orientations, sensors, camera (or path), honesty.
-
-    Args:
-        scene: metrics of the scene as a whole; of a wearer alone, those of the wearer.
-        wearers: metrics of each wearer.
+    """Five lines: positions, orientations, sensors, camera (or path), honesty; of a scene's (or lone wearer's) metrics,
+    and those of each wearer.
     """
     every = list(wearers.values())
     camera = "camera_translation" in scene

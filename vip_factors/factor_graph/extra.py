@@ -84,11 +84,7 @@ def _known(key: int, state: SceneState, first: int) -> Variable:
 
 
 class UserTerms:
-    """A user's factors on a whole recording, for the chain's solver.
-
-    Args:
-        make: makes them.
-    """
+    """A user's factors on a whole recording, for the chain's solver."""
 
     def __init__(self, make: ExtraFactors) -> None:
         self._make = make
@@ -181,12 +177,7 @@ def variable_columns(layout: Layout, one: Variable) -> tuple[int, int] | None:
 
 
 class StreamedTerms:
-    """A user's factors in a stream: each is kept with the first frame that it sees.
-
-    Args:
-        make: makes them.
-        layout: of the stream's variables.
-    """
+    """A user's factors in a stream: each is kept with the first frame that it sees."""
 
     def __init__(self, make: ExtraFactors, layout: Layout) -> None:
         self._make, self._layout = make, layout

@@ -59,12 +59,8 @@ class FactorGraph:
 
 
 def factor_graph_of(problem: SceneProblem, state: SceneState, layout: Layout | None = None) -> FactorGraph:
-    """The factor graph of a problem, to be started at a state.
-
-    Args:
-        problem: of a scene.
-        state: of all variables.
-        layout: which of them move; all that the problem frees, if absent.
+    """The factor graph of a scene's problem, to be started at a state; ``layout`` says which variables move: all that
+    the problem frees, if absent.
     """
     layout = layout or scene_layout(problem)
     knots = {number: max(len(one.heading_knots), 1) for number, one in enumerate(problem.wearers)}

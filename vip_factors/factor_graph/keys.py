@@ -46,12 +46,8 @@ def camera_key(frame: int) -> int:
 
 
 def variable_key(block: str, item: int = 0, wearer: int = 0, knot: int = 0) -> int:
-    """Key of what all frames share, by its row of :data:`~vip_factors.problem.variables.ROWS`.
-
-    Args:
-        block: ``headings``, ``R_bone_sensor``, ``sensor_positions``, ``body``, ``clock`` …
-        item: sensor or keypoint.
-        wearer: whose.
-        knot: of a heading that walks.
+    """Key of what all frames share, by its row of :data:`~vip_factors.problem.variables.ROWS` (``headings``,
+    ``R_bone_sensor``, ``body``, ``clock`` …); ``item`` is the sensor or keypoint, ``knot`` that of a heading that
+    walks.
     """
     return int(gtsam.symbol(ROWS[block].letter, wearer * WEARER + knot * KNOT + item))

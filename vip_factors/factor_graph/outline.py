@@ -16,13 +16,8 @@ from vip_factors.viz.graph_description import FactorKind, FrameFactors, FrameVar
 def graph_description(
     graph: FactorGraph, name: str, wearers: Sequence[str], frame: int | None = None
 ) -> GraphDescription:
-    """Describe a graph.
-
-    Args:
-        graph: of a recording or scene.
-        name: of that.
-        wearers: their names, in the order of the graph.
-        frame: index of the one to describe in full; the middle one if None.
+    """Describe a graph of wearers, in its order; ``frame`` is the index of the one described in full, the middle one if
+    None.
 
     Raises:
         InputError: for a frame that the graph does not have.

@@ -260,8 +260,7 @@ def custom_factor(
     Args:
         name: of the factor kind, for messages.
         noise: its noise model; its dimension is the residual's.
-        keys: of its variables.
-        dimensions: tangent dimension of each variable.
+        keys, dimensions: of its variables, and of their tangents.
         evaluate: residual, and Jacobians if asked for; must not hold on to the graph (it would never be freed).
 
     Raises:

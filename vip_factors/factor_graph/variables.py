@@ -98,12 +98,8 @@ def frames_of(variables: Iterable[Variable]) -> range:
 
 
 def variables_of(layout: Layout, frames: int, knots: dict[int, int] | None = None) -> Iterator[Variable]:
-    """All variables of a layout that move, frame by frame, then what frames share.
-
-    Args:
-        layout: of the problem.
-        frames: how many there are.
-        knots: of each wearer whose headings walk.
+    """All variables of a layout that move, in so many frames, then what frames share; ``knots`` of each wearer whose
+    headings walk.
     """
     for t in range(frames):
         for chain in layout.chains:
@@ -183,13 +179,8 @@ def _array(state: SceneState, one: Variable, first: int) -> tuple[Any, tuple[int
 
 
 def state_of(values: gtsam.Values, state: SceneState, variables: Iterable[Variable], first: int = 0) -> SceneState:
-    """A state with the values of some variables put in.
-
-    Args:
-        values: of GTSAM.
-        state: of a stretch of frames; what is not among the variables is kept.
-        variables: to be read.
-        first: number of the stretch's first frame.
+    """A state of a stretch of frames, of which ``first`` is the first one's number, with the values of some variables
+    put in.
     """
     written: dict[OwnerId, dict[str, Any]] = {}
     for one in variables:

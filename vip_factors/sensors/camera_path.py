@@ -83,14 +83,10 @@ def scene_gauge(wearers: Sequence[MotionPair], camera: PathPair | None = None) -
 
 
 def anchored_gauge(wearer: MotionPair, heading_error: float) -> Alignment:
-    """The gauge as the graph's prior holds it: by one sensor's heading and the first root position.
+    """The gauge as the graph's prior holds it: by one sensor's heading and that wearer's first root position.
 
-    Covariances are relative to what carries the prior; honesty (NEES) has to be judged in the same gauge, or the
-    fitted alignment takes part of the error away.
-
-    Args:
-        wearer: the one whose first root position carries the prior.
-        heading_error: estimate minus truth of the anchoring heading, radians.
+    Covariances are relative to what carries the prior; honesty (NEES) has to be judged in the same gauge, or the fitted
+    alignment takes part of the error away. ``heading_error`` is estimate minus truth, radians.
     """
     R_true_estimate = rotation_z(-heading_error)
     estimated, true = (motion.p_world_pelvis[0] for motion in wearer)

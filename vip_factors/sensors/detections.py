@@ -123,11 +123,7 @@ def reprojection_error(
 ) -> Array:
     """Distances ``(n, K)`` in pixels of detected keypoints from a body's; NaN where one of the two is missing.
 
-    Args:
-        motion: of the body.
-        path, model: of the camera.
-        detections: with times on the recording's clock (see :meth:`Detections.shifted`).
-        chosen: indices ``(n,)`` of the body's detections.
+    Detections have times on the recording's clock; ``chosen`` ``(n,)`` are the indices of the body's.
     """
     pixels = keypoints_in_image(motion, detections.keypoints, path, model, detections.time)
     distance = np.linalg.norm(pixels[detections.frame[chosen]] - detections.pixels[chosen], axis=-1)

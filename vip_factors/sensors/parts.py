@@ -17,11 +17,8 @@ RATE_TOLERANCE = 0.1
 
 @dataclass(frozen=True)
 class RecordingInParts:
-    """Recordings of one session, in the order of time, as one; see :class:`RecordingSource`.
-
-    Attributes:
-        parts: the first says who wore what, and what was held at the start.
-        later: seconds of each part's time 0 on the clock of the first.
+    """Recordings of one session, in the order of time, as one; see :class:`RecordingSource`. The first says who wore
+    what, and what was held at the start; ``later`` are seconds of each part's time 0 on its clock.
     """
 
     parts: tuple[RecordingSource, ...]
@@ -70,13 +67,10 @@ class _AllSensors(RecordingInMemory):
 
 
 def in_parts(parts: Sequence[RecordingSource], sources: Sequence[str]) -> RecordingInParts:
-    """Parts of one session as one recording, on the clock of the earliest.
+    """Parts of one session as one recording, on the clock of the earliest; ``sources`` are what each is called in
+    messages.
 
     Where all parts tell their absolute start, that says when they were; else their clock must have gone on.
-
-    Args:
-        parts: in any order.
-        sources: what each is called in messages.
 
     Raises:
         InputError: if two overlap or are far apart, or differ in who wore what, in sensors or in their rates.

@@ -44,12 +44,7 @@ class CameraMount:
 
 @dataclass(frozen=True)
 class Video:
-    """Frames to look at: a file beside the recording, or frames embedded in it.
-
-    Attributes:
-        path: of the video file, or None.
-        images: encoded images (JPEG, PNG) by index of the video frame, if embedded.
-    """
+    """Frames to look at: a file beside the recording, or encoded images (JPEG, PNG) embedded in it, by video frame."""
 
     path: Path | None = None
     images: Mapping[int, bytes] = field(default_factory=dict)

@@ -22,11 +22,8 @@ from vip_factors.simulate.settings import ROOT_AREA_PER_HEIGHT, DetectorSettings
 
 @dataclass
 class DetectedPeople:
-    """``P`` people as the detector has them in ``F`` frames.
-
-    Attributes:
-        pixels: ``(P, F, K, 2)``.
-        confidence: ``(P, F, K)``, 0 where a keypoint is not detected.
+    """``P`` people as the detector has them in ``F`` frames: ``pixels`` ``(P, F, K, 2)`` and ``confidence`` ``(P, F,
+    K)``, 0 where a keypoint is not detected.
     """
 
     pixels: Array
@@ -192,10 +189,8 @@ def detect(
 
     Args:
         people: everybody, with their poses at the video's ``F`` frames.
-        camera: its ``F`` poses; their times become those of the detections.
-        model: its intrinsics.
-        keypoints: the detector's set.
-        settings: its errors.
+        camera, model: its ``F`` poses, whose times become those of the detections, and its intrinsics.
+        keypoints, settings: the detector's set and its errors.
         seed: of them; each kind of error draws from its own stream.
         bias_seed: of its idea of where keypoints are on people, which is the same in all cameras; ``seed`` if None.
 

@@ -38,13 +38,7 @@ HEAD_RADIUS, HEAD_FROM, HEAD_TO = 0.044, 0.02, 0.08  # over stature, above the h
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody in the scene, at the ``F`` instants of the video frames.
-
-    Attributes:
-        skeleton: of theirs.
-        state: all bones, ``F`` frames.
-        present: ``(F,)`` whether they are there at all.
-    """
+    """Somebody in the scene, at the ``F`` instants of the video frames, where they are ``present`` ``(F,)`` or not."""
 
     skeleton: Skeleton
     state: BodyState
@@ -79,14 +73,8 @@ class View:
 
 
 def look(people: Sequence[Person], camera: CameraPath, model: CameraModel, keypoints: KeypointSet, bias: Array) -> View:
-    """What a camera would see.
-
-    Args:
-        people: with poses at the camera's instants.
-        camera: ``F`` poses.
-        model: its intrinsics.
-        keypoints: of the detector.
-        bias: ``(P, K, 3)`` metres, bone axes: what the detector adds to each keypoint's place.
+    """What a camera would see of people at its ``F`` poses, with a detector that adds ``bias`` ``(P, K, 3)`` metres,
+    bone axes, to each keypoint's place.
     """
     seen = [_Seen(person, camera, model, keypoints, offsets) for person, offsets in zip(people, bias, strict=True)]
     hidden = np.stack([one.hidden_by(one, own=True) for one in seen])

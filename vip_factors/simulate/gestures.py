@@ -21,14 +21,9 @@ GESTURE_HZ = 0.23  # of raising the arms sideways
 
 
 def gestures(seconds: float = 20.0, rate: float = 120.0, skeleton: Skeleton | None = None) -> Motion:
-    """Walking a circle, arms swinging and rising sideways in turn, trunk and head swaying.
+    """Walking a circle, arms swinging and rising sideways in turn, trunk and head swaying; ``rate`` frames per second.
 
-    It starts near the origin, feet on the floor z = 0.
-
-    Args:
-        seconds: length.
-        rate: frames per second.
-        skeleton: whose bones; a person of 1.75 m if absent.
+    It starts near the origin, feet on the floor z = 0. A person of 1.75 m, if no skeleton is given.
     """
     skeleton = skeleton or skeleton_from_stature(1.75)
     time = np.arange(round(seconds * rate) + 1) / rate

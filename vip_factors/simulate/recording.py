@@ -38,11 +38,8 @@ SEGMENTS = {
 
 @dataclass(frozen=True)
 class SensorSlide:
-    """Motion of a sensor on its bone, as splines over time.
-
-    Attributes:
-        shift: metres in the bone's axes, added to ``p_bone_sensor``.
-        turn: rotation vector in the bone's axes: ``R_bone_sensor ← Exp(turn) R_bone_sensor``.
+    """Motion of a sensor on its bone, as splines over time, in the bone's axes: ``shift`` in metres, added to
+    ``p_bone_sensor``, and ``turn``, a rotation vector: ``R_bone_sensor ← Exp(turn) R_bone_sensor``.
     """
 
     shift: BSpline
@@ -100,8 +97,7 @@ def simulate_recording(
         seed: same seed, same recording. Each sensor draws from its own stream, found by its name, and each kind of
             error from its own: adding a sensor or an error leaves the rest as it was.
         name: of the recording.
-        initial_pose: the pose that the wearer declares to hold at the start (see
-            :func:`~vip_factors.simulate.staging.with_initial_pose`).
+        initial_pose: that the wearer declares to hold at the start (``staging.with_initial_pose`` makes one).
 
     Raises:
         InputError: for a motion of fewer than 8 frames, or of less than two IMU periods.

@@ -21,11 +21,8 @@ def floor_height(skeleton: Skeleton, state: BodyState) -> Array:
 
 
 def path_of_standing_feet(skeleton: Skeleton, state: BodyState) -> Array:
-    """Root path ``(T, 3)`` on which the lowest points of the soles stand still on the floor z = 0.
-
-    Args:
-        skeleton: whose feet.
-        state: the motion with its root held at the origin.
+    """Root path ``(T, 3)`` on which the lowest points of the soles stand still on the floor z = 0, of a motion whose
+    root is held at the origin.
     """
     soles = _soles(skeleton, state)
     lowest, weight = _lowest(soles[..., 2])
@@ -59,15 +56,8 @@ def with_initial_pose(
     """The motion after a held calibration pose; it starts ``hold_s`` later and its first ``blend_s`` are blended.
 
     The wearer stands where the first frame stands, with its heading. The blend is a slerp of every joint with a
-    fifth-order step, so that velocity and acceleration stay continuous.
-
-    Args:
-        motion: what follows.
-        pose: ``"n-pose"`` or ``"t-pose"``.
-        hold_s, blend_s: seconds.
-        pose_error_deg: how imperfectly the pose is held: sigma of a fixed random rotation of every joint, per axis
-            (5–10 for somebody told to stand straight).
-        seed: of that rotation.
+    fifth-order step, so that velocity and acceleration stay continuous. ``pose_error_deg`` says how imperfectly the
+    pose is held: sigma of a fixed random rotation of every joint, per axis (5–10 for somebody told to stand straight).
 
     Raises:
         InputError: for another pose, or a motion shorter than the blend.
@@ -200,11 +190,8 @@ def staged(
 ) -> tuple[Motion, ...]:
     """Motions of several people in one world, turned and placed at random so that they cross but do not collide.
 
-    Args:
-        motions: one of each person, all on the clock of the scene.
-        seed: of places and turns.
-        others: who is in that world already.
-        reach_m: how far from the origin the middles of their paths may be; a person alone is in the middle.
+    All are on the clock of the scene; ``others`` are in that world already; ``reach_m`` is how far from the origin the
+    middles of their paths may be. A person alone is in the middle.
     """
     random = np.random.default_rng([seed, 0x57A6E])
     there = list(others)

@@ -88,13 +88,10 @@ def differenced(blocks: Iterable[JacobianBlock], coefficients: Array) -> tuple[J
 
 @dataclass(frozen=True)
 class BoneEquations(Residuals):
-    """Factors that see a bone in one frame: how it is turned, or where a point on it is.
+    """Factors that see the bones ``n`` of ``owner`` in one frame: how they are turned, or where a point on each is.
 
-    Attributes:
-        owner: whose body.
-        bones: ``n``, of each factor.
-        derivatives: ``(t, n, m, 6)`` by the twist of the bone, or ``(t, n, m, 3)`` where only its turn matters; and the
-            other blocks.
+    ``derivatives``: ``(t, n, m, 6)`` by the twist of the bone, or ``(t, n, m, 3)`` where only its turn matters; and the
+    other blocks.
     """
 
     owner: OwnerId
@@ -168,13 +165,10 @@ Equations = BoneEquations | DifferenceEquations | JointEquations | DenseEquation
 def prior_equations(
     block: JacobianBlock, residual: Array, loss: RobustLoss = SQUARE, first: int = 0
 ) -> Iterator[DenseEquations]:
-    """The equations of a prior on what all frames share, or on one frame.
+    """The equations of a prior on what all frames share, or on the frame ``first``.
 
-    Args:
-        block: of ``(1, n, m, c)``; as many factors as it has items, or one on all of them.
-        residual: ``(n, m)``, whitened.
-        loss: of the norm of each row.
-        first: the frame with which it comes.
+    ``block`` is of ``(1, n, m, c)``, as many factors as it has items, or one on all of them; ``residual`` ``(n, m)``,
+    whitened.
     """
     yield DenseEquations(first, residual[None], 1.0, loss, lambda: (block,))
 

@@ -18,12 +18,7 @@ from vip_factors.terms.equations import JacobianBlock
 
 @dataclass(frozen=True)
 class WearerEvaluation:
-    """One wearer.
-
-    Attributes:
-        number: of the wearer.
-        problem, state: theirs.
-    """
+    """One wearer, by number, with their problem and state."""
 
     number: int
     problem: WearerProblem
@@ -105,12 +100,11 @@ class WearerEvaluation:
     def body_blocks(
         self, body: BodyState, points: BodyPoints, by_point: Array | None = None
     ) -> tuple[JacobianBlock, ...]:
-        """What factors on points ``(n,)`` see of the body's lengths, if these are variables.
+        """What factors on points ``(n,)``, as they are before lengths change, see of the body's lengths, if these are
+        variables.
 
-        Args:
-            body: in a stretch of frames.
-            points: on it, as they are before lengths change.
-            by_point: ``(t, n, m, 3)`` derivatives of the factors by the points, whitened; None: the points themselves.
+        ``by_point`` ``(t, n, m, 3)`` are the derivatives of the factors by the points, whitened; None: the points
+        themselves.
         """
         variation = self.problem.variation
         if variation is None or not self.problem.body_moves:
@@ -182,15 +176,8 @@ class CameraEvaluation:
 
 @dataclass(frozen=True)
 class ViewEvaluation:
-    """One wearer before one camera.
-
-    Attributes:
-        wearer: at the state.
-        owner: of the camera's variables.
-        camera, state: of the camera.
-        view: what it saw.
-        offsets: ``(K, 3)`` the detector's, of its keypoints.
-        free_offsets: whether these move.
+    """One wearer before one camera: ``owner`` of its variables, problem and state, and what it saw; ``offsets`` ``(K,
+    3)`` are those of the detector's keypoints, ``free_offsets`` whether they move.
     """
 
     wearer: WearerEvaluation

@@ -68,11 +68,8 @@ def pixel_rays(model: CameraModel, pixels: Array) -> Array:
 def ground_contact_residual(p_world_ankle: Array, height: Array, camera: CameraPoses, ray: Array) -> Array:
     """The ankle less the end of its ray, ``(T, 3)`` metres; the last row is how far the sole is off where it stands.
 
-    Args:
-        p_world_ankle: ``(T, 3)``.
-        height: ``(T,)`` that the ankle has where the foot stands.
-        camera: at the ``T`` frames.
-        ray: ``(T, 3)`` of the ankle's pixel, in the camera's frame.
+    ``height`` ``(T,)`` is what the ankle has where the foot stands, ``ray`` ``(T, 3)`` that of its pixel, in the
+    camera's frame.
     """
     d = np.einsum("tij,tj->ti", camera.R_world_camera, ray)
     length = (height - camera.p_world_camera[:, 2]) / d[:, 2]
@@ -111,14 +108,9 @@ def ground_contact_whitening(
     """What whitens the residual, ``(T, 3, 3)`` per metre: the square root of its inverse covariance, world axes.
 
     Weighed by pixels, the end of the ray moves by ``J σ_px`` with the pixel and along the ray with the floor's height:
-    a pixel is ``depth / focal`` across the ray, and more along it by one over the sine of the grazing angle.
-
-    Args:
-        height, camera, ray: as of the residual, where rays meet the floor.
-        sigma_px: ``(T,)`` of the ankle's keypoint.
-        model: the camera's intrinsics.
-        confidence: ``(T,)`` positive; divides the variance.
-        settings: of the factor.
+    a pixel is ``depth / focal`` across the ray, and more along it by one over the sine of the grazing angle. Rays must
+    meet the floor; ``sigma_px`` ``(T,)`` is the ankle's keypoint's; confidence ``(T,)``, positive, divides the
+    variance.
     """
     root = np.sqrt(confidence)[:, None, None]
     if settings.weighing is Weighing.DISTANCE:

@@ -41,11 +41,8 @@ class HingeSettings:
 
 
 def hinge_residual(R_parent_child: Array, variables: Array) -> Array:
-    """``(t, ROWS)``, about radians.
-
-    Args:
-        R_parent_child: ``(t, 24, 3, 3)`` joint rotations.
-        variables: ``(HINGE_VARIABLES,)`` tilts of the axes, then offsets.
+    """``(t, ROWS)``, about radians, of joint rotations ``(t, 24, 3, 3)`` and the variables: tilts of the axes, then
+    offsets.
     """
     tilts, offsets = variables[:TILTS].reshape(-1, 2), variables[TILTS:]
     found = np.empty((len(R_parent_child), ROWS))
@@ -56,10 +53,8 @@ def hinge_residual(R_parent_child: Array, variables: Array) -> Array:
 
 
 def hinge_jacobians(R_parent_child: Array, variables: Array) -> tuple[tuple[Array, ...], Array]:
-    """Derivatives of :func:`hinge_residual`.
-
-    Returns:
-        By each hinge's joint ``(t, ROWS, 3)``, and by the variables ``(t, ROWS, HINGE_VARIABLES)``.
+    """Derivatives of :func:`hinge_residual`: by each hinge's joint ``(t, ROWS, 3)``, and by the variables ``(t, ROWS,
+    HINGE_VARIABLES)``.
     """
     count, tilts = len(R_parent_child), variables[:TILTS].reshape(-1, 2)
     by_joints = np.zeros((len(HINGES), count, ROWS, 3))

@@ -56,27 +56,17 @@ class ReprojectionSettings:
 def reprojection_residual(
     p_world_point: Array, camera: CameraPoses, model: CameraModel, pixels: Array
 ) -> tuple[Array, Array]:
-    """Projected less detected pixels (thesis eqs. 4.6, 4.30).
+    """Projected less detected pixels ``(T, K, 2)`` (thesis eqs. 4.6, 4.30), and the points ``(T, K, 3)`` in the
+    camera's frame.
 
-    Args:
-        p_world_point: ``(T, K, 3)`` metres.
-        camera: at the ``T`` frames.
-        model: its intrinsics.
-        pixels: ``(T, K, 2)`` as detected, in the distorted image.
-
-    Returns:
-        Residuals ``(T, K, 2)`` in pixels, and the points ``(T, K, 3)`` in the camera's frame.
+    Pixels are as detected, in the distorted image; the camera is at the ``T`` frames.
     """
     p_camera = (p_world_point - camera.p_world_camera[:, None]) @ camera.R_world_camera  # rows times R are Rᵀ p
     return model.project(p_camera) - pixels, p_camera
 
 
 def reprojection_jacobians(p_camera: Array, camera: CameraPoses, model: CameraModel) -> tuple[Array, Array]:
-    """Derivatives of :func:`reprojection_residual`.
-
-    Returns:
-        By the point's world position ``(T, K, 2, 3)`` and by the camera's tangent ``(T, K, 2, 6)``.
-    """
+    """By the point's world position ``(T, K, 2, 3)`` and by the camera's tangent ``(T, K, 2, 6)``."""
     _, J = model.project_with_jacobian(p_camera)
     by_point = J @ transpose(camera.R_world_camera)[:, None]
     return by_point, np.concatenate([J @ hat(p_camera), -J], axis=3)

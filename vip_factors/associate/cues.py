@@ -11,6 +11,7 @@ are expected at places in the picture, and what lies there is theirs, unless som
 import numpy as np
 
 from vip_factors.associate.features import Context, rival
+from vip_factors.associate.tracklets import sums_around
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_path import CameraPath
 
@@ -55,13 +56,9 @@ def _around(context: Context, colour: Array) -> Array:
     """Colours ``(N, B)`` averaged over a time of each detection's tracklet; NaN where it was never seen."""
     half = WINDOW_S / 2 * context.rate
     key = context.track * (len(context.time) + 4 * int(half + 1)) + context.frame
-    looked = np.flatnonzero(np.isfinite(colour).all(axis=1))
-    looked = looked[np.argsort(key[looked], kind="stable")]
-    ordered = key[looked]
-    low, high = np.searchsorted(ordered, key - half, "left"), np.searchsorted(ordered, key + half, "right")
-    total = np.concatenate([np.zeros((1, colour.shape[1])), np.cumsum(colour[looked], axis=0)])
-    count = high - low
-    return np.where(count[:, None] > 0, (total[high] - total[low]) / np.maximum(count, 1)[:, None], np.nan)
+    looked = np.isfinite(colour).all(axis=1)
+    total, count = sums_around(key, half, key[looked], colour[looked])
+    return np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan)
 
 
 def _unlike(colour: Array, reference: Array) -> Array:

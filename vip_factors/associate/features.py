@@ -5,11 +5,13 @@ The thesis's major joints are counted (4.4.3), and how much each of them counts 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from vip_factors.associate.hypothesis import Hypotheses, WearerPoints
+from vip_factors.associate.tracklets import sums_around
 from vip_factors.geometry.rotations import Array, angle_between, transpose
 from vip_factors.sensors.camera_path import CameraPath
 
@@ -103,7 +105,7 @@ def unary_features(context: Context) -> Array:
     limbs = _limb_agreement(context)
     tilt = _tilt(context)
     unsteady, seconds = _unsteadiness(context), _track_seconds(context)
-    short, long = (_TrackMean(context, window) for window in WINDOWS_S)
+    short, long = (partial(_mean_along_track, context, window) for window in WINDOWS_S)
     long_cost, long_unsteady = long(log_cost), long(unsteady)
     columns = [
         log_cost, short(log_cost), long_cost, limbs, short(limbs), long(limbs),
@@ -115,12 +117,8 @@ def unary_features(context: Context) -> Array:
     if context.camera is not None:
         error = path_error(context, context.camera)
         R_camera_world = transpose(context.camera.R_world_camera)[h.frame]
-        columns += [
-            error,
-            long(error),
-            rival(h.frame, h.wearer, error),
-            angle_between(R_camera_world, h.R_camera_world),
-        ]
+        turn = angle_between(R_camera_world, h.R_camera_world)
+        columns += [error, long(error), rival(h.frame, h.wearer, error), turn]
     return np.stack(columns, axis=1)
 
 
@@ -235,24 +233,13 @@ def _track_seconds(context: Context) -> Array:
     return np.minimum(count / context.rate, WINDOWS_S[-1])
 
 
-class _TrackMean:
-    """Means over a window of time along the tracklet, of values of the same wearer's hypotheses."""
-
-    def __init__(self, context: Context, window_s: float) -> None:
-        h, half = context.hypotheses, window_s / 2 * context.rate
-        group = context.track[h.detection] * len(context.wearers) + h.wearer
-        stride = len(context.time) + 4 * int(half + 1)
-        key = group * stride + h.frame
-        self.order = np.argsort(key, kind="stable")
-        ordered = key[self.order]
-        self.low = np.searchsorted(ordered, ordered - half, side="left")
-        self.high = np.searchsorted(ordered, ordered + half, side="right")
-
-    def __call__(self, values: Array) -> Array:
-        total = np.concatenate([[0.0], np.cumsum(values[self.order])])
-        mean = np.empty(len(values))
-        mean[self.order] = (total[self.high] - total[self.low]) / (self.high - self.low)
-        return mean
+def _mean_along_track(context: Context, window_s: float, values: Array) -> Array:
+    """Means ``(P,)`` over a window of time along the tracklet, of values of the same wearer's hypotheses."""
+    h, half = context.hypotheses, window_s / 2 * context.rate
+    group = context.track[h.detection] * len(context.wearers) + h.wearer
+    key = group * (len(context.time) + 4 * int(half + 1)) + h.frame
+    total, count = sums_around(key, half, key, values)
+    return total / count
 
 
 def rival(group: np.ndarray, other_group: np.ndarray, values: Array) -> Array:

@@ -16,6 +16,16 @@ LONGEST_GAP_S = 0.1  # without a detection: a blink of the detector
 UNFOUND = 1e3
 
 
+def sums_around(key: Array, half: float, of: Array, values: Array) -> tuple[Array, np.ndarray]:
+    """Sums ``(m, ...)`` of the ``values`` ``(n, ...)`` whose keys ``of`` are within ``half`` of each key ``(m,)``, and
+    how many they are.
+    """
+    order = np.argsort(of, kind="stable")
+    low, high = (np.searchsorted(of[order], key + end, side) for end, side in ((-half, "left"), (half, "right")))
+    total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values[order], axis=0)])
+    return total[high] - total[low], high - low
+
+
 def person_size(rays: Array, weight: Array) -> Array:
     """Size ``(N,)`` of each detection: the longer side of the box about its keypoints, at depth one."""
     known = weight > 0

@@ -15,6 +15,7 @@ import numpy as np
 
 from vip_factors.associate.assignment import AssignmentProblem
 from vip_factors.associate.features import INTER, INTRA, INTRA_CAMERA, UNARY, UNARY_CAMERA, Context
+from vip_factors.associate.tracklets import sums_around
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 
@@ -54,11 +55,8 @@ def _around(context: Context, problem: AssignmentProblem, chosen: np.ndarray, va
     """Mean value of the choices for the same wearer nearby in time, and in what share of frames there are any."""
     half = max(1, round(AROUND_S / 2 * context.rate))
     key = problem.wearer * (len(context.time) + 3 * half) + problem.frame
-    order = np.flatnonzero(chosen)[np.argsort(key[chosen], kind="stable")]
-    ordered = key[order]
-    low, high = np.searchsorted(ordered, key - half, "left"), np.searchsorted(ordered, key + half, "right")
-    total = np.concatenate([[0.0], np.cumsum(value[order])])
-    return (total[high] - total[low]) / np.maximum(high - low, 1), (high - low) / (2 * half + 1)
+    total, count = sums_around(key, half, key[chosen], value[chosen])
+    return total / np.maximum(count, 1), count / (2 * half + 1)
 
 
 SHIPPED_WEIGHTS = Path(__file__).parent / "data" / "association_weights.json"

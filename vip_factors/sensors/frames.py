@@ -1,7 +1,7 @@
 """All IMU streams resampled onto the estimator's evenly spaced frames."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -62,15 +62,9 @@ class ImuFrames:
 
     def window(self, selection: slice) -> "ImuFrames":
         """Some of the frames, all consecutive (a step would break the triangular window)."""
-        return replace(
-            self,
-            time=self.time[selection],
-            R_inertial_sensor=self.R_inertial_sensor[selection],
-            orientation_valid=self.orientation_valid[selection],
-            specific_force_inertial=self.specific_force_inertial[selection],
-            acceleration_valid=self.acceleration_valid[selection],
-            period=self.step,  # a part may be one frame, or begin where a stretch ends
-        )
+        names = (one.name for one in fields(self) if one.name not in ("sensors", "period"))
+        measured = {name: getattr(self, name)[selection] for name in names}
+        return replace(self, **measured, period=self.step)  # some may be one frame, or begin where a stretch ends
 
 
 def frame_count(start: float, end: float, rate: float) -> int:

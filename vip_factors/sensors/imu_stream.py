@@ -103,11 +103,8 @@ class ImuStream:
             good &= np.all(np.isfinite(values), axis=tuple(range(1, values.ndim)))
         if not np.any(good):
             raise RecordingError(f"sensor '{name}': none of its {len(time)} samples is finite")
-
-        def keep(values: Array | None) -> Array | None:
-            return None if values is None else values[good]
-
-        return cls(name, time[good], keep(specific_force), keep(R_inertial_sensor), keep(angular_rate))
+        measured = (specific_force, R_inertial_sensor, angular_rate)
+        return cls(name, time[good], *(None if values is None else values[good] for values in measured))
 
     def __len__(self) -> int:
         return len(self.time)
@@ -133,18 +130,8 @@ class ImuStream:
     def cut(self, start: float, end: float) -> "ImuStream":
         """Samples with ``start <= time <= end``, still on the recording's clock."""
         inside = (self.time >= start) & (self.time <= end)
-
-        def keep(values: Array | None) -> Array | None:
-            return None if values is None else values[inside]
-
-        return replace(
-            self,
-            time=self.time[inside],
-            specific_force=keep(self.specific_force),
-            R_inertial_sensor=keep(self.R_inertial_sensor),
-            angular_rate=keep(self.angular_rate),
-            force_measured=keep(self.force_measured),
-        )
+        measured = {name: values for name, values in vars(self).items() if isinstance(values, np.ndarray)}
+        return replace(self, **{name: values[inside] for name, values in measured.items()})
 
 
 LATEST_S = 4e9  # 127 years: seconds since 1970 are less, and together with such a start they fit into nanoseconds

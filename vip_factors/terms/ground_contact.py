@@ -5,7 +5,7 @@ pass through "each ankle of the solved model": one that took its height from the
 at the ankle's own height and say nothing of depth, so it must be that of a foot which stands.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import BodyState
 from vip_factors.geometry.rotations import Array, hat
-from vip_factors.problem.scene import Foot, GroundView
+from vip_factors.problem.scene import GroundView
 from vip_factors.problem.state import CameraPoses
 from vip_factors.problem.wearer import BodyPoints
 from vip_factors.ranges import NotNegative, Share
@@ -143,66 +143,50 @@ def equations(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
         return
     settings: GroundContactSettings = at.camera.settings.ground_contact
     stands, bones = ground.stands[first], tuple(foot.bone for foot in ground.feet)
-    feet = [_StandingFoot.of(at, g, np.flatnonzero(stands[:, g]), first) for g in range(len(bones))]
-    residual = np.zeros((*stands.shape, 3))
-    for g, foot in enumerate(feet):
-        residual[foot.frames, g] = foot.residual
+    residual, by_foot = np.zeros((*stands.shape, 3)), []
+    for g in range(len(bones)):
+        frames = np.flatnonzero(stands[:, g])
+        residual[frames, g], derive = _of_foot(at, ground, g, first.start + frames)
+        by_foot.append((frames, g, derive))
 
     def derivatives() -> tuple[Array, tuple[JacobianBlock, ...]]:
         by_twist, by_camera = np.zeros((2, *stands.shape, 3, 6))
         by_sole = np.zeros((*stands.shape, 3, 1))
-        for g, foot in enumerate(feet):
-            by_twist[foot.frames, g], by_camera[foot.frames, g], by_sole[foot.frames, g] = foot.derivatives()
+        for frames, g, derive in by_foot:
+            by_twist[frames, g], by_camera[frames, g], by_sole[frames, g] = derive()
         ankles = BodyPoints(bones, np.stack([foot.p_bone_ankle for foot in ground.feet]))
-        of_body = at.wearer.body_blocks(at.wearer.body.at(first), ankles, _whitening(ground, first))
+        # By the ankles where they stand; the height of a standing one is its foot's alone.
+        whitening = np.where(ground.stands[first, :, None, None], ground.whitening[first], 0.0)
+        of_body = at.wearer.body_blocks(at.wearer.body.at(first), ankles, whitening)
         of_sole = (JacobianBlock(at.wearer.owner, "sole", by_sole),) if at.wearer.problem.free_sole else ()
         return by_twist, (JacobianBlock(at.owner, "poses", by_camera), *of_body, *of_sole)
 
     yield BoneEquations(first.start, residual, stands, settings.loss, at.wearer.owner, bones, derivatives)
 
 
-def _whitening(ground: GroundView, first: slice) -> Array:
-    """Derivative ``(t, G, 3, 3)`` by the ankles where they stand; the height of a standing one is its foot's alone."""
-    return np.where(ground.stands[first, :, None, None], ground.whitening[first], 0.0)
+def _of_foot(
+    at: ViewEvaluation, ground: GroundView, number: int, frames: np.ndarray
+) -> tuple[Array, Callable[[], tuple[Array, Array, Array]]]:
+    """Residuals ``(n, 3)`` of one foot in the frames in which it stands, and what gives their derivatives.
 
+    These are by the twist of the foot, the camera's pose, both ``(n, 3, 6)``, and the sole ``(n, 3, 1)``; all whitened.
+    """
+    foot, sole = ground.feet[number], at.wearer.sole
+    body = BodyState(at.wearer.body.R_world_bone[frames], at.wearer.body.p_world_joint[frames])
+    poses, ray = at.state.at_frames(slice(0, at.frames)), ground.rays[frames, number]
+    camera = CameraPoses(poses.R_world_camera[frames], poses.p_world_camera[frames])
+    whitening = ground.whitening[frames, number]
+    p_world_ankle, height = foot.ankle(body, sole)
+    residual = ground_contact_residual(p_world_ankle, height, camera, ray)
 
-@dataclass(frozen=True)
-class _StandingFoot:
-    """One foot in the ``n`` frames in which it stands, by their number in the stretch."""
+    def derivatives() -> tuple[Array, Array, Array]:
+        by_height, by_camera = ground_contact_jacobians(height, camera, ray)
+        by_twist = body.point_twists(p_world_ankle[:, None])[:, 0]
+        by_twist[:, :, :3] += by_height[:, :, None] * foot.height_by_turn(body, sole)[:, None]
+        by_sole = by_height * (sole * foot.height_by_sole(body))[:, None]
+        return whitening @ by_twist, whitening @ by_camera, whitening @ by_sole[..., None]
 
-    frames: np.ndarray
-    foot: Foot
-    sole: float
-    ray: Array
-    whitening: Array
-    body: BodyState
-    camera: CameraPoses
-    p_world_ankle: Array
-    height: Array
-
-    @classmethod
-    def of(cls, at: ViewEvaluation, number: int, frames: np.ndarray, first: slice) -> "_StandingFoot":
-        assert at.view.ground is not None
-        foot, all_frames, poses = at.view.ground.feet[number], first.start + frames, at.state.at_frames(first)
-        body = BodyState(at.wearer.body.R_world_bone[all_frames], at.wearer.body.p_world_joint[all_frames])
-        camera = CameraPoses(poses.R_world_camera[frames], poses.p_world_camera[frames])
-        ray, whitening = at.view.ground.rays[all_frames, number], at.view.ground.whitening[all_frames, number]
-        sole = at.wearer.sole
-        return cls(frames, foot, sole, ray, whitening, body, camera, *foot.ankle(body, sole))
-
-    @property
-    def residual(self) -> Array:
-        """``(n, 3)``, whitened."""
-        residual = ground_contact_residual(self.p_world_ankle, self.height, self.camera, self.ray)
-        return np.asarray((self.whitening @ residual[..., None])[..., 0])
-
-    def derivatives(self) -> tuple[Array, Array, Array]:
-        """By the twist of the foot, the camera's pose, both ``(n, 3, 6)``, and the sole ``(n, 3, 1)``, whitened."""
-        by_height, by_camera = ground_contact_jacobians(self.height, self.camera, self.ray)
-        by_twist = self.body.point_twists(self.p_world_ankle[:, None])[:, 0]
-        by_twist[:, :, :3] += by_height[:, :, None] * self.foot.height_by_turn(self.body, self.sole)[:, None]
-        by_sole = by_height * (self.sole * self.foot.height_by_sole(self.body))[:, None]
-        return self.whitening @ by_twist, self.whitening @ by_camera, self.whitening @ by_sole[..., None]
+    return (whitening @ residual[..., None])[..., 0], derivatives
 
 
 GROUND_CONTACT = Term("ground contact", 0, equations)

@@ -21,7 +21,8 @@ def sums_around(key: Array, half: float, of: Array, values: Array) -> tuple[Arra
     how many they are.
     """
     order = np.argsort(of, kind="stable")
-    low, high = (np.searchsorted(of[order], key + end, side) for end, side in ((-half, "left"), (half, "right")))
+    low = np.searchsorted(of[order], key - half, "left")
+    high = np.searchsorted(of[order], key + half, "right")
     total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values[order], axis=0)])
     return total[high] - total[low], high - low
 

@@ -130,8 +130,8 @@ class ImuStream:
     def cut(self, start: float, end: float) -> "ImuStream":
         """Samples with ``start <= time <= end``, still on the recording's clock."""
         inside = (self.time >= start) & (self.time <= end)
-        measured = {name: values for name, values in vars(self).items() if isinstance(values, np.ndarray)}
-        return replace(self, **{name: values[inside] for name, values in measured.items()})
+        measured = {name: values[inside] for name, values in vars(self).items() if isinstance(values, np.ndarray)}
+        return replace(self, **measured)  # type: ignore[arg-type]  # all but the name
 
 
 LATEST_S = 4e9  # 127 years: seconds since 1970 are less, and together with such a start they fit into nanoseconds

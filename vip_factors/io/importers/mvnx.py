@@ -9,7 +9,6 @@ bones are straight then says how. Which convention a file follows is not written
 right one, the points that two segments share coincide in every frame.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +16,11 @@ import numpy as np
 from vip_factors.body.anthropometry import STATURE_RANGE_M, skeleton_from_stature
 from vip_factors.body.kinematics import Motion, local_rotations
 from vip_factors.body.lengths import HAND_KNUCKLES, LEGS
-from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, Landmark, Skeleton, ancestors, joint_index
+from vip_factors.body.skeleton import JOINT_NAMES, Landmark, Skeleton, ancestors, joint_index
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, transpose
-from vip_factors.io.importers.mvnx_document import MvnxDocument, read_document
+from vip_factors.io.importers.mvnx_document import FULL_BODY, MvnxDocument, read_document
 from vip_factors.io.importers.shared import ImportedLog, rotations_or_nan
 from vip_factors.io.motions.skeleton_maps import both_sides
 from vip_factors.sensors.calibration import Placement, SensorSite, sensor_site
@@ -49,60 +48,63 @@ BONE_SEGMENTS = {
         "hip": "{}UpperLeg", "knee": "{}LowerLeg", "ankle": "{}Foot", "foot": "{}Toe",
     }, "Left", "Right",
 )  # fmt: skip
+# Our landmarks as points of segments.
+LANDMARK_POINTS = {"head_top": ("Head", "pTopOfHead")} | {
+    f"{side.lower()}_{name}": (f"{side}{segment}", point.format(side))
+    for side in ("Left", "Right")
+    for name, segment, point in (
+        ("heel", "Foot", "p{}HeelFoot"), ("toe_tip", "Toe", "p{}Toe"), ("fingertip", "Hand", "p{}TopOfHand"),
+    )
+}  # fmt: skip
 
 STRAIGHT_POSES = ("identity", "npose", "tpose")  # poses of the calibration that show the zero pose, the best first
 SANE_CLOSURE_M = 0.03  # joints of a right convention meet within millimetres; the arms of a wrong one miss by 0.3 m
 
 
-@dataclass(frozen=True)
-class MvnBody:
-    """What MVN says of the wearer.
-
-    Attributes:
-        motion: in our skeleton.
-        convention: which zero pose the segments' orientations refer to.
-        closure_m: mean distance of the points that should coincide.
-        joint_error_m: mean distance between our joints and MVN's: what merging L3 away costs.
-        has_landmarks: whether head top and heels, and so the stature, are from the file.
-    """
-
-    motion: Motion
-    convention: str
-    closure_m: float
-    joint_error_m: float
-    has_landmarks: bool
-
-
-def body_of(document: MvnxDocument, time: Array) -> MvnBody | str:
-    """The wearer's motion, or a sentence saying why there is none."""
+def body_of(document: MvnxDocument, time: Array, notes: list[str]) -> tuple[Motion, bool] | None:
+    """The wearer's motion in our skeleton, and whether its stature is from the file; or None, and a note says why."""
     quaternions, positions = document.channel("orientation"), document.channel("position")
     missing = sorted({"Pelvis", *SEGMENT_PARENTS} - set(document.segments))
     if missing:
-        return f"no motion of MVN's own: segment {missing[0]} is missing"
+        notes.append(f"no motion of MVN's own: segment {missing[0]} is missing")
+        return None
     if quaternions is None or positions is None:
-        return "no motion of MVN's own: the frames hold no segment orientations and positions"
+        notes.append("no motion of MVN's own: the frames hold no segment orientations and positions")
+        return None
     whole = np.all(np.isfinite(quaternions), axis=(1, 2)) & np.all(np.isfinite(positions), axis=(1, 2))
     if not np.all(whole) or np.any(np.abs(np.diff(time) * document.frame_rate - 1) > 0.1):
-        return "no motion of MVN's own: some frames are missing"
+        notes.append("no motion of MVN's own: some frames are missing")
+        return None
     offsets = _offsets(document)
     if offsets is None:
-        return "no motion of MVN's own: neither the segments' points nor a pose of the calibration is in the file"
+        notes.append(
+            "no motion of MVN's own: neither the segments' points nor a pose of the calibration is in the file"
+        )
+        return None
     try:
         R_world_segment = matrix_from_quaternion(quaternions, Order.WXYZ)
-        R_zero, convention, closure = _zero_pose(document, offsets, R_world_segment, positions)
+        R_zero, convention, closure_m = _zero_pose(document, offsets, R_world_segment, positions)
     except ValueError as error:
         raise FileFormatError(f"{document.path}: segment orientations: {error}") from error
-    R_world_segment = R_world_segment @ transpose(R_zero)
-    skeleton, has_landmarks = _skeleton(document, offsets)
-    R_world_bone = _bone_rotations(document, offsets, R_world_segment)
-    pelvis = document.segments.index("Pelvis")
-    start = float(time[0])
+    skeleton, has_stature = _skeleton(document, offsets)
+    R_world_bone = _bone_rotations(document, offsets, R_world_segment @ transpose(R_zero))
+    p_world_pelvis = positions[:, document.segments.index("Pelvis")]
     motion = Motion(
-        skeleton, local_rotations(R_world_bone), positions[:, pelvis], document.frame_rate, start, "Xsens MVN"
+        skeleton, local_rotations(R_world_bone), p_world_pelvis, document.frame_rate, float(time[0]), "Xsens MVN"
     )
     rows = [document.segments.index(BONE_SEGMENTS[name]) for name in JOINT_NAMES]
     miss = np.linalg.norm(motion.state.p_world_joint - positions[:, rows], axis=-1)[:, :-2]  # knuckles have no twin
-    return MvnBody(motion, convention, closure, float(miss.mean()), has_landmarks)
+    notes.append(
+        f"segment orientations refer to {convention}; joints meet within {closure_m * 1000:.1f} mm; our "
+        f"joints lie {miss.mean() * 1000:.1f} mm from MVN's"
+    )
+    if closure_m > SANE_CLOSURE_M:
+        notes.append("MVN's joints do not meet in any known convention of its axes: distrust its motion")
+    if document.configuration != FULL_BODY:
+        notes.append(
+            f"MVN's configuration is {document.configuration}: limbs without sensors are no truth, and not compared"
+        )
+    return motion, has_stature
 
 
 def _offsets(document: MvnxDocument) -> dict[str, Array] | None:
@@ -132,16 +134,15 @@ def _zero_pose(
         if "orientation" in pose.channels:
             kind = pose.attributes.get("type", "?")
             candidates.append((f"its {kind} frame", matrix_from_quaternion(pose.channels["orientation"], Order.WXYZ)))
-    found = []
+    children = [row(child) for child in offsets]
+    parents = [row(SEGMENT_PARENTS[child]) for child in offsets]
+    bones = np.stack(list(offsets.values()))[..., None]
+    fits = []
     for label, R_zero in candidates:
-        R = R_world_segment @ transpose(R_zero)
-        misses = [
-            np.linalg.norm(positions[:, row(parent)] + R[:, row(parent)] @ offset - positions[:, row(child)], axis=1)
-            for child, offset in offsets.items()
-            for parent in [SEGMENT_PARENTS[child]]
-        ]
-        found.append((R_zero, label, float(np.mean(misses))))
-    return min(found, key=lambda candidate: candidate[2])
+        R = (R_world_segment @ transpose(R_zero))[:, parents]
+        miss = positions[:, parents] + (R @ bones)[..., 0] - positions[:, children]
+        fits.append((R_zero, label, float(np.linalg.norm(miss, axis=-1).mean())))
+    return min(fits, key=lambda fit: fit[2])
 
 
 def _bone_rotations(document: MvnxDocument, offsets: dict[str, Array], R_world_segment: Array) -> Array:
@@ -155,7 +156,7 @@ def _bone_rotations(document: MvnxDocument, offsets: dict[str, Array], R_world_s
 
 
 def _skeleton(document: MvnxDocument, offsets: dict[str, Array]) -> tuple[Skeleton, bool]:
-    """Our skeleton with MVN's lengths; what the file does not tell of hands and feet follows from the leg's length."""
+    """Our skeleton with MVN's lengths, and whether all landmarks are in the file; others follow from the leg's length."""
     legs = np.linalg.norm(offsets["LeftLowerLeg"]) + np.linalg.norm(offsets["LeftFoot"])
     usual = skeleton_from_stature(float(np.clip(legs / LEGS, *STATURE_RANGE_M)))
     p_parent_joint = usual.p_parent_joint.copy()
@@ -164,31 +165,21 @@ def _skeleton(document: MvnxDocument, offsets: dict[str, Array]) -> tuple[Skelet
         offset = offsets["L3"] + offsets["T12"] if name == "spine2" else offsets[segment]
         if not name.endswith("_hand"):
             p_parent_joint[joint_index(name)] = offset @ R_segment_bone
-    landmarks, known = dict(usual.landmarks), True
-    for name, (segment, point) in _landmark_points().items():
-        if (segment, point) not in document.points:
-            known = False
-            continue
-        p_bone_point = document.points[segment, point] @ R_segment_bone
+    landmarks = dict(usual.landmarks)
+    present = {name: point for name, point in LANDMARK_POINTS.items() if point in document.points}
+    for name, point in present.items():
+        p_bone_point = document.points[point] @ R_segment_bone
         if name.endswith("_fingertip"):  # given from the wrist: part of the way is our hand joint
             joint = joint_index(name.replace("fingertip", "hand"))
             p_parent_joint[joint] = HAND_KNUCKLES * p_bone_point
             p_bone_point = (1 - HAND_KNUCKLES) * p_bone_point
         landmarks[name] = Landmark(usual.landmarks[name].bone, p_bone_point)
-    return Skeleton(p_parent_joint, landmarks, f"Xsens MVN {document.software}, {document.path.name}"), known
-
-
-def _landmark_points() -> dict[str, tuple[str, str]]:
-    points = {"head_top": ("Head", "pTopOfHead")}
-    for side in ("Left", "Right"):
-        points[f"{side.lower()}_heel"] = (f"{side}Foot", f"p{side}HeelFoot")
-        points[f"{side.lower()}_toe_tip"] = (f"{side}Toe", f"p{side}Toe")
-        points[f"{side.lower()}_fingertip"] = (f"{side}Hand", f"p{side}TopOfHand")
-    return points
+    return Skeleton(p_parent_joint, landmarks, f"Xsens MVN {document.software}, {document.path.name}"), len(
+        present
+    ) == len(LANDMARK_POINTS)
 
 
 FORMAT = "mvnx"
-FULL_BODY = "FullBody"  # MVN's configuration in which every limb carries a sensor
 
 GRAVITY = np.array([0.0, 0.0, 9.80665])  # the value MVN subtracts
 # MVN's mountings come from a pose held by eye and some steps walked: better than a careless pose (15°), not exact.
@@ -226,13 +217,11 @@ def read(path: Path) -> ImportedLog:
         notes.append(f"the file breaks off ({document.truncated}): {len(document.samples)} frames were read")
     time = _times(document)
     imus = _streams(document, time, notes)
-    body = body_of(document, time)
+    body = body_of(document, time, notes)
+    motion, has_stature = body or (None, False)
     placement = None
-    if isinstance(body, str):
-        notes.append(body)
-    else:
-        notes += _notes_on(document, body)
-        placement = _placement(imus, body)
+    if motion is not None:
+        placement = _placement(imus, motion)
         notes.append("the mountings are those that MVN's own motion implies")
     sites = {name: SENSOR_SITES[name] for name in imus if name in SENSOR_SITES}
     notes += [f"sensor {name} has no usual place on the body" for name in imus if name not in sites]
@@ -241,9 +230,9 @@ def read(path: Path) -> ImportedLog:
         imus=imus,
         default_sites=sites,
         placement=placement,
-        truth_motion=None if isinstance(body, str) else body.motion,
+        truth_motion=motion,
         truth_bones=_known_bones(document, placement),
-        stature_m=body.motion.skeleton.stature if isinstance(body, MvnBody) and body.has_landmarks else None,
+        stature_m=motion.skeleton.stature if motion is not None and has_stature else None,
         start_ns=_start_ns(document),
         notes=tuple(notes),
     )
@@ -282,15 +271,15 @@ def _streams(document: MvnxDocument, time: Array, notes: list[str]) -> dict[str,
     return imus
 
 
-def _placement(imus: dict[str, ImuStream], body: MvnBody) -> Placement:
+def _placement(imus: dict[str, ImuStream], motion: Motion) -> Placement:
     """Each sensor where its kind is worn, turned on its bone as MVN has it on average."""
-    state, time, sites = body.motion.state, body.motion.time, []
+    sites = []
     for name, stream in imus.items():
         if name not in SENSOR_SITES or stream.R_inertial_sensor is None:
             continue
-        usual = sensor_site(SENSOR_SITES[name], body.motion.skeleton, name)
-        frames = np.searchsorted(time, stream.time - 0.5 / body.motion.rate)
-        R_world_bone = state.R_world_bone[frames, usual.bone_index]
+        usual = sensor_site(SENSOR_SITES[name], motion.skeleton, name)
+        frames = np.searchsorted(motion.time, stream.time - 0.5 / motion.rate)
+        R_world_bone = motion.state.R_world_bone[frames, usual.bone_index]
         R_bone_sensor = mean_rotation(transpose(R_world_bone) @ stream.R_inertial_sensor)
         sites.append(SensorSite(name, usual.bone, usual.p_bone_sensor, R_bone_sensor, MVN_MOUNTING_SIGMA))
     return Placement(tuple(sites), FORMAT)
@@ -298,26 +287,8 @@ def _placement(imus: dict[str, ImuStream], body: MvnBody) -> Placement:
 
 def _known_bones(document: MvnxDocument, placement: Placement | None) -> frozenset[str] | None:
     """Bones that carry a sensor, and those between such bones; None, which is all, where every limb has one."""
-    if placement is None or document.attributes.get("configuration", FULL_BODY) == FULL_BODY:
+    if placement is None or document.configuration == FULL_BODY:
         return None
     worn = {site.bone_index for site in placement.sites}
-    between = {joint for joint in range(JOINT_COUNT) if worn & set(_below(joint)) and worn & set(ancestors(joint))}
-    return frozenset(JOINT_NAMES[joint] for joint in between)
-
-
-def _below(joint: int) -> list[int]:
-    """A joint and all that hang on it."""
-    return [other for other in range(JOINT_COUNT) if joint in ancestors(other)]
-
-
-def _notes_on(document: MvnxDocument, body: MvnBody) -> list[str]:
-    notes = [
-        f"segment orientations refer to {body.convention}; joints meet within {body.closure_m * 1000:.1f} mm; our "
-        f"joints lie {body.joint_error_m * 1000:.1f} mm from MVN's"
-    ]
-    if body.closure_m > SANE_CLOSURE_M:
-        notes.append("MVN's joints do not meet in any known convention of its axes: distrust its motion")
-    if document.attributes.get("configuration", FULL_BODY) != FULL_BODY:
-        configuration = document.attributes["configuration"]
-        notes.append(f"MVN's configuration is {configuration}: limbs without sensors are no truth, and not compared")
-    return notes
+    above = {joint for sensor in worn for joint in ancestors(sensor)}
+    return frozenset(JOINT_NAMES[joint] for joint in above if worn & set(ancestors(joint)))

@@ -20,6 +20,8 @@ SENSOR_CHANNELS = {
     "sensorAngularVelocity": 3,
 }
 
+FULL_BODY = "FullBody"  # MVN's configuration in which every limb carries a sensor
+
 
 class MvnxFrame(NamedTuple):
     """One frame: its attributes, and the numbers of the channels it has, one row per segment or sensor."""
@@ -37,7 +39,7 @@ class MvnxDocument:
         version: of the format, as written.
         software: version of MVN, as written.
         frame_rate: Hz.
-        attributes: of the subject.
+        configuration: which sensors the subject wears, in MVN's words.
         segments, sensors: labels, in the order of the rows of every channel.
         points: (segment, point) → metres, in the segment's axes in the T-pose (x forward, y left, z up).
         joints: pairs of (segment, point), parent first, that coincide.
@@ -50,7 +52,7 @@ class MvnxDocument:
     version: str = "?"
     software: str = "?"
     frame_rate: float = 0.0
-    attributes: dict[str, str] = field(default_factory=dict)
+    configuration: str = FULL_BODY
     segments: list[str] = field(default_factory=list)
     sensors: list[str] = field(default_factory=list)
     points: dict[tuple[str, str], Array] = field(default_factory=dict)
@@ -112,8 +114,12 @@ def _take(document: MvnxDocument, tag: str, element: ET.Element) -> None:
     elif tag == "mvn":
         document.software = element.get("version", "?")
     elif tag == "subject":
-        document.attributes = dict(element.attrib)
-        document.frame_rate = _number(document.path, "frameRate", element.get("frameRate", "0"))
+        document.configuration = element.get("configuration", FULL_BODY)
+        rate = element.get("frameRate", "0")
+        try:
+            document.frame_rate = float(rate)
+        except ValueError as error:
+            raise FileFormatError(f"{document.path}: frameRate = '{rate}': expected a number") from error
     elif tag == "segment":
         label = element.get("label", "?")
         document.segments.append(label)
@@ -156,10 +162,3 @@ def _numbers(path: Path, element: ET.Element, where: str, count: int) -> Array:
     if len(numbers) != count:
         raise FileFormatError(f"{path}: {where} has {len(numbers)} numbers: expected {count}")
     return numbers
-
-
-def _number(path: Path, name: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError as error:
-        raise FileFormatError(f"{path}: {name} = '{text}': expected a number") from error

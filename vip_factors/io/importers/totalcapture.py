@@ -9,10 +9,8 @@ skeleton has 21 joints, in inches, Y up.
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vip_factors.body.anthropometry import STATURE_RANGE_M, skeleton_from_stature
 from vip_factors.body.kinematics import Motion, local_rotations
@@ -32,7 +30,7 @@ from vip_factors.io.importers.totalcapture_files import (
     sensors_file,
 )
 from vip_factors.io.motions.skeleton_maps import both_sides
-from vip_factors.sensors.calibration import SITES, Placement, SensorSite, sensor_site
+from vip_factors.sensors.calibration import Placement, SensorSite, sensor_site
 from vip_factors.sensors.imu_stream import ImuStream
 
 METRES_PER_INCH = 0.0254
@@ -67,8 +65,6 @@ class OpticalBody:
         R_joint_bone: our bone axes in those of their joints, the same for all.
         R_vicon_joint: ``(T, J, 3, 3)`` and ``names``: their own rotations, of the frames kept.
         first_frame: of the file that was kept.
-        joint_error_m: mean distance between our joints and theirs.
-        notes: what was trimmed or looked odd.
     """
 
     motion: Motion
@@ -76,12 +72,12 @@ class OpticalBody:
     R_vicon_joint: Array
     names: tuple[str, ...]
     first_frame: int
-    joint_error_m: float
-    notes: tuple[str, ...]
 
 
-def optical_body(names: tuple[str, ...], positions: Array, quaternions: Array) -> OpticalBody:
+def optical_body(names: tuple[str, ...], positions: Array, quaternions: Array, notes: list[str]) -> OpticalBody:
     """Our skeleton and motion of joint positions ``(T, J, 3)`` in inches and rotations ``(T, J, 4)``, w last.
+
+    What was trimmed or looks odd is added to ``notes``.
 
     Raises:
         InputError: if joints are missing, or frames in the middle hold no rotations.
@@ -89,7 +85,7 @@ def optical_body(names: tuple[str, ...], positions: Array, quaternions: Array) -
     missing = sorted({*BONE_JOINTS.values(), "Spine1"} - set(names))
     if missing:
         raise InputError(f"joint {missing[0]} is missing among {', '.join(names)}")
-    first, last, notes = _whole_frames(positions, quaternions)
+    first, last = _whole_frames(positions, quaternions, notes)
     R = matrix_from_quaternion(quaternions[first:last], Order.XYZW)
     p = positions[first:last] * METRES_PER_INCH
     column = {name: k for k, name in enumerate(names)}
@@ -108,17 +104,15 @@ def optical_body(names: tuple[str, ...], positions: Array, quaternions: Array) -
     )
     has_twin = [name not in ENDS for name in JOINT_NAMES]
     error = np.linalg.norm(motion.state.p_world_joint - p_world_joint, axis=-1)[:, has_twin]
-    notes += _odd_limbs(skeleton)
-    return OpticalBody(motion, R_joint_bone, R, names, first, float(error.mean()), tuple(notes))
+    notes += [*_odd_limbs(skeleton), f"our joints lie {error.mean() * 1000:.1f} mm from the optical skeleton's"]
+    return OpticalBody(motion, R_joint_bone, R, names, first)
 
 
-def _whole_frames(positions: Array, quaternions: Array) -> tuple[int, int, list[str]]:
+def _whole_frames(positions: Array, quaternions: Array, notes: list[str]) -> tuple[int, int]:
+    """The frames that hold rotations: the first, and the one after the last."""
     T = min(len(positions), len(quaternions))
-    notes = (
-        []
-        if len(positions) == len(quaternions)
-        else [f"truth has {len(positions)} positions, {len(quaternions)} rotations"]
-    )
+    if len(positions) != len(quaternions):
+        notes.append(f"truth has {len(positions)} positions, {len(quaternions)} rotations")
     good = np.all(np.abs(np.linalg.norm(quaternions[:T], axis=-1) - 1) < UNIT_TOLERANCE, axis=1)
     good &= np.all(np.isfinite(positions[:T]), axis=(1, 2))
     kept = np.flatnonzero(good)
@@ -130,7 +124,7 @@ def _whole_frames(positions: Array, quaternions: Array) -> tuple[int, int, list[
         raise InputError(f"frame {bad} of the truth holds no unit quaternions: expected x y z w of each joint")
     if (first, last) != (0, T):
         notes.append(f"truth: {first} frames at its start and {T - last} at its end hold no rotations and are left out")
-    return first, last, notes
+    return first, last
 
 
 def _bone_axes(R: Array, p: Array, column: dict[str, int]) -> Array:
@@ -177,8 +171,6 @@ def _odd_limbs(skeleton: Skeleton) -> list[str]:
 
 FORMAT = "totalcapture"
 
-Align = Literal["head", "tail"]
-Rows = NDArray[np.intp]
 # The published mountings leave bones 2–7° from the optical ones: soft tissue, mostly.
 MOUNTING_SIGMA = np.deg2rad(7.0)
 
@@ -197,40 +189,26 @@ def matches(path: Path) -> bool:
     return is_sensors_file(path)
 
 
-def read(path: Path, align: Align = "head") -> ImportedLog:
-    """The sensors, the published mountings, and the optical motion.
+def read(path: Path) -> ImportedLog:
+    """The sensors, the published mountings, and the optical motion, whose first frame is the sensors' first.
 
     Args:
         path: a ``.sensors`` file, or a folder with one sequence.
-        align: whether the first (``"head"``) or the last (``"tail"``) frames of sensors and truth are simultaneous
-            where their numbers differ; the notes say how well either fits.
 
     Raises:
         FileFormatError: if a file is not of the form, naming the line.
-        InputError: for an unknown ``align``.
     """
-    if align not in get_args(Align):
-        raise InputError(f"align '{align}': expected {' or '.join(get_args(Align))}")
     file = sensors_file(path)
     table = read_sensors(file)
     notes = [table.truncated] if table.truncated else []
     imus, R_inertial_sensor = _streams(file, table, notes)
     body = _body(file, notes)
-    truth, placement = None, None
-    if body is not None:
-        notes += body.notes
-        notes.append(f"our joints lie {body.joint_error_m * 1000:.1f} mm from the optical skeleton's")
-        shift = _shift(table, body, R_inertial_sensor, align, notes)
-        first = body.motion
-        truth = Motion(
-            first.skeleton, first.R_parent_child, first.p_world_pelvis, RATE, first.start - shift / RATE, first.name
-        )
-        placement = _placement(file, table, body, R_inertial_sensor, shift, notes)
+    truth = None if body is None else body.motion
     return ImportedLog(
         format=FORMAT,
         imus=imus,
         default_sites={name: SENSOR_SITES[name] for name in imus if name in SENSOR_SITES},
-        placement=placement,
+        placement=None if body is None else _placement(file, table, body, R_inertial_sensor, notes),
         truth_motion=truth,
         stature_m=None if truth is None else stature_of(truth.skeleton),
         notes=tuple(notes),
@@ -262,62 +240,23 @@ def _body(file: Path, notes: list[str]) -> OpticalBody | None:
     if set(names) != set(names_too):
         raise FileFormatError(f"{orientations}: its joints are not those of {positions.name}: expected the same names")
     try:
-        return optical_body(names, p, q[:, [names_too.index(name) for name in names]])
+        return optical_body(names, p, q[:, [names_too.index(name) for name in names]], notes)
     except InputError as error:
         raise FileFormatError(f"{orientations}: {error}") from error
 
 
-def _paired(table: SensorTable, body: OpticalBody, shift: int) -> tuple[Rows, Rows]:
-    """Rows of the sensor table and of the kept truth frames that are simultaneous."""
-    frames = table.index.astype(int) - 1 + shift - body.first_frame
-    rows = np.flatnonzero((frames >= 0) & (frames < len(body.motion)))
-    return rows, frames[rows]
-
-
-def _shift(table: SensorTable, body: OpticalBody, R_inertial_sensor: Array, align: Align, notes: list[str]) -> int:
-    """Truth frame at the sensors' first frame, and a note on how well sensors and bones turn together either way."""
-    truth_frames = body.first_frame + len(body.motion)
-    shifts = {"head": 0, "tail": truth_frames - int(table.index[-1])}
-    if shifts["tail"] == 0:
-        notes.append("sensors and truth have the same number of frames")
-    said = ", ".join(
-        f"{name} {_turning_residual(table, body, R_inertial_sensor, shift):.2f} rad/s" for name, shift in shifts.items()
-    )
-    notes.append(f"aligned at the {align}; turning speeds of sensors and bones differ by (root mean square) {said}")
-    return shifts[align]
-
-
-def _turning_residual(table: SensorTable, body: OpticalBody, R_inertial_sensor: Array, shift: int) -> float:
-    """Difference of turning speeds in rad/s, which neither heading nor mounting changes."""
-    rows, frames = _paired(table, body, shift)
-    next_too = np.flatnonzero(np.diff(frames) == 1)
-    differences = []
-    for k, name in enumerate(table.names):
-        if name not in SENSOR_SITES:
-            continue
-        R_bone = body.R_vicon_joint[:, body.names.index(_joint_of(name))]
-        a, b = next_too, next_too + 1
-        sensor = angle_between(R_inertial_sensor[rows[a], k], R_inertial_sensor[rows[b], k])
-        differences.append((sensor - angle_between(R_bone[frames[a]], R_bone[frames[b]])) * RATE)
-    everything = np.concatenate(differences) if differences else np.zeros(0)
-    everything = everything[np.isfinite(everything)]
-    return float(np.sqrt(np.mean(everything**2))) if len(everything) else float("nan")
-
-
-def _joint_of(sensor: str) -> str:
-    return BONE_JOINTS[SITES[SENSOR_SITES[sensor]].bone]
-
-
 def _placement(
-    file: Path, table: SensorTable, body: OpticalBody, R_inertial_sensor: Array, shift: int, notes: list[str]
+    file: Path, table: SensorTable, body: OpticalBody, R_inertial_sensor: Array, notes: list[str]
 ) -> Placement | None:
+    """The published mountings; a note tells how far the bones that they give are from the optical ones."""
     bone_file, ref_file = companion(file, "bone"), companion(file, "ref")
     if bone_file is None:
         notes.append("no mountings: calib_imu_bone.txt is not beside the sensors")
         return None
     R_joint_sensor = read_calibration(bone_file)
     R_vicon_inertial = read_calibration(ref_file) if ref_file else {}
-    rows, frames = _paired(table, body, shift)
+    frames = table.index.astype(int) - 1 - body.first_frame
+    rows = np.flatnonzero((frames >= 0) & (frames < len(body.motion)))
     sites, angles = [], []
     for k, name in enumerate(table.names):
         if name not in SENSOR_SITES or name not in R_joint_sensor:
@@ -326,9 +265,9 @@ def _placement(
         R_bone_sensor = body.R_joint_bone.T @ R_joint_sensor[name]
         sites.append(SensorSite(name, usual.bone, usual.p_bone_sensor, R_bone_sensor, MOUNTING_SIGMA))
         if name in R_vicon_inertial:
-            R_vicon_joint = body.R_vicon_joint[frames, body.names.index(_joint_of(name))]
-            found = R_vicon_inertial[name] @ R_inertial_sensor[rows, k] @ transpose(R_joint_sensor[name])
-            angles.append(angle_between(R_vicon_joint, found))
+            R_measured = body.R_vicon_joint[frames[rows], body.names.index(BONE_JOINTS[usual.bone])]
+            R_vicon_joint = R_vicon_inertial[name] @ R_inertial_sensor[rows, k] @ transpose(R_joint_sensor[name])
+            angles.append(angle_between(R_measured, R_vicon_joint))
     if angles:
         middle = np.rad2deg(np.nanmedian(np.concatenate(angles)))
         notes.append(f"calibrated sensors turn their bones {middle:.1f}° (median) from the optical ones")

@@ -1,5 +1,6 @@
 """The text files of one TotalCapture sequence, as arrays in the units and frames of the files."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -76,11 +77,7 @@ def sensors_file(path: Path) -> Path:
 def _sequence(file: Path) -> str:
     """The sequence's name without the subject, which only some of its files carry: ``s1_walking2_Xsens`` → walking2."""
     words = [word for word in file.stem.split("_") if word not in ("Xsens", "AuxFields")]
-    return "_".join(words[1:] if len(words) > 1 else words) if words and _is_subject(words[0]) else "_".join(words)
-
-
-def _is_subject(word: str) -> bool:
-    return word[:1] in "sS" and word[1:].isdigit()
+    return re.sub(r"^[sS]\d+_", "", "_".join(words))
 
 
 def companion(sensors: Path, kind: str) -> Path | None:

@@ -64,73 +64,67 @@ def read_asf(path: str | Path) -> AsfSkeleton:
     section, bone = "", AsfBone("")
     for number, line in enumerate(lines, start=1):
         words = line.partition("#")[0].split()
-        if not words:
-            continue
-        try:
-            if words[0].startswith(":"):
-                section = words[0].lower()
-            elif section == ":units":
-                _units(skeleton, words)
-            elif section == ":root":
-                _root(skeleton.bones["root"], words, skeleton.degrees)
-            elif section == ":bonedata":
-                bone = _bone_line(skeleton, bone, words)
-            elif section == ":hierarchy" and words[0] not in ("begin", "end"):
-                _children(skeleton, words)
-        except (ValueError, IndexError, KeyError) as error:
-            raise FileFormatError(f"{path}, line {number}: '{line.strip()[:60]}' in {section}: {error}") from error
+        if words and words[0].startswith(":"):
+            section = words[0].lower()
+        elif words:
+            try:
+                bone = _take_line(skeleton, bone, section, words)
+            except (ValueError, IndexError, KeyError) as error:
+                raise FileFormatError(f"{path}, line {number}: '{line.strip()[:60]}' in {section}: {error}") from error
     if len(skeleton.parents) < 2:
         raise FileFormatError(f"{path}: no :hierarchy of bones found; expected an ASF skeleton")
     return skeleton
 
 
-def _units(skeleton: AsfSkeleton, words: list[str]) -> None:
-    if words[0] == "length":
-        length = float(words[1])
-        if not 0 < length < np.inf:
-            raise ValueError("expected a length above zero")
-        skeleton.unit_m = INCH_M / length
-    elif words[0] == "angle":
-        skeleton.degrees = words[1].lower().startswith("deg")
-
-
-def _root(root: AsfBone, words: list[str], degrees: bool) -> None:
-    if words[0] == "order":
-        root.dof = tuple(word.lower() for word in words[1:])
-    elif words[0] == "orientation":
-        root.axis = _axis(words[1:4], "xyz", degrees)
-
-
-def _axis(angles: list[str], order: str, degrees: bool) -> Array:
-    values = np.array([float(word) for word in angles])
-    if len(values) != 3:
-        raise ValueError("expected three angles")
-    return rotation_in_order(np.radians(values) if degrees else values, order)
-
-
-def _bone_line(skeleton: AsfSkeleton, bone: AsfBone, words: list[str]) -> AsfBone:
-    key = words[0].lower()
-    if key == "begin":
-        return AsfBone("")
-    if key == "name":
-        bone.name = words[1]
-        skeleton.bones[bone.name] = bone
-    elif key == "direction":
-        bone.direction = np.array([float(word) for word in words[1:4]])
-        if len(bone.direction) != 3 or not np.all(np.isfinite(bone.direction)):
-            raise ValueError("expected three numbers")
-    elif key == "length":
-        bone.length = float(words[1])
-        if not np.isfinite(bone.length):
-            raise ValueError("expected a length")
-    elif key == "axis":
-        bone.axis = _axis(words[1:4], (words[4] if len(words) > 4 else "xyz").lower(), skeleton.degrees)
-    elif key == "dof":
-        bone.dof = tuple(word.lower() for word in words[1:])
+def _take_line(skeleton: AsfSkeleton, bone: AsfBone, section: str, words: list[str]) -> AsfBone:
+    """Put a line's content into the skeleton, or into the bone that is being described; the bone of the next line."""
+    root = skeleton.bones["root"]
+    match section, words[0].lower():
+        case ":units", "length":
+            length = float(words[1])
+            if not 0 < length < np.inf:
+                raise ValueError("expected a length above zero")
+            skeleton.unit_m = INCH_M / length
+        case ":units", "angle":
+            skeleton.degrees = words[1].lower().startswith("deg")
+        case ":root", "order":
+            root.dof = tuple(word.lower() for word in words[1:])
+        case ":root", "orientation":
+            root.axis = rotation_in_order(_angles(words[1:4], skeleton.degrees), "xyz")
+        case ":bonedata", "begin":
+            return AsfBone("")
+        case ":bonedata", "name":
+            bone.name = words[1]
+            skeleton.bones[bone.name] = bone
+        case ":bonedata", "direction":
+            bone.direction = _three_numbers(words[1:4])
+        case ":bonedata", "length":
+            bone.length = float(words[1])
+            if not np.isfinite(bone.length):
+                raise ValueError("expected a length")
+        case ":bonedata", "axis":
+            order = words[4].lower() if len(words) > 4 else "xyz"
+            bone.axis = rotation_in_order(_angles(words[1:4], skeleton.degrees), order)
+        case ":bonedata", "dof":
+            bone.dof = tuple(word.lower() for word in words[1:])
+        case ":hierarchy", key if key not in ("begin", "end"):
+            _take_children(skeleton, words)
     return bone
 
 
-def _children(skeleton: AsfSkeleton, words: list[str]) -> None:
+def _three_numbers(words: list[str]) -> Array:
+    numbers = np.array(words, dtype=float)
+    if len(numbers) != 3 or not np.all(np.isfinite(numbers)):
+        raise ValueError("expected three numbers")
+    return numbers
+
+
+def _angles(words: list[str], degrees: bool) -> Array:
+    numbers = _three_numbers(words)
+    return np.radians(numbers) if degrees else numbers
+
+
+def _take_children(skeleton: AsfSkeleton, words: list[str]) -> None:
     for name in words:
         if name not in skeleton.bones:
             raise KeyError(f"bone '{name}' is not among :bonedata")

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -115,8 +115,7 @@ def detect_format(path: str | Path) -> str:
         FileFormatError: if no format matches.
     """
     path = Path(path)
-    if not path.exists() and not (path.name and path.parent.is_dir() and list(path.parent.glob(f"{path.name}*"))):
-        raise InputError(f"{path}: no such file or folder, and no file whose name begins so")
+    _check_exists(path)
     if path.is_file():
         with path.open("rb") as file:
             start = file.read(len(MAGIC))
@@ -131,6 +130,11 @@ def detect_format(path: str | Path) -> str:
         f"{path}: not a sensor log of a known format; known are {', '.join(FORMATS)}; of a table of another make say "
         "what its columns mean with --columns MAP.toml, of which --template NAME writes a first guess"
     )
+
+
+def _check_exists(path: Path) -> None:
+    if not path.exists() and not (path.name and path.parent.is_dir() and list(path.parent.glob(f"{path.name}*"))):
+        raise InputError(f"{path}: no such file or folder, and no file whose name begins so")
 
 
 def _mcap_format(path: Path) -> str:
@@ -177,8 +181,7 @@ def _read_table(path: Path, columns: str | Path | None) -> ImportedLog:
             f"{path}: format 'table' needs --columns MAP.toml, which says what the columns mean; --template NAME "
             "writes a first guess"
         )
-    if not path.exists() and not (path.name and path.parent.is_dir() and list(path.parent.glob(f"{path.name}*"))):
-        raise InputError(f"{path}: no such file or folder, and no file whose name begins so")
+    _check_exists(path)
     return read(path, read_column_map(columns))
 
 
@@ -217,12 +220,15 @@ def recording_of_log(log: ImportedLog, path: Path, options: ImportOptions) -> Re
     check_leaps(log.imus)
     notes += coverage_notes(log.imus)
     if body is None:
-        subject = _subject(given, log, notes)
+        lengths, stature = dict(given.segment_lengths_m), given.stature_m or log.stature_m
+        subject = Subject(given.subject or "subject", stature, given.mass_kg, given.sex, lengths)
+        notes += [subject.body_note] if subject.body_note else []
     else:
         subject = subject_with(body, given)
         notes.append(f"body of '{body.name}' from {options.body}, whatever stature and lengths were told")
     log = replace(log, imus=after_pose(log.imus, held, notes) if held else _oriented(log.imus, notes))
-    rule = options.placement if isinstance(options.placement, Mapping) else given.sensors or _preset_name(options)
+    said = options.placement
+    rule = said if isinstance(said, Mapping | str) and not _is_file(said) else given.sensors
     placement = place_sensors(log, subject.body(), rule, notes)
     if (given.initial_pose or "none") == "none":
         notes.append(NO_POSE)
@@ -257,14 +263,6 @@ def _held(
     return held, without_sample(log.imus, source.sample) if same and source.sample else log.imus
 
 
-def _subject(given: PlacementFile, log: ImportedLog, notes: list[str]) -> Subject:
-    """The wearer, of whom at most stature, sex and some lengths are known."""
-    stature = given.stature_m or log.stature_m
-    subject = Subject(given.subject or "subject", stature, given.mass_kg, given.sex, dict(given.segment_lengths_m))
-    notes += [subject.body_note] if subject.body_note else []
-    return subject
-
-
 def _own(path: Path, options: ImportOptions) -> Recording:
     """One of our recordings, as it is: what it says of wearer and placement is not to be overruled in passing."""
     if replace(options, body=None, then=()) != ImportOptions(format=options.format):
@@ -280,19 +278,15 @@ def _own(path: Path, options: ImportOptions) -> Recording:
     return with_body(recording, read_body_file(options.body)) if options.body is not None else recording
 
 
-def _preset_name(options: ImportOptions) -> str | None:
-    return options.placement if isinstance(options.placement, str) and not _is_file(options.placement) else None
-
-
-def _is_file(placement: str | Path) -> bool:
-    return isinstance(placement, Path) or placement.lower().endswith((".toml", ".json", ".xml"))
+def _is_file(placement: str | Path | Mapping[str, str] | None) -> TypeGuard[str | Path]:
+    return isinstance(placement, Path) or (
+        isinstance(placement, str) and placement.lower().endswith((".toml", ".json", ".xml"))
+    )
 
 
 def _given(options: ImportOptions) -> PlacementFile:
     """What the user said: the placement file's content with the options' values over it."""
-    content = PlacementFile()
-    if isinstance(options.placement, str | Path) and _is_file(options.placement):
-        content = placement_from_file(options.placement)
+    content = placement_from_file(options.placement) if _is_file(options.placement) else PlacementFile()
     named = ("subject", "stature_m", "mass_kg", "sex", "initial_pose")
     over = {name: getattr(options, name) for name in named if getattr(options, name) is not None}
     lengths = {**content.segment_lengths_m, **options.segment_lengths_m}

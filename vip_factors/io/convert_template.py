@@ -2,14 +2,14 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.convert import detect_format, read_log
-from vip_factors.io.importers.column_guess import guess_columns
+from vip_factors.io.importers.column_guess import UNIT_KEYS, guess_columns
 from vip_factors.io.importers.column_map import QUANTITIES, ColumnMap, Columns, SensorColumns
 from vip_factors.io.importers.maker_tables import column_map
 from vip_factors.io.importers.shared import candidates, likely_sites
@@ -46,40 +46,30 @@ def write_templates(path: str | Path, name: Path, overwrite: bool = False) -> Te
     """
     path = Path(path)
     stem = name.with_suffix("") if name.suffix.lower() == ".toml" else name
-    files = Templates(*(stem.with_name(f"{stem.name}_{what}.toml") for what in ("placement", "columns")))
-    assert files.columns is not None
-    for file in (files.placement, files.columns):
+    placement_file, columns_file = (stem.with_name(f"{stem.name}_{what}.toml") for what in ("placement", "columns"))
+    for file in (placement_file, columns_file):
         check_target(file, overwrite)
-    found = _format(path)
-    if found == "recording":
+    known_format = _format(path)
+    if known_format == "recording":
         raise InputError(f"{path} is a recording of this package already: it needs neither columns nor places")
-    text = None
-    if found == "opensim_export":
-        columns = column_map(path)
-        sensors, text = list(columns.sensors), columns_text(path, columns, {})
-    elif found is not None:
-        sensors = list(read_log(path, found).imus)
+    if known_format not in ("", "opensim_export"):
+        sensors, files = list(read_log(path, known_format).imus), Templates(placement_file)
     else:
-        columns, reasons = guess(path)
-        sensors, text = _names(path, columns), columns_text(path, columns, reasons)
-    if text is None:
-        files = files._replace(columns=None)
-    elif files.columns is not None:
-        _write(files.columns, text, overwrite)
-    _write(files.placement, placement_text(path, sensors, files), overwrite)
+        columns, reasons = (column_map(path), {}) if known_format else guess(path)
+        sensors, files = _names(path, columns), Templates(placement_file, columns_file)
+        with atomic_open(columns_file, "w", overwrite) as stream:
+            stream.write(columns_text(path, columns, reasons))
+    with atomic_open(files.placement, "w", overwrite) as stream:
+        stream.write(placement_text(path, sensors, files))
     return files
 
 
-def _format(path: Path) -> str | None:
+def _format(path: Path) -> str:
+    """The log's format; empty if it is none of the known ones."""
     try:
         return detect_format(path)
     except FileFormatError:
-        return None
-
-
-def _write(path: Path, text: str, overwrite: bool) -> None:
-    with atomic_open(path, "w", overwrite) as file:
-        file.write(text)
+        return ""
 
 
 def guess(path: Path) -> tuple[ColumnMap, Mapping[str, list[str]]]:
@@ -147,26 +137,30 @@ def columns_text(path: Path, columns: ColumnMap, reasons: Mapping[str, list[str]
     """A column map as TOML, what all sensors share above them."""
     entries = dict(columns.sensors) or {"": columns.common}
     first = next(iter(entries.values()))
-    shared = [
-        one.name
-        for one in fields(SensorColumns)
-        if one.name not in ("file", "rate_hz", *QUANTITIES)
-        and all(getattr(entry, one.name) == getattr(first, one.name) for entry in entries.values())
-    ]
-    told = [key for key in shared if key in _CHOICES and not _idle(key, list(entries.values()))]
+    one_clock = len({(entry.time, entry.time_unit) for entry in entries.values()}) == 1
     lines = [
         f"# What the columns of {path} mean: a first guess from their names and numbers. Please check every line.",
         "",
-        *_time_lines(first, shared),
-        *(f"{key} = {toml_text(getattr(first, key))}  # {_CHOICES[key]}" for key in told),
+        *(_time_lines(first) if one_clock else ()),
     ]
+    for quantity, keys in UNIT_KEYS.items():
+        if any(getattr(entry, quantity) is not None for entry in entries.values()):
+            lines += [f"{key} = {toml_text(getattr(first, key))}  # {_CHOICES[key]}" for key in keys]
     if columns.sensor_column is not None:
         lines.append(f"sensor_column = {toml_text(columns.sensor_column)}  # names the sensor of each row")
     for name, entry in entries.items():
         lines += ["", *(f"# {reason}" for reason in reasons.get(name, ()))]
         if name:
             lines.append(f"[sensors.{toml_text(name)}]")
-        lines += [f"{key} = {_cell(getattr(entry, key))}" for key in _own_keys(entry, shared)]
+        if entry.file is not None:
+            lines.append(f"file = {toml_text(entry.file)}")
+        lines += () if one_clock else _time_lines(entry)
+        for quantity in QUANTITIES:
+            at: Columns | None = getattr(entry, quantity)
+            if at is not None:
+                listed = toml_text(at.columns)
+                where = listed if at.file is None else f"{{ file = {toml_text(at.file)}, columns = {listed} }}"
+                lines.append(f"{quantity} = {where}")
     return "\n".join(lines) + "\n"
 
 
@@ -179,32 +173,11 @@ _CHOICES = {
 }
 
 
-def _time_lines(first: SensorColumns, shared: list[str]) -> list[str]:
-    if "time" not in shared:
-        return []
-    if first.time is None:
+def _time_lines(entry: SensorColumns) -> list[str]:
+    if entry.time is None:
         return ["# No column looks like the times of the samples. Name it, or say how many samples a second there are:",
                 "# time = \"…\"", "# rate_hz = 100"]  # fmt: skip
-    return [f"time = {_cell(first.time)}", f'time_unit = "{first.time_unit}"  # s, ms, us or ns']
-
-
-def _own_keys(entry: SensorColumns, shared: list[str]) -> list[str]:
-    """What is to be said of a sensor by itself."""
-    keys = [one.name for one in fields(SensorColumns) if one.name not in shared]
-    return [key for key in keys if getattr(entry, key) is not None and not _idle(key, [entry])]
-
-
-def _idle(key: str, entries: list[SensorColumns]) -> bool:
-    """Whether a key says something of a quantity that none of the sensors has."""
-    of = {"world_up": "quaternion"}.get(key, key.rpartition("_")[0])
-    return of in QUANTITIES and all(getattr(entry, of) is None for entry in entries)
-
-
-def _cell(value: object) -> str:
-    if not isinstance(value, Columns):
-        return toml_text(value)
-    listed = toml_text(value.columns)
-    return listed if value.file is None else f"{{ file = {toml_text(value.file)}, columns = {listed} }}"
+    return [f"time = {toml_text(entry.time)}", f'time_unit = "{entry.time_unit}"  # s, ms, us or ns']
 
 
 def placement_text(path: Path, sensors: list[str], files: Templates) -> str:
@@ -228,18 +201,16 @@ def placement_text(path: Path, sensors: list[str], files: Templates) -> str:
     ]
     for name in sensors:
         key = toml_text(name).ljust(width)
-        told = sites.get(name)
-        lines.append(f"{key} = {toml_text(told)}  # {site_axes(told)}" if told else f'# {key} = "…"  # not told')
-    return "\n".join([*lines, "", *_explained(), ""])
-
-
-def _explained() -> list[str]:
-    table = [f"#   {name.ljust(max(map(len, SITES)))}  {site_axes(name)}" for name in SITES]
-    return [
+        site = sites.get(name)
+        lines.append(f"{key} = {toml_text(site)}  # {site_axes(site)}" if site else f'# {key} = "…"  # not told')
+    lines += [
+        "",
         "# A sensor's axes are taken as the site's, within 40° or so; quarter turns are found from the motion, and",
         "# standing still at first or a declared pose tells the rest. Left, right, up, down, front and back are the",
         "# wearer's in a T-pose (arms sideways, palms down). If you know the sensor's axes well, give the rotation:",
         '#   "…" = { site = "left_thigh", mounting_wxyz = [1, 0, 0, 0], sigma_deg = 15 }',
         "# Sites:",
-        *table,
+        *(f"#   {name.ljust(max(map(len, SITES)))}  {site_axes(name)}" for name in SITES),
+        "",
     ]
+    return "\n".join(lines)

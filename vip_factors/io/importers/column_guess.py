@@ -9,6 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,11 @@ _WORDS = {
     "angular_rate": r"gyr|gyro|gyros|gyroscope|angvel|angularvelocity|angularrate|omega|turnrate",
     "quaternion": r"quat|quaternion|orientation|orient|ori|rot",
     "ignored": r"mag|magn|magnet|magnetometer|freeacc|linacc|euler|roll|pitch|yaw|temp|temperature|baro|pressure",
+}
+UNIT_KEYS = {
+    "acceleration": ("acceleration_unit",),
+    "angular_rate": ("angular_rate_unit",),
+    "quaternion": ("quaternion_order", "quaternion_sense", "world_up"),
 }
 _LETTERS = {"a": "acceleration", "g": "angular_rate", "w": "angular_rate", "q": "quaternion", "m": "ignored"}
 _UNITS = {"g", "mg", "ms2", "mps2", "dps", "degs", "rads", "radps", "deg", "rad", "s", "ms", "us", "ut", "si", "raw"}
@@ -64,18 +70,12 @@ def guess_columns(table: TextTable) -> dict[str, tuple[SensorColumns, list[str]]
 
 def _agreeing(sensors: Mapping[str, SensorColumns]) -> dict[str, SensorColumns]:
     """The sensors with the units of most of them: one logger writes one unit."""
-    keys = {
-        "acceleration": ("acceleration_unit",),
-        "angular_rate": ("angular_rate_unit",),
-        "quaternion": ("quaternion_order", "quaternion_sense", "world_up"),
-    }
-    agreed = dict(sensors)
-    for quantity, names in keys.items():
-        having = [name for name, one in agreed.items() if getattr(one, quantity) is not None]
-        said = Counter(tuple(getattr(agreed[name], key) for key in names) for name in having)
-        for name in having:
-            agreed[name] = replace(agreed[name], **dict(zip(names, said.most_common(1)[0][0], strict=True)))
-    return agreed
+    agreed: dict[str, Any] = {}
+    for quantity, keys in UNIT_KEYS.items():
+        having = [one for one in sensors.values() if getattr(one, quantity) is not None]
+        votes = Counter(tuple(getattr(one, key) for key in keys) for one in having)
+        agreed |= dict(zip(keys, votes.most_common(1)[0][0], strict=True)) if votes else {}
+    return {name: replace(one, **agreed) for name, one in sensors.items()}
 
 
 def meaning(name: str) -> tuple[str, str, str] | None:

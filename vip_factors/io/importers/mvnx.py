@@ -156,7 +156,7 @@ def _bone_rotations(document: MvnxDocument, offsets: dict[str, Array], R_world_s
 
 
 def _skeleton(document: MvnxDocument, offsets: dict[str, Array]) -> tuple[Skeleton, bool]:
-    """Our skeleton with MVN's lengths, and whether all landmarks are in the file; others follow from the leg's length."""
+    """Our skeleton with MVN's lengths, and whether all landmarks are in the file; others follow from the legs."""
     legs = np.linalg.norm(offsets["LeftLowerLeg"]) + np.linalg.norm(offsets["LeftFoot"])
     usual = skeleton_from_stature(float(np.clip(legs / LEGS, *STATURE_RANGE_M)))
     p_parent_joint = usual.p_parent_joint.copy()

@@ -64,21 +64,21 @@ def intrinsics_of(message: "CameraCalibration") -> CameraModel:
     return CameraModel(message.width, message.height, (fx, fy), (cx, cy), tuple(message.D))
 
 
-def path_messages(
-    writer: MessageWriter, topic: str, path: CameraPath, start_ns: int, frame_id: str = WORLD
-) -> Iterator[TimedMessage]:
+def path_messages(writer: MessageWriter, topic: str, path: CameraPath, start_ns: int) -> Iterator[TimedMessage]:
     """The poses of a camera as ``foxglove.PoseInFrame``, serialised, in the order of time."""
     from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
-    channel = writer.channel(topic, PoseInFrame)
     xyzw = quaternion_from_matrix(path.R_world_camera, Order.XYZW).tolist()
-    message = PoseInFrame(frame_id=frame_id)
-    for time_ns, q, p in zip(nanoseconds(path.time, start_ns), xyzw, path.p_world_camera.tolist(), strict=True):
-        set_timestamp(message.timestamp, time_ns)
+
+    def messages() -> Iterator[PoseInFrame]:
+        message = PoseInFrame(frame_id=WORLD)
         turn, at = message.pose.orientation, message.pose.position
-        turn.x, turn.y, turn.z, turn.w = q
-        at.x, at.y, at.z = p
-        yield time_ns, channel, message.SerializeToString()
+        for q, p in zip(xyzw, path.p_world_camera.tolist(), strict=True):
+            turn.x, turn.y, turn.z, turn.w = q
+            at.x, at.y, at.z = p
+            yield message
+
+    return writer.stamped(topic, PoseInFrame, nanoseconds(path.time, start_ns), messages())
 
 
 def path_of(poses: "Sequence[PoseInFrame]", start_ns: int) -> CameraPath | None:
@@ -131,13 +131,13 @@ def image_messages(writer: MessageWriter, topic: str, camera: Camera, start_ns: 
 
     images = dict(sorted(camera.video.images.items())) if camera.video is not None else {}
     if not images:
-        return
-    channel = writer.channel(topic, CompressedImage)
+        return iter(())
     times = camera.clock.at(frame_times(camera.detections.time, np.array(list(images))))
-    for time_ns, data in zip(nanoseconds(times, start_ns), images.values(), strict=True):
-        message = CompressedImage(frame_id=camera.name, data=data, format=IMAGE_FORMATS.get(data[:2], ""))
-        set_timestamp(message.timestamp, time_ns)
-        yield time_ns, channel, message.SerializeToString()
+    messages = (
+        CompressedImage(frame_id=camera.name, data=data, format=IMAGE_FORMATS.get(data[:2], ""))
+        for data in images.values()
+    )
+    return writer.stamped(topic, CompressedImage, nanoseconds(times, start_ns), messages)
 
 
 def video_of(message: CameraInfo.Video, images: Sequence[Any], mcap_path: Path) -> Video:

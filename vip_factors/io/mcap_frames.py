@@ -20,7 +20,6 @@ from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose, CameraResiduals
 from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo
-from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
 from vip_factors.io.schemas.residuals_pb2 import Residuals
 from vip_factors.live_estimate import LiveCameraPose, LivePose
 from vip_factors.sensors.camera_path import CameraPath
@@ -37,17 +36,18 @@ def pose_messages(
     first: int = 0,
 ) -> Iterator[TimedMessage]:
     """The frames of a motion, serialised, in the order of time; the first of them has the number ``first``."""
-    channel = writer.channel(topic, BodyPose)
     wxyz = quaternion_from_matrix(motion.R_parent_child, Order.WXYZ).reshape(len(motion), 4 * JOINT_COUNT)
-    for row, time_ns in enumerate(nanoseconds(motion.time, start_ns)):
-        message = BodyPose(
-            frame=first + row, joint_rotations_wxyz=wxyz[row], p_world_pelvis=vector_message(motion.p_world_pelvis[row])
+    messages = (
+        BodyPose(
+            frame=first + row,
+            joint_rotations_wxyz=wxyz[row],
+            p_world_pelvis=vector_message(p_world_pelvis),
+            joint_covariance=() if covariance is None else covariance.joints[row].ravel(),
+            root_covariance=() if covariance is None else covariance.root[row].ravel(),
         )
-        set_timestamp(message.timestamp, time_ns)
-        if covariance is not None:
-            message.joint_covariance.extend(covariance.joints[row].ravel())
-            message.root_covariance.extend(covariance.root[row].ravel())
-        yield time_ns, channel, message.SerializeToString()
+        for row, p_world_pelvis in enumerate(motion.p_world_pelvis)
+    )
+    return writer.stamped(topic, BodyPose, nanoseconds(motion.time, start_ns), messages)
 
 
 def motion_of(path: Path, info: MotionInfo, poses: Sequence[BodyPose]) -> tuple[Motion, PoseCovariance | None]:
@@ -89,13 +89,14 @@ def residual_messages(
     writer: MessageWriter, topic: str, time: Array, residuals: Mapping[str, Array], start_ns: int, first: int = 0
 ) -> Iterator[TimedMessage]:
     """The residuals of frames at ``time`` ``(T,)``, serialised; the first of them has the number ``first``."""
-    channel = writer.channel(topic, Residuals)
-    for row, time_ns in enumerate(nanoseconds(time, start_ns)):
-        message = Residuals(frame=first + row)
-        set_timestamp(message.timestamp, time_ns)
-        for kind, values in residuals.items():
-            message.kinds.add(name=kind, values=values[row])
-        yield time_ns, channel, message.SerializeToString()
+    messages = (
+        Residuals(
+            frame=first + row,
+            kinds=[Residuals.Kind(name=kind, values=values[row]) for kind, values in residuals.items()],
+        )
+        for row in range(len(time))
+    )
+    return writer.stamped(topic, Residuals, nanoseconds(time, start_ns), messages)
 
 
 def camera_pose_messages(
@@ -107,38 +108,33 @@ def camera_pose_messages(
     first: int = 0,
 ) -> Iterator[TimedMessage]:
     """The poses of a camera, serialised, in the order of time; the first of them has the number ``first``."""
-    channel = writer.channel(topic, CameraPose)
-    for time_ns, message in camera_poses(path, start_ns, covariance, first):
-        yield time_ns, channel, message.SerializeToString()
+    times_ns = nanoseconds(path.time, start_ns)
+    return writer.stamped(topic, CameraPose, times_ns, camera_poses(path, start_ns, covariance, first))
 
 
 def camera_poses(
     path: CameraPath, start_ns: int, covariance: Array | None = None, first: int = 0
-) -> Iterator[tuple[int, CameraPose]]:
-    """Absolute nanoseconds and message of the poses of a camera."""
+) -> Iterator[CameraPose]:
+    """The messages of the poses of a camera."""
     turns = quaternion_from_matrix(path.R_world_camera, Order.WXYZ).tolist()
     for row, (time_ns, seconds) in enumerate(zip(nanoseconds(path.time, start_ns), path.time.tolist(), strict=True)):
-        w, x, y, z = turns[row]
         message = CameraPose(
             frame=first + row,
             seconds=seconds,
-            rotation_wxyz=QuaternionWxyz(w=w, x=x, y=y, z=z),
+            rotation_wxyz=dict(zip("wxyz", turns[row], strict=True)),
             p_world_camera=vector_message(path.p_world_camera[row]),
             covariance=covariance[row].ravel() if covariance is not None else (),
         )
         set_timestamp(message.timestamp, time_ns)
-        yield time_ns, message
+        yield message
 
 
 def camera_residual_messages(
     writer: MessageWriter, topic: str, time: Array, residual: Array, start_ns: int, first: int = 0
 ) -> Iterator[TimedMessage]:
     """Reprojection errors ``(T, wearers)`` of frames at ``time`` ``(T,)``, numbered from ``first`` on."""
-    channel = writer.channel(topic, CameraResiduals)
-    for row, time_ns in enumerate(nanoseconds(time, start_ns)):
-        message = CameraResiduals(frame=first + row, pixels=residual[row])
-        set_timestamp(message.timestamp, time_ns)
-        yield time_ns, channel, message.SerializeToString()
+    messages = (CameraResiduals(frame=frame, pixels=pixels) for frame, pixels in enumerate(residual, first))
+    return writer.stamped(topic, CameraResiduals, nanoseconds(time, start_ns), messages)
 
 
 def residuals_of(info: EstimateInfo, messages: Sequence[Residuals], frames: int) -> dict[str, Array]:

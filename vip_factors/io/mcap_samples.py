@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.codec import NS_PER_S, set_timestamp, time_ns_of
+from vip_factors.io.codec import NS_PER_S, time_ns_of
 from vip_factors.io.mcap_messages import parsed, warn
 from vip_factors.io.mcap_reader import McapMessages
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
@@ -24,16 +25,18 @@ from vip_factors.sensors.scene import Camera, SceneTruth
 
 def sample_messages(writer: MessageWriter, topic: str, stream: ImuStream, start_ns: int) -> Iterator[TimedMessage]:
     """The samples of a stream, serialised, in the order of time."""
-    channel = writer.channel(topic, ImuSample)
+    return writer.stamped(topic, ImuSample, nanoseconds(stream.time, start_ns), _samples(stream))
+
+
+def _samples(stream: ImuStream) -> Iterator[ImuSample]:
+    """One message, filled anew for every sample."""
     absent: list[None] = [None] * len(stream)
     R = stream.R_inertial_sensor
     force = absent if stream.specific_force is None else stream.specific_force.tolist()
     wxyz = absent if R is None else quaternion_from_matrix(R, Order.WXYZ).tolist()
     rate = absent if stream.angular_rate is None else stream.angular_rate.tolist()
-    times = nanoseconds(stream.time, start_ns)
-    message = ImuSample(sensor=stream.name)  # one message, filled anew for every sample
-    for time_ns, seconds, f, q, w in zip(times, stream.time.tolist(), force, wxyz, rate, strict=True):
-        set_timestamp(message.timestamp, time_ns)
+    message = ImuSample(sensor=stream.name)
+    for seconds, f, q, w in zip(stream.time.tolist(), force, wxyz, rate, strict=True):
         message.seconds = seconds
         if f is not None:
             specific_force = message.specific_force
@@ -46,7 +49,7 @@ def sample_messages(writer: MessageWriter, topic: str, stream: ImuStream, start_
             angular_rate = message.angular_rate
             angular_rate.x, angular_rate.y, angular_rate.z = w
             angular_rate.SetInParent()
-        yield time_ns, channel, message.SerializeToString()
+        yield message
 
 
 def read_streams(path: Path, channels: Sequence[McapMessages], start_ns: int) -> dict[str, ImuStream]:
@@ -72,26 +75,14 @@ def read_streams(path: Path, channels: Sequence[McapMessages], start_ns: int) ->
 
 
 def _stream(path: Path, name: str, samples: Sequence[ImuSample], start_ns: int) -> ImuStream:
-    time = np.array(
-        [
-            one.seconds if one.HasField("seconds") else (time_ns_of(one.timestamp) - start_ns) / NS_PER_S
-            for one in samples
-        ]
-    )
-    force = _measured(
-        [one.HasField("specific_force") for one in samples],
-        [(v.x, v.y, v.z) for v in (one.specific_force for one in samples)],
-    )
-    rate = _measured(
-        [one.HasField("angular_rate") for one in samples],
-        [(v.x, v.y, v.z) for v in (one.angular_rate for one in samples)],
-    )
-    wxyz = _measured(
-        [one.HasField("orientation_wxyz") for one in samples],
-        [(q.w, q.x, q.y, q.z) for q in (one.orientation_wxyz for one in samples)],
-    )
+    times = [
+        one.seconds if one.HasField("seconds") else (time_ns_of(one.timestamp) - start_ns) / NS_PER_S for one in samples
+    ]
+    time = np.array(times)
+    force = _measured(samples, "specific_force", "xyz")
+    rate = _measured(samples, "angular_rate", "xyz")
+    R = rotations_where_finite(_measured(samples, "orientation_wxyz", "wxyz"), Order.WXYZ)
     order = np.argsort(time, kind="stable")  # other writers may log out of order
-    R = rotations_where_finite(wxyz, Order.WXYZ)
     stream = ImuStream.from_samples(
         name, time[order], *(None if one is None else one[order] for one in (force, R, rate))
     )
@@ -100,12 +91,14 @@ def _stream(path: Path, name: str, samples: Sequence[ImuSample], start_ns: int) 
     return stream
 
 
-def _measured(present: list[bool], rows: list[tuple[float, ...]]) -> Array | None:
-    """The rows as an array, NaN where a message lacks the field; None where all lack it."""
-    if not any(present):
+def _measured(samples: Sequence[ImuSample], field: str, axes: str) -> Array | None:
+    """``(N, axes)``, NaN where a message lacks the field; None where all lack it."""
+    present = np.array([one.HasField(field) for one in samples])
+    if not present.any():
         return None
-    values = np.array(rows)
-    values[~np.array(present)] = np.nan
+    numbers, of = attrgetter(*axes), attrgetter(field)
+    values = np.array([numbers(of(one)) for one in samples])
+    values[~present] = np.nan
     return values
 
 
@@ -131,16 +124,17 @@ def detection_messages(
     writer: MessageWriter, topic: str, camera: Camera, truth: SceneTruth | None, start_ns: int
 ) -> Iterator[TimedMessage]:
     """One message a video frame, serialised, in the order of time."""
-    channel = writer.channel(topic, Detections2D)
-    detections = camera.detections
+    times_ns = nanoseconds(camera.timed_detections.time, start_ns)
+    return writer.stamped(topic, Detections2D, times_ns, _frames(camera.detections, truth))
+
+
+def _frames(detections: Detections, truth: SceneTruth | None) -> Iterator[Detections2D]:
     pixels = detections.pixels.reshape(len(detections), 2 * len(detections.keypoints))
     true_pixels, colours = None, detections.torso_colour
     if truth is not None and truth.pixels is not None:
         true_pixels = truth.pixels.reshape(len(detections), 2 * len(detections.keypoints))
-    times = nanoseconds(camera.timed_detections.time, start_ns)
-    for frame, (time_ns, seconds) in enumerate(zip(times, detections.time.tolist(), strict=True)):
+    for frame, seconds in enumerate(detections.time.tolist()):
         message = Detections2D(frame=frame, seconds=seconds)
-        set_timestamp(message.timestamp, time_ns)
         here = detections.of_frame(frame)
         for one in range(here.start, here.stop):
             person = message.people.add(pixels=pixels[one], confidence=detections.confidence[one])
@@ -150,7 +144,7 @@ def detection_messages(
                 person.truth_wearer = int(truth.wearer[one])
             if true_pixels is not None:
                 person.truth_pixels.extend(true_pixels[one])
-        yield time_ns, channel, message.SerializeToString()
+        yield message
 
 
 MOST_FRAMES = 20_000_000  # of a video: nine hours at 600 Hz

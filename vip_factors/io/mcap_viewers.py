@@ -97,18 +97,18 @@ def point_messages(writer: MessageWriter, topic: str, motion: Motion, start_ns: 
     from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
     from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
-    channel = writer.channel(topic, PointCloud)
-    step = shown_step(motion)
     message = PointCloud(frame_id=WORLD, point_stride=3 * FLOAT32_BYTES)
     message.pose.orientation.w = 1.0
     for axis, name in enumerate("xyz"):
         message.fields.add(name=name, offset=axis * FLOAT32_BYTES, type=PackedElementField.FLOAT32)
-    for time_ns, points in zip(
-        nanoseconds(motion.time[::step], start_ns), _points(motion.frames(slice(None, None, step))), strict=True
-    ):
-        message.timestamp.seconds, message.timestamp.nanos = divmod(time_ns, NS_PER_S)
-        message.data = points.astype("<f4").tobytes()
-        yield time_ns, channel, message.SerializeToString()
+    shown = motion.frames(slice(None, None, shown_step(motion)))
+
+    def messages() -> Iterator[PointCloud]:
+        for points in _points(shown):
+            message.data = points.astype("<f4").tobytes()
+            yield message
+
+    return writer.stamped(topic, PointCloud, nanoseconds(shown.time, start_ns), messages())
 
 
 def _points(motion: Motion) -> Array:

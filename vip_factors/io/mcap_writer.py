@@ -7,7 +7,7 @@ from itertools import count
 from typing import IO, TYPE_CHECKING, Any
 
 from vip_factors import __version__
-from vip_factors.io.codec import NS_PER_S
+from vip_factors.io.codec import NS_PER_S, M, set_timestamp
 from vip_factors.io.mcap_reader import McapContents, McapMessages
 
 if TYPE_CHECKING:
@@ -72,6 +72,15 @@ class MessageWriter:
         """One serialised message. Log times are unsigned: what lies before the epoch is logged at 0."""
         time_ns = max(time_ns, 0)
         self._writer.add_message(channel, time_ns, data, time_ns, next(self._sequence) & 0xFFFFFFFF)
+
+    def stamped(
+        self, topic: str, message_class: "type[M]", times_ns: Iterable[int], messages: "Iterable[M]"
+    ) -> Iterator[TimedMessage]:
+        """Messages on one topic in the order of time, with their timestamps, serialised; one may be filled anew."""
+        channel = self.channel(topic, message_class)
+        for time_ns, message in zip(times_ns, messages, strict=True):
+            set_timestamp(message.timestamp, time_ns)
+            yield time_ns, channel, message.SerializeToString()
 
     def add_in_order(self, *streams: Iterable[TimedMessage]) -> None:
         """Messages of several streams, each in the order of time, interleaved: a cut then ends all at one time."""

@@ -278,7 +278,7 @@ def _camera(message: CameraMessage) -> Camera:
 
 
 def _camera_message(camera: Camera, start_ns: int) -> CameraMessage:
-    poses = [] if camera.known_path is None else [pose for _, pose in camera_poses(camera.known_path, start_ns)]
+    poses = [] if camera.known_path is None else list(camera_poses(camera.known_path, start_ns))
     return CameraMessage(
         info=camera_info_message(camera),
         calibration=intrinsics_message(camera.model, camera.name, start_ns).SerializeToString(),

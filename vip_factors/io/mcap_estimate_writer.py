@@ -23,38 +23,11 @@ from vip_factors.estimate import (
     WearerEstimate,
 )
 from vip_factors.geometry.rotations import Array
+from vip_factors.io import mcap_estimate as on
 from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import NS_PER_S, time_ns_of
 from vip_factors.io.mcap_camera import intrinsics_message, path_messages
-from vip_factors.io.mcap_estimate import (
-    BODY,
-    CALIBRATION,
-    CAMERA_CALIBRATION,
-    CAMERA_HEAD,
-    CAMERA_INFO,
-    CAMERA_PATH,
-    CAMERA_POSE,
-    CAMERA_RESIDUALS,
-    DETECTOR,
-    ESTIMATE,
-    HEAD,
-    INFO,
-    INTRINSICS,
-    MOTION,
-    POINTS,
-    POSE,
-    RECORDING_INFO,
-    REPORT,
-    RESIDUALS,
-    SCENE,
-    SCENE_HEAD,
-    SCENE_INFO,
-    SCENE_REPORT,
-    SENSOR_PLACES,
-    SINGLE,
-    TRANSFORMS,
-    WEARER,
-)
+from vip_factors.io.mcap_estimate import CAMERA_HEAD, HEAD, SCENE_HEAD
 from vip_factors.io.mcap_frames import camera_pose_messages, camera_residual_messages, pose_messages, residual_messages
 from vip_factors.io.mcap_messages import Topics
 from vip_factors.io.mcap_reader import McapContents, read_contents
@@ -103,11 +76,11 @@ def write_estimate(
     prefixes = _wearer_prefixes(head)
     with _estimate_file(path, overwrite, append_to, start_ns, chunk_bytes) as (writer, start_ns):
         if not head.is_plain:
-            writer.write(SCENE_INFO, SCENE_HEAD.encode(head, wearer_topics=prefixes, start_ns=start_ns), start_ns)
+            writer.write(on.SCENE_INFO, SCENE_HEAD.encode(head, wearer_topics=prefixes, start_ns=start_ns), start_ns)
         for report in head.reports:
-            writer.write(SCENE_REPORT, codecs.REPORT.encode(report), start_ns)
+            writer.write(on.SCENE_REPORT, codecs.REPORT.encode(report), start_ns)
         if head.detector is not None:
-            writer.write(DETECTOR, codecs.DETECTOR.encode(head.detector), start_ns)
+            writer.write(on.DETECTOR, codecs.DETECTOR.encode(head.detector), start_ns)
         camera = None
         if head.camera is not None:
             frames = estimate.frames[0] if errors is None else len(errors)
@@ -121,7 +94,7 @@ def write_estimate(
         for chunk in estimate.chunks:
             time = chunk.wearers[0].motion.time
             for report in chunk.reports:
-                writer.write(SCENE_REPORT, codecs.REPORT.encode(report), start_ns + int(NS_PER_S * time[0]))
+                writer.write(on.SCENE_REPORT, codecs.REPORT.encode(report), start_ns + int(NS_PER_S * time[0]))
             streams = [one for own, wearer in zip(wearers, chunk.wearers, strict=True) for one in own.streams(wearer)]
             if camera is not None and chunk.camera is not None:
                 streams += camera.streams(chunk.camera, time)
@@ -129,9 +102,9 @@ def write_estimate(
             end_ns = start_ns + int(NS_PER_S * time[-1]) if len(time) else end_ns
         if estimate.closed is not None:
             closed = estimate.closed()
-            writer.write(SCENE_INFO, SCENE_HEAD.encode(closed, wearer_topics=prefixes, start_ns=start_ns), end_ns)
+            writer.write(on.SCENE_INFO, SCENE_HEAD.encode(closed, wearer_topics=prefixes, start_ns=start_ns), end_ns)
             for one, prefix in zip(closed.wearers, prefixes, strict=True):
-                writer.write(prefix + CALIBRATION, codecs.CALIBRATION.encode(one.calibration), end_ns)
+                writer.write(prefix + on.CALIBRATION, codecs.CALIBRATION.encode(one.calibration), end_ns)
 
 
 @contextmanager
@@ -157,12 +130,12 @@ def _estimate_file(
             )
     with atomic_open(path, "wb", overwrite) as file, MessageWriter(file, chunk_bytes) as writer:
         if recording is not None:
-            writer.copy(recording, without=(ESTIMATE,))
+            writer.copy(recording, without=(on.ESTIMATE,))
         yield writer, start_ns
 
 
 def _start_of(recording: McapContents) -> int:
-    topics = [topic for topic in recording.topics if topic.endswith(RECORDING_INFO)]  # of a scene, one per wearer
+    topics = [topic for topic in recording.topics if topic.endswith(on.RECORDING_INFO)]  # of a scene, one per wearer
     info = Topics(recording).last(topics[0], RecordingInfo) if topics else None
     return 0 if info is None else time_ns_of(info.start)
 
@@ -184,7 +157,7 @@ def _wearer_prefixes(estimate: Estimate) -> list[str]:
     names = [one.motion.name for one in estimate.wearers]
     if len(set(names)) < len(names):
         names = [str(number) for number in range(len(names))]
-    return wearer_topics(names, SINGLE, WEARER)
+    return wearer_topics(names, on.SINGLE, on.WEARER)
 
 
 class WearerWriter:
@@ -211,25 +184,25 @@ class WearerWriter:
         shown_frames: float = inf,
     ) -> None:
         self._writer, self._prefix, self._start_ns, self._written = writer, prefix, start_ns, 0
-        writer.write(prefix + INFO, HEAD.encode(head, start_ns=start_ns), start_ns)
+        writer.write(prefix + on.INFO, HEAD.encode(head, start_ns=start_ns), start_ns)
         self.write_motion(head.motion, frames)
         if frames:  # a stream writes its calibration as it goes
-            writer.write(prefix + CALIBRATION, codecs.CALIBRATION.encode(head.calibration), start_ns)
+            writer.write(prefix + on.CALIBRATION, codecs.CALIBRATION.encode(head.calibration), start_ns)
         if head.body is not None:
-            writer.write(prefix + BODY, codecs.BODY.encode(head.body), start_ns)
+            writer.write(prefix + on.BODY, codecs.BODY.encode(head.body), start_ns)
         if head.sensor_places:
-            writer.write(prefix + SENSOR_PLACES, codecs.SENSOR_PLACES.encode(head.sensor_places), start_ns)
+            writer.write(prefix + on.SENSOR_PLACES, codecs.SENSOR_PLACES.encode(head.sensor_places), start_ns)
         for report in head.reports:
-            writer.write(prefix + REPORT, codecs.REPORT.encode(report), start_ns)
+            writer.write(prefix + on.REPORT, codecs.REPORT.encode(report), start_ns)
         # Viewers tell frames apart by name only: two wearers' skeletons need names of their own.
-        self._name = head.motion.name if prefix == SINGLE else prefix.rpartition("/")[2]
+        self._name = head.motion.name if prefix == on.SINGLE else prefix.rpartition("/")[2]
         self._shown_frames = shown_frames if scene_wanted(scene, head.motion, frames) else 0
         if self._shown_frames:
-            writer.write(prefix + SCENE, skeleton_scene(replace(head.motion, name=self._name)), start_ns)
+            writer.write(prefix + on.SCENE, skeleton_scene(replace(head.motion, name=self._name)), start_ns)
 
     def write_motion(self, motion: Motion, frames: int) -> None:
         """What all frames share; of what comes several times the last one counts."""
-        self._writer.write(self._prefix + MOTION, codecs.MOTION.encode(motion, frames=frames), self._start_ns)
+        self._writer.write(self._prefix + on.MOTION, codecs.MOTION.encode(motion, frames=frames), self._start_ns)
 
     def streams(self, chunk: WearerEstimate) -> Iterator[Iterable[TimedMessage]]:
         """The messages of the next frames."""
@@ -237,14 +210,14 @@ class WearerWriter:
         motion, first = chunk.motion, self._written
         self._written += len(motion)
         for report in chunk.reports:
-            writer.write(prefix + REPORT, codecs.REPORT.encode(report), start_ns + int(NS_PER_S * motion.start))
-        yield pose_messages(writer, prefix + POSE, motion, start_ns, chunk.covariance, first)
+            writer.write(prefix + on.REPORT, codecs.REPORT.encode(report), start_ns + int(NS_PER_S * motion.start))
+        yield pose_messages(writer, prefix + on.POSE, motion, start_ns, chunk.covariance, first)
         if chunk.residuals:
-            yield residual_messages(writer, prefix + RESIDUALS, motion.time, chunk.residuals, start_ns, first)
+            yield residual_messages(writer, prefix + on.RESIDUALS, motion.time, chunk.residuals, start_ns, first)
         if first < self._shown_frames:
             shown = replace(motion.frames(slice(-first % shown_step(motion), None)), name=self._name)
-            yield transform_messages(writer, prefix + TRANSFORMS, shown, start_ns)
-            yield point_messages(writer, prefix + POINTS, shown, start_ns)
+            yield transform_messages(writer, prefix + on.TRANSFORMS, shown, start_ns)
+            yield point_messages(writer, prefix + on.POINTS, shown, start_ns)
 
 
 class CameraWriter:
@@ -264,10 +237,10 @@ class CameraWriter:
         self._writer, self._poses, self._frames, self._start_ns = writer, poses, frames, start_ns
         self._written, self._residuals = 0, 0
         self.write_info(head, start_ns)
-        writer.write(INTRINSICS, intrinsics_message(head.model, head.name, start_ns), start_ns)
+        writer.write(on.INTRINSICS, intrinsics_message(head.model, head.name, start_ns), start_ns)
         if head.calibration is not None:
             calibration = {head.name: head.calibration}
-            writer.write(CAMERA_CALIBRATION, codecs.CALIBRATION.encode(calibration), start_ns)
+            writer.write(on.CAMERA_CALIBRATION, codecs.CALIBRATION.encode(calibration), start_ns)
 
     def write_info(self, camera: CameraEstimate, time_ns: int) -> None:
         """What the camera is, how many poses there will be or are, and residuals of how many frames."""
@@ -279,17 +252,17 @@ class CameraWriter:
             wearers=None if residual is None else residual.shape[1],
             residual_frames=None if residual is None else self._frames,
         )
-        self._writer.write(CAMERA_INFO, info, time_ns)
+        self._writer.write(on.CAMERA_INFO, info, time_ns)
 
     def streams(self, chunk: CameraEstimate, motion_time: Array) -> Iterator[Iterable[TimedMessage]]:
         """The messages of the next frames, at ``motion_time`` ``(T,)``; one pose of a camera that stands still."""
         writer, path, residual = self._writer, chunk.path, chunk.residual_px
         if self._poses is None or self._written < self._poses:
-            yield camera_pose_messages(writer, CAMERA_POSE, path, self._start_ns, chunk.covariance, self._written)
-            yield path_messages(writer, CAMERA_PATH, path, self._start_ns)
+            yield camera_pose_messages(writer, on.CAMERA_POSE, path, self._start_ns, chunk.covariance, self._written)
+            yield path_messages(writer, on.CAMERA_PATH, path, self._start_ns)
             self._written += len(path)
         if residual is not None:
             time = next((one for one in (path.time, motion_time) if len(one) == len(residual)), motion_time[:1])
             time = np.resize(time, len(residual))
-            yield camera_residual_messages(writer, CAMERA_RESIDUALS, time, residual, self._start_ns, self._residuals)
+            yield camera_residual_messages(writer, on.CAMERA_RESIDUALS, time, residual, self._start_ns, self._residuals)
             self._residuals += len(residual)

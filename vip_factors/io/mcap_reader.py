@@ -11,28 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vip_factors.io.mcap_records import (
-    ATTACHMENT,
-    CHANNEL,
-    CHUNK,
-    CHUNK_HEAD,
-    FOOTER,
-    FOOTER_BYTES,
-    MAGIC,
-    MESSAGE,
-    MESSAGE_HEAD,
-    METADATA,
-    RECORD_HEAD,
-    SCHEMA,
-    McapChannel,
-    RecordError,
-    RecordFile,
-    channel_of,
-    check_file,
-    description,
-    read_chunk,
-    records_of,
-)
+from vip_factors.io import mcap_records
+from vip_factors.io.mcap_records import McapChannel, RecordError, RecordFile
 
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
@@ -221,20 +201,22 @@ class _Walk:
     def file(self) -> None:
         """The whole file; what could not be read is told as a warning."""
         path, damage = self.contents.path, self.contents.damage
-        check_file(path)
+        mcap_records.check_file(path)
         with open(path, "rb") as file:
             records = RecordFile(path, file)
             for opcode, start, content in records.records():
-                if opcode == CHUNK:
+                if opcode == mcap_records.CHUNK:
                     self._indexed_chunk(start, content)
-                elif opcode == ATTACHMENT:
+                elif opcode == mcap_records.ATTACHMENT:
                     self.contents.attachments.append(content)
-                elif opcode == METADATA:
+                elif opcode == mcap_records.METADATA:
                     self.contents.metadata.append(content)
                 else:
-                    self.chunked = self.chunked and opcode != MESSAGE
+                    self.chunked = self.chunked and opcode != mcap_records.MESSAGE
                     self._record(opcode, content, 0, len(content))
-            if records.ended != FOOTER or not file.read()[FOOTER_BYTES:].startswith(MAGIC):
+            if records.ended != mcap_records.FOOTER or not file.read()[mcap_records.FOOTER_BYTES :].startswith(
+                mcap_records.MAGIC
+            ):
                 self._tail(records)
         if self._nameless:
             damage.append(f"{self._nameless} messages belong to no channel of the file: left out")
@@ -246,43 +228,43 @@ class _Walk:
         at, size, file = records.at, records.size, records.file
         file.seek(at)
         rest = file.read()
-        if len(rest) > RECORD_HEAD.size and rest[0] == CHUNK:
-            self._indexed_chunk(at + RECORD_HEAD.size, rest[RECORD_HEAD.size :], whole=False)
+        if len(rest) > mcap_records.RECORD_HEAD.size and rest[0] == mcap_records.CHUNK:
+            self._indexed_chunk(at + mcap_records.RECORD_HEAD.size, rest[mcap_records.RECORD_HEAD.size :], whole=False)
         last = self.contents.last_log_time
         upto = "no message is left" if last is None else f"read up to log time {last / 1e9:.3f} s"
-        damaged = rest.endswith(MAGIC) and len(rest) > len(MAGIC)
+        damaged = rest.endswith(mcap_records.MAGIC) and len(rest) > len(mcap_records.MAGIC)
         where = f"damaged at byte {at}" if damaged else f"cut off at byte {size}"
         self.contents.damage.insert(0, f"the file is {where} ({upto}); what follows is lost")
 
     def _indexed_chunk(self, start: int, content: bytes, whole: bool = True) -> None:
-        if len(content) >= CHUNK_HEAD.size:
-            first, last, _, _ = CHUNK_HEAD.unpack_from(content)
+        if len(content) >= mcap_records.CHUNK_HEAD.size:
+            first, last, _, _ = mcap_records.CHUNK_HEAD.unpack_from(content)
             self.chunks.append(_ChunkPlace(start, len(content), whole, first, last))
         self.chunk(content, whole)
 
     def chunk(self, content: bytes, whole: bool = True) -> None:
         """A chunk, or as much as there is of it."""
         try:
-            data = read_chunk(content, whole)
+            data = mcap_records.read_chunk(content, whole)
         except RecordError as error:
             self.contents.damage.append(f"{error}: its messages are left out")
             return
-        for opcode, start, end in records_of(data):
+        for opcode, start, end in mcap_records.records_of(data):
             self._record(opcode, data, start, end)
 
     def _record(self, opcode: int, data: bytes, start: int, end: int) -> None:
         """A record that may stand in a chunk."""
-        if opcode == MESSAGE and end - start >= MESSAGE_HEAD.size:
-            number, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(data, start)
+        if opcode == mcap_records.MESSAGE and end - start >= mcap_records.MESSAGE_HEAD.size:
+            number, sequence, log_time, publish_time = mcap_records.MESSAGE_HEAD.unpack_from(data, start)
             self.contents.last_log_time = log_time
             messages = self.gathered.get(number)
             if messages is not None:
-                messages.add(log_time, publish_time, sequence, data[start + MESSAGE_HEAD.size : end])
+                messages.add(log_time, publish_time, sequence, data[start + mcap_records.MESSAGE_HEAD.size : end])
             elif number not in self.contents.messages:
                 self._nameless += 1
-        elif opcode in (SCHEMA, CHANNEL):
+        elif opcode in (mcap_records.SCHEMA, mcap_records.CHANNEL):
             try:
-                self._describe(description(opcode, data[start:end]))
+                self._describe(mcap_records.description(opcode, data[start:end]))
             except RecordError:
                 self.contents.damage.append("the description of a channel is malformed: its messages are left out")
 
@@ -292,7 +274,7 @@ class _Walk:
         if isinstance(read, Schema):
             self._schemas.setdefault(read.id, read)
         elif read.id not in self.contents.messages:  # channels are repeated in the summary at the end
-            channel = channel_of(read, self._schemas.get(read.schema_id))
+            channel = mcap_records.channel_of(read, self._schemas.get(read.schema_id))
             messages = self._keep(channel)
             self.contents.messages[read.id] = McapMessages(channel) if messages is None else messages
             if messages is not None:

@@ -10,27 +10,11 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from vip_factors.errors import FileFormatError, InputError
+from vip_factors.io import mcap_records
 from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.io.mcap_messages import PROTOBUF
 from vip_factors.io.mcap_recording import IMU, INFO, PLACEMENT, SCENE_INFO, SUBJECT, WEARER
-from vip_factors.io.mcap_records import (
-    CHANNEL,
-    CHUNK,
-    CHUNK_HEAD,
-    DATA_END,
-    FOOTER,
-    MESSAGE,
-    MESSAGE_HEAD,
-    RECORD_HEAD,
-    SCHEMA,
-    McapChannel,
-    RecordError,
-    RecordFile,
-    channel_of,
-    description,
-    read_chunk,
-    records_of,
-)
+from vip_factors.io.mcap_records import McapChannel, RecordError, RecordFile
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
@@ -81,7 +65,7 @@ class GrowingFile(RecordFile):
         on_finding: is told what cannot be read.
     """
 
-    last = (0, DATA_END, FOOTER)
+    last = (0, mcap_records.DATA_END, mcap_records.FOOTER)
 
     def __init__(
         self, path: Path, file: BinaryIO, settings: LiveSourceSettings, stop: Event, on_finding: OnFinding
@@ -96,8 +80,8 @@ class GrowingFile(RecordFile):
             FileFormatError: if it is no MCAP file, or becomes shorter.
         """
         for opcode, start, content in self.records():
-            if opcode == CHUNK:
-                yield from self._chunk(content, start - RECORD_HEAD.size)
+            if opcode == mcap_records.CHUNK:
+                yield from self._chunk(content, start - mcap_records.RECORD_HEAD.size)
             else:
                 yield opcode, content
         if self.ended == 0:
@@ -123,9 +107,9 @@ class GrowingFile(RecordFile):
 
     def skips(self, opcode: int, length: int) -> bool:
         """Whether a record is nothing that is wanted, or larger than it may be, which is told."""
-        if opcode not in (SCHEMA, CHANNEL, MESSAGE, CHUNK):
+        if opcode not in (mcap_records.SCHEMA, mcap_records.CHANNEL, mcap_records.MESSAGE, mcap_records.CHUNK):
             return True
-        largest = self._settings.largest_chunk if opcode == CHUNK else self._settings.largest_message
+        largest = self._settings.largest_chunk if opcode == mcap_records.CHUNK else self._settings.largest_message
         if length > largest:
             self._on_finding(
                 "size", f"a record of {length:,} bytes at byte {self.at:,} is left out: expected at most {largest:,}"
@@ -134,22 +118,22 @@ class GrowingFile(RecordFile):
 
     def _chunk(self, content: bytes, at: int) -> Iterator[tuple[int, bytes]]:
         largest = self._settings.largest_chunk
-        size = CHUNK_HEAD.unpack_from(content)[2] if len(content) >= CHUNK_HEAD.size else 0
+        size = mcap_records.CHUNK_HEAD.unpack_from(content)[2] if len(content) >= mcap_records.CHUNK_HEAD.size else 0
         try:
             if size > largest:
                 raise RecordError(f"a chunk holds {size:,} bytes: expected at most {largest:,}")
-            data = read_chunk(content)
+            data = mcap_records.read_chunk(content)
         except RecordError as error:
             self._on_finding("chunk", f"{error} (at byte {at:,}): its messages are left out")
             return
-        for opcode, start, end in records_of(data):
-            if opcode == MESSAGE and end - start > self._settings.largest_message:
+        for opcode, start, end in mcap_records.records_of(data):
+            if opcode == mcap_records.MESSAGE and end - start > self._settings.largest_message:
                 self._on_finding(
                     "size",
                     f"a message of {end - start:,} bytes is left out: expected at most "
                     f"{self._settings.largest_message:,}",
                 )
-            elif opcode in (SCHEMA, CHANNEL, MESSAGE):
+            elif opcode in (mcap_records.SCHEMA, mcap_records.CHANNEL, mcap_records.MESSAGE):
                 yield opcode, data[start:end]
 
 
@@ -188,10 +172,10 @@ class Channels:
 
         for opcode, content in records:
             try:
-                if opcode != MESSAGE:
-                    self._describe(description(opcode, content))
+                if opcode != mcap_records.MESSAGE:
+                    self._describe(mcap_records.description(opcode, content))
                     continue
-                number = MESSAGE_HEAD.unpack_from(content)[0]
+                number = mcap_records.MESSAGE_HEAD.unpack_from(content)[0]
             except (RecordError, struct.error):
                 self._on_finding("record", "a record is malformed: it is left out")
                 continue
@@ -201,7 +185,7 @@ class Channels:
             if route is None:
                 continue
             try:
-                message = route.kind.FromString(content[MESSAGE_HEAD.size :])
+                message = route.kind.FromString(content[mcap_records.MESSAGE_HEAD.size :])
             except DecodeError as error:
                 self._on_finding(
                     "message",
@@ -220,7 +204,7 @@ class Channels:
                 same = [number for number, (schema_id, _) in self._channels.items() if schema_id == read.id]
                 self._leave_out(same, read.name)
             return
-        channel = channel_of(read, self._schemas.get(read.schema_id))
+        channel = mcap_records.channel_of(read, self._schemas.get(read.schema_id))
         known = self._channels.get(read.id)
         if known is not None:
             if known[1] != channel:

@@ -1,7 +1,7 @@
 """Which message stands for which class (data_schemas), and the messages of a file by topic."""
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -129,11 +129,8 @@ SENSOR_CALIBRATION = DataclassCodec(
     },
 )
 ITERATION = DataclassCodec(SolveReportMessage.Iteration, Iteration)
-SENSOR_PLACE = DataclassCodec(
-    SensorPlaceEstimates.Sensor,
-    SensorPlaceEstimate,
-    {"prior_m": "prior", "found_m": "found", "prior_sigma_m": "prior_sigma", "sigma_m": "sigma"},
-)
+_PLACE = {"prior_m": "prior", "found_m": "found", "prior_sigma_m": "prior_sigma", "sigma_m": "sigma"}
+SENSOR_PLACE = DataclassCodec(SensorPlaceEstimates.Sensor, SensorPlaceEstimate, _PLACE)
 MOTION = DataclassCodec(
     MotionInfo, Motion, {"rate_hz": "rate", "start_s": "start"}, more=lambda motion: {"frames": len(motion)}
 )
@@ -143,44 +140,36 @@ REPORT = DataclassCodec(SolveReportMessage, SolveReport)
 """How one solve went."""
 
 
-def _calibration_message(calibration: Calibration) -> CalibrationEstimate:
-    sensors = [SENSOR_CALIBRATION.encode(one, sensor=name) for name, one in calibration.items()]
-    return CalibrationEstimate(sensors=sensors)
-
-
-def _calibration(message: CalibrationEstimate) -> Calibration:
-    return {one.sensor: SENSOR_CALIBRATION.decode(one) for one in message.sensors}
-
-
-def _sensor_positions_message(places: Sequence[SensorPlaceEstimate]) -> SensorPlaceEstimates:
-    return SensorPlaceEstimates(sensors=[SENSOR_PLACE.encode(one) for one in places])
-
-
-def _sensor_positions(message: SensorPlaceEstimates) -> tuple[SensorPlaceEstimate, ...]:
-    return tuple(SENSOR_PLACE.decode(one) for one in message.sensors)
-
-
 def _detector_message(detector: DetectorEstimate) -> DetectorEstimateMessage:
     message = DetectorEstimateMessage()
-    rows = zip(detector.keypoints, detector.prior, detector.found, detector.prior_sigma, detector.sigma, strict=True)
-    for name, *vectors in rows:
-        prior, found, prior_sigma, sigma = (vector_message(one) for one in vectors)
-        message.keypoints.add(keypoint=name, prior_m=prior, found_m=found, prior_sigma_m=prior_sigma, sigma_m=sigma)
+    for row, name in enumerate(detector.keypoints):
+        vectors = {field: vector_message(getattr(detector, attribute)[row]) for field, attribute in _PLACE.items()}
+        message.keypoints.add(keypoint=name, **vectors)
     return message
 
 
 def _detector(message: DetectorEstimateMessage) -> DetectorEstimate:
-    vectors = [
-        [vector(each) for each in (one.prior_m, one.found_m, one.prior_sigma_m, one.sigma_m)]
-        for one in message.keypoints
-    ]
-    prior, found, prior_sigma, sigma = np.array(vectors, float).reshape(-1, 4, 3).swapaxes(0, 1)
-    return DetectorEstimate(tuple(one.keypoint for one in message.keypoints), prior, found, prior_sigma, sigma)
+    rows = message.keypoints
+    columns = {
+        attribute: np.array([vector(getattr(one, field)) for one in rows]).reshape(-1, 3)
+        for field, attribute in _PLACE.items()
+    }
+    return DetectorEstimate(tuple(one.keypoint for one in rows), **columns)
 
 
-CALIBRATION = Codec(CalibrationEstimate, _calibration_message, _calibration)
+CALIBRATION: Codec[CalibrationEstimate, Calibration] = Codec(
+    CalibrationEstimate,
+    lambda calibration: CalibrationEstimate(
+        sensors=[SENSOR_CALIBRATION.encode(one, sensor=name) for name, one in calibration.items()]
+    ),
+    lambda message: {one.sensor: SENSOR_CALIBRATION.decode(one) for one in message.sensors},
+)
 """Headings and mountings of all sensors."""
-SENSOR_PLACES = Codec(SensorPlaceEstimates, _sensor_positions_message, _sensor_positions)
+SENSOR_PLACES: Codec[SensorPlaceEstimates, tuple[SensorPlaceEstimate, ...]] = Codec(
+    SensorPlaceEstimates,
+    lambda places: SensorPlaceEstimates(sensors=map(SENSOR_PLACE.encode, places)),
+    lambda message: tuple(map(SENSOR_PLACE.decode, message.sensors)),
+)
 """Of one wearer's sensors."""
 DETECTOR = Codec(DetectorEstimateMessage, _detector_message, _detector)
 """Where a detector puts its keypoints."""

@@ -51,53 +51,50 @@ class GrowingFileSource(LiveSource):
         def on_finding(kind: str, sentence: str) -> None:
             throttle.report(kind, f"{self._path}: {sentence}")
 
-        setup: Scene | None = None
-        head, early = _Head(), list[tuple[Route, Any]]()  # samples before the set-up is whole
-        reader = _SampleReader(head, on_finding)
+        head, early = _Head(on_finding), list[tuple[Route, Any]]()  # samples before the set-up is whole
         with open_when_it_comes(self._path, self._settings, self._stop) as file:
             records = GrowingFile(self._path, file, self._settings, self._stop, on_finding).contents()
             for route, message in Channels(on_finding).messages(records):
                 throttle.flush()
                 if self._stop.is_set():
                     return
-                if setup is not None:
-                    self._put_samples(reader, [(route, message)])
+                if self._setup is not None:
+                    self._put_samples(head, [(route, message)])
                     continue
                 head.take(route, message)
                 if route.kind in SAMPLES:
                     early.append((route, message))
                 if head.whole or len(early) > self._settings.queue_limit:
-                    setup = self._begin(head, reader, on_finding)
-                    self._put_samples(reader, early)
-                    early = []
+                    self._begin(head)
+                    self._put_samples(head, early)
         throttle.flush(every=True)
-        if setup is None and not self._stop.is_set():
-            self._begin(head, reader, on_finding)
-            self._put_samples(reader, early)
+        if self._setup is None and not self._stop.is_set():
+            self._begin(head)
+            self._put_samples(head, early)
 
-    def _begin(self, head: "_Head", reader: "_SampleReader", on_finding: OnFinding) -> Scene:
+    def _begin(self, head: "_Head") -> None:
         with naming(self._path):
-            setup = head.setup()
-            for sentence in head.findings():
-                on_finding(sentence, sentence)
-            reader.begin(setup)
-            self._announce(setup)
-        return setup
+            self._announce(head.setup())
 
-    def _put_samples(self, reader: "_SampleReader", messages: list[tuple[Route, Any]]) -> None:
+    def _put_samples(self, head: "_Head", messages: list[tuple[Route, Any]]) -> None:
         for route, message in messages:
-            sample = reader.sample(route, message)
+            sample = head.sample(route, message)
             if sample is not None:
                 self._put(sample)
 
 
 class _Head:
-    """Takes the messages that come once, and says when the set-up is whole."""
+    """Takes the messages that come once, says when the set-up is whole, and then turns messages into samples."""
 
-    def __init__(self) -> None:
+    def __init__(self, on_finding: OnFinding) -> None:
+        self._on_finding = on_finding
         self._scene: SceneInfo | None = None
         self._of: dict[str, dict[str, Any]] = {}  # by owner, then by the message's name; the first pose of a camera
         self._samples = False
+        self._names: dict[str, str] = {}  # of carriers, by what the topics begin with
+        self._clocks: dict[str, VideoClock] = {}
+        self._cameras: dict[str, Camera] = {}
+        self._start_ns = 0
 
     def take(self, route: Route, message: Any) -> None:
         """One message, a sample's too."""
@@ -136,27 +133,33 @@ class _Head:
         return all(POSE in self._of[owner] for owner, info in self.camera_infos.items() if _stands_known(info))
 
     def setup(self) -> Scene:
-        """The set-up.
+        """The set-up, which names carriers and clocks; what of the cameras cannot be used ahead of time is told.
 
         Raises:
             InputError: for what no wearer or camera can be, or if something is missing.
         """
         if self.missing:
             raise FileFormatError(f"expected a recording or a scene; there is no {', no '.join(self.missing)}")
-        parts = [self._of[owner] for owner in self.wearers]
-        name = self._scene.name if self._scene is not None else parts[0][INFO].name
-        start_ns = time_ns_of(parts[0][INFO].start)
-        wearers = [wearer_of(name, one[SUBJECT], one[PLACEMENT], one[INFO].initial_pose, start_ns) for one in parts]
-        return head_of(name, wearers, [self._camera(owner, start_ns) for owner in self.cameras])
-
-    def findings(self) -> list[str]:
-        """What of the file's cameras cannot be used ahead of time."""
-        return [
-            f"camera '{info.name}' is said to move on a known path, which a growing file does not hold yet: its poses "
-            "are estimated instead"
-            for info in self.camera_infos.values()
-            if info.moving and info.known_poses
+        of_wearers = [self._of[owner] for owner in self.wearers]
+        infos, first = self.camera_infos, of_wearers[0][INFO]
+        name = self._scene.name if self._scene is not None else first.name
+        self._start_ns = time_ns_of(first.start)
+        wearers = [
+            wearer_of(name, one[SUBJECT], one[PLACEMENT], one[INFO].initial_pose, self._start_ns) for one in of_wearers
         ]
+        self._cameras = {owner: self._camera(owner) for owner in self.cameras}
+        setup = head_of(name, wearers, list(self._cameras.values()))
+        self._names = dict(zip(self.wearers, [one.subject.name for one in wearers], strict=True))
+        self._names |= {owner: one.name for owner, one in self._cameras.items()}
+        self._clocks = {owner: VideoClock(info.time_offset_s, info.time_drift) for owner, info in infos.items()}
+        for info in infos.values():
+            if info.moving and info.known_poses:
+                sentence = (
+                    f"camera '{info.name}' is said to move on a known path, which a growing file does not hold yet: "
+                    "its poses are estimated instead"
+                )
+                self._on_finding(sentence, sentence)
+        return setup
 
     @property
     def wearers(self) -> list[str]:
@@ -179,30 +182,10 @@ class _Head:
         found = {owner: self._of.get(owner, {}).get(CAMERA_INFO) for owner in self.cameras}
         return {owner: info for owner, info in found.items() if info is not None}
 
-    def _camera(self, owner: str, start_ns: int) -> Camera:
+    def _camera(self, owner: str) -> Camera:
         of = self._of[owner]
         pose = of.get(POSE) if _stands_known(of[CAMERA_INFO]) else None
-        return camera_of(of[CAMERA_INFO], of[CALIBRATION], None if pose is None else path_of([pose], start_ns))
-
-
-class _SampleReader:
-    """Turns messages into samples, as the head of the file says."""
-
-    def __init__(self, head: _Head, on_finding: OnFinding) -> None:
-        self._head, self._on_finding = head, on_finding
-        self._names: dict[str, str] = {}  # by what the topics begin with
-        self._clocks: dict[str, VideoClock] = {}
-        self._cameras: dict[str, Camera] = {}
-        self._start_ns = 0
-
-    def begin(self, setup: Scene) -> None:
-        """From here on samples can be read: the set-up names their carriers and clocks."""
-        names = [*(one.subject.name for one in setup.wearers), *(one.name for one in setup.cameras)]
-        self._names = dict(zip(self._head.wearers + self._head.cameras, names, strict=True))
-        infos = self._head.camera_infos
-        self._clocks = {owner: VideoClock(info.time_offset_s, info.time_drift) for owner, info in infos.items()}
-        self._cameras = {camera.name: camera for camera in setup.cameras}
-        self._start_ns = setup.start_ns
+        return camera_of(of[CAMERA_INFO], of[CALIBRATION], None if pose is None else path_of([pose], self._start_ns))
 
     def sample(self, route: Route, message: Any) -> LiveSample | None:
         """A sample; None for other messages, and for one that cannot be used, which is told."""
@@ -216,7 +199,7 @@ class _SampleReader:
                 "out",
             )
             return None
-        camera = self._cameras.get(name) if route.owner.startswith(CAMERA) else None
+        camera = self._cameras.get(route.owner)
         try:
             if route.kind is ImuSample:
                 mount = camera.mount if camera is not None else None

@@ -3,7 +3,7 @@
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Protocol
 from urllib.parse import urlsplit
@@ -14,7 +14,7 @@ from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
 from vip_factors.io.live.source import LiveSource
 from vip_factors.io.live.streams import StandardInputSource, TcpSenderSource, TcpServerSource
 from vip_factors.io.live.websocket import WebSocketSource
-from vip_factors.sensors.live import LiveFinding, VideoFrame, live_samples, stream_head
+from vip_factors.sensors.live import LiveFinding, LiveSample, VideoFrame, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
 VARIABLE = "VIP_FACTORS_TOKEN"
@@ -71,16 +71,22 @@ class RecordingSource(LiveSource):
     def _read(self) -> None:
         samples = live_samples(self._scene)
         self._announce(stream_head(self._scene))
-        begun, first = time.monotonic(), None
-        for sample in samples:
-            if self._speed is not None:
-                first = sample.time if first is None else first
-                due = begun + (sample.time - first) / self._speed - time.monotonic()
-                if due > 0:
-                    self._stop.wait(due)
+        for sample in _when_due(samples, self._speed, self._stop.wait):
             if self._stop.is_set():
                 return
             self._put(sample)
+
+
+def _when_due(
+    samples: Iterable[LiveSample], speed: float | None, wait: Callable[[float], object]
+) -> Iterator[LiveSample]:
+    """Each sample when it is due, at a multiple of its own time; at once without one."""
+    begun, first = time.monotonic(), None
+    for sample in samples:
+        if speed is not None:
+            first = sample.time if first is None else first
+            wait(max(0.0, begun + (sample.time - first) / speed - time.monotonic()))
+        yield sample
 
 
 LOCAL = "127.0.0.1"
@@ -181,11 +187,7 @@ def live_messages(scene: Scene, speed: float | None = None, token: str = "") -> 
     setup = stream_head(scene)
     yield header_message(setup, token).SerializeToString()
     frames: Counter[str] = Counter()
-    begun, first = time.monotonic(), None
-    for sample in live_samples(scene):
-        if speed is not None:
-            first = sample.time if first is None else first
-            time.sleep(max(0.0, begun + (sample.time - first) / speed - time.monotonic()))
+    for sample in _when_due(live_samples(scene), speed, time.sleep):
         number = 0
         if isinstance(sample, VideoFrame):
             number = frames[sample.camera]

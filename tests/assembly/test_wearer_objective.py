@@ -61,8 +61,8 @@ def test_frames_in_which_nothing_was_measured_are_determined(silent: Sequence[in
     sigmas = np.sqrt([np.diag(block) for block in covariance.values()])
     assert sigmas[:, :3].max() < 1.0  # rad
     assert sigmas[:, 72:].max() < 5.0  # m: a contact off by so much says little of the velocity
-    coasting = replace(problem.settings.coasting, use=False)
-    without = replace(problem, settings=replace(problem.settings, coasting=coasting))
+    unused = replace(problem.settings.constant_velocity, use=False)
+    without = replace(problem, settings=replace(problem.settings, constant_velocity=unused))
     with pytest.raises(SolveError):
         chain_marginals(WearerObjective(without).linearise(state))
 

@@ -1,4 +1,4 @@
-"""Reading a SMPL ``.pkl`` without chumpy or SciPy, and without running anything that stands in it.
+"""Reading a SMPL ``.pkl`` without chumpy, and without running anything that stands in it.
 
 Only plain containers and stand-ins for objects of NumPy, chumpy and scipy.sparse can be made; any other class in the
 file is refused before it is looked up.
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array, csc_array, csr_array
 
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import Array
@@ -68,13 +69,6 @@ def _scalar(kind: _Kind, content: bytes) -> Any:
     return found
 
 
-def _numpy_allowed() -> dict[tuple[str, str], Any]:
-    found: dict[tuple[str, str], Any] = {("numpy", "ndarray"): _Plain, ("numpy", "dtype"): _Kind}
-    for module in ("numpy.core.multiarray", "numpy._core.multiarray"):
-        found |= {(module, "_reconstruct"): lambda *_: _Plain(), (module, "scalar"): _scalar}
-    return found
-
-
 def _latin1(text: str, encoding: str = "latin1") -> bytes:
     """What ``_codecs.encode`` does for bytes in a pickle of protocol 2."""
     return text.encode("latin1" if encoding in ("latin1", "latin-1") else "ascii")
@@ -87,6 +81,18 @@ def _new_object(cls: type, *_: Any) -> Any:
     return cls()
 
 
+_ALLOWED: dict[tuple[str, str], Any] = {
+    ("numpy", "ndarray"): _Plain,
+    ("numpy", "dtype"): _Kind,
+    ("_codecs", "encode"): _latin1,
+    ("collections", "OrderedDict"): dict,
+    **{(f"numpy.{core}.multiarray", "_reconstruct"): lambda *_: _Plain() for core in ("core", "_core")},
+    **{(f"numpy.{core}.multiarray", "scalar"): _scalar for core in ("core", "_core")},
+    **{(module, "_reconstructor"): _new_object for module in ("copy_reg", "copyreg")},
+    **{(module, "object"): object for module in ("__builtin__", "builtins")},
+}
+
+
 class RestrictedUnpickler(pickle._Unpickler):
     """Makes plain data and stand-ins only.
 
@@ -95,16 +101,8 @@ class RestrictedUnpickler(pickle._Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         """What a pickle asks for, if SMPL files need it; UnpicklingError otherwise."""
-        known = _numpy_allowed() | {
-            ("_codecs", "encode"): _latin1,
-            ("copy_reg", "_reconstructor"): _new_object,
-            ("copyreg", "_reconstructor"): _new_object,
-            ("__builtin__", "object"): object,
-            ("builtins", "object"): object,
-            ("collections", "OrderedDict"): dict,
-        }
-        if (module, name) in known:
-            return known[module, name]
+        if (module, name) in _ALLOWED:
+            return _ALLOWED[module, name]
         if module.partition(".")[0] == "chumpy":
             return _Chumpy
         if module.startswith("scipy.sparse"):
@@ -151,17 +149,12 @@ def _dense_sparse(value: Any) -> Array:
     shape = tuple(int(size) for size in getattr(value, "_shape", None) or value.shape)
     if math.prod(shape) > MOST_ENTRIES:
         raise ValueError(f"a matrix of {' x '.join(map(str, shape))}")
-    full, data = np.zeros(shape), np.asarray(value.data, dtype=float)
+    data = np.asarray(value.data, dtype=float)
     if hasattr(value, "row"):
-        np.add.at(full, (np.asarray(value.row, int), np.asarray(value.col, int)), data)
-        return full
-    ends, indices = np.asarray(value.indptr, dtype=int), np.asarray(value.indices, dtype=int)
-    if len(ends) == 0 or ends[-1] != len(indices):
-        raise ValueError(f"a sparse matrix with {len(indices)} entries, not as many as it says")
-    major = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
-    by_column = len(ends) - 1 == shape[1]
+        return coo_array((data, (np.asarray(value.row, int), np.asarray(value.col, int))), shape).toarray()
     if shape[0] == shape[1]:
         raise ValueError("a square sparse matrix, of which rows and columns cannot be told apart")
-    rows, columns = (indices, major) if by_column else (major, indices)
-    np.add.at(full, (rows, columns), data)
-    return full
+    ends, indices = np.asarray(value.indptr, dtype=int), np.asarray(value.indices, dtype=int)
+    matrix = (csc_array if len(ends) - 1 == shape[1] else csr_array)((data, indices, ends), shape)
+    matrix.check_format(full_check=True)
+    return matrix.toarray()

@@ -47,7 +47,7 @@ class LinearFactor:
         Raises:
             InputError: for a variable that is none of the scene's, or a derivative that is not finite.
         """
-        variables = tuple(_known(int(key), state, first) for key in list(factor.keys()))
+        variables = tuple(_checked(int(key), state, first) for key in list(factor.keys()))
         linear = factor.linearize(values_of(state, variables, first))
         if linear is None:
             return None
@@ -67,7 +67,7 @@ class LinearFactor:
             start += one.width
 
 
-def _known(key: int, state: SceneState, first: int) -> Variable:
+def _checked(key: int, state: SceneState, first: int) -> Variable:
     one, frames = variable_of(key), max([1, *(own.frames for own in state.wearers)])
     wearers, name = len(state.wearers), gtsam.DefaultKeyFormatter(key)
     if one is None:
@@ -100,7 +100,7 @@ class UserTerms:
     def cost(self, problem: SceneProblem, state: SceneState) -> float:
         """See :class:`~vip_factors.problem.scene.ExtraTerms`."""
         graph = self.factors(problem)
-        variables = {int(key): _known(int(key), state, 0) for key in list(graph.keyVector())}
+        variables = {int(key): _checked(int(key), state, 0) for key in list(graph.keyVector())}
         return float(graph.error(values_of(state, variables.values())))
 
     def linearised(
@@ -127,7 +127,7 @@ class _ChainPlaces:
         columns: dict[int, list[np.ndarray]] = {}
         widths: dict[int, int] = {}
         for one, rows_of_one in linear.blocks():
-            found = self._place(one)
+            found = self._column(one)
             if found is not None:
                 key, start, width = found
                 rows.setdefault(key, []).append(np.arange(rows_of_one.start, rows_of_one.stop))
@@ -145,7 +145,7 @@ class _ChainPlaces:
                 block[np.ix_(into, there)] = linear.information[np.ix_(own, theirs)]
                 yield coupling_factor(key, other, block)
 
-    def _place(self, one: Variable) -> tuple[int, int, int] | None:
+    def _column(self, one: Variable) -> tuple[int, int, int] | None:
         """The vector's key, the first column in it, and its width."""
         owner = one.owner
         if one.knot:

@@ -41,19 +41,19 @@ class RecordingInParts:
 
     def between(self, start: float = -float("inf"), end: float = float("inf")) -> Mapping[str, ImuStream]:
         """What was measured from one instant to another."""
-        found: dict[str, list[ImuStream]] = {}
+        streams: dict[str, list[ImuStream]] = {}
         for part, later in zip(self.parts, self.later, strict=True):
             if part.interval[0] + later > end or part.interval[1] + later < start:
                 continue
             for name, stream in part.between(start - later, end - later).items():
-                earlier = found.setdefault(name, [])
+                earlier = streams.setdefault(name, [])
                 moved = replace(stream, time=stream.time + later)
                 if earlier and not moved.time[0] > earlier[-1].time[-1]:  # in both files
                     if not moved.time[-1] > earlier[-1].time[-1]:
                         continue
                     moved = moved.cut(float(moved.time[moved.time > earlier[-1].time[-1]][0]), float(moved.time[-1]))
                 earlier.append(moved)
-        return {name: one_stream(own) for name, own in found.items() if sum(map(len, own)) >= LEAST_SAMPLES}
+        return {name: one_stream(own) for name, own in streams.items() if sum(map(len, own)) >= LEAST_SAMPLES}
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,9 @@ def in_parts(parts: Sequence[RecordingSource], sources: Sequence[str]) -> Record
     for part, source in zip(parts, sources, strict=True):
         if not part.sensors:
             raise InputError(f"{source} holds no samples of any sensor: was it cut off? Leave it out, or copy it again")
-    told = [part.head.start_ns != 0 for part in parts]
-    if any(told) and not all(told):
-        some, none = sources[told.index(True)], sources[told.index(False)]
+    stamped = [part.head.start_ns != 0 for part in parts]
+    if any(stamped) and not all(stamped):
+        some, none = sources[stamped.index(True)], sources[stamped.index(False)]
         raise InputError(f"{some} tells when it began and {none} does not: nothing tells how much later it is")
     origin = parts[0].head.start_ns
     starts = [(one.head.start_ns - origin) / 1e9 for one in parts]
@@ -88,7 +88,7 @@ def in_parts(parts: Sequence[RecordingSource], sources: Sequence[str]) -> Record
     parts, sources = [parts[n] for n in order], [sources[n] for n in order]
     later = tuple(starts[n] - starts[order[0]] for n in order)
     for number in range(1, len(parts)):
-        _check_follows(parts, later, sources, number, told=all(told))
+        _check_follows(parts, later, sources, number, absolute=all(stamped))
         _check_same(parts[0], parts[number], sources[0], sources[number])
     return RecordingInParts(tuple(parts), later)
 
@@ -140,12 +140,12 @@ def _check_count(counts: Sequence[int], sources: Sequence[str]) -> None:
 
 
 def _check_follows(
-    parts: Sequence[RecordingSource], later: Sequence[float], sources: Sequence[str], number: int, told: bool
+    parts: Sequence[RecordingSource], later: Sequence[float], sources: Sequence[str], number: int, absolute: bool
 ) -> None:
     (_, end), (start, _) = (parts[n].interval for n in (number - 1, number))
     start, end = start + later[number], end + later[number - 1]
     if start < end - SPLIT_S:
-        clock = "" if told else "; if its clock began anew, nothing in the files tells when"
+        clock = "" if absolute else "; if its clock began anew, nothing in the files tells when"
         raise InputError(
             f"{sources[number]} begins at {start:.2f} s, before {sources[number - 1]} ends at {end:.2f} s: parts of a "
             f"recording must follow one another{clock}"
@@ -178,19 +178,9 @@ def _check_same(first: RecordingSource, other: RecordingSource, source: str, oth
                 f"{other_source}: sensor '{site.sensor}' is on {bone}, in {source} on {site.bone}: expected the same "
                 "placement in all parts"
             )
-    _check_rates(_beginning(first), _beginning(other), source, other_source)
-
-
-def _beginning(part: RecordingSource) -> Mapping[str, ImuStream]:
-    start = part.interval[0]
-    return part.between(start, start + RATE_S)
-
-
-def _check_rates(
-    first: Mapping[str, ImuStream], other: Mapping[str, ImuStream], source: str, other_source: str
-) -> None:
-    for name in first.keys() & other.keys():
-        one, two = first[name].rate, other[name].rate
+    streams, other_streams = (one.between(one.interval[0], one.interval[0] + RATE_S) for one in (first, other))
+    for name in streams.keys() & other_streams.keys():
+        one, two = streams[name].rate, other_streams[name].rate
         if abs(two / one - 1) > RATE_TOLERANCE:
             raise InputError(
                 f"{other_source}: sensor '{name}' measures {two:.1f} times a second, in {source} {one:.1f} times: "

@@ -84,7 +84,7 @@ class FactorSettings:
     foot_contact: FootContactSettings = field(default_factory=FootContactSettings)
     floor_contact: FloorContactSettings = field(default_factory=FloorContactSettings)
     gauge_prior: GaugePriorSettings = field(default_factory=GaugePriorSettings)
-    coasting: ConstantVelocitySettings = field(default_factory=ConstantVelocitySettings)
+    constant_velocity: ConstantVelocitySettings = field(default_factory=ConstantVelocitySettings)
     # s. Errors of tissue, joints and detectors last as long as postures do: frames nearer than this are one statement,
     # and each of them counts as its share of it; so the frame rate, which is nobody's evidence, changes no weight.
     correlation_s: float = 0.35

@@ -4,7 +4,6 @@ Only plain containers and stand-ins for objects of NumPy, chumpy and scipy.spars
 file is refused before it is looked up.
 """
 
-import math
 import pickle
 import re
 from io import BytesIO
@@ -146,15 +145,16 @@ def _dense_chumpy(value: Any) -> Array:
 
 
 def _dense_sparse(value: Any) -> Array:
-    shape = tuple(int(size) for size in getattr(value, "_shape", None) or value.shape)
-    if math.prod(shape) > MOST_ENTRIES:
-        raise ValueError(f"a matrix of {' x '.join(map(str, shape))}")
+    height, width = (int(size) for size in getattr(value, "_shape", None) or value.shape)
+    shape = height, width
+    if height * width > MOST_ENTRIES:
+        raise ValueError(f"a matrix of {height} x {width}")
     data = np.asarray(value.data, dtype=float)
     if hasattr(value, "row"):
         return coo_array((data, (np.asarray(value.row, int), np.asarray(value.col, int))), shape).toarray()
-    if shape[0] == shape[1]:
+    if height == width:
         raise ValueError("a square sparse matrix, of which rows and columns cannot be told apart")
     ends, indices = np.asarray(value.indptr, dtype=int), np.asarray(value.indices, dtype=int)
-    matrix = (csc_array if len(ends) - 1 == shape[1] else csr_array)((data, indices, ends), shape)
+    matrix = (csc_array if len(ends) - 1 == width else csr_array)((data, indices, ends), shape)
     matrix.check_format(full_check=True)
     return matrix.toarray()

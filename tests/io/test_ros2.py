@@ -13,11 +13,9 @@ from mcap_ros2.writer import Writer
 
 from vip_factors.errors import FileFormatError, RecordingError
 from vip_factors.geometry.rotations import rotation_z
+from vip_factors.io import ros2
 from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_recording
-from vip_factors.io.ros2 import read_ros2_imus, read_ros2_recording
-from vip_factors.sensors.calibration import Placement
-from vip_factors.sensors.recording import Subject
 
 LINE = "=" * 80
 DEFINITION = f"""std_msgs/Header header
@@ -78,7 +76,7 @@ def write(path: Path, topics: dict[str, list[dict[str, Any]]]) -> Path:
 @given(st.text(st.characters(codec="ascii", exclude_characters="\0"), min_size=1, max_size=20))
 def test_all_fields_are_read_whatever_the_length_of_the_frame(tmp_path_factory, frame_id: str) -> None:
     path = write(tmp_path_factory.mktemp("ros") / "r.mcap", {"/imu": [imu(i, frame_id) for i in range(5)]})
-    streams = read_ros2_imus(path)
+    streams = ros2.read(path).imus
     assert list(streams) == [frame_id]
     stream, i = streams[frame_id], np.arange(5)
     np.testing.assert_allclose(stream.time, i * 0.01, atol=1e-15)
@@ -97,7 +95,7 @@ def test_a_covariance_of_minus_one_means_not_measured(tmp_path: Path) -> None:
             "/c": [imu(i, "c", angular_velocity_covariance=absent) for i in range(3)],
         },
     )
-    streams = read_ros2_imus(path)
+    streams = ros2.read(path).imus
     assert streams["a"].R_inertial_sensor is None
     assert streams["b"].specific_force is None
     assert streams["c"].angular_rate is None
@@ -108,7 +106,7 @@ def test_a_covariance_of_minus_one_means_not_measured(tmp_path: Path) -> None:
 def test_a_zero_quaternion_is_no_orientation(tmp_path: Path) -> None:
     zero = dict.fromkeys("xyzw", 0.0)
     path = write(tmp_path / "r.mcap", {"/imu": [imu(i, orientation=zero) for i in range(3)]})
-    assert read_ros2_imus(path)["pelvis"].R_inertial_sensor is None
+    assert ros2.read(path).imus["pelvis"].R_inertial_sensor is None
 
 
 def test_a_topic_with_rates_alone_is_left_out_and_said(tmp_path: Path) -> None:
@@ -116,29 +114,26 @@ def test_a_topic_with_rates_alone_is_left_out_and_said(tmp_path: Path) -> None:
     gyro = [imu(i, "g", orientation_covariance=absent, linear_acceleration_covariance=absent) for i in range(3)]
     path = write(tmp_path / "r.mcap", {"/gyro": gyro, "/imu": [imu(0)]})
     with pytest.warns(McapWarning, match="/gyro has neither"):
-        assert list(read_ros2_imus(path)) == ["pelvis"]
+        assert list(ros2.read(path).imus) == ["pelvis"]
 
 
 @pytest.mark.parametrize("frame_id", ["", "base_link"])
 def test_empty_and_shared_frames_give_way_to_topics(tmp_path: Path, frame_id: str) -> None:
     messages = [imu(i, frame_id) for i in range(2)]
     path = write(tmp_path / "r.mcap", {"/left/imu": messages, "/right/imu": messages})
-    assert sorted(read_ros2_imus(path)) == ["left/imu", "right/imu"]
+    assert sorted(ros2.read(path).imus) == ["left/imu", "right/imu"]
 
 
-def test_time_is_counted_from_the_earliest_stamp_or_a_given_start(tmp_path: Path) -> None:
+def test_time_is_counted_from_the_earliest_stamp(tmp_path: Path) -> None:
     path = write(tmp_path / "r.mcap", {"/a": [imu(5, "a")], "/b": [imu(2, "b")]})
-    assert {name: float(s.time[0]) for name, s in read_ros2_imus(path).items()} == {"a": 0.03, "b": 0.0}
-    assert read_ros2_imus(path, START_NS)["b"].time[0] == pytest.approx(0.02)
-    recording = read_ros2_recording(path, Subject(), Placement())
-    assert recording.start_ns == START_NS + 2 * STEP_NS
-    assert recording.name == "r"
+    assert {name: float(s.time[0]) for name, s in ros2.read(path).imus.items()} == {"a": 0.03, "b": 0.0}
+    assert ros2.read(path).start_ns == START_NS + 2 * STEP_NS
 
 
 def test_stamps_out_of_order_are_sorted_and_repeats_left_out(tmp_path: Path) -> None:
     path = write(tmp_path / "r.mcap", {"/imu": [imu(i) for i in (0, 2, 1, 2, 3)]})
     with pytest.warns(McapWarning, match="1 samples repeat"):
-        stream = read_ros2_imus(path)["pelvis"]
+        stream = ros2.read(path).imus["pelvis"]
     np.testing.assert_allclose(stream.time, [0, 0.01, 0.02, 0.03])
 
 
@@ -146,7 +141,7 @@ def test_without_stamps_log_times_stand_for_them(tmp_path: Path) -> None:
     header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "pelvis"}
     path = write(tmp_path / "r.mcap", {"/imu": [imu(i, header=header) for i in range(3)]})
     with pytest.warns(McapWarning, match="no time stamps"):
-        np.testing.assert_allclose(read_ros2_imus(path)["pelvis"].time, [0, 0.01, 0.02])
+        np.testing.assert_allclose(ros2.read(path).imus["pelvis"].time, [0, 0.01, 0.02])
 
 
 def test_big_endian_messages_are_read(tmp_path: Path) -> None:
@@ -159,7 +154,7 @@ def test_big_endian_messages_are_read(tmp_path: Path) -> None:
         schema = writer.register_schema("sensor_msgs/msg/Imu", "ros2idl", b"")
         writer.add_message(writer.register_channel("/imu", "cdr", schema), 0, data, 0)
         writer.finish()
-    stream = read_ros2_imus(tmp_path / "r.mcap")["shin"]
+    stream = ros2.read(tmp_path / "r.mcap").imus["shin"]
     np.testing.assert_array_equal(stream.specific_force, [[0, 0, 9.81]])
     np.testing.assert_array_equal(stream.R_inertial_sensor, [np.eye(3)])
 
@@ -168,9 +163,9 @@ def test_of_a_cut_file_the_first_samples_are_read_and_it_is_said(tmp_path: Path)
     path = write(tmp_path / "r.mcap", {"/imu": [imu(i) for i in range(500)]})
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.warns(McapWarning, match="cut off"):
-        recording = read_ros2_recording(path, Subject(), Placement())
-    assert len(recording.imus["pelvis"]) == 500
-    assert "cut off" in recording.notes
+        log = ros2.read(path)
+    assert len(log.imus["pelvis"]) == 500
+    assert "cut off" in " ".join(log.notes)
 
 
 def test_errors_name_the_file_and_what_to_do(tmp_path: Path) -> None:
@@ -180,7 +175,7 @@ def test_errors_name_the_file_and_what_to_do(tmp_path: Path) -> None:
     far = {"x": 0.0, "y": 0.0, "z": 981.0}
     write(path, {"/imu": [imu(0, linear_acceleration=far)]})
     with pytest.raises(RecordingError, match=r"r\.mcap: sensor 'pelvis'.*m/s²"):
-        read_ros2_imus(path)
+        ros2.read(path)
     write(path, {})
     with pytest.raises(FileFormatError, match=r"no messages of sensor_msgs/msg/Imu: topics found are none"):
-        read_ros2_imus(path)
+        ros2.read(path)

@@ -161,13 +161,6 @@ def read_log(path: str | Path, format_name: str | None = None, columns: str | Pa
     format_name = "table" if columns is not None else format_name or detect_format(path)
     if format_name == "table":
         return _read_table(path, columns)
-    if format_name == "ros2":
-        from vip_factors.io.importers.shared import default_sites
-        from vip_factors.io.ros2 import read_ros2_recording
-        from vip_factors.sensors.calibration import Placement
-
-        found = read_ros2_recording(path, Subject(), Placement())
-        return ImportedLog("ros2", found.imus, default_sites(list(found.imus)), start_ns=found.start_ns)
     log: ImportedLog = _reader(format_name).read(path)
     return log
 

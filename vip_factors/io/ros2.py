@@ -4,7 +4,6 @@ The message has one fixed layout in CDR, so its numbers are taken straight from 
 file describes its messages as .msg or as IDL.
 """
 
-import os
 import struct
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,13 +13,12 @@ import numpy as np
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order
 from vip_factors.geometry.rotations import Array
+from vip_factors.io.importers.shared import ImportedLog, default_sites
 from vip_factors.io.mcap_messages import naming, warn
-from vip_factors.io.mcap_reader import McapContents, McapMessages, read_contents
+from vip_factors.io.mcap_reader import McapMessages, read_contents
 from vip_factors.io.mcap_records import McapChannel
 from vip_factors.io.mcap_samples import rotations_where_finite
-from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.recording import Recording, Subject
 
 IMU_TYPES = ("sensor_msgs/msg/Imu", "sensor_msgs/Imu")
 NUMBERS = 37  # float64: orientation 4, its covariance 9, angular velocity 3 and 9, linear acceleration 3 and 9
@@ -33,53 +31,32 @@ def is_imu(channel: McapChannel) -> bool:
     return channel.schema_name in IMU_TYPES and channel.encoding == "cdr"
 
 
-def read_ros2_imus(path: str | os.PathLike[str], start_ns: int | None = None) -> dict[str, ImuStream]:
+def read(path: Path) -> ImportedLog:
     """The IMU streams of a ROS 2 recording, by ``frame_id``, or by topic where frames are empty or shared.
 
-    ``header.stamp`` is the time, from ``start_ns`` (absolute, nanoseconds) or else from the earliest stamp; a sensor
-    without stamps takes log times. ``linear_acceleration`` is taken as specific force, as REP 145 demands (a sensor
-    at rest reads +9.81 upwards), ``orientation`` as R_inertial_sensor; each unless its covariance begins with -1,
-    and the orientation unless it is all zero.
+    ``header.stamp`` is the time, from the earliest stamp; a sensor without stamps takes log times.
+    ``linear_acceleration`` is taken as specific force, as REP 145 demands (a sensor at rest reads +9.81 upwards),
+    ``orientation`` as R_inertial_sensor; each unless its covariance begins with -1, and the orientation unless it is
+    all zero.
 
     Raises:
         InputError: if there is no such file.
         FileFormatError: if it is no MCAP file or has no usable IMU message.
         RecordingError: if the samples are unusable.
     """
-    return _read(path, start_ns)[0]
-
-
-def read_ros2_recording(
-    path: str | os.PathLike[str], subject: Subject, placement: Placement, name: str | None = None
-) -> Recording:
-    """The IMUs of a ROS 2 recording as a recording; the file says neither who wears them nor where.
-
-    Raises:
-        InputError: as :func:`read_ros2_imus`.
-    """
-    streams, start_ns, contents = _read(path, None)
-    notes = "\n".join([f"from ROS 2 recording {Path(path).name}", *contents.damage])
-    return Recording(name or Path(path).stem, subject, streams, placement, notes=notes, start_ns=start_ns)
-
-
-def _read(path: str | os.PathLike[str], start_ns: int | None) -> tuple[dict[str, ImuStream], int, McapContents]:
     contents = read_contents(path, is_imu)
-    found = [one for one in contents.messages.values() if is_imu(one.channel) and one.data]
-    if not found:
-        topics = ", ".join(contents.topics) or "none"
-        raise FileFormatError(f"{contents.path} has no messages of sensor_msgs/msg/Imu: topics found are {topics}")
+    topics = [one for one in contents.messages.values() if is_imu(one.channel) and one.data]
+    if not topics:
+        there = ", ".join(contents.topics) or "none"
+        raise FileFormatError(f"{contents.path} has no messages of sensor_msgs/msg/Imu: topics found are {there}")
     with naming(contents.path):
-        raw = [_Samples(contents.path, messages) for messages in found]
-        if start_ns is None:
-            start_ns = min(int(one.time_ns.min()) for one in raw)
-        streams: dict[str, ImuStream] = {}
-        for name, samples in zip(_names(raw), raw, strict=True):
-            stream = samples.stream(name, start_ns)
-            if stream is not None:
-                streams[name] = stream
-        if not streams:
+        raw = [_Samples(contents.path, messages) for messages in topics]
+        start_ns = min(int(one.time_ns.min()) for one in raw)
+        streams = {name: samples.stream(name, start_ns) for name, samples in zip(_names(raw), raw, strict=True)}
+        imus = {name: stream for name, stream in streams.items() if stream is not None}
+        if not imus:
             raise FileFormatError("no IMU topic has orientation or acceleration")
-    return streams, start_ns, contents
+    return ImportedLog("ros2", imus, default_sites(list(imus)), start_ns=start_ns, notes=tuple(contents.damage))
 
 
 def _names(raw: Sequence["_Samples"]) -> list[str]:

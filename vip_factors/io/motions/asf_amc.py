@@ -9,7 +9,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z
 from vip_factors.io.motions.retarget import retarget
-from vip_factors.io.motions.skeleton_maps import SkeletonMap, SourceClip, rest_positions, source_kinematics
+from vip_factors.io.motions.skeleton_maps import SourceClip, rest_positions, source_kinematics
 from vip_factors.io.toml_values import read_text
 
 TURNS = {"x": rotation_x, "y": rotation_y, "z": rotation_z}
@@ -137,22 +137,13 @@ def _take_children(skeleton: AsfSkeleton, words: list[str]) -> None:
 CMU_RATE = 120.0  # an AMC file does not say its rate; the CMU database's is this
 
 
-def read_amc(
-    path: str | Path,
-    asf: str | Path | None = None,
-    rate: float = CMU_RATE,
-    skeleton_map: SkeletonMap | None = None,
-    unit_m: float | None = None,
-) -> Motion:
-    """An AMC file as a motion of our skeleton, with the bone lengths of its ASF: Z up, metres.
+def read_amc(path: str | Path, asf: str | Path | None = None) -> Motion:
+    """An AMC file as a motion of our skeleton, with the bone lengths of its ASF: Z up, metres, 120 Hz.
 
     Args:
         path: the AMC file. A file cut short gives the frames it holds whole.
         asf: its skeleton; if not given, the file beside it that is named after the subject (``07.asf`` for
             ``07_01.amc``), or the only one there.
-        rate: frames per second, which the file does not say.
-        skeleton_map: which bone is which joint, where the names are not CMU's.
-        unit_m: the skeleton's unit in metres, where its ``:units`` is not to be trusted.
 
     Raises:
         FileFormatError: for a malformed file.
@@ -160,8 +151,7 @@ def read_amc(
     """
     path = Path(path)
     skeleton = read_asf(Path(asf) if asf else _find_asf(path))
-    clip = _clip(skeleton, _read_frames(path, skeleton), rate, path)
-    return retarget(clip, skeleton_map, unit_m or skeleton.unit_m)
+    return retarget(_clip(skeleton, _read_frames(path, skeleton), path), skeleton.unit_m)
 
 
 def _find_asf(path: Path) -> Path:
@@ -220,7 +210,7 @@ def _numbers(words: list[str]) -> list[float]:
     return values if np.all(np.isfinite(values)) else []
 
 
-def _clip(skeleton: AsfSkeleton, frames: dict[str, Array], rate: float, path: Path) -> SourceClip:
+def _clip(skeleton: AsfSkeleton, frames: dict[str, Array], path: Path) -> SourceClip:
     """A node per bone, at the bone's start, and one at the free end of each last bone."""
     order = ["root", *skeleton.parents]
     leaves = [name for name in order[1:] if name not in skeleton.parents.values()]
@@ -237,7 +227,7 @@ def _clip(skeleton: AsfSkeleton, frames: dict[str, Array], rate: float, path: Pa
         if channel in ("tx", "ty", "tz"):
             p[:, 0, "xyz".index(channel[1])] = frames["root"][:, column]
     R_world, p_world = source_kinematics(parents, p, R)
-    return SourceClip(tuple(names), rest_positions(parents, offsets), R_world, p_world, rate, path.stem, str(path))
+    return SourceClip(tuple(names), rest_positions(parents, offsets), R_world, p_world, CMU_RATE, path.stem, str(path))
 
 
 def _turns(bone: AsfBone, values: Array, degrees: bool) -> Array:

@@ -10,7 +10,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z
 from vip_factors.io.motions.retarget import retarget, without_rest_frames
-from vip_factors.io.motions.skeleton_maps import SkeletonMap, SourceClip, rest_positions, source_kinematics
+from vip_factors.io.motions.skeleton_maps import SourceClip, rest_positions, source_kinematics
 from vip_factors.io.toml_values import read_text
 
 TURNS = {"xrotation": rotation_x, "yrotation": rotation_y, "zrotation": rotation_z}
@@ -29,12 +29,7 @@ class _Hierarchy:
         return sum(map(len, self.channels))
 
 
-def read_bvh(
-    path: str | Path,
-    skeleton_map: SkeletonMap | None = None,
-    unit_m: float | None = None,
-    keep_rest_frames: bool = False,
-) -> Motion:
+def read_bvh(path: str | Path, keep_rest_frames: bool = False) -> Motion:
     """A BVH file as a motion of our skeleton: Z up, metres.
 
     The skeleton's family is known by its joint names, its up and left by its rest pose, its unit by the stature that
@@ -42,8 +37,6 @@ def read_bvh(
 
     Args:
         path: the file. A file cut short gives the frames it holds whole.
-        skeleton_map: which node is which joint, where the names are of no known family.
-        unit_m: the file's unit in metres, where stature cannot tell.
         keep_rest_frames: keep every frame.
 
     Raises:
@@ -51,9 +44,7 @@ def read_bvh(
         InputError: for a skeleton that is not a known one or not a body.
     """
     clip = read_bvh_clip(path)
-    if not keep_rest_frames:
-        clip = without_rest_frames(clip, skeleton_map)
-    return retarget(clip, skeleton_map, unit_m)
+    return retarget(clip if keep_rest_frames else without_rest_frames(clip))
 
 
 def read_bvh_clip(path: str | Path) -> SourceClip:

@@ -42,18 +42,17 @@ REST_TOLERANCE = np.radians(15.0)  # exporters' rest poses bend the forearms a l
 IMPOSSIBLE_SPEED = 10.0  # rad/s: a person who stands in a T-pose does not leave it like a pitcher's arm
 
 
-def retarget(clip: SourceClip, skeleton_map: SkeletonMap | None = None, unit_m: float | None = None) -> Motion:
+def retarget(clip: SourceClip, unit_m: float | None = None) -> Motion:
     """A clip on our 24-joint skeleton, Z up, metres; at rest the wearer faces −y.
 
     Args:
         clip: the source.
-        skeleton_map: which node is which joint; found by the names if not given.
         unit_m: the clip's unit in metres; found by the stature if not given.
 
     Raises:
         InputError: for an unknown skeleton, an implausible size, or a rest pose that is not an upright body.
     """
-    table = skeleton_map or find_map(clip.names, clip.path)
+    table = find_map(clip.names, clip.path)
     A = _body_from_source_axes(clip, table)
     stature = _stature(clip, table)
     unit = unit_m or _unit_of(stature, clip.path)
@@ -66,9 +65,9 @@ def retarget(clip: SourceClip, skeleton_map: SkeletonMap | None = None, unit_m: 
     return Motion(skeleton, local_rotations(R_world_bone), p_world_joint[:, 0], clip.rate, name=clip.name)
 
 
-def without_rest_frames(clip: SourceClip, skeleton_map: SkeletonMap | None = None) -> SourceClip:
+def without_rest_frames(clip: SourceClip) -> SourceClip:
     """The clip without the rest pose that its exporter put before the take, if there is one."""
-    table = skeleton_map or find_map(clip.names, clip.path)
+    table = find_map(clip.names, clip.path)
     if len(clip) < 3 or table.exact:
         return clip
     joints = [node for joint, node in table.joints.items() if joint in AIMS or joint == "pelvis"]
@@ -127,7 +126,7 @@ def _unit_of(stature: float, path: str) -> float:
             return unit
     raise InputError(
         f"{path}: the skeleton's stature is about {stature:.3g} of the file's units, which is no adult in "
-        f"{', '.join(UNITS_M)}: give the unit in metres (unit_m)"
+        f"{', '.join(UNITS_M)}: scale the file to metres"
     )
 
 

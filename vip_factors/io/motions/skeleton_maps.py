@@ -150,7 +150,7 @@ def find_map(names: tuple[str, ...], path: str) -> SkeletonMap:
     raise InputError(
         f"{path}: the skeleton ({', '.join(names[:8])}, …) is none of the known families "
         f"({', '.join(missing)}); nearest is {nearest}, which lacks {', '.join(missing[nearest][:5])}: "
-        "rename the joints or pass a SkeletonMap"
+        "rename the joints"
     )
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.studies.fuzz.containers import fields_of, protobuf_of
-from tests.studies.fuzz.corpus_models import simcc_model
+from tests.studies.fuzz.corpus import simcc_model
+from tests.studies.fuzz.mutations import fields_of, protobuf_of
 from vip_factors.detect.onnx_pose import DEVIATION, MEAN, Box, OnnxPose, box_around, heat_peaks
 from vip_factors.errors import FileFormatError, InputError
 

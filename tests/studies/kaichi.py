@@ -158,7 +158,7 @@ class Kaichi(ClipStudy):
         )
         names = [f"{clip} (jumps)" if clip in jumps else clip for clip in clips]
         estimators = group(sorted(rows, key=lambda one: list(Way).index(one.way)), lambda one: (one.form, one.way))
-        lines = []
+        lines = list[list[object]]()
         for (form, way), every in estimators.items():
             own = [one for one in every if one.imus == most]
             cells = [mean(one.error_cm for one in own if one.clip == clip) for clip in clips]
@@ -237,7 +237,7 @@ def our_settings(form: Form, settings: LiveSettings) -> LiveSettings:
     factors, camera = settings.factors, settings.camera
     contact, adaptive = form in (Form.UNWEIGHTED, Form.FULL), form is not Form.UNWEIGHTED
     if form is not Form.IMU:
-        foot, floor = (replace(one, use=contact) for one in (factors.foot_contact, factors.floor_contact))
+        foot, floor = replace(factors.foot_contact, use=contact), replace(factors.floor_contact, use=contact)
         factors = replace(factors, foot_contact=foot, floor_contact=floor)
     biweight = replace(camera.reprojection.biweight, use=adaptive and camera.reprojection.biweight.use)
     reprojection = replace(camera.reprojection, adaptive=adaptive, biweight=biweight)

@@ -6,6 +6,7 @@ Here, or in a process of its own.
 import faulthandler
 import json
 import os
+import re
 import signal
 import sys
 import tempfile
@@ -30,7 +31,7 @@ MORE_S = 2  # seconds that a process may compute beyond what its own alarm allow
 
 
 class Verdict(StrEnum):
-    """In one word."""
+    """What came of it, in one word."""
 
     READ = "read"
     REFUSED = "refused"
@@ -79,24 +80,28 @@ def outcome_apart(read: Callable[[], object]) -> Outcome:
     """
     if not hasattr(os, "fork"):
         return outcome(read)
-    with tempfile.TemporaryFile() as told, tempfile.TemporaryFile() as errors:
+    with tempfile.TemporaryFile() as answer, tempfile.TemporaryFile() as errors:
         process = os.fork()
         if process == 0:
-            _read_and_exit(read, told.fileno(), errors.fileno())
+            _read_and_exit(read, answer.fileno(), errors.fileno())
         status = _ended(process)
-        for file in (told, errors):
+        for file in (answer, errors):
             file.seek(0)
-        answer, trace = told.read(), errors.read().decode(errors="replace")
-    if answer:
-        content = json.loads(answer)
-        return Outcome(Verdict(content.pop("verdict")), **content)
+        content, trace = answer.read(), errors.read().decode(errors="replace")
+    if content:
+        found = json.loads(content)
+        return Outcome(Verdict(found.pop("verdict")), **found)
     if status is None or os.WTERMSIG(status) == signal.SIGXCPU:
-        return Outcome(Verdict.FAILED, Hang.__name__, _place_of_crash(trace), "a native library does not return", trace)
-    kind = signal.Signals(os.WTERMSIG(status)).name if os.WIFSIGNALED(status) else f"exit {os.WEXITSTATUS(status)}"
-    return Outcome(Verdict.FAILED, kind, _place_of_crash(trace), "the process ended", trace)
+        kind, text = Hang.__name__, "a native library does not return"
+    else:
+        text = "the process ended"
+        kind = signal.Signals(os.WTERMSIG(status)).name if os.WIFSIGNALED(status) else f"exit {os.WEXITSTATUS(status)}"
+    # Of what Python prints of a crash, innermost first.
+    own = re.findall(rf'File "{re.escape(str(PACKAGE))}/(.+)", line (\d+) in (.+)', trace)
+    return Outcome(Verdict.FAILED, kind, "{}:{} {}".format(*own[0]) if own else "", text, trace)
 
 
-def _read_and_exit(read: Callable[[], object], told: int, errors: int) -> None:
+def _read_and_exit(read: Callable[[], object], answer: int, errors: int) -> None:
     """In the child: what came of it into one file, what libraries print and where they crash into another."""
     code = 1
     try:
@@ -107,7 +112,7 @@ def _read_and_exit(read: Callable[[], object], told: int, errors: int) -> None:
         seconds = int(SECONDS) + MORE_S
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        os.write(told, json.dumps(asdict(outcome(read))).encode())
+        os.write(answer, json.dumps(asdict(outcome(read))).encode())
         code = 0
     finally:
         os._exit(code)  # nothing that the parent has to end is ended here
@@ -128,21 +133,8 @@ def _ended(process: int) -> int | None:
 
 def _place(error: BaseException) -> str:
     """The innermost line of the package."""
-    own = ""
-    for frame in traceback.extract_tb(error.__traceback__):
-        path = Path(frame.filename)
-        if path.is_relative_to(PACKAGE):
-            own = f"{path.relative_to(PACKAGE)}:{frame.lineno} {frame.name}"
-    return own
-
-
-def _place_of_crash(trace: str) -> str:
-    """The same, of what Python prints of a crash: innermost first."""
-    for line in trace.splitlines():
-        path, _, rest = line.strip().removeprefix('File "').partition('", line ')
-        if rest and Path(path).is_relative_to(PACKAGE):
-            return f"{Path(path).relative_to(PACKAGE)}:{rest.replace(' in ', ' ')}"
-    return ""
+    frames = [one for one in traceback.extract_tb(error.__traceback__) if Path(one.filename).is_relative_to(PACKAGE)]
+    return f"{Path(frames[-1].filename).relative_to(PACKAGE)}:{frames[-1].lineno} {frames[-1].name}" if frames else ""
 
 
 class Hang(BaseException):

@@ -3,64 +3,79 @@
 import os
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from tests.studies.fuzz.bytes_and_text import mutated_bytes
-from tests.studies.fuzz.case import Case, Files, mutations_of
-from tests.studies.fuzz.corpus_estimates import estimate_cases
-from tests.studies.fuzz.corpus_filmed import filmed_cases
-from tests.studies.fuzz.corpus_logs import log_cases
-from tests.studies.fuzz.corpus_models import model_cases
-from tests.studies.fuzz.corpus_scenes import scene_cases, solved_cases
-from tests.studies.fuzz.corpus_small import small_cases
+from tests.studies.fuzz.mutations import mutated
 from tests.studies.fuzz.outcome import Verdict, outcome, outcome_apart
 from tests.studies.study import Study, Tell, bullets, no_news, table
 from vip_factors.errors import InputError
 
 SECOND_MUTATION = 0.4  # of two in one file: most faults need one, some the second
+Files = Mapping[str, bytes]
+"""Content by name, with ``/`` between folders."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One format.
+
+    Attributes:
+        name: of the format, as ``--formats`` takes it.
+        make: makes whole files, small, all of which are read.
+        read: what the commands do with them, short of solving; gets their folder.
+        command: with which a person repeats it; ``{}`` stands for the folder.
+        sound: names of files that are not damaged.
+        seldom: how many times as seldom as others it is damaged, where reading takes long.
+        apart: read in a process of its own, as native libraries read it that may crash.
+    """
+
+    name: str
+    make: Callable[[], Files]
+    read: Callable[[Path], object]
+    command: str
+    sound: tuple[str, ...] = ()
+    seldom: int = 1
+    apart: bool = False
+
+    @cached_property
+    def files(self) -> Files:
+        return self.make()
+
+    def damaged(self, random: Random) -> tuple[str, bytes]:
+        """Name and content of one of its files, damaged once or twice."""
+        name = random.choice(sorted(name for name in self.files if name not in self.sound))
+        content = self.files[name]
+        for _ in range(2 if random.random() < SECOND_MUTATION else 1):
+            content = mutated(name, content, random)
+        return name, content
 
 
 @dataclass(frozen=True)
 class Failure:
-    """An input that a reader neither read nor refused.
+    """The first input of its kind and place that a reader neither read nor refused; its files are in a folder.
 
     Attributes:
+        format: of the file.
         number: of the mutation, with which it is made again.
-        case: name of the format.
         kind: type of the exception.
         place: innermost line of this package that it came from.
         text: of the exception.
-        files: that were read.
-        damaged: name of the damaged one.
-        trace: as Python prints it.
-        command: with which a person repeats it; ``{}`` stands for the folder of the files.
+        folder: with the files, and a note that says how to repeat it.
     """
 
+    format: str
     number: int
-    case: str
     kind: str
     place: str
     text: str
-    files: Files
-    damaged: str
-    trace: str
-    command: str
-
-
-@dataclass
-class FuzzResult:
-    """Counts by format, and the failures: the first of each kind and place."""
-
-    read: Counter[str] = field(default_factory=Counter)
-    refused: Counter[str] = field(default_factory=Counter)
-    failed: Counter[str] = field(default_factory=Counter)
-    failures: dict[tuple[str, str], Failure] = field(default_factory=dict)
+    folder: Path
 
 
 @dataclass(frozen=True)
@@ -71,18 +86,6 @@ class Counts:
     read: int
     refused: int
     failed: int
-
-
-@dataclass(frozen=True)
-class Fault:
-    """The first input of its kind and place that was neither read nor refused; its files are in a folder."""
-
-    format: str
-    number: int
-    kind: str
-    place: str
-    text: str
-    folder: Path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,39 +111,21 @@ class Fuzz(Study):
         if self.mutations < 1 or self.first < 0:
             raise InputError(f"--mutations {self.mutations}, --first {self.first}: expected at least 1 and 0")
 
-    def rows(self, tell: Tell) -> Iterator[Fault | Counts]:
-        tell("making files", 0.0)
-        cases, result = chosen_cases(all_cases(), self.formats), FuzzResult()
-        for one in fuzzed(cases, self.mutations, self.seed, self.first, tell, result):
-            folder = save_failure(one, self.out)
-            yield Fault(one.case, one.number, one.kind, one.place, one.text[:500], folder)
-        for case in cases:
-            counts = (found[case.name] for found in (result.read, result.refused, result.failed))
-            yield Counts(case.name, *counts)
+    def rows(self, tell: Tell) -> Iterator[Failure | Counts]:
+        from tests.studies.fuzz.corpus import all_cases
 
-    def tables(self, rows: Sequence[Fault | Counts]) -> Iterator[str]:
+        yield from Damage(chosen_cases(all_cases(), self.formats), self.out, self.seed).run(
+            range(self.first, self.first + self.mutations), tell
+        )
+
+    def tables(self, rows: Sequence[Failure | Counts]) -> Iterator[str]:
         counts = [(one.format, one.read, one.refused, one.failed) for one in rows if isinstance(one, Counts)]
         lines = [*counts, ("all", *np.sum([one[1:] for one in counts] or [(0, 0, 0)], axis=0))]
         yield table(["format", "mutations", "read", "refused", "failed"], [[k, sum(v), *v] for k, *v in lines])
         yield bullets("Neither read nor refused:", (
             f"{one.format} {one.number}: {one.kind} at {one.place}: {one.text[:100]!r}, {one.folder}"
-            for one in rows if isinstance(one, Fault)
+            for one in rows if isinstance(one, Failure)
         ))  # fmt: skip
-
-
-def all_cases() -> list[Case]:
-    """One of each format that the commands read.
-
-    Left out on purpose: BlazePose's two models (nothing here can write a small one; a wheel of them is damaged, and
-    refused by its sum), WebSocket's handshake and frames (the library's; what its messages hold is in), Rerun files
-    (written, never read), the published data sets that studies read, SMPL pickles with chumpy inside, and messages
-    between the package's own processes.
-    """
-    logs = log_cases()
-    log = next(one.files for one in logs if one.name == "xsens-txt")
-    return [
-        *logs, *scene_cases(), *small_cases(), *model_cases(), *filmed_cases(log), *estimate_cases(), *solved_cases()
-    ]  # fmt: skip
 
 
 def chosen_cases(cases: Sequence[Case], names: Sequence[str]) -> list[Case]:
@@ -152,84 +137,58 @@ def chosen_cases(cases: Sequence[Case], names: Sequence[str]) -> list[Case]:
     return [one for one in cases if not names or one.name in names]
 
 
-def fuzzed(
-    cases: Sequence[Case], mutations: int, seed: int = 0, first: int = 0, tell: Tell = no_news,
-    result: FuzzResult | None = None,
-) -> Iterator[Failure]:  # fmt: skip
-    """Damage the files of the cases, one after the other, and read them; yields each failure that is new."""
-    result = result or FuzzResult()
-    with TemporaryDirectory(prefix="vip-factors-fuzz-") as name, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # thousands
-        ready: dict[str, Path] = {}
-        for number in range(first, first + mutations):
-            case = _drawn(cases, Random(f"{seed}/{number}"))
-            if case.name not in ready:
-                ready[case.name] = _made_ready(case, Path(name, case.name))
-            damaged, content = mutated(case, Random(f"{seed}/{number}/{case.name}"))
-            failure = _attempt(case, ready[case.name], damaged, content, number, result)
-            if failure is not None and (failure.kind, failure.place) not in result.failures:
-                result.failures[failure.kind, failure.place] = failure
-                yield failure
-            if number % 50 == 0:
-                tell(f"mutations, {len(result.failures)} faults", (number - first) / mutations)
+@dataclass
+class Damage:
+    """Damages files of the cases, one after the other, and reads them; failures go to the folder ``out``."""
 
+    cases: Sequence[Case]
+    out: Path
+    seed: int = 0
+    counts: dict[Verdict, Counter[str]] = field(default_factory=lambda: {verdict: Counter() for verdict in Verdict})
 
-def _drawn(cases: Sequence[Case], random: Random) -> Case:
-    """One of them; those whose reading takes long are drawn seldom."""
-    return random.choices(cases, [1 / one.seldom for one in cases])[0]
+    def run(self, numbers: range, tell: Tell = no_news) -> Iterator[Failure | Counts]:
+        """Each failure that is new, then the counts of each format."""
+        known, ready, rates = set[tuple[str, str]](), dict[str, Path](), [1 / one.seldom for one in self.cases]
+        with TemporaryDirectory(prefix="vip-factors-fuzz-") as name, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # thousands
+            for number in numbers:
+                (case,) = Random(f"{self.seed}/{number}").choices(self.cases, rates)
+                if case.name not in ready:  # read once as it is, and what is imported late is, before any limit
+                    ready[case.name] = Path(name, case.name)
+                    write_files(case.files, ready[case.name])
+                    case.read(ready[case.name])
+                failure = self._attempt(case, ready[case.name], number, known)
+                if failure is not None:
+                    yield failure
+                if number % 50 == 0:
+                    tell(f"mutations, {len(known)} faults", (number - numbers.start) / len(numbers))
+        for case in self.cases:
+            yield Counts(case.name, *(self.counts[verdict][case.name] for verdict in Verdict))
 
-
-def _made_ready(case: Case, folder: Path) -> Path:
-    """Its files as they are, read once: that must succeed, and what is imported late is imported before any limit."""
-    _write(case.files, folder)
-    case.read(folder)
-    return folder
-
-
-def mutated(case: Case, random: Random) -> tuple[str, bytes]:
-    """Name and content of a file of the case, damaged once or twice."""
-    name = random.choice(case.damageable)
-    content, mutations = case.files[name], mutations_of(name)
-    for _ in range(2 if random.random() < SECOND_MUTATION else 1):
+    def _attempt(self, case: Case, folder: Path, number: int, known: set[tuple[str, str]]) -> Failure | None:
+        name, content = case.damaged(Random(f"{self.seed}/{number}/{case.name}"))
+        (folder / name).write_bytes(content)
+        os.utime(folder / name, ns=(number, number))  # readers that know a file again by its time see another one
         try:
-            content = random.choice(mutations)(content, random)
-        except Exception:  # damaged before, so that it cannot be unpacked any more
-            content = mutated_bytes(content, random)
-    return name, content
+            found = (outcome_apart if case.apart else outcome)(lambda: case.read(folder))
+        finally:
+            (folder / name).write_bytes(case.files[name])
+        self.counts[found.verdict][case.name] += 1
+        if found.verdict is not Verdict.FAILED or (found.kind, found.place) in known:
+            return None
+        known.add((found.kind, found.place))
+        kept = self.out / f"{case.name}-{number}-{found.kind}"
+        write_files({**case.files, name: content}, kept)
+        note = (
+            f"{found.kind} at {found.place}: {found.text[:500]}\n\nmutation {number} of {case.name}, in {name}\n\n"
+            f"{case.command.replace('{}', str(kept))}\n\n{found.trace}"
+        )
+        (kept / "failure.txt").write_text(note, encoding="utf-8", errors="backslashreplace")
+        return Failure(case.name, number, found.kind, found.place, found.text[:500], kept)
 
 
-def _attempt(case: Case, folder: Path, damaged: str, content: bytes, number: int, result: FuzzResult) -> Failure | None:
-    (folder / damaged).write_bytes(content)
-    os.utime(folder / damaged, ns=(number, number))  # readers that know a file again by its time see another one
-    try:
-        found = (outcome_apart if case.apart else outcome)(lambda: case.read(folder))
-    finally:
-        (folder / damaged).write_bytes(case.files[damaged])
-    counts = {Verdict.READ: result.read, Verdict.REFUSED: result.refused, Verdict.FAILED: result.failed}
-    counts[found.verdict][case.name] += 1
-    if found.verdict is not Verdict.FAILED:
-        return None
-    files = {**case.files, damaged: content}
-    return Failure(
-        number, case.name, found.kind, found.place, found.text, files, damaged, found.trace, case.command
-    )  # fmt: skip
-
-
-def _write(files: Files, folder: Path) -> None:
+def write_files(files: Files, folder: Path) -> None:
     for name, content in files.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-
-
-def save_failure(failure: Failure, out: Path) -> Path:
-    """A folder with the files, and a note that says how to repeat it; the folder."""
-    folder = out / f"{failure.case}-{failure.number}-{failure.kind}"
-    _write(failure.files, folder)
-    command = failure.command.replace("{}", str(folder))
-    note = (
-        f"{failure.kind} at {failure.place}: {failure.text[:500]}\n\nmutation {failure.number} of {failure.case}, in "
-        f"{failure.damaged}\n\n{command}\n\n{failure.trace}"
-    )
-    (folder / "failure.txt").write_text(note, encoding="utf-8", errors="backslashreplace")
-    return folder

@@ -1,19 +1,40 @@
-"""Mutations inside of what is packed: Protobuf messages, the records of MCAP, JSON, archives of arrays.
+"""Mutations: what a bad disk, a cut connection, a spreadsheet or a hand does to a file; and inside of what is packed.
 
-Bytes flipped in such files mostly break their checksums; what lies behind these is reached by packing anew.
+Bytes flipped in Protobuf messages, records of MCAP, JSON and archives of arrays mostly break their checksums; what lies
+behind these is reached by packing anew.
 """
 
 import json
+import pickle
+import re
 import struct
+import zipfile
+from collections.abc import Callable
 from io import BytesIO
+from pathlib import Path
 from random import Random
 from typing import Any
 
 import numpy as np
 
-from tests.studies.fuzz.bytes_and_text import mutated_bytes, mutated_text
+from vip_factors.body.smpl_pickle import RestrictedUnpickler
 from vip_factors.io.live.messages import delimited
-from vip_factors.io.mcap_records import CHUNK, FOOTER, MAGIC, MESSAGE, RECORD_HEAD
+from vip_factors.io.mcap_records import CHUNK, FOOTER, MAGIC, MESSAGE, RECORD_HEAD, read_chunk
+
+NUMBER = re.compile(rb"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.])")
+WORD = re.compile(rb"[A-Za-z_][A-Za-z_0-9]*")
+CELL = re.compile(rb"[^,;\t ]+|[,;\t ]")
+NUMBERS = (
+    b"0", b"-1", b"1", b"nan", b"inf", b"-inf", b"1e308", b"-1e308", b"1e-320", b"12345678901234567890", b"9" * 400,
+    b"2147483648", b"1000000000", b"0.5", b"-0", b"1e400", b"", b"x", b"NaN", b"true", b'"1"', b"[]", b"{}", b"null",
+)  # fmt: skip
+WORDS = (
+    b"", b"x", b"nan", b"\xff\xfe", b"\x00", b"name", b"time", b"X" * 300, "\u00e9\u4e2d".encode(), b'"', b"[", b"}",
+)  # fmt: skip
+PIECES = (
+    b"\x00", b"\xff", b"\n", b",", b"\t", b'"', b"{", b"}", b"[", b"]", b"<", b"/>", b"=", b"#", b"\r",
+    b"\xef\xbb\xbf",
+)  # fmt: skip
 
 MESSAGE_HEAD = 22  # bytes of a message's record before its data
 INDEX = 0x07  # of a chunk's messages: nothing reads it
@@ -26,6 +47,132 @@ VALUES: tuple[Any, ...] = (
 
 Field = tuple[int, int, Any]
 """Number, wire type and content of a field."""
+Mutation = Callable[[bytes, Random], bytes]
+
+
+def _place(data: bytes, random: Random) -> int:
+    """Half of the time near the beginning, where headers are."""
+    end = len(data) if random.random() < 0.5 else min(len(data), 400)
+    return random.randrange(max(end, 1))
+
+
+def flip(data: bytes, random: Random) -> bytes:
+    """One bit."""
+    at = _place(data, random)
+    return data[:at] + bytes(one ^ 1 << random.randrange(8) for one in data[at : at + 1]) + data[at + 1 :]
+
+
+def overwrite(data: bytes, random: Random) -> bytes:
+    """Some bytes, with those that numbers at their limits have."""
+    at = _place(data, random)
+    piece = random.choice((b"\xff", b"\0", b"\x7f", b"\x80")) * random.choice((1, 2, 4, 8))
+    if random.random() < 0.3:
+        piece = random.choice((b"\0\0\0\0\0\0\xf8\x7f", b"\0\0\0\0\0\0\xf0\x7f", b"\xa0\xc8\xeb\x85\xf3\xcc\xe1\x7f"))
+    return data[:at] + piece + data[at + len(piece) :]
+
+
+def insert(data: bytes, random: Random) -> bytes:
+    """Something that does not belong there."""
+    at = _place(data, random)
+    return data[:at] + random.choice(PIECES) * random.choice((1, 1, 1, 2, 40, 5000)) + data[at:]
+
+
+def delete(data: bytes, random: Random) -> bytes:
+    """A few bytes, or many."""
+    at = _place(data, random)
+    return data[:at] + data[at + random.choice((1, 2, 4, 8, 50, 400)) :]
+
+
+def truncate(data: bytes, random: Random) -> bytes:
+    """The end is missing."""
+    return data[: random.randrange(len(data) + 1)]
+
+
+def splice(data: bytes, random: Random) -> bytes:
+    """A piece stands somewhere else, or twice."""
+    start, at = _place(data, random), _place(data, random)
+    piece = data[start : start + random.choice((1, 8, 60, 500))]
+    keep = len(piece) if random.random() < 0.5 else 0
+    return data[:at] + piece + data[at + keep :]
+
+
+def number(data: bytes, random: Random) -> bytes:
+    """One number, a word of numbers at their limits, or of none."""
+    return _replaced(NUMBER, NUMBERS, data, random)
+
+
+def word(data: bytes, random: Random) -> bytes:
+    """One word: renamed, or written as another word of the file is."""
+    found = list(WORD.finditer(data))
+    if not found:
+        return insert(data, random)
+    others = (random.choice(found).group(), random.choice(found).group().upper())
+    return _put(data, _chosen(found, random), random.choice((*WORDS, *others)))
+
+
+def _replaced(pattern: re.Pattern[bytes], new: tuple[bytes, ...], data: bytes, random: Random) -> bytes:
+    found = list(pattern.finditer(data))
+    return _put(data, _chosen(found, random), random.choice(new)) if found else flip(data, random)
+
+
+def _chosen(found: list[re.Match[bytes]], random: Random) -> re.Match[bytes]:
+    return random.choice(found if random.random() < 0.5 else found[:40])
+
+
+def _put(data: bytes, where: re.Match[bytes], piece: bytes) -> bytes:
+    return data[: where.start()] + piece + data[where.end() :]
+
+
+def lines(data: bytes, random: Random) -> bytes:
+    """A line is missing, stands twice, is empty, or has changed places with another."""
+    rows = data.split(b"\n")
+    a, b = (random.randrange(len(rows) if random.random() < 0.5 else min(len(rows), 12)) for _ in range(2))
+    what = random.randrange(5)
+    if what == 0:
+        del rows[a]
+    elif what == 1:
+        rows.insert(b, rows[a])
+    elif what == 2:
+        rows[a] = b""
+    elif what == 3:
+        rows[a], rows[b] = rows[b], rows[a]
+    else:
+        rows = rows[: a + 1] if random.random() < 0.5 else rows[a:]
+    return b"\n".join(rows)
+
+
+def cells(data: bytes, random: Random) -> bytes:
+    """A cell of a table is missing, stands twice, or has changed places; in one row, or in all from there on."""
+    rows = data.split(b"\n")
+    start = random.randrange(len(rows))
+    pick, other, what, many = random.random(), random.random(), random.randrange(3), random.random() < 0.5
+    for row in range(start, len(rows) if many else start + 1):
+        parts = CELL.findall(rows[row])
+        if len(parts) < 2:
+            continue
+        a, b = int(pick * len(parts)), int(other * len(parts))
+        if what == 0:
+            del parts[a]
+        elif what == 1:
+            parts.insert(b, parts[a])
+        else:
+            parts[a], parts[b] = parts[b], parts[a]
+        rows[row] = b"".join(parts)
+    return b"\n".join(rows)
+
+
+BYTES: tuple[Mutation, ...] = (flip, overwrite, insert, delete, truncate, splice)
+TEXT: tuple[Mutation, ...] = (number, number, number, word, word, lines, cells)
+
+
+def mutated_bytes(data: bytes, random: Random) -> bytes:
+    """By one mutation of bytes."""
+    return random.choice(BYTES)(data, random)
+
+
+def mutated_text(data: bytes, random: Random) -> bytes:
+    """By one mutation, mostly of numbers, words, lines and cells."""
+    return random.choice(TEXT if random.random() < 0.8 else BYTES)(data, random)
 
 
 def fields_of(data: bytes) -> list[Field] | None:
@@ -123,8 +270,6 @@ def _mutated_value(kind: int, value: Any, random: Random) -> Any:
 
 def records_of(data: bytes) -> list[tuple[int, bytes]]:
     """Opcode and content of all records of an MCAP file, those in its chunks too, up to its footer."""
-    from vip_factors.io.mcap_records import read_chunk
-
     at, records = len(MAGIC), []
     while at + RECORD_HEAD.size <= len(data):
         opcode, size = RECORD_HEAD.unpack_from(data, at)
@@ -221,37 +366,29 @@ def _places(tree: Any, places: list[tuple[Any, Any]]) -> None:
 
 def mutated_arrays(content: dict[str, Any], random: Random) -> dict[str, Any]:
     """One array has another shape, type or number in it, is missing or has another name."""
-    name, changed = random.choice(sorted(content)), dict(content)
-    value, what = np.asarray(content[name]), random.randrange(10)
-    if what == 0:
-        del changed[name]
-    elif what == 1:
-        changed[random.choice(sorted(content))] = changed.pop(name)
-    elif what == 2:
-        changed[name] = value[: random.randrange(3)] if value.ndim else np.array([])
-    elif what == 3:
-        changed[name] = value.reshape(-1) if value.ndim > 1 else value[None]
-    elif what == 4:
-        kinds = ("f4", "i8", "c16", "S8", "U4", "?")
-        with np.errstate(all="ignore"):
-            changed[name] = np.zeros(value.shape, random.choice(kinds))
-    elif what == 5:
-        changed[name] = random.choice((np.float64(random.choice(LIMITS)), np.array("x"), np.zeros((0, 3)), np.zeros(0)))
-    elif what == 6 and value.ndim:
-        changed[name] = np.swapaxes(value, 0, -1)
-    elif value.dtype.kind == "f" and value.size:
-        changed[name] = value.copy().reshape(-1)
-        changed[name][random.randrange(value.size)] = random.choice(LIMITS)
-        changed[name] = changed[name].reshape(value.shape)
-    else:
-        changed[name] = np.full(value.shape, random.choice(LIMITS))
-    return changed
+    name = random.choice(sorted(content))
+    value, rest = np.asarray(content[name]), {key: one for key, one in content.items() if key != name}
+    flat = value.astype(float).reshape(-1) if value.dtype.kind in "fiub" else np.zeros(value.size)
+    flat[random.randrange(max(flat.size, 1)) : random.choice((flat.size, flat.size // 2))] = random.choice(LIMITS)
+    one = np.array(np.asarray(content[name]), copy=True)
+    if one.dtype.kind == "f" and one.size:
+        one.reshape(-1)[random.randrange(one.size)] = random.choice(LIMITS)
+    others: tuple[Any, ...] = (
+        value[: random.randrange(3)] if value.ndim else np.array([]),
+        value.reshape(-1) if value.ndim > 1 else value[None],
+        np.zeros(value.shape, random.choice(("f4", "i8", "c16", "S8", "U4", "?"))),
+        random.choice((np.float64(random.choice(LIMITS)), np.array("x"), np.zeros((0, 3)), np.zeros(0))),
+        np.swapaxes(value, 0, -1) if value.ndim else value,
+        one, one, one, flat.reshape(value.shape),
+    )  # fmt: skip
+    what = random.randrange(len(others) + 2)
+    if what == len(others):
+        return rest
+    return rest | ({random.choice(sorted(content)): value} if what > len(others) else {name: others[what]})
 
 
 def mutated_npz(data: bytes, random: Random) -> bytes:
     """An archive of arrays, one of which is another; or other bytes of one, with the checksum to them."""
-    import zipfile
-
     if random.random() < 0.6:
         with np.load(BytesIO(data), allow_pickle=False) as archive:
             content = mutated_arrays(dict(archive), random)
@@ -271,10 +408,26 @@ def mutated_npz(data: bytes, random: Random) -> bytes:
 
 def mutated_pickle(data: bytes, random: Random) -> bytes:
     """A pickle of other arrays; read, as it is made here, by the reader that refuses anything but plain data."""
-    import pickle
-
-    from vip_factors.body.smpl_pickle import RestrictedUnpickler
-
     content = RestrictedUnpickler(BytesIO(data), encoding="latin1").load()
     arrays = {name: np.asarray(one) if hasattr(one, "__array__") else one for name, one in content.items()}
     return pickle.dumps(mutated_arrays(arrays, random), protocol=2)
+
+
+MUTATIONS: dict[str, tuple[Mutation, ...]] = {
+    ".mcap": (mutated_mcap, mutated_mcap, mutated_mcap, mutated_bytes),
+    ".messages": (mutated_stream, mutated_stream, mutated_bytes),
+    ".json": (mutated_json, mutated_json, mutated_text),
+    ".npz": (mutated_npz, mutated_npz, mutated_npz, mutated_bytes),
+    ".pkl": (mutated_pickle, mutated_pickle, mutated_bytes),
+    ".onnx": (mutated_protobuf, mutated_protobuf, mutated_bytes),
+    **dict.fromkeys((".mp4", ".png", ".jpg", ".db"), (mutated_bytes,)),
+}
+"""By the suffix of a file; all others are text."""
+
+
+def mutated(name: str, content: bytes, random: Random) -> bytes:
+    """A file of that name, damaged once."""
+    try:
+        return random.choice(MUTATIONS.get(Path(name).suffix, (mutated_text,)))(content, random)
+    except Exception:  # damaged before, so that it cannot be unpacked any more
+        return mutated_bytes(content, random)

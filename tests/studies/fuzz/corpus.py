@@ -1,0 +1,454 @@
+"""Small whole files of every format that is not the package's own, as programs and people write them, and what reads
+each: sensor logs, motions, 2D poses, cameras, bodies, settings, and what was trained or kept.
+
+Left out on purpose: BlazePose's models (nothing here can write a small one), WebSocket's handshake and frames (the
+library's; what its messages hold is in), Rerun files (written, never read), the published data sets that studies read,
+SMPL pickles with chumpy inside, and messages between the package's own processes.
+"""
+
+import json
+import pickle
+import struct
+from collections.abc import Callable
+from functools import partial
+from importlib.util import find_spec
+from io import BytesIO
+from pathlib import Path
+from shutil import copyfile
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from tests.io import mvnx_samples, totalcapture_samples
+from tests.io.motion_samples import write_amc
+from tests.io.pose_files import person, write_alphapose, write_coco, write_mmpose, write_openpose
+from tests.io.table_samples import (
+    columns_of,
+    sample,
+    turning,
+    write_dot,
+    write_format7,
+    write_mtw,
+    write_named,
+    write_quaternions,
+)
+from tests.studies.fuzz.mutations import mcap_of, protobuf_of
+from tests.studies.fuzz.run import Case, Files
+from vip_factors.associate.weights import SHIPPED_WEIGHTS, load_weights
+from vip_factors.body.anthropometry import LengthPrior, likely_body
+from vip_factors.body.body_prior import SHIPPED_BODY_PRIOR, load_body_prior
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, PooledOffsets, keypoint_set
+from vip_factors.body.kinematics import Motion
+from vip_factors.body.lengths import LENGTHS
+from vip_factors.body.pose_prior import SHIPPED_PRIOR, load_pose_prior
+from vip_factors.body.smpl_file import skeleton_from_smpl
+from vip_factors.cli.info_text import motion_text, recording_text
+from vip_factors.cli.settings_file import read_settings
+from vip_factors.configurations import configured
+from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.io.body_file import BodyFile, read_body_file, write_body_file
+from vip_factors.io.camera_file import read_camera_file, read_floor
+from vip_factors.io.convert import ImportOptions, import_recording
+from vip_factors.io.convert_template import write_templates
+from vip_factors.io.detections.read import read_detections
+from vip_factors.io.export.animation import write_bvh
+from vip_factors.io.export.files import ExportSettings
+from vip_factors.io.export.smpl import write_amass
+from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, read_keypoint_offsets, write_keypoint_offsets
+from vip_factors.io.live.open import read_token
+from vip_factors.io.motions import read_motion
+from vip_factors.settings import Settings, flatten
+from vip_factors.simulate.gestures import gestures
+
+ROWS = 8
+NAMES = ("Pelvis", "LeftShank", "RightForeArm")
+FLOOR = "[floor]\nR_floor_camera = [[1,0,0],[0,0,1],[0,-1,0]]\np_floor_camera = [0.0, -3.0, 1.2]\n"
+XML = (
+    '<OpenSimDocument><R><ExperimentalSensors><ExperimentalSensor name="_00B1"><name_in_model>pelvis_imu'
+    '</name_in_model></ExperimentalSensor><ExperimentalSensor name="_00B2"><name_in_model>tibia_l_imu</name_in_model>'
+    "</ExperimentalSensor></ExperimentalSensors></R></OpenSimDocument>"
+)
+PLACEMENT = (
+    'stature_m = 1.7\nsubject = "Ada"\ninitial_pose = "t-pose"\n[segment_lengths_m]\nthigh = 0.42\n[sensors]\n'
+    'Pelvis = "pelvis"\nLeftShank = { site = "left_shank", sigma_deg = 10 }\n'
+)
+PLACEMENT_JSON = (
+    '{"stature_m": 1.7, "sex": "male", "sensors": {"Pelvis": "pelvis", "RightForeArm": {"site": "right_forearm"}}}'
+)
+CAMERAS = {  # by format: name and text
+    "camera-toml": (
+        "camera.toml",
+        "width = 640\nheight = 480\nfx = 500\nfy = 500.5\ncx = 320\ncy = 240\ndistortion = [0.1, -0.2, 0.001, 0]\n"
+        + FLOOR,
+    ),
+    "camera-yaml": (
+        "camera.yaml",
+        "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n"
+        "   dt: d\n   data: [ 500., 0., 320., 0., 510., 240., 0., 0., 1. ]\ndist_coeffs: !!opencv-matrix\n   rows: 1\n"
+        "   cols: 5\n   dt: d\n   data: [ 0.1, -0.2, 0.001, 0.002, 0.05 ]\n",
+    ),
+    "camera-xml": (
+        "camera.xml",
+        '<?xml version="1.0"?>\n<opencv_storage>\n<image_width>640</image_width>\n<image_height>480</image_height>\n'
+        '<camera_matrix type_id="opencv-matrix"><rows>3</rows><cols>3</cols><dt>d</dt>\n'
+        "  <data>500. 0. 320. 0. 510. 240. 0. 0. 1.</data></camera_matrix>\n"
+        '<dist_coeffs type_id="opencv-matrix"><rows>1</rows><cols>4</cols><dt>d</dt><data>0.1 -0.2 0.001 0.</data>'
+        "</dist_coeffs>\n</opencv_storage>\n",
+    ),
+    "camera-json": (
+        "camera.json",
+        '{"camera_matrix": [[500, 0, 320], [0, 510, 240], [0, 0, 1]], "dist_coeffs": [[0.1, -0.2, 0.001, 0.002, 0.05]],'
+        ' "image_size": [640, 480]}',
+    ),
+    "pose2sim": (
+        "Calib.toml",
+        '[left]\nname = "left"\nsize = [1088.0, 1920.0]\nmatrix = [[1681.2, 0.0, 532.9], [0.0, 1681.0, 948.1], '
+        "[0.0, 0.0, 1.0]]\ndistortions = [-0.05, 0.1, 0.0, 0.0]\nrotation = [1.57, 0.0, 0.0]\n"
+        "translation = [0.5, 1.5, 4.0]\nfisheye = false\n\n[metadata]\nadjusted = false\n",
+    ),
+}
+
+
+def all_cases() -> list[Case]:
+    """One of each format that the commands read."""
+    from tests.studies.fuzz.corpus_scenes import scene_cases
+
+    return [*log_cases(), *_file_cases(), *_model_cases(), *scene_cases()]
+
+
+def written(write: Callable[[Path], object]) -> dict[str, bytes]:
+    """All files that something writes into a folder."""
+    with TemporaryDirectory() as name:
+        write(Path(name))
+        return {str(p.relative_to(name)): p.read_bytes() for p in sorted(Path(name).rglob("*")) if p.is_file()}
+
+
+# Sensor logs
+
+
+def log_cases() -> list[Case]:
+    """One case for each format of logs: what is converted, its files, options that name further files, how seldom."""
+    opals = {"Lumbar": sample(1), "Right Ankle": sample(2)}
+    logs: tuple[tuple[str, str, Callable[[], Files], dict[str, str], int], ...] = (
+        ("xsens-txt", "log", xsens_log, {}, 4),
+        ("placement-toml", "log", lambda: {**xsens_log(), "p.toml": PLACEMENT.encode()}, {"placement": "p.toml"}, 4),
+        ("placement-json", "log", lambda: {**xsens_log(), "p.json": PLACEMENT_JSON.encode()},
+         {"placement": "p.json"}, 4),
+        ("opensense-xml", "log", lambda: {**xsens_log("a-000_00B1", "a-000_00B2"), "log/m.xml": XML.encode()},
+         {"placement": "log/m.xml"}, 4),
+        ("xsens-dot", "log", partial(written, _dot), {}, 4),
+        ("mvnx", "a.mvnx",
+         partial(written, lambda folder: mvnx_samples.write(folder / "a.mvnx", mvnx_samples.motion())), {}, 8),
+        ("apdm-7", "a.csv", partial(written, lambda folder: write_format7(folder / "a.csv", opals)), {}, 3),
+        ("apdm-named", "a.csv",
+         partial(written, lambda folder: write_named(folder / "a.csv", opals, ("m/s^2", "rad/s"))), {}, 4),
+        ("opensense-sto", "a.sto", partial(written, lambda folder: _quaternions(folder / "a.sto")), {}, 4),
+        ("opensim-export", "log", partial(written, _opensim_export), {}, 4),
+        ("table", "log.csv", _table, {"columns": "map.toml"}, 4),
+        ("ros2", "a.mcap", _ros2, {}, 4),
+        ("totalcapture", "s1",
+         partial(written, lambda folder: totalcapture_samples.write(_below(folder, "s1"))), {}, 12),
+    )  # fmt: skip
+    cases = []
+    for name, path, make, options, seldom in logs:
+        command = f"vip-factors convert {{}}/{path} out.mcap" + "".join(f" --{k} {{}}/{v}" for k, v in options.items())
+        cases.append(Case(name, make, partial(_read_log, path=path, options=options), command, seldom=seldom))
+    return [
+        *cases,
+        Case("template", lambda: {"log.csv": _table()["log.csv"]},
+             lambda folder: write_templates(folder / "log.csv", folder / "template", overwrite=True),
+             "vip-factors convert {}/log.csv --template {}/template", seldom=6),
+    ]  # fmt: skip
+
+
+def _read_log(folder: Path, path: str, options: dict[str, str]) -> None:
+    """As ``convert`` does."""
+    told = {key: (folder / value if key == "columns" else str(folder / value)) for key, value in options.items()}
+    recording_text(import_recording(folder / path, ImportOptions(**told)))  # type: ignore[arg-type]
+
+
+def _below(folder: Path, name: str) -> Path:
+    (folder / name).mkdir()
+    return folder / name
+
+
+def xsens_log(*names: str) -> dict[str, bytes]:
+    """Of sensors with these names, in the folder log."""
+
+    def write(folder: Path) -> None:
+        for seed, name in enumerate(names or NAMES):
+            counter = np.arange(65530.0, 65530.0 + ROWS) % 65536
+            write_mtw(folder / f"{name}.txt", columns_of(*turning(ROWS, seed)), counter)
+
+    return written(lambda folder: write(_below(folder, "log")))
+
+
+def _dot(folder: Path) -> None:
+    folder = _below(folder, "log")
+    for seed, name in enumerate(NAMES):
+        R, force, _ = turning(ROWS, seed)
+        clock = np.linspace(1000.0, 1000.0 + 16667 * (ROWS - 1), ROWS)
+        write_dot(folder / f"{name}_20210820_202113_836.csv", R, force, clock)
+
+
+def _quaternions(path: Path) -> None:
+    write_quaternions(path, np.stack([sample(seed, ROWS)[0] for seed in (1, 2)], axis=1), ["pelvis_imu", "tibia_l_imu"])
+
+
+def _opensim_export(folder: Path) -> None:
+    folder = _below(folder, "log")
+    _quaternions(folder / "walk_Orientations.sto")
+    for file, quantity in (("walk_Accel.trc", 1), ("walk_Gyro.trc", 2)):
+        head = (
+            f"PathFileType\t4\t(X/Y/Z)\t{file}\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\t"
+            f"OrigDataStartFrame\tOrigNumFrames\n100\t100\t{ROWS}\t2\tm\t100\t1\t{ROWS}\nFrame#\tTime\tpelvis_imu\t\t\t"
+            "tibia_l_imu\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n\n"
+        )
+        values = np.concatenate([sample(seed, ROWS)[quantity] for seed in (1, 2)], axis=1)
+        rows = ("\t".join([str(i + 1), *(f"{one:.6f}" for one in (678 + i / 100, *values[i]))]) for i in range(ROWS))
+        (folder / file).write_text(head + "\n".join(rows) + "\n")
+
+
+def _table() -> dict[str, bytes]:
+    head, columns = ["t"], [np.arange(ROWS)[:, None] / 50.0]
+    text = ['time = "t"', 'time_unit = "s"', 'acceleration_unit = "m/s2"', 'angular_rate_unit = "rad/s"',
+            'quaternion_order = "wxyz"', 'quaternion_sense = "sensor_to_world"', 'world_up = "z"']  # fmt: skip
+    for number, name in enumerate(("pelvis", "left shank")):
+        R, force, rate = sample(number, ROWS)
+        text += [f'[sensors."{name}"]', 'file = "log.csv"']
+        quantities = {"acceleration": force, "angular_rate": rate, "quaternion": quaternion_from_matrix(R, Order.WXYZ)}
+        for quantity, values in quantities.items():
+            names = [f"{number}_{quantity}_{axis}" for axis in range(values.shape[1])]
+            text.append(f"{quantity} = {names}")
+            head, columns = [*head, *names], [*columns, values]
+    rows = (",".join(f"{one:.6f}" for one in row) for row in np.concatenate(columns, axis=1))
+    return {"log.csv": "\n".join([",".join(head), *rows, ""]).encode(), "map.toml": "\n".join(text).encode()}
+
+
+def _ros2() -> dict[str, bytes]:
+    def text(value: str) -> bytes:
+        return struct.pack("<I", len(value)) + value.encode()
+
+    schema = struct.pack("<H", 1) + text("sensor_msgs/msg/Imu") + text("ros2msg") + text("float64 x")
+    records = [(0x01, text("ros2") + text("")), (0x03, schema)]
+    for number, name in enumerate(("pelvis", "left_shank"), start=1):
+        channel = struct.pack("<HH", number, 1) + text(f"/imu/{name}") + text("cdr") + struct.pack("<I", 0)
+        records.append((0x04, channel))
+        R, force, rate = sample(number, ROWS)
+        quaternion = quaternion_from_matrix(R, Order.XYZW)
+        for i in range(ROWS):
+            frame = name.encode() + b"\0"
+            head = b"\0\1\0\0" + struct.pack("<iII", 1_700_000_000, i * 10_000_000, len(frame)) + frame
+            head += b"\0" * (-(len(head) - 4) % 8)
+            numbers = [*quaternion[i], *[0.0] * 9, *rate[i], *[0.0] * 9, *force[i], *[0.0] * 9]
+            time_ns = 1_700_000_000_000_000_000 + i * 10_000_000
+            content = struct.pack("<HIQQ", number, i, time_ns, time_ns) + head + struct.pack("<37d", *numbers)
+            records.append((0x05, content))
+    return {"a.mcap": mcap_of([*records, (0x0F, b"\0" * 4), (0x02, b"\0" * 20)])}
+
+
+# Motions, 2D poses, cameras, bodies, settings
+
+
+def written_motions(motion: Motion) -> dict[str, bytes]:
+    """A motion as the files of other programs: a.bvh, a.npz."""
+    estimate = Estimate("a", "IT", (WearerEstimate("a", "IT", motion, {}),))
+
+    def write(folder: Path) -> None:
+        write_bvh(estimate, folder / "a.bvh", ExportSettings())
+        write_amass(estimate, folder / "a.npz", ExportSettings())
+
+    return written(write)
+
+
+def _file_cases() -> list[Case]:
+    motions = written_motions(gestures(0.05)) | written(lambda folder: write_amc(folder / "07_01.amc", [{}, {}, {}]))
+    poses, prepared = written(_write_poses), written(_write_bodies)
+    numbers = [f"{name} = {value}" for name, value in flatten(Settings()).items() if _is_number(value)]
+    convert = "vip-factors convert RECORDING.mcap out.mcap"
+
+    def case(
+        name: str, files: Files, read: Callable[[Path], object], command: str, seldom: int = 1, first: str = ""
+    ) -> Case:
+        file = first or next(iter(files))
+        return Case(name, lambda: files, lambda folder: read(folder / file), f"{command}{{}}/{file}", seldom=seldom)
+
+    def some(files: Files, *names: str) -> Files:
+        return {one: files[one] for one in names}
+
+    def motion(path: Path) -> None:
+        motion_text(read_motion(path))
+
+    def camera(path: Path) -> None:
+        read_camera_file(path)
+        read_floor(path)
+
+    return [
+        case("bvh", some(motions, "a.bvh"), motion, "vip-factors info ", 2),
+        case("amass", some(motions, "a.npz"), motion, "vip-factors info ", 2),
+        case("asf-amc", some(motions, "07_01.amc", "07.asf"), motion, "vip-factors info ", 5),
+        *(
+            case(kind, {one: data for one, data in poses.items() if one.startswith(kind)},
+                 lambda path: read_detections(path, 30.0),
+                 f"{convert} --camera CAMERA.toml --video-rate 30 --detections ", first=first)
+            for kind, first in (("openpose", "openpose"), ("alphapose", ""), ("mmpose", ""), ("coco", ""))
+        ),
+        *(
+            case(kind, {name: text.encode()}, camera, f"{convert} --detections POSES.json --camera ")
+            for kind, (name, text) in CAMERAS.items()
+        ),
+        case("body", some(prepared, "body.toml"), read_body_file, "vip-factors convert LOG out.mcap --body ", 3),
+        case("offsets", some(prepared, "offsets.toml"), read_keypoint_offsets,
+             "vip-factors smooth SCENE.mcap --initialise.keypoint-offsets.learned ", 3),
+        case("settings", {"settings.toml": "\n".join([*numbers, ""]).encode()},
+             lambda path: read_settings(path, Settings(), lambda name: configured(Settings(), name)),
+             "vip-factors smooth RECORDING.mcap --settings ", 4),
+        case("token", {"token.txt": b"c2VjcmV0\n"}, read_token,
+             "vip-factors stream tcp://0.0.0.0:5555 --token-file ", 3),
+        *(
+            case(name, {path.name: path.read_bytes()}, partial(_afresh, read=read), command, 3)
+            for name, path, read, command in (
+                ("weights", SHIPPED_WEIGHTS, load_weights, "vip-factors smooth SCENE.mcap --association.weights "),
+                ("pose-prior", SHIPPED_PRIOR, load_pose_prior, "load_pose_prior "),
+                ("body-prior", SHIPPED_BODY_PRIOR, load_body_prior, "load_body_prior "),
+            )
+        ),
+        *(
+            case(name.replace(".", "-"), {name: data}, lambda path: skeleton_from_smpl(path, [0.5, 0.1]),
+                 "skeleton_from_smpl ", 2)
+            for name, data in _smpl().items()
+        ),
+    ]  # fmt: skip
+
+
+def _write_poses(folder: Path) -> None:
+    write_openpose(folder / "openpose", {number: [person("body25")] * 2 for number in range(3)})
+    for kind, write in (("alphapose", write_alphapose), ("coco", write_coco)):
+        write(folder / f"{kind}.json", {number: [person()] for number in range(3)})
+    people = {number: [person()] * 2 for number in range(1, 4)}
+    write_mmpose(folder / "mmpose.json", people, keypoint_set("coco17").keypoints)
+
+
+def _write_bodies(folder: Path) -> None:
+    lengths, shape = LengthPrior(LENGTHS, 1e-4 * np.eye(len(LENGTHS))), (len(OFFSET_KEYPOINTS), 3)
+    write_body_file(folder / "body.toml", BodyFile("Ada", likely_body(1.7).skeleton, lengths, (), "made"))
+    offsets = PooledOffsets(KeypointOffsets(np.full(shape, 0.01), np.full(shape, 0.02)), 2)
+    write_keypoint_offsets(folder / "offsets.toml", KeypointOffsetsFile({"body25": offsets}, "made"))
+
+
+def _smpl() -> dict[str, bytes]:
+    """Models of a few vertices, as both kinds of files."""
+    random, archive = np.random.default_rng(0), BytesIO()
+    content = {
+        "v_template": random.normal(size=(30, 3)), "shapedirs": 0.01 * random.normal(size=(30, 3, 4)),
+        "J_regressor": np.full((24, 30), 1 / 30) + 0.01 * random.normal(size=(24, 30)),
+    }  # fmt: skip
+    np.savez(archive, **content)  # type: ignore[arg-type]
+    return {"smpl.npz": archive.getvalue(), "smpl.pkl": pickle.dumps(content, protocol=2)}
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _afresh(path: Path, read: Callable[[Path], object]) -> None:
+    """A copy of the file under a name that no cache knows."""
+    with TemporaryDirectory(dir=path.parent) as inner:
+        read(Path(copyfile(path, Path(inner, path.name))))
+
+
+# Models of detectors, studies of weights, records of steps: what optional packages read
+
+
+def _model_cases() -> list[Case]:
+    cases = [Case("step-record", lambda: {"info.json": _step_record()}, _take_step, "vip-factors run", seldom=3)]
+    if find_spec("onnxruntime"):
+        command = "vip-factors detect VIDEO.mp4 --model {}/pose.onnx"
+        cases.append(Case("onnx", lambda: {"pose.onnx": simcc_model()}, _onnx, command, seldom=3, apart=True))
+    if find_spec("optuna"):
+        for suffix, seldom in ((".log", 5), (".db", 40)):
+            name = f"study{suffix}"
+            command = f"vip-factors tune RECORDING.mcap --study {{}}/{name} --trials 2"
+            cases.append(Case(
+                f"study-{suffix[1:]}", partial(_study_file, name),
+                partial(_take_study, name=name), command, seldom=seldom,
+            ))  # fmt: skip
+    return cases
+
+
+def _step_record() -> bytes:
+    from vip_factors import __version__
+
+    record = {"command": "vip-factors info", "version": __version__, "inputs": {}, "outputs": [], "told": ["a note"]}
+    return json.dumps(record).encode()
+
+
+def _take_step(folder: Path) -> None:
+    """One that does nothing, as ``run`` takes it again."""
+    from contextlib import redirect_stdout
+    from io import StringIO
+
+    from vip_factors.cli.run import Step, take
+
+    with redirect_stdout(StringIO()):
+        take(Step("info", "info", (), (), ()), folder, main=lambda prog, words: None)
+
+
+def simcc_model() -> bytes:
+    """An ONNX model that answers any picture ``(1, 3, 8, 6)`` with the same rows of SimCC for 17 keypoints."""
+
+    def field(number: int, content: bytes | str) -> tuple[int, int, bytes]:
+        return number, 2, content.encode() if isinstance(content, str) else content
+
+    def number(place: int, value: int) -> tuple[int, int, int]:
+        return place, 0, value
+
+    def value_info(name: str, shape: tuple[int, ...]) -> bytes:
+        dimensions = protobuf_of([field(1, protobuf_of([number(1, one)])) for one in shape])
+        tensor = protobuf_of([number(1, 1), field(2, dimensions)])  # 1: floats
+        return protobuf_of([field(1, name), field(2, protobuf_of([field(1, tensor)]))])
+
+    rows: list[tuple[int, int, Any]] = []
+    for name, bins in (("x", 6), ("y", 8)):
+        values = np.random.default_rng(bins).random((1, 17, bins)).astype("<f4").tobytes()
+        shape = [number(1, one) for one in (1, 17, bins)]
+        tensor = protobuf_of([*shape, number(2, 1), field(8, name), field(9, values)])
+        node = protobuf_of([field(1, name), field(2, f"simcc_{name}"), field(4, "Identity")])
+        rows += [field(1, node), field(5, tensor), field(12, value_info(f"simcc_{name}", (1, 17, bins)))]
+    rows = sorted([*rows, field(2, "pose"), field(11, value_info("input", (1, 3, 8, 6)))], key=lambda one: one[0])
+    opset = protobuf_of([number(2, 17)])
+    return protobuf_of([number(1, 8), field(7, protobuf_of(rows)), field(8, opset)])
+
+
+def _onnx(folder: Path) -> None:
+    from vip_factors.detect.onnx_pose import Box, OnnxPose
+
+    OnnxPose(folder / "pose.onnx", threads=1).look(np.zeros((48, 64, 3), np.uint8), Box(10, 5, 40, 45))
+
+
+def _study_file(name: str) -> Files:
+    made = written(lambda folder: _go_on(folder / name))
+    return {one: data for one, data in made.items() if one == name}
+
+
+def _take_study(folder: Path, name: str) -> None:
+    _afresh(folder / name, _go_on)
+
+
+def _go_on(path: Path) -> None:
+    """Two trials of one number."""
+    from vip_factors.tune.parameters import DEFAULT_PARAMETERS
+    from vip_factors.tune.study import Study, Task, best, report_lines
+
+    one = DEFAULT_PARAMETERS[0]
+    study = Study(path, Task(("a.mcap",), (one,), {one.name: one.low}, "mpjpe"))
+    study.run(2, lambda name, values: values[one.name])
+    assert study.before is not None
+    report_lines(study.trials, (one,), study.before, "mm")
+    best(study.trials, study.before)

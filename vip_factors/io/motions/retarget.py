@@ -8,13 +8,15 @@ the limbs of our skeleton are straight, and elbows, knees and what follows come 
 figure's. Where a direction leaves open how a bone is turned about itself, its hinge decides: ours bend elbows about y.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion, local_rotations
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.errors import InputError
-from vip_factors.geometry.rotations import Array, angle_between, exp, rotation_x, transpose
+from vip_factors.geometry.rotations import Array, angle_between, exp, rotation_x
 from vip_factors.io.motions.skeleton_maps import SkeletonMap, SourceClip, find_map
 
 # Units that files use, in metres, and the statures that tell them apart: the ranges do not overlap.
@@ -22,7 +24,9 @@ UNITS_M = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0
 PLAUSIBLE_STATURE_M = (1.2, 2.2)
 
 # Fractions of stature that files' skeletons are sized by (Drillis & Contini 1966): their makers used such tables too.
-LIMB_LENGTHS = {"thigh": 0.245, "shank": 0.246, "upper_arm": 0.186, "forearm": 0.146}
+LIMB_LENGTHS = {
+    ("hip", "knee"): 0.245, ("knee", "ankle"): 0.246, ("shoulder", "elbow"): 0.186, ("elbow", "wrist"): 0.146,
+}  # fmt: skip
 TRUNK_LENGTH = 0.318  # mid hip to neck
 
 # T-pose directions of the long bones: bone → (joint at its far end, direction in body axes).
@@ -57,11 +61,16 @@ def retarget(clip: SourceClip, unit_m: float | None = None) -> Motion:
     stature = _stature(clip, table)
     unit = unit_m or _unit_of(stature, clip.path)
     stature *= unit
-    rest = {joint: unit * (A @ clip.p_rest[clip.node(node)]) for joint, node in table.joints.items()}
-    C = _rest_corrections(clip, table, A)
     world = rotation_x(np.pi / 2) @ A  # body axes' y, up at rest, becomes the world's z
-    R_world_bone, p_world_joint = _world_poses(clip, table, (world, A, unit), C, rest, stature)
-    skeleton = _skeleton(clip, table, (A, unit), C, (R_world_bone, p_world_joint), stature)
+    clip = replace(
+        clip,
+        p_rest=unit * clip.p_rest @ A.T,
+        R_world_node=world @ clip.R_world_node @ A.T,
+        p_world_node=unit * clip.p_world_node @ world.T,
+    )
+    C = _rest_corrections(clip, table)
+    R_world_bone, p_world_joint = _world_poses(clip, table, C, stature)
+    skeleton = _skeleton(clip, table, C, R_world_bone, p_world_joint, stature)
     return Motion(skeleton, local_rotations(R_world_bone), p_world_joint[:, 0], clip.rate, name=clip.name)
 
 
@@ -70,8 +79,7 @@ def without_rest_frames(clip: SourceClip) -> SourceClip:
     table = find_map(clip.names, clip.path)
     if len(clip) < 3 or table.exact:
         return clip
-    joints = [node for joint, node in table.joints.items() if joint in AIMS or joint == "pelvis"]
-    nodes = [clip.node(node) for node in joints]
+    nodes = [clip.node(node) for joint, node in table.joints.items() if joint in AIMS or joint == "pelvis"]
     R = clip.R_world_node[:2, nodes]
     from_rest = angle_between(R[0, 0], R[0])  # all bones turned as the pelvis: the rest pose
     speed = angle_between(R[0], R[1]) * clip.rate
@@ -90,7 +98,7 @@ def _nearest_axis(vector: Array) -> Array:
 
 def _body_from_source_axes(clip: SourceClip, table: SkeletonMap) -> Array:
     """The signed permutation ``(3, 3)`` that takes the source's axes to ours: x left, y up, z forward."""
-    at = {joint: clip.p_rest[clip.node(node)] for joint, node in table.joints.items()}
+    at = {joint: clip.rest(node) for joint, node in table.joints.items()}
     up = _nearest_axis(at["neck"] - (at["left_hip"] + at["right_hip"]) / 2)
     left = _nearest_axis(at["left_hip"] - at["right_hip"])
     if abs(up @ left) > 0.5 or not up.any() or not left.any():
@@ -103,20 +111,14 @@ def _body_from_source_axes(clip: SourceClip, table: SkeletonMap) -> Array:
 
 def _stature(clip: SourceClip, table: SkeletonMap) -> float:
     """Stature in the source's unit, from the rest lengths of legs, arms and trunk and their published proportions."""
-    at = {joint: clip.p_rest[clip.node(node)] for joint, node in table.joints.items()}
-    length, fraction = 0.0, 0.0
-    for side in ("left", "right"):
-        for bone, end, limb in (
-            ("hip", "knee", "thigh"),
-            ("knee", "ankle", "shank"),
-            ("shoulder", "elbow", "upper_arm"),
-            ("elbow", "wrist", "forearm"),
-        ):
-            length += float(np.linalg.norm(at[f"{side}_{end}"] - at[f"{side}_{bone}"]))
-            fraction += LIMB_LENGTHS[limb]
-        length += float(np.linalg.norm(at["neck"] - (at["left_hip"] + at["right_hip"]) / 2))
-        fraction += TRUNK_LENGTH
-    return length / fraction
+    at = {joint: clip.rest(node) for joint, node in table.joints.items()}
+    limbs = sum(
+        float(np.linalg.norm(at[f"{side}_{end}"] - at[f"{side}_{start}"]))
+        for side in ("left", "right")
+        for start, end in LIMB_LENGTHS
+    )
+    trunk = float(np.linalg.norm(at["neck"] - (at["left_hip"] + at["right_hip"]) / 2))
+    return (limbs / 2 + trunk) / (sum(LIMB_LENGTHS.values()) + TRUNK_LENGTH)
 
 
 def _unit_of(stature: float, path: str) -> float:
@@ -139,7 +141,7 @@ def _between(a: Array, b: Array) -> Array:
     return exp(axis * (angle / sine)) if sine > 1e-9 else np.eye(3)
 
 
-def _rest_corrections(clip: SourceClip, table: SkeletonMap, A: Array) -> Array:
+def _rest_corrections(clip: SourceClip, table: SkeletonMap) -> Array:
     """``C`` ``(24, 3, 3)`` of each bone: from our T-pose to the source's rest pose."""
     C = np.broadcast_to(np.eye(3), (JOINT_COUNT, 3, 3)).copy()
     if table.exact:
@@ -155,15 +157,14 @@ def _rest_corrections(clip: SourceClip, table: SkeletonMap, A: Array) -> Array:
             limb = name.partition("_")[0] + ("_knee" if ours == DOWN else "_shoulder")
             start, end = limb, AIMS[limb][0]
         if end in nodes and start in nodes:
-            bone = A @ (clip.p_rest[clip.node(nodes[end])] - clip.p_rest[clip.node(nodes[start])])
+            bone = clip.rest(nodes[end]) - clip.rest(nodes[start])
             C[joint] = _between(np.array(ours), bone) if np.linalg.norm(bone) > 0 else C[PARENTS[joint]]
             if name.endswith("_wrist") and angle_between(C[joint], C[PARENTS[joint]]) > STRANGE_HAND:
                 C[joint] = C[PARENTS[joint]]
         elif name.endswith("_ankle") and f"{name[:-6]}_foot" in nodes and not table.straight:
             # The foot stands flat on the floor at rest, so its slope is its shape; only its toeing-out is a turn.
             spread = C[PARENTS[joint]] if table.feet_follow_legs else np.eye(3)
-            foot = A @ (clip.p_rest[clip.node(nodes[f"{name[:-6]}_foot"])] - clip.p_rest[clip.node(nodes[name])])
-            foot = spread.T @ foot
+            foot = spread.T @ (clip.rest(nodes[f"{name[:-6]}_foot"]) - clip.rest(nodes[name]))
             C[joint] = spread @ _between(np.array([0.0, 0.0, 1.0]), np.array([foot[0], 0.0, foot[2]]))
         elif name.endswith(("_wrist", "_hand", "_foot")):
             C[joint] = C[PARENTS[joint]]
@@ -174,16 +175,9 @@ def _rest_corrections(clip: SourceClip, table: SkeletonMap, A: Array) -> Array:
     return C
 
 
-def _world_poses(
-    clip: SourceClip,
-    table: SkeletonMap,
-    axes: tuple[Array, Array, float],
-    C: Array,
-    rest: dict[str, Array],
-    stature: float,
-) -> tuple[Array, Array]:
+def _world_poses(clip: SourceClip, table: SkeletonMap, C: Array, stature: float) -> tuple[Array, Array]:
     """World rotations and positions of all 24 joints; those the source lacks hang rigidly on their parents."""
-    world, A, unit = axes
+    rest = {joint: clip.rest(node) for joint, node in table.joints.items()}
     R_world_bone = np.empty((len(clip), JOINT_COUNT, 3, 3))
     p_world_joint = np.empty((len(clip), JOINT_COUNT, 3))
     template = skeleton_from_stature(stature)
@@ -191,13 +185,13 @@ def _world_poses(
         parent = PARENTS[joint]
         if name in table.joints:
             node = clip.node(table.joints[name])
-            p_world_joint[:, joint] = unit * clip.p_world_node[:, node] @ world.T
+            p_world_joint[:, joint] = clip.p_world_node[:, node]
         else:
             offset = _missing_offset(joint, rest, template, C[parent])
             p_world_joint[:, joint] = p_world_joint[:, parent] + R_world_bone[:, parent] @ offset
         # The hand bone is rigid with the wrist: a finger's joint is not the palm's.
         if name in table.joints and (table.exact or not name.endswith("_hand")):
-            R_world_bone[:, joint] = world @ clip.R_world_node[:, node] @ A.T @ C[joint]
+            R_world_bone[:, joint] = clip.R_world_node[:, node] @ C[joint]
         else:
             R_world_bone[:, joint] = R_world_bone[:, parent]
     return R_world_bone, p_world_joint
@@ -221,15 +215,9 @@ def _missing_offset(joint: int, rest: dict[str, Array], template: Skeleton, C_pa
 
 
 def _skeleton(
-    clip: SourceClip,
-    table: SkeletonMap,
-    axes: tuple[Array, float],
-    C: Array,
-    poses: tuple[Array, Array],
-    stature: float,
+    clip: SourceClip, table: SkeletonMap, C: Array, R_world_bone: Array, p_world_joint: Array, stature: float
 ) -> Skeleton:
     """The source's own bones: each joint's mean place on its parent (constant unless the source bends in between)."""
-    R_world_bone, p_world_joint = poses
     parents = np.array(PARENTS)
     arms = p_world_joint[:, 1:] - p_world_joint[:, parents[1:]]
     offsets = np.zeros((JOINT_COUNT, 3))
@@ -237,18 +225,15 @@ def _skeleton(
     if table.straight:
         for end, direction in AIMS.values():
             offsets[joint_index(end)] = np.linalg.norm(offsets[joint_index(end)]) * np.array(direction)
-    A, unit = axes
     landmarks = dict(skeleton_from_stature(stature).landmarks)
     for name, node in table.landmarks.items():
         bone = landmarks[name].bone
         holder = table.joints.get(JOINT_NAMES[bone], "")
         if holder:
-            arm = unit * (A @ (clip.p_rest[clip.node(node)] - clip.p_rest[clip.node(holder)]))
-            landmarks[name] = Landmark(bone, transpose(C[bone]) @ arm)
+            landmarks[name] = Landmark(bone, C[bone].T @ (clip.rest(node) - clip.rest(holder)))
         elif name.endswith("_fingertip"):  # from the wrist, where the source has no knuckles
-            wrist = clip.p_rest[clip.node(table.joints[JOINT_NAMES[PARENTS[bone]]])]
-            arm = transpose(C[bone]) @ (unit * (A @ (clip.p_rest[clip.node(node)] - wrist)))
-            landmarks[name] = Landmark(bone, arm - offsets[bone])
+            wrist = table.joints[JOINT_NAMES[PARENTS[bone]]]
+            landmarks[name] = Landmark(bone, C[bone].T @ (clip.rest(node) - clip.rest(wrist)) - offsets[bone])
     for side in ("left", "right"):
         _level_heel(landmarks, offsets, side, f"{side}_toe_tip" in table.landmarks)
     return Skeleton(offsets, landmarks, f"{clip.name}, {table.name} skeleton, stature about {stature:.2f} m")

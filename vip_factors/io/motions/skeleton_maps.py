@@ -185,6 +185,10 @@ class SourceClip:
         """Index of a node by its exact name."""
         return self.names.index(name)
 
+    def rest(self, name: str) -> Array:
+        """Where a node is at rest ``(3,)``."""
+        return self.p_rest[self.node(name)]
+
     def frames(self, selection: slice) -> "SourceClip":
         """The clip at some of its frames (the step must be one)."""
         return replace(self, R_world_node=self.R_world_node[selection], p_world_node=self.p_world_node[selection])

@@ -14,6 +14,7 @@ import numpy as np
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.io.calibrate_camera_board import HINT_IMAGES, Board, BoardView
+from vip_factors.io.video import opened_video
 from vip_factors.sensors.camera_model import CameraModel
 
 LEAST_VIEWS = 3  # below, focal lengths and centre are not determined (Zhang 2000, section 3.1)
@@ -338,10 +339,7 @@ def _of_video(path: Path, most: int) -> Iterator[CalibrationImage]:
     """Every frame if ``most`` is 0."""
     import cv2
 
-    video = cv2.VideoCapture(str(path))
-    try:
-        if not video.isOpened():
-            raise FileFormatError(f"{path}: OpenCV cannot open it: expected a video or a folder of images")
+    with opened_video(path) as video:
         total = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
         step = 1 if most == 0 else -(-total // most) if total > 0 else BLIND_STEP
         number = 0
@@ -352,7 +350,5 @@ def _of_video(path: Path, most: int) -> Iterator[CalibrationImage]:
                     grey = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
                     yield CalibrationImage(f"frame {number}", number, number / total if total > 0 else 0.0, grey)
             number += 1
-        if number == 0:
-            raise FileFormatError(f"{path}: OpenCV finds no frame in it: expected a video or a folder of images")
-    finally:
-        video.release()
+    if number == 0:
+        raise FileFormatError(f"{path}: OpenCV finds no frame in it: expected a video or a folder of images")

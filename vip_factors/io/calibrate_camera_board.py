@@ -75,7 +75,7 @@ class Checkerboard:
         points, pixels = _grid(self.columns, self.rows, self.square_m), corners.reshape(-1, 2).astype(float)
         if not self.looks_alike_turned and self._begins_white(grey, points, pixels):
             pixels = pixels[::-1]
-        return _view(name, grey, points, pixels, points[self._outer])
+        return _view(name, grey, points, pixels, points[_outer(self.columns, self.rows)])
 
     @property
     def looks_alike_turned(self) -> bool:
@@ -87,15 +87,10 @@ class Checkerboard:
         import cv2
 
         H, _ = cv2.findHomography(points[:, :2], pixels)
-        x, y = (one.ravel() for one in np.meshgrid(np.arange(self.columns - 1), np.arange(self.rows - 1)))
-        middles = self.square_m * (np.stack([x, y], axis=1) + 0.5)
-        u, v = np.rint(cv2.perspectiveTransform(middles[None], H)[0]).astype(int).T
-        shades, even = grey[v, u].astype(float), (x + y) % 2 == 0
+        squares = _grid(self.columns - 1, self.rows - 1, 1.0)[:, :2]
+        u, v = np.rint(cv2.perspectiveTransform(self.square_m * (squares[None] + 0.5), H)[0]).astype(int).T
+        shades, even = grey[v, u].astype(float), squares.sum(axis=1) % 2 == 0
         return bool(shades[even].mean() > shades[~even].mean())
-
-    @property
-    def _outer(self) -> list[int]:
-        return [0, self.columns - 1, self.columns * self.rows - 1, self.columns * (self.rows - 1)]
 
     def hint(self, greys: Sequence[np.ndarray]) -> str:
         """What was seen instead, in images where the board was not found; empty if nothing."""
@@ -164,12 +159,12 @@ class Charuco:
         if ids is None or len(ids) < LEAST_SEEN:
             return None
         every = np.array(board.getChessboardCorners(), dtype=float)
-        columns, rows = self.columns - 1, self.rows - 1
-        outer = every[[0, columns - 1, columns * rows - 1, columns * (rows - 1)]]
         points = every[ids.ravel()]
         if np.linalg.matrix_rank(points - points.mean(axis=0), tol=0.1 * self.square_m) < 2:
             return None  # all in one row
-        return _view(name, grey, points, pixels.reshape(-1, 2).astype(float), outer)
+        return _view(
+            name, grey, points, pixels.reshape(-1, 2).astype(float), every[_outer(self.columns - 1, self.rows - 1)]
+        )
 
     def hint(self, greys: Sequence[np.ndarray]) -> str:
         """What was seen instead, in images where the board was not found; empty if nothing."""
@@ -221,6 +216,11 @@ def _check_size(kind: str, columns: int, rows: int, least: int, what: str, squar
 def _grid(columns: int, rows: int, square_m: float) -> Array:
     y, x = np.mgrid[:rows, :columns]
     return square_m * np.stack([x.ravel(), y.ravel(), np.zeros(columns * rows)], axis=1)
+
+
+def _outer(columns: int, rows: int) -> list[int]:
+    """Which of the corners are the outermost, in order around the board."""
+    return [0, columns - 1, columns * rows - 1, columns * (rows - 1)]
 
 
 def _view(name: str, grey: np.ndarray, points: Array, pixels: Array, outer: Array) -> BoardView:

@@ -60,7 +60,7 @@ def video_facts(path: str | Path) -> VideoFacts:
         FileFormatError: if it is no video, or has no frame.
     """
     path = Path(path)
-    with _opened(path) as capture:
+    with opened_video(path) as capture:
         import cv2
 
         stamps = []
@@ -86,7 +86,7 @@ def video_size(path: str | Path) -> tuple[int, int]:
         InputError: if there is no such file.
         FileFormatError: if it is no video.
     """
-    with _opened(Path(path)) as capture:
+    with opened_video(Path(path)) as capture:
         import cv2
 
         width, height = (int(capture.get(one)) for one in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
@@ -94,7 +94,13 @@ def video_size(path: str | Path) -> tuple[int, int]:
 
 
 @contextmanager
-def _opened(path: Path) -> "Iterator[cv2.VideoCapture]":
+def opened_video(path: Path) -> "Iterator[cv2.VideoCapture]":
+    """OpenCV's reader of a video file, closed afterwards.
+
+    Raises:
+        InputError: if there is no such file.
+        FileFormatError: if it is no video.
+    """
     if not path.is_file():
         raise InputError(f"{path}: no such video file")
     import cv2
@@ -141,7 +147,7 @@ def iterate_frames(
 
 
 def _of_file(path: Path, time: Array | None, wanted: range, width: int | None) -> Iterator[VideoFrame]:
-    with _opened(path) as capture:
+    with opened_video(path) as capture:
         import cv2
 
         rate = capture.get(cv2.CAP_PROP_FPS) or 1.0
@@ -177,16 +183,10 @@ def _shown(image: np.ndarray, width: int | None) -> np.ndarray:
     """Red first, and not wider than asked."""
     import cv2
 
-    return cv2.cvtColor(_narrowed(image, width), cv2.COLOR_BGR2RGB)
-
-
-def _narrowed(image: np.ndarray, width: int | None) -> np.ndarray:
-    if width is None or image.shape[1] <= width:
-        return image
-    import cv2
-
-    height = max(1, round(image.shape[0] * width / image.shape[1]))
-    return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    if width is not None and image.shape[1] > width:
+        height = max(1, round(image.shape[0] * width / image.shape[1]))
+        image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
 def embed_video(

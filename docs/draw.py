@@ -1,29 +1,30 @@
 """The drawings of the documentation: ``python docs/draw.py``, from a clone."""
 
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from vip_factors.atomic import atomic_path
 from vip_factors.body.skeleton import joint_index
-from vip_factors.geometry.rotations import rotation_z
+from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.sensors.calibration import sensor_site
-from vip_factors.viz.drawn_body import Eye, draw_arrow, draw_axes, draw_body, sites_picture, standing_body
-from vip_factors.viz.svg import FAINT, INK, MUTED, RULE, Point, Svg
+from vip_factors.viz.charts import GRID, INK, SOFT_INK, Point, canvas, svg
+from vip_factors.viz.drawn_body import draw_arrow, draw_axes, draw_body, pixel, sites_picture, standing_body, write
+from vip_factors.viz.eye import distant_eye
 
 PAGE_MM = (297.0, 210.0)  # the checkerboard's, A4
 SQUARES, SQUARE_MM = (10, 7), 25.0  # 9 by 6 inner corners: odd and even, so that the board has one way up
 
-POSES_SIZE, FLOOR, SCALE = (880.0, 430.0), 390.0, 165.0
+POSES_SIZE, FLOOR, SCALE = (880, 430), 390.0, 165.0
 FRONT_X, SIDE_X, TEXT_X = 175.0, 380.0, 24.0
 POSES = {
     "t-pose": ("T-pose", "arms level, elbows straight, palms down"),
     "n-pose": ("N-pose", "arms hang, palms to the thighs"),
 }
 
-FRAMES_SIZE = (960.0, 620.0)
-EYE = Eye(np.deg2rad(38.0), np.deg2rad(20.0), (400.0, 545.0), 280.0)
+FRAMES_SIZE = (960, 620)
+EYE = distant_eye(FRAMES_SIZE, np.deg2rad(38.0), np.deg2rad(20.0), (400.0, 545.0), 280.0)
 GAMMA = "\N{GREEK SMALL LETTER GAMMA}"
 AXIS_M, HEADING = 0.32, np.deg2rad(40.0)
 WORLD = np.array([0.2, -1.0, 0.0])
@@ -34,98 +35,101 @@ R_WORLD_CAMERA = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 def checkerboard() -> str:
     """To print, for calibrating cameras; a unit is a millimetre."""
-    svg = Svg(*PAGE_MM)
-    left, top = ((page - count * SQUARE_MM) / 2 for page, count in zip(PAGE_MM, SQUARES, strict=True))
-    for column in range(SQUARES[0]):
-        for row in range(SQUARES[1]):
-            if (column + row) % 2 == 0:
-                svg.box((left + column * SQUARE_MM, top + row * SQUARE_MM), (SQUARE_MM, SQUARE_MM), "#000000", radius=0)
-    corners = "x".join(str(count - 1) for count in SQUARES)
-    told = f"--checkerboard {corners} --square-m {SQUARE_MM / 1000:g} · print at 100 %, measure: ten squares are 250 mm"
-    svg.text((left, PAGE_MM[1] - 8), told, 4, MUTED)
     width, height = PAGE_MM
-    return str(svg).replace(
-        f'width="{width:g}" height="{height:g}" font', f'width="{width:g}mm" height="{height:g}mm" font'
+    left, top = ((page - count * SQUARE_MM) / 2 for page, count in zip(PAGE_MM, SQUARES, strict=True))
+    squares = "\n".join(
+        f'<rect x="{left + column * SQUARE_MM:g}" y="{top + row * SQUARE_MM:g}" width="{SQUARE_MM:g}" '
+        f'height="{SQUARE_MM:g}" fill="#000000"/>'
+        for column in range(SQUARES[0])
+        for row in range(SQUARES[1])
+        if (column + row) % 2 == 0
     )
+    corners = "x".join(str(count - 1) for count in SQUARES)
+    options = f"--checkerboard {corners} --square-m {SQUARE_MM / 1000:g}"
+    return f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" width="{width:g}mm" \
+height="{height:g}mm" font-family="Helvetica, Arial, sans-serif">
+<rect width="{width:g}" height="{height:g}" fill="#ffffff"/>
+{squares}
+<text x="{left:g}" y="{height - 8:g}" font-size="4" fill="{SOFT_INK}">{options} · print at 100 %, measure: ten squares \
+are 250 mm</text>
+</svg>
+"""
 
 
 def poses_picture() -> str:
     """The poses that wearers hold for calibration, from the front and from their left."""
-    svg = Svg(*POSES_SIZE)
-    for number, (pose, (title, told)) in enumerate(POSES.items()):
+    axes = canvas(*POSES_SIZE)
+    for number, (pose, (title, how)) in enumerate(POSES.items()):
         left = number * POSES_SIZE[0] / len(POSES)
-        svg.text((left + TEXT_X, 44), title, 20, INK, bold=True)
-        svg.text((left + TEXT_X, 66), told, 14, MUTED)
-        svg.text((left + TEXT_X, 85), "feet and face forward", 14, MUTED)
-        skeleton, state = standing_body(pose)
+        write(axes, (left + TEXT_X, 44), title, 20, bold=True)
+        write(axes, (left + TEXT_X, 66), how, 14, SOFT_INK)
+        write(axes, (left + TEXT_X, 85), "feet and face forward", 14, SOFT_INK)
+        body = standing_body(pose)
         for x, yaw, seen in ((FRONT_X, 0.0, "front"), (SIDE_X, np.pi / 2, "left side")):
-            svg.line((left + x - 45, FLOOR), (left + x + 45, FLOOR), RULE, 3.0)
-            draw_body(svg, skeleton, state, Eye(yaw, 0.0, (left + x, FLOOR), SCALE), paler=0.2)
-            svg.text((left + x, FLOOR + 24), seen, 13, MUTED, "middle")
-    return str(svg)
+            axes.hlines(FLOOR, left + x - 45, left + x + 45, color=GRID, lw=3.0, zorder=0)
+            draw_body(axes, body, distant_eye(POSES_SIZE, yaw, 0.0, (left + x, FLOOR), SCALE), paler=0.2)
+            write(axes, (left + x, FLOOR + 24), seen, 13, SOFT_INK, "center")
+    return svg(axes.figure)
 
 
 def frames_picture() -> str:
     """World, bone, sensor, its inertial frame and the camera, about somebody who wears one sensor."""
-    svg = Svg(*FRAMES_SIZE)
-    _floor(svg)
-    skeleton, state = standing_body("n-pose")
-    draw_body(svg, skeleton, state, EYE, paler=0.6)
-    draw_axes(svg, EYE, WORLD, np.eye(3), AXIS_M)
-    _label(svg, EYE.at(WORLD), (6, 46), "world", "z up, floor at z = 0", "middle")
+    axes = canvas(*FRAMES_SIZE)
+    for one in np.arange(-1.5, 1.6, 0.5):
+        for ends in ([(one, -1.5, 0), (one, 1.5, 0)], [(-1.5, one, 0), (1.5, one, 0)]):
+            _line(axes, ends, GRID)
+    body = standing_body("n-pose")
+    draw_body(axes, body, EYE, paler=0.6)
+    draw_axes(axes, EYE, WORLD, np.eye(3), AXIS_M)
+    _label(axes, WORLD, (6, 46), "world", "z up, floor at z = 0", "center")
 
-    thigh = joint_index("left_hip")
-    draw_axes(svg, EYE, state.p_world_joint[0, thigh], state.R_world_bone[0, thigh], 0.26)
-    told = "R_world_bone: x left, y up, z forward"
-    _label(svg, EYE.at(state.p_world_joint[0, thigh]), (-92, -16), "bone left_hip", told, "end")
-    site = sensor_site("left_shank_side", skeleton)
+    thigh, state = joint_index("left_hip"), body.state
+    draw_axes(axes, EYE, state.p_world_joint[0, thigh], state.R_world_bone[0, thigh], 0.26)
+    which = "R_world_bone: x left, y up, z forward"
+    _label(axes, state.p_world_joint[0, thigh], (-92, -16), "bone left_hip", which, "right")
+    site = sensor_site("left_shank_side", body.skeleton)
     R_world_bone = state.R_world_bone[0, site.bone_index]
     p_world_sensor = state.p_world_joint[0, site.bone_index] + R_world_bone @ site.p_bone_sensor
-    draw_axes(svg, EYE, p_world_sensor, R_world_bone @ site.R_bone_sensor, 0.2)
-    _label(svg, EYE.at(p_world_sensor), (56, 62), "sensor", "R_bone_sensor: its mounting", "start")
+    draw_axes(axes, EYE, p_world_sensor, R_world_bone @ site.R_bone_sensor, 0.2)
+    _label(axes, p_world_sensor, (56, 62), "sensor", "R_bone_sensor: its mounting", "left")
 
-    _inertial(svg)
-    _camera(svg)
-    return str(svg)
-
-
-def _floor(svg: Svg) -> None:
-    for one in np.arange(-1.5, 1.6, 0.5):
-        svg.line(EYE.at(np.array([one, -1.5, 0])), EYE.at(np.array([one, 1.5, 0])), RULE)
-        svg.line(EYE.at(np.array([-1.5, one, 0])), EYE.at(np.array([1.5, one, 0])), RULE)
+    _inertial(axes)
+    _camera(axes)
+    return svg(axes.figure)
 
 
-def _inertial(svg: Svg) -> None:
+def _line(axes: Axes, points: Array | list[tuple[float, float, float]], colour: str, width: float = 1.1) -> None:
+    axes.plot(*EYE.project(np.array(points, float))[0].T, color=colour, lw=width, zorder=0.5)
+
+
+def _inertial(axes: Axes) -> None:
     """The frame in which the sensor tells its orientation: the world's, turned about the vertical by the heading."""
     x_world = INERTIAL + AXIS_M * np.array([1.0, 0.0, 0.0])
-    draw_arrow(svg, EYE.at(INERTIAL), EYE.at(x_world), FAINT, width=1.4)
-    x, y = EYE.at(x_world)
-    svg.text((x - 14, y + 10), "world's x", 12, MUTED, "end")
-    arc = [EYE.at(INERTIAL + 0.2 * np.array([np.cos(a), np.sin(a), 0])) for a in np.linspace(0, HEADING, 12)]
-    for start, end in pairwise(arc):
-        svg.line(start, end, INK, 1.6)
+    draw_arrow(axes, pixel(EYE, INERTIAL), pixel(EYE, x_world), "#98a2ae", width=1.4)
+    write(axes, np.add(pixel(EYE, x_world), (-14, 10)), "world's x", 12, SOFT_INK, "right")
+    angles = np.linspace(0, HEADING, 12)
+    _line(axes, INERTIAL + 0.2 * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1), INK, 1.6)
     middle = INERTIAL + 0.26 * np.array([np.cos(HEADING / 2), np.sin(HEADING / 2), 0])
-    x, y = EYE.at(middle)
-    svg.text((x, y + 10), GAMMA, 15, INK, "middle", bold=True, halo=True)
-    draw_axes(svg, EYE, INERTIAL, rotation_z(HEADING), AXIS_M)
-    told = f"R_world_inertial = Rz({GAMMA}), {GAMMA} its heading"
-    _label(svg, EYE.at(INERTIAL), (-10, -130), "inertial frame of the sensor", told, "middle")
+    write(axes, np.add(pixel(EYE, middle), (0, 10)), GAMMA, 15, anchor="center", bold=True)
+    draw_axes(axes, EYE, INERTIAL, rotation_z(HEADING), AXIS_M)
+    which = f"R_world_inertial = Rz({GAMMA}), {GAMMA} its heading"
+    _label(axes, INERTIAL, (-10, -152), "inertial frame of the sensor", which, "center")
 
 
-def _camera(svg: Svg) -> None:
+def _camera(axes: Axes) -> None:
     R = rotation_z(np.deg2rad(121.0)) @ R_WORLD_CAMERA
     corners = [CAMERA + R @ np.array([x, y, 0.3]) for x, y in ((-0.2, -0.13), (0.2, -0.13), (0.2, 0.13), (-0.2, 0.13))]
-    svg.polygon([EYE.at(one) for one in corners], "#f4f6f8", MUTED, 1.2)
+    axes.fill(*EYE.project(np.array(corners))[0].T, facecolor="#f4f6f8", edgecolor=SOFT_INK, lw=1.2)
     for corner in corners:
-        svg.line(EYE.at(CAMERA), EYE.at(corner), MUTED, 1.2)
-    draw_axes(svg, EYE, CAMERA, R, AXIS_M)
-    _label(svg, EYE.at(CAMERA), (-10, 126), "camera", "T_world_camera: z into the picture", "middle")
+        _line(axes, [CAMERA, corner], SOFT_INK, 1.2)
+    draw_axes(axes, EYE, CAMERA, R, AXIS_M)
+    _label(axes, CAMERA, (-10, 112), "camera", "T_world_camera: z into the picture", "center")
 
 
-def _label(svg: Svg, at: Point, beside: Point, name: str, told: str, anchor: str) -> None:
-    x, y = np.add(at, beside)
-    svg.text((x, y), name, 15, INK, anchor, bold=True, halo=True)
-    svg.text((x, y + 17), told, 13, MUTED, anchor, halo=True)
+def _label(axes: Axes, p_world: Array, beside: Point, name: str, told: str, anchor: str) -> None:
+    x, y = np.add(pixel(EYE, p_world), beside)
+    write(axes, (x, y), name, 15, anchor=anchor, bold=True)
+    write(axes, (x, y + 17), told, 13, SOFT_INK, anchor)
 
 
 DRAWINGS = {

@@ -32,7 +32,7 @@ def test_picture_and_table_of_a_scene(run: Callable, filmed: Path, tmp_path: Pat
     assert (counts["heading"], counts["camera pose"]) == ("6", "1")
     assert int(counts["smoothness"]) == frames - 1
     assert int(counts["reprojection"]) > frames
-    texts = {element.text for element in ElementTree.parse(picture).getroot() if element.tag.endswith("text")}
+    texts = {element.text for element in ElementTree.parse(picture).iter() if element.tag.endswith("text")}
     assert {*counts, "initial pose"} <= texts
     assert [path.name for path in tmp_path.iterdir()] == ["graph.svg"]
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from vip_factors.sensors.calibration import SITES, sensor_site, site_axes
-from vip_factors.viz.drawn_body import Eye, sites_picture, standing_body
+from vip_factors.viz.drawn_body import pixel, sites_picture, standing_body
+from vip_factors.viz.eye import distant_eye
 
 DOCS = Path(__file__).parents[2] / "docs"
 DRAWINGS = runpy.run_path(str(DOCS / "draw.py"))["DRAWINGS"]
@@ -33,7 +34,8 @@ def test_axes_are_written_as_the_command_tells_them() -> None:
 
 
 def test_somebody_stands_on_the_floor_and_faces_x() -> None:
-    skeleton, state = standing_body("t-pose")
+    body = standing_body("t-pose")
+    skeleton, state = body.skeleton, body.state
     heel = skeleton.landmarks["left_heel"]
     assert state.point(heel.bone, heel.p_bone_point)[0, 2] == pytest.approx(0.0, abs=1e-9)
     site = sensor_site("sternum", skeleton)  # its z axis points out of the chest
@@ -41,8 +43,8 @@ def test_somebody_stands_on_the_floor_and_faces_x() -> None:
 
 
 def test_the_wearers_left_is_on_the_right_of_a_front_view() -> None:
-    eye = Eye(0.0, 0.0, (0.0, 0.0), 100.0)
-    assert eye.at(np.array([0.0, 1.0, 2.0])) == pytest.approx((100.0, -200.0))
+    eye = distant_eye((100, 100), 0.0, 0.0, (0.0, 0.0), 100.0)
+    assert pixel(eye, np.array([0.0, 1.0, 2.0])) == pytest.approx((100.0, -200.0))
 
 
 def test_the_checkerboard_has_the_corners_that_its_caption_tells() -> None:

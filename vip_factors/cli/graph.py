@@ -15,7 +15,7 @@ from vip_factors.ranges import Range
 
 if TYPE_CHECKING:
     from vip_factors.settings import Settings
-    from vip_factors.viz.graph_description import GraphDescription
+    from vip_factors.viz.graph_picture import GraphDescription
 
 
 @dataclass(frozen=True)

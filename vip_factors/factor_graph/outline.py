@@ -10,7 +10,7 @@ from vip_factors.factor_graph.term_factors import TermFactor
 from vip_factors.factor_graph.variables import JOINT, ROOT, Variable
 from vip_factors.problem.layout import Owner
 from vip_factors.problem.variables import ROWS
-from vip_factors.viz.graph_description import FactorKind, FrameFactors, FrameVariable, GraphDescription, VariableKind
+from vip_factors.viz.graph_picture import FactorKind, FrameFactors, FrameVariable, GraphDescription, VariableKind
 
 
 def graph_description(

@@ -1,7 +1,7 @@
 """What a section of the page is made of; the template says how each looks, and escapes every text."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar
 
@@ -88,16 +88,16 @@ class Chart:
 
     Attributes:
         title: above it.
-        svg: made by us, every text in it escaped.
+        svg: made by us; no text in it comes from outside.
         legend: names and colours of the curves.
-        scale: numbers that tell pixels from values.
+        numbers: the curves and the box they are drawn in, as JSON.
     """
 
     kind: ClassVar[str] = "chart"
     title: str
     svg: Markup
     legend: tuple[tuple[str, str], ...]
-    scale: Mapping[str, str] = field(default_factory=dict)
+    numbers: str
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,20 @@
-"""Curves over time, drawn as SVG in the colours of the page: with gaps, pale bands and a scale that people can read."""
+"""Curves over time as SVG, with gaps and pale bands, and their numbers for the page's script to read off."""
 
 import itertools
-from collections.abc import Callable, Sequence
+import json
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.ticker import MaxNLocator
 
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
 from vip_factors.geometry.rotations import Array
 from vip_factors.report.blocks import Chart
+from vip_factors.viz.charts import GRID, page, panel, seconds_axis, svg
 from vip_factors.viz.colours import body_colours, hexadecimal, wearer_colour
-from vip_factors.viz.svg import MUTED, RULE, Svg
 
 WIDTH, HEIGHT = 540.0, 190.0
 LEFT, RIGHT, TOP, BOTTOM = 44.0, 14.0, 10.0, 24.0  # margins
@@ -48,34 +50,36 @@ def time_chart(
     if not lines:
         return None
     width = 2 * WIDTH + 20 if wide else WIDTH
-    first = min(float(line.time[0]) for line in lines)
-    last = max(float(line.time[-1]) for line in lines)
-    low, high, step = _scale(lines, from_zero)
-    svg, box = Svg(width, HEIGHT), (LEFT, TOP, width - RIGHT, HEIGHT - BOTTOM)
-
-    def x(time: Array | float) -> Array:
-        return np.asarray(box[0] + (box[2] - box[0]) * (np.asarray(time) - first) / max(last - first, 1e-9))
-
-    def y(value: Array | float) -> Array:
-        share = (np.asarray(value) - low) / (high - low)
-        return np.asarray(box[3] - (box[3] - box[1]) * np.clip(share, 0, 1))
-
-    _axes(svg, box, (first, last), (low, high, step), unit)
+    figure = page(width, HEIGHT)
+    axes = panel(figure, (LEFT, TOP, width - RIGHT, HEIGHT - BOTTOM))
+    low = min(float(np.nanquantile(line.values, 1 - OUTLIERS)) for line in lines)
+    high = max(float(np.nanquantile(line.values, OUTLIERS)) for line in lines)
+    ticks = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(min(low, 0.0) if from_zero else low, high)
+    axes.set_ylim(ticks[0], ticks[-1])
+    axes.set_yticks(ticks, [f"{0.0 if abs(tick) < 1e-9 else tick:g}{unit}" for tick in ticks])
+    axes.grid(axis="y", color=GRID, linewidth=0.8)
+    seconds_axis(axes, min(float(line.time[0]) for line in lines), max(float(line.time[-1]) for line in lines), 8)
+    axes.tick_params(labelsize=10, pad=4)
+    curves = []
     for line in lines:
         if line.sigma is not None:
-            _band(svg, line, x, y)
-    for line in lines:
+            every = slice(None, None, max(1, len(line.time) // BINS))
+            band = (line.values - line.sigma)[every], (line.values + line.sigma)[every]
+            axes.fill_between(line.time[every], *band, color=line.colour, alpha=0.16, linewidth=0)
         time, values = thinned(line.time, line.values)
-        for part in _whole(values):
-            points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x(time[part]), y(values[part]), strict=True))
-            svg.elements.append(
-                f'<polyline data-name={quoteattr(line.name)} points="{points}" fill="none" stroke="{line.colour}" '
-                'stroke-width="1.5" stroke-linejoin="round"/>'
-            )
-    scale = {"left": box[0], "right": box[2], "top": box[1], "bottom": box[3], "t0": first, "t1": last}
-    numbers = {name: f"{value:.6g}" for name, value in {**scale, "y0": low, "y1": high, "decimals": decimals}.items()}
+        axes.plot(time, values, color=line.colour, linewidth=1.5)
+        read = [None if not np.isfinite(value) else round(float(value), decimals) for value in values]
+        curves.append({"name": line.name, "time": np.round(time, 3).tolist(), "values": read})
+    numbers = {"box": (LEFT, TOP, width - RIGHT, HEIGHT - BOTTOM), "span": axes.get_xlim(), "unit": unit,
+               "decimals": decimals, "curves": curves}  # fmt: skip
     legend = tuple((line.name, line.colour) for line in lines)
-    return Chart(title, Markup(str(svg)), legend, {**numbers, "unit": unit})
+    return Chart(title, Markup(_alone(svg(figure))), legend, json.dumps(numbers, separators=(",", ":")))
+
+
+def _alone(drawing: str) -> str:
+    """An SVG element to stand among others in a page: without header and ids of groups, to a tenth of a pixel."""
+    drawing = re.sub(r'<g id="[^"]*"', "<g", drawing[drawing.index("<svg") :])
+    return re.sub(r"(\d\.\d)\d{2,}", r"\1", drawing)
 
 
 def thinned(time: Array, values: Array) -> tuple[Array, Array]:
@@ -95,53 +99,6 @@ def thinned(time: Array, values: Array) -> tuple[Array, Array]:
     return time[chosen], values[chosen]
 
 
-def _scale(lines: Sequence[Line], from_zero: bool) -> tuple[float, float, float]:
-    """Least and largest value of the scale, and the step of its ticks."""
-    low = min(float(np.nanquantile(line.values, 1 - OUTLIERS)) for line in lines)
-    high = max(float(np.nanquantile(line.values, OUTLIERS)) for line in lines)
-    if from_zero:
-        low = min(low, 0.0)
-    if high - low < 1e-6:
-        low, high = low - 0.5, high + 0.5
-    step = tick_step(high - low, 4)
-    low, high = step * float(np.floor(low / step + 1e-9)), step * float(np.ceil(high / step - 1e-9))
-    return low, max(high, low + step), step
-
-
-def _axes(
-    svg: Svg, box: tuple[float, ...], time: tuple[float, float], value: tuple[float, float, float], unit: str
-) -> None:
-    left, top, right, bottom = box
-    low, high, step = value
-    for tick in np.arange(low, high + step / 2, step):
-        at = bottom - (bottom - top) * (tick - low) / (high - low)
-        svg.line((left, at), (right, at), MUTED if abs(tick) < 1e-9 else RULE, 0.8)
-        svg.text((left - 5, at + 3.5), f"{0.0 if abs(tick) < 1e-9 else tick:g}{unit}", 10, MUTED, "end")
-    second = tick_step(time[1] - time[0], 8)
-    for tick in np.arange(np.ceil(time[0] / second - 0.01) * second, time[1] + 1e-9, second):
-        at = left + (right - left) * (tick - time[0]) / max(time[1] - time[0], 1e-9)
-        svg.line((at, bottom), (at, bottom + 3), MUTED, 0.8)
-        svg.text((at, bottom + 15), f"{0.0 if abs(tick) < 1e-9 else tick:g} s", 10, MUTED, "middle")
-
-
-def _band(svg: Svg, line: Line, x: Callable[[Array], Array], y: Callable[[Array], Array]) -> None:
-    assert line.sigma is not None
-    every = slice(None, None, max(1, len(line.time) // BINS))
-    time, low, high = line.time[every], (line.values - line.sigma)[every], (line.values + line.sigma)[every]
-    for part in _whole(low + high):
-        there = [*zip(x(time[part]), y(high[part]), strict=True)]
-        back = [*zip(x(time[part]), y(low[part]), strict=True)][::-1]
-        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in (*there, *back))
-        svg.elements.append(f'<polygon points="{points}" fill="{line.colour}" fill-opacity="0.16"/>')
-
-
-def _whole(values: Array) -> list[slice]:
-    """Runs of finite values that are at least two long."""
-    good = np.concatenate([[False], np.isfinite(values), [False]])
-    edges = np.flatnonzero(np.diff(good.astype(int)))
-    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
-
-
 SIDE_COLOURS = {side: hexadecimal(colour) for side, colour in ESTIMATE_COLOURS.items()}
 TRUTH = hexadecimal(TRUTH_COLOUR)
 
@@ -154,14 +111,3 @@ def wearer_mark(index: int, of: int) -> str:
 def sides_of(index: int, of: int) -> dict[Side, str]:
     """Of a body in the 3D view: by side of one wearer alone, else all in the wearer's own."""
     return SIDE_COLOURS if of == 1 else {side: hexadecimal(one) for side, one in body_colours(index).items()}
-
-
-TICKS = (1.0, 2.0, 2.5, 5.0, 10.0)  # times a power of ten: steps that people count in
-
-
-def tick_step(span: float, most: int) -> float:
-    """The smallest round step that divides ``span`` into at most ``most`` parts."""
-    if not span > 0:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(span / most))
-    return float(next(tick * power for tick in TICKS if tick * power * most >= span * (1 - 1e-9)))

@@ -1,15 +1,16 @@
-"""The motion as the page's script reads it: small numbers in base64, and what is drawn on each bone."""
+"""The motion as the page's script reads it: small numbers in base64, and the skin of each body."""
 
 import base64
 from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.body.body_mesh import body_mesh
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.mannequin import mannequin
-from vip_factors.body.skeleton import PARENTS
+from vip_factors.body.mannequin import side_of
+from vip_factors.body.skeleton import PARENTS, Skeleton
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.report.charts import TRUTH, sides_of, wearer_mark
 from vip_factors.report.material import Material
 from vip_factors.report.settings import ReportSettings
@@ -44,6 +45,8 @@ def motion_data(material: Material, settings: ReportSettings) -> dict[str, objec
     places = np.concatenate([_at(one.motion, time)[1] for one in bodies if not one.ghost])
     low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
     of = len(material.wearers)
+    skins: list[Skeleton] = []
+    numbers = [_number(one.motion.skeleton, skins) for one in bodies]
     return {
         "start": start,
         "rate": rate,
@@ -52,7 +55,8 @@ def motion_data(material: Material, settings: ReportSettings) -> dict[str, objec
         "floor": float(np.median([floor_height(one.motion) for one in bodies if not one.ghost])),
         "centre": [round(float(one), 3) for one in (low + high) / 2],
         "extent": round(float((high - low).max()), 3),
-        "bodies": [_body(one, time, of) for one in bodies],
+        "bodies": [{**_body(one, time, of), "mesh": mesh} for one, mesh in zip(bodies, numbers, strict=True)],
+        "meshes": [_mesh(one) for one in skins],
         "camera": _camera(material, time),
     }
 
@@ -89,27 +93,50 @@ def _at(motion: Motion, time: Array) -> tuple[Array, Array]:
 def _body(one: _Shown, time: Array, of: int) -> dict[str, object]:
     rotations, places = _at(one.motion, time)
     colours = sides_of(one.index, of)
-    pieces = [
-        [
-            piece.bone, *_rounded(piece.p_bone_start), *_rounded(piece.p_bone_end), *_rounded([piece.radius_start]),
-            *_rounded([piece.radius_end]), TRUTH if one.ghost else colours[piece.side],
-        ]
-        for piece in mannequin(one.motion.skeleton)
-    ]  # fmt: skip
     return {
         "name": one.name,
         "ghost": one.ghost,
         "mark": wearer_mark(one.index, of),
         "parents": list(PARENTS),
         "offsets": [_rounded(offset) for offset in one.motion.skeleton.p_parent_joint],
-        "pieces": pieces,
+        "colours": [TRUTH if one.ghost else colours[side_of(bone)] for bone in range(len(PARENTS))],
         **_poses(rotations, places),
     }
 
 
+def _number(skeleton: Skeleton, skins: list[Skeleton]) -> int:
+    """Of its skin among those to be drawn; an estimate and the truth of the same body share one."""
+    for number, other in enumerate(skins):
+        if body_mesh(other) is body_mesh(skeleton):
+            return number
+    skins.append(skeleton)
+    return len(skins) - 1
+
+
+def _mesh(skeleton: Skeleton) -> dict[str, str]:
+    """The skin: tenths of millimetres, triangles, the four bones that move a vertex most with their shares of 255, and
+    the joint rotations in which it was made.
+    """
+    mesh = body_mesh(skeleton)
+    bones = np.argsort(-mesh.weights, axis=1)[:, :4]
+    shares = np.take_along_axis(mesh.weights, bones, axis=1)
+    R_parent = mesh.R_bind_bone[[max(parent, 0) for parent in PARENTS]]
+    R_parent[0] = np.eye(3)
+    return {
+        "points": _base64(np.round(1e4 * mesh.p_bind).astype("<i2")),
+        "faces": _base64(mesh.faces.astype("<u4" if len(mesh.p_bind) >= 1 << 16 else "<u2")),
+        "bones": _base64(bones.astype(np.uint8)),
+        "shares": _base64(np.round(255 * shares / shares.sum(axis=1, keepdims=True)).astype(np.uint8)),
+        "pose": _quaternions(transpose(R_parent) @ mesh.R_bind_bone),
+    }
+
+
 def _poses(R: Array, p: Array) -> dict[str, str]:
-    quaternions = np.round(UNIT * quaternion_from_matrix(R, Order.XYZW)).astype("<i2")
-    return {"rotations": _base64(quaternions), "positions": _base64(p.astype("<f4"))}
+    return {"rotations": _quaternions(R), "positions": _base64(p.astype("<f4"))}
+
+
+def _quaternions(R: Array) -> str:
+    return _base64(np.round(UNIT * quaternion_from_matrix(R, Order.XYZW)).astype("<i2"))
 
 
 def _camera(material: Material, time: Array) -> dict[str, object] | None:

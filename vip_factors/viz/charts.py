@@ -34,6 +34,7 @@ ROW_HEIGHT, HEAD_HEIGHT, FOOT_HEIGHT, NAME_WIDTH, BLOCK_WIDTH, GAP = 28, 64, 44,
 WIDEST_ERROR_DEG, NARROWEST_ERROR_DEG = 90.0, 2.0
 LEGEND_COLUMNS, LEGEND_ROW_PX, LEGEND_PAPER = 5, 40, "#101113"  # dark as the plots of Rerun that it explains
 
+Point = tuple[float, float]
 Box = tuple[float, float, float, float]
 """Left, top, right and bottom in pixels of the page; y goes down."""
 
@@ -81,6 +82,16 @@ def panel(figure: Figure, box: Box) -> Axes:
     return axes
 
 
+def canvas(width: float, height: float) -> Axes:
+    """Axes without a frame over a whole picture of a size in pixels, in which they measure too; y goes down."""
+    axes = page(width, height).add_axes((0, 0, 1, 1))
+    axes.set_axis_off()
+    axes.set_xlim(0, width)
+    axes.set_ylim(height, 0)
+    axes.set_autoscale_on(False)
+    return axes
+
+
 def save(figure: Figure, path: Path, overwrite: bool = False) -> None:
     """Write a PNG, complete or not at all.
 
@@ -106,7 +117,7 @@ def svg(figure: Figure) -> str:
     with mpl.rc_context(
         {"svg.fonttype": "none", "svg.hashsalt": "vip_factors"}
     ):  # text stays text, a file stays itself
-        figure.savefig(file, format="svg", metadata={"Date": None})
+        figure.savefig(file, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Type", "Format")))
     return file.getvalue().decode()
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from vip_factors.body.kinematics import Motion
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, rotation_x, rotation_z
 from vip_factors.sensors.camera_model import CameraModel
 
 
@@ -62,6 +62,23 @@ def looking_at(p_world_camera: Array, target: Array, model: CameraModel) -> Eye:
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right = right / np.linalg.norm(right)
     return Eye(model, np.stack([right, np.cross(forward, right), forward], axis=1), p_world_camera)
+
+
+R_FRONT_WORLD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])  # an eye that looks along −x
+DISTANCE_M = 9.0  # far enough for nearly parallel lines
+
+
+def distant_eye(
+    size: tuple[int, int], yaw: float, pitch: float, pixel: tuple[float, float], scale: float,
+    p_world: Array | tuple[float, float, float] = (0.0, 0.0, 0.0), distance: float = DISTANCE_M,
+) -> Eye:  # fmt: skip
+    """An eye that sees a point at a pixel of a picture of ``size`` (width, height), ``scale`` pixels a metre there.
+
+    ``yaw`` (rad) 0 sees the front of who faces x, positive from their left; ``pitch`` (rad) is from above.
+    """
+    R = rotation_x(pitch) @ R_FRONT_WORLD @ rotation_z(-yaw)
+    model = CameraModel(*size, (scale * distance, scale * distance), pixel)
+    return Eye(model, R.T, np.asarray(p_world) - distance * R[2])
 
 
 FIELD_DEG = 30.0  # of view, upright: as of a portrait lens, bodies look like themselves

@@ -11,8 +11,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
-from vip_factors.geometry.rotations import Array, rotation_x, rotation_z, yaw_of
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.geometry.rotations import Array, yaw_of
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.charts import (
@@ -40,7 +39,7 @@ from vip_factors.viz.compare import (
     position_error_mm,
 )
 from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
-from vip_factors.viz.eye import Eye, Lens
+from vip_factors.viz.eye import Eye, distant_eye
 from vip_factors.viz.figure import BOX_COLOUR, Figure, as_bytes, blend, figure_of, lit_from, sensor_boxes
 from vip_factors.viz.film_panes import PLANE, CameraPane
 from vip_factors.viz.room import Room, floor_light
@@ -49,7 +48,6 @@ GHOST = mixed(TRUTH_COLOUR, (255, 255, 255), 0.35)
 GAP, HEADER, STRIP_HEIGHT, CHART_HEIGHT = 20, 130, 470, 190
 BODY_HEIGHTS = (1.95, 2.5)  # metres that fit into the strip: standing, and arms raised overhead
 HEADROOM_M = 0.35  # from the highest joint to the top: a head or a hand, and the perspective of looking down
-DISTANCE_M = 9.0  # of the eye: far enough for nearly parallel lines
 CELL_SHARE = 1.7  # of a pose's place in the row: arms reach beside it
 STEEP = 2.2  # light: shadows end before the next pose
 FOOT_ROOM_PX = 42  # below the point under the pelvis: feet before it
@@ -129,9 +127,8 @@ def pose_picture(motion: Motion, frame: int, size: tuple[int, int]) -> np.ndarra
     floor = floor_height(motion.frames(slice(frame, frame + 1)))
     highest = float(motion.state.p_world_joint[frame, :, 2].max()) - floor
     scale = (size[1] - FOOT_ROOM_PX) / float(np.clip(highest + HEADROOM_M, *BODY_HEIGHTS))
-    picture = np.ones((size[1], size[0], 3), np.float32)
     figure = Figure(body_mesh(motion.skeleton), motion, ESTIMATE_COLOURS)
-    _draw(picture, _lens(size[0], size[1], scale), motion, frame, floor, figure, None)
+    picture = _drawn_pose(size, scale, motion, frame, floor, figure)
     return as_bytes(np.ascontiguousarray(picture[..., ::-1]))
 
 
@@ -259,30 +256,30 @@ def _strip(
     floors = [floor_height(ghost if ghost is not None else shown.frames(slice(f, f + 1))) for f in frames]
     highest = float((shown.state.p_world_joint[frames, :, 2].max(axis=1) - floors).max())
     scale = (STRIP_HEIGHT - FOOT_ROOM_PX) / float(np.clip(highest + HEADROOM_M, *BODY_HEIGHTS))
-    lens = _lens(round(CELL_SHARE * cell), STRIP_HEIGHT, scale)
     body, behind = _figures(shown, ghost, estimate, recording)
-    strip = np.ones((STRIP_HEIGHT, WIDTH, 3), np.float32)
+    width = round(CELL_SHARE * cell)
+    strip = np.ones((STRIP_HEIGHT, WIDTH + 2 * width, 3), np.float32)  # with room for what is cut off at its ends
     for index, (frame, floor) in enumerate(zip(frames, floors, strict=True)):
-        left = round(MARGIN + cell * (index + 0.5) - lens.model.width / 2)
-        part = strip[:, max(left, 0) : left + lens.model.width]
-        picture = np.ones((STRIP_HEIGHT, lens.model.width, 3), np.float32)
-        picture[:, max(-left, 0) :][:, : part.shape[1]] = part
-        _draw(picture, lens, ghost if ghost is not None else shown, int(frame), floor, body, behind)
-        part[:] = picture[:, max(-left, 0) :][:, : part.shape[1]]
-    return as_bytes(strip)
+        left = width + round(MARGIN + cell * (index + 0.5) - width / 2)
+        seen = ghost if ghost is not None else shown
+        picture = _drawn_pose((width, STRIP_HEIGHT), scale, seen, int(frame), floor, body, behind)
+        strip[:, left : left + width] = np.minimum(strip[:, left : left + width], picture)
+    return as_bytes(np.ascontiguousarray(strip[:, width:-width]))
 
 
-def _draw(
-    picture: np.ndarray, lens: Lens, seen: Motion, frame: int, floor: float, body: Figure, behind: Figure | None
-) -> None:
-    """A figure, and one behind it, into a picture ``(height, width, 3)``, at a frame of the motion looked at."""
-    eye, time = _eye(seen, frame, floor, lens.model), float(seen.time[frame])
+def _drawn_pose(
+    size: tuple[int, int], scale: float, seen: Motion, frame: int, floor: float, body: Figure,
+    behind: Figure | None = None,
+) -> np.ndarray:  # fmt: skip
+    """``(H, W, 3)`` float32 on white: a figure, and one behind it, at a frame of the motion looked at."""
+    eye, time = _eye(seen, frame, floor, size, scale), float(seen.time[frame])
     posed = body.posed(time)
     light, room = lit_from(eye), Room(floor, eye.p_world_camera[:2], lit_from(eye, STEEP))
-    picture *= floor_light(room, eye, lens, [posed.p])[..., None]
+    picture = np.repeat(floor_light(room, eye, [posed.p])[..., None], 3, axis=2)
     if behind is not None:
         blend(picture, eye, [behind.posed(time)], light, GHOST_OPACITY)
     blend(picture, eye, [posed], light)
+    return picture
 
 
 def _figures(
@@ -298,21 +295,12 @@ def _figures(
     return Figure(mesh, shown, ESTIMATE_COLOURS, boxes), behind
 
 
-def _lens(width: int, height: int, scale: float) -> Lens:
+def _eye(motion: Motion, frame: int, floor: float, size: tuple[int, int], scale: float) -> Eye:
     """Of one pose's picture; ``scale`` pixels a metre at the feet, which stand in the middle near its lower edge."""
-    focal = scale * DISTANCE_M
-    return Lens(CameraModel(width, height, (focal, focal), ((width - 1) / 2, height - FOOT_ROOM_PX)))
-
-
-def _eye(motion: Motion, frame: int, floor: float, model: CameraModel) -> Eye:
     state = motion.state
     facing = float(yaw_of(state.R_world_bone[frame, 0] @ R_WORLD_STANDING.T))
-    # Without pitch the eye looks along −x of the facing frame: right is +y's opposite seen from the front, down is −z.
-    R_view_front = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
-    R_view_world = rotation_x(VIEW_PITCH) @ R_view_front @ rotation_z(-(facing + VIEW_YAW))
-    pelvis = state.p_world_joint[frame, 0]
-    foot = np.array([pelvis[0], pelvis[1], floor])
-    return Eye(model, R_view_world.T, foot - DISTANCE_M * R_view_world[2])
+    foot = np.append(state.p_world_joint[frame, 0, :2], floor)
+    return distant_eye(size, facing + VIEW_YAW, VIEW_PITCH, ((size[0] - 1) / 2, size[1] - FOOT_ROOM_PX), scale, foot)
 
 
 def frame_picture(drawn: DrawnScene, frame: int, size: tuple[int, int]) -> np.ndarray:

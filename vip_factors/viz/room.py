@@ -88,10 +88,10 @@ class Backdrop:
         return rows, columns
 
 
-def floor_light(room: Room, eye: Eye, lens: Lens, bodies: Sequence[np.ndarray]) -> np.ndarray:
+def floor_light(room: Room, eye: Eye, bodies: Sequence[np.ndarray]) -> np.ndarray:
     """How bright the floor is ``(H, W)``, 1 where no shadow falls: for pictures on white paper."""
     shadow, corner = shadow_map(room, bodies)
-    u, v = lens.rays
+    u, v = Lens(eye.model).rays
     rays = [np.float32(row[0]) * u + np.float32(row[1]) * v + np.float32(row[2]) for row in eye.R_world_camera]
     t = np.float32(room.floor - eye.p_world_camera[2]) / np.minimum(rays[2], -1e-4)
     to_x, to_y = (

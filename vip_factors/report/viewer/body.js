@@ -1,38 +1,13 @@
-// A wearer: the skeleton as nested objects, and on it tapered, round-ended pieces.
-import { Color, LatheGeometry, Mesh, MeshStandardMaterial, Object3D, Quaternion, Vector2, Vector3 } from "three";
-
-const ARC = 7, AROUND = 20;  // points of a round end's quarter, and around a piece
+// A wearer: the skeleton as nested bones, and the skin that they move.
+import {
+  Bone, BufferAttribute, BufferGeometry, Color, MeshStandardMaterial, Object3D, Quaternion, Skeleton, SkinnedMesh,
+  Vector3,
+} from "three";
 
 /** Numbers of a base64 text, as an array of a type: little-endian, as all browsers' machines are. */
 export function numbers(text, Type) {
   const bytes = Uint8Array.from(atob(text), (one) => one.charCodeAt(0));
   return new Type(bytes.buffer);
-}
-
-/** A rounded piece from the origin along y, of two radii. */
-function taperedPiece(length, radiusStart, radiusEnd) {
-  // Where both balls have one tangent: at this angle above their equators.
-  const tilt = Math.asin(Math.max(-1, Math.min(1, (radiusStart - radiusEnd) / Math.max(length, 1e-6))));
-  const outline = [];
-  for (const [radius, height, from, to] of [
-    [radiusStart, 0, -Math.PI / 2, tilt],
-    [radiusEnd, length, tilt, Math.PI / 2],
-  ]) {
-    for (let step = 0; step <= ARC; step++) {
-      const angle = from + ((to - from) * step) / ARC;
-      outline.push(new Vector2(Math.max(radius * Math.cos(angle), 0), height + radius * Math.sin(angle)));
-    }
-  }
-  return new LatheGeometry(outline, AROUND);
-}
-
-function piece([, x0, y0, z0, x1, y1, z1, radiusStart, radiusEnd], material) {
-  const start = new Vector3(x0, y0, z0), along = new Vector3(x1, y1, z1).sub(start);
-  const mesh = new Mesh(taperedPiece(along.length(), radiusStart, radiusEnd), material);
-  mesh.position.copy(start);
-  if (along.length() > 0) mesh.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), along.normalize());
-  mesh.castShadow = true;
-  return mesh;
 }
 
 /** Poses of something at frames: quaternions (x, y, z, w) in 1/32767, positions in metres. */
@@ -62,28 +37,59 @@ export class Poses {
 
 const spare = new Quaternion(), sparePosition = new Vector3();
 
+/** A skin of a body, in the pose in which it was made. */
+export function skinOf({ points, faces, bones, shares }) {
+  const geometry = new BufferGeometry(), vertices = Float32Array.from(numbers(points, Int16Array), (one) => one / 1e4);
+  const Index = vertices.length / 3 < 1 << 16 ? Uint16Array : Uint32Array;
+  geometry.setIndex(new BufferAttribute(numbers(faces, Index), 1));
+  geometry.setAttribute("position", new BufferAttribute(vertices, 3));
+  geometry.setAttribute("skinIndex", new BufferAttribute(numbers(bones, Uint8Array), 4));
+  geometry.setAttribute("skinWeight", new BufferAttribute(numbers(shares, Uint8Array), 4, true));
+  geometry.computeVertexNormals();
+  return geometry;
+}
+
+/** Colours of a skin's vertices: of the bones that move them, in their shares. */
+function coloursOf(skin, colours) {
+  const { skinIndex, skinWeight } = skin.attributes, tones = colours.map((one) => new Color(one));
+  const mixed = new Float32Array(3 * skinIndex.count), sum = new Color();
+  for (let vertex = 0; vertex < skinIndex.count; vertex++) {
+    sum.setRGB(0, 0, 0);
+    for (let of = 0; of < 4; of++) {
+      const tone = tones[skinIndex.getComponent(vertex, of)], share = skinWeight.getComponent(vertex, of);
+      sum.r += share * tone.r;
+      sum.g += share * tone.g;
+      sum.b += share * tone.b;
+    }
+    sum.toArray(mixed, 3 * vertex);
+  }
+  return new BufferAttribute(mixed, 3);
+}
+
 export class Body {
-  constructor(data) {
+  constructor(data, { skin, pose }) {
     this.name = data.name;
     this.poses = new Poses(data, data.parents.length);
     this.root = new Object3D();
+    const made = numbers(pose, Int16Array);
     this.bones = data.parents.map((parent, joint) => {
-      const bone = new Object3D();
+      const bone = new Bone();
       bone.position.fromArray(data.offsets[joint]);
+      bone.quaternion.fromArray(made, 4 * joint).normalize();
       return bone;
     });
     data.parents.forEach((parent, joint) => (parent < 0 ? this.root : this.bones[parent]).add(this.bones[joint]));
-    const materials = new Map();
-    for (const one of data.pieces) {
-      const colour = one[9];
-      if (!materials.has(colour)) {
-        materials.set(colour, new MeshStandardMaterial({
-          color: new Color(colour), roughness: 0.75, transparent: data.ghost, opacity: data.ghost ? 0.3 : 1,
-          depthWrite: !data.ghost,
-        }));
-      }
-      this.bones[one[0]].add(piece(one, materials.get(colour)));
-    }
+    this.bones[0].position.set(0, 0, 0);
+    this.root.updateMatrixWorld(true);
+    const own = skin.clone();
+    own.setAttribute("color", coloursOf(skin, data.colours));
+    const mesh = new SkinnedMesh(own, new MeshStandardMaterial({
+      vertexColors: true, roughness: 0.75, transparent: data.ghost, opacity: data.ghost ? 0.3 : 1,
+    }));
+    mesh.bind(new Skeleton(this.bones), mesh.matrixWorld);
+    mesh.castShadow = !data.ghost;
+    mesh.frustumCulled = false;  // its bounds are those of one pose
+    this.root.add(mesh);
   }
 
   show(frame, next, share) {

@@ -1,35 +1,26 @@
 // A cursor in every chart, at the time that is shown, with the curves' values there; pointing at a chart moves it.
 
-/** Value of a curve, drawn as lines of "x,y x,y …", at an x; null in its gaps. */
-function heightAt(lines, x) {
-  for (const points of lines) {
-    if (x < points[0][0] - 0.5 || x > points[points.length - 1][0] + 0.5) continue;
-    let low = 0, high = points.length - 1;
-    while (high - low > 1) {
-      const middle = (low + high) >> 1;
-      if (points[middle][0] <= x) low = middle; else high = middle;
-    }
-    const [x0, y0] = points[low], [x1, y1] = points[high];
-    const share = x1 > x0 ? Math.min(Math.max((x - x0) / (x1 - x0), 0), 1) : 0;
-    return y0 + share * (y1 - y0);
+/** Value of a curve at a time, between its samples; null in its gaps and beyond its ends. */
+function valueAt({ time, values }, at) {
+  let low = 0, high = time.length - 1;
+  if (!(at >= time[0] - 1e-3 && at <= time[high] + 1e-3)) return null;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (time[middle] <= at) low = middle; else high = middle;
   }
-  return null;
+  const a = values[low], b = values[high];
+  if (a === null || b === null) return null;
+  const share = time[high] > time[low] ? Math.min(Math.max((at - time[low]) / (time[high] - time[low]), 0), 1) : 0;
+  return a + share * (b - a);
 }
 
 class Chart {
   constructor(figure, pointed) {
     this.svg = figure.querySelector("svg");
     this.readout = figure.querySelector(".readout");
-    const box = ["left", "right", "top", "bottom", "t0", "t1", "y0", "y1", "decimals"];
-    for (const name of box) this[name] = Number(figure.dataset[name]);
-    this.unit = figure.dataset.unit ?? "";
-    this.curves = new Map();
-    for (const line of this.svg.querySelectorAll("polyline[data-name]")) {
-      const points = line.getAttribute("points").trim().split(" ").map((one) => one.split(",").map(Number));
-      const name = line.dataset.name;
-      if (!this.curves.has(name)) this.curves.set(name, { colour: line.getAttribute("stroke"), lines: [] });
-      this.curves.get(name).lines.push(points);
-    }
+    Object.assign(this, JSON.parse(figure.dataset.numbers));
+    [this.left, this.top, this.right, this.bottom] = this.box;
+    [this.t0, this.t1] = this.span;
     this.cursor = document.createElementNS("http://www.w3.org/2000/svg", "line");
     for (const [key, value] of Object.entries({ class: "cursor", y1: this.top, y2: this.bottom })) {
       this.cursor.setAttribute(key, value);
@@ -53,11 +44,10 @@ class Chart {
     this.cursor.setAttribute("x1", x);
     this.cursor.setAttribute("x2", x);
     const parts = [`${time.toFixed(2)} s`];
-    for (const [name, { lines }] of this.curves) {
-      const height = inside ? heightAt(lines, x) : null;
-      if (height === null) continue;
-      const value = this.y0 + ((this.bottom - height) / (this.bottom - this.top)) * (this.y1 - this.y0);
-      parts.push(`${name} ${value.toFixed(this.decimals).replace(/^-(0\.?0*)$/, "$1")}${this.unit}`);
+    for (const curve of this.curves) {
+      const value = inside ? valueAt(curve, time) : null;
+      if (value === null) continue;
+      parts.push(`${curve.name} ${value.toFixed(this.decimals).replace(/^-(0\.?0*)$/, "$1")}${this.unit}`);
     }
     this.readout.textContent = parts.join("  ·  ");
   }

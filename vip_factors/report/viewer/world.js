@@ -4,7 +4,7 @@ import {
   Object3D, PerspectiveCamera, PlaneGeometry, Scene, ShadowMaterial, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
-import { Body, Poses } from "./body.js";
+import { Body, Poses, skinOf } from "./body.js";
 
 const FRUSTUM_M = 0.6, TRACK_HEIGHT = 0.004, CAMERA_COLOUR = "#4a5563", GROUND = "#f6f7f9";
 
@@ -18,7 +18,8 @@ export class World {
     this.scene = new Scene();
     this.scene.background = new Color(GROUND);
     this.scene.fog = new Fog(GROUND, 12 + data.extent, 30 + 3 * data.extent);
-    this.bodies = data.bodies.map((one) => new Body(one));
+    const meshes = data.meshes.map((one) => ({ skin: skinOf(one), pose: one.pose }));
+    this.bodies = data.bodies.map((one) => new Body(one, meshes[one.mesh]));
     this.bodies.forEach((body) => this.scene.add(body.root));
     this.#ground();
     if (data.camera) this.#filming();

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.ticker import MaxNLocator
 
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
 from vip_factors.geometry.rotations import Array
 from vip_factors.report.blocks import Chart
-from vip_factors.viz.charts import GRID, page, panel, seconds_axis, svg
+from vip_factors.viz.charts import GRID, page, panel, round_ticks, seconds_axis, svg
 from vip_factors.viz.colours import body_colours, hexadecimal, wearer_colour
 
 WIDTH, HEIGHT = 540.0, 190.0
@@ -54,7 +53,7 @@ def time_chart(
     axes = panel(figure, (LEFT, TOP, width - RIGHT, HEIGHT - BOTTOM))
     low = min(float(np.nanquantile(line.values, 1 - OUTLIERS)) for line in lines)
     high = max(float(np.nanquantile(line.values, OUTLIERS)) for line in lines)
-    ticks = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(min(low, 0.0) if from_zero else low, high)
+    ticks = round_ticks(min(low, 0.0) if from_zero else low, high)
     axes.set_ylim(ticks[0], ticks[-1])
     axes.set_yticks(ticks, [f"{0.0 if abs(tick) < 1e-9 else tick:g}{unit}" for tick in ticks])
     axes.grid(axis="y", color=GRID, linewidth=0.8)

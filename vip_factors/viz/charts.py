@@ -135,6 +135,11 @@ def seconds_axis(axes: Axes, first: float, last: float, most: int = 10) -> None:
     axes.xaxis.set_major_formatter(lambda value, _: f"{abs(value) if abs(value) < 1e-9 else value:g} s")
 
 
+def round_ticks(low: float, high: float) -> Array:
+    """At most five round values from ``low`` or below to ``high`` or above."""
+    return np.asarray(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
+
+
 def draw_curves(axes: Axes, curves: Sequence[Curve], label: str, marks: Sequence[float] = ()) -> None:
     """Draw curves from zero up, with one scale.
 
@@ -146,7 +151,7 @@ def draw_curves(axes: Axes, curves: Sequence[Curve], label: str, marks: Sequence
         return
     # A single wild frame must not flatten all others: what is above is cut off at the top.
     most = max(float(np.nanquantile(curve.values, 0.995)) for curve in curves)
-    ticks = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(0.0, max(most, 1e-9))
+    ticks = round_ticks(0.0, max(most, 1e-9))
     axes.set_ylim(0.0, ticks[-1])
     axes.set_yticks(ticks)
     axes.yaxis.set_major_formatter("{x:g}")

@@ -19,7 +19,6 @@ from vip_factors.io.log_streams import (
     check_leaps,
     coverage_notes,
     held_orientations,
-    later,
     log_in_parts,
     pose_source,
     without_sample,
@@ -226,14 +225,13 @@ def recording_of_log(log: ImportedLog, path: Path, options: ImportOptions) -> Re
     if (given.initial_pose or "none") == "none":
         notes.append(NO_POSE)
     start = (options.start_s or 0.0) - (LEAD_S if held else 0.0)
-    truth = _truth(log, options)
     return Recording(
         name=options.name or path.stem,
         subject=subject,
         imus=log.imus,
         placement=placement,
         initial_pose=given.initial_pose or "none",
-        truth=replace(truth, motion=later(truth.motion)) if truth is not None and held else truth,
+        truth=_truth(log, options, start),
         notes="\n".join(notes),
         start_ns=log.start_ns + round(start * 1e9) if log.start_ns else 0,
     )
@@ -247,13 +245,13 @@ def _held(
         return {}, log.imus
     if pose not in POSES:
         raise InputError(f"pose from {options.pose_from}: say which it was, initial pose {' or '.join(POSES)}")
-    source = pose_source(options.pose_from)
-    if not source.path.exists():
-        raise InputError(f"pose from {options.pose_from}: there is no file or folder {source.path}")
-    same = path.exists() and source.path.samefile(path)
-    where = log if same else read_log(source.path, log.format, options.columns)
-    held = held_orientations(where.imus, source)
-    return held, without_sample(log.imus, source.sample) if same and source.sample else log.imus
+    source, sample = pose_source(options.pose_from)
+    if not source.exists():
+        raise InputError(f"pose from {options.pose_from}: there is no file or folder {source}")
+    same = path.exists() and source.samefile(path)
+    imus = log.imus if same else read_log(source, log.format, options.columns).imus
+    held = held_orientations(imus, source, sample)
+    return held, without_sample(log.imus, sample) if same and sample else log.imus
 
 
 def _own(path: Path, options: ImportOptions) -> Recording:
@@ -304,19 +302,18 @@ def _cut(imus: Mapping[str, ImuStream], options: ImportOptions, notes: list[str]
     return kept
 
 
-def _truth(log: ImportedLog, options: ImportOptions) -> Truth | None:
-    """The log's own motion between start and end."""
+def _truth(log: ImportedLog, options: ImportOptions, zero: float) -> Truth | None:
+    """The log's own motion between start and end, on a clock that is 0 at ``zero`` of the log's."""
     motion = log.truth_motion
     if motion is None:
         return None
-    start = options.start_s or 0.0
     if options.start_s is not None or options.end_s is not None:
-        end = float("inf") if options.end_s is None else options.end_s
+        start, end = options.start_s or 0.0, np.inf if options.end_s is None else options.end_s
         inside = np.flatnonzero((motion.time >= start) & (motion.time <= end))
         if not len(inside):
             return None
         motion = motion.frames(slice(int(inside[0]), int(inside[-1]) + 1))
-    return Truth(replace(motion, start=motion.start - start), known_bones=log.truth_bones)
+    return Truth(replace(motion, start=motion.start - zero), known_bones=log.truth_bones)
 
 
 def _oriented(imus: Mapping[str, ImuStream], notes: list[str]) -> dict[str, ImuStream]:

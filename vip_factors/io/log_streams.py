@@ -7,11 +7,9 @@ gaps, early ends and unequal rates are told.
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, mean_rotation
 from vip_factors.io.importers.shared import GRAVITY, UP, ImportedLog
@@ -27,34 +25,22 @@ TURN_S = 2.0  # without samples, to turn around in and begin: any way of facing 
 LEAD_S = HOLD_S + TURN_S
 
 
-class PoseSource(NamedTuple):
-    """Where a pose was held: in a log, there in one sample of each sensor, or on average over its first second.
-
-    Attributes:
-        path: of the log.
-        sample: number of that sample, from 1 on; None for the average.
-    """
-
-    path: Path
-    sample: int | None = None
-
-
-def pose_source(text: str) -> PoseSource:
-    """``LOG`` or ``LOG:SAMPLE``.
+def pose_source(text: str) -> tuple[Path, int | None]:
+    """Where a pose was held: ``LOG``, on average over its first second, or ``LOG:SAMPLE``, from 1 on, in that sample.
 
     Raises:
         InputError: for a sample that is no number from 1 on.
     """
     path, colon, sample = text.rpartition(":")
     if not colon or Path(text).exists():
-        return PoseSource(Path(text))
+        return Path(text), None
     if not sample.isdecimal() or int(sample) < 1:
         raise InputError(f"pose from '{text}': sample '{sample}': expected LOG, or LOG:SAMPLE with a number from 1 on")
-    return PoseSource(Path(path), int(sample))
+    return Path(path), int(sample)
 
 
-def held_orientations(imus: Mapping[str, ImuStream], source: PoseSource) -> dict[str, Array]:
-    """``R_inertial_sensor (3, 3)`` of each sensor in the pose.
+def held_orientations(imus: Mapping[str, ImuStream], path: Path, sample: int | None) -> dict[str, Array]:
+    """``R_inertial_sensor (3, 3)`` of each sensor of the log ``path`` in the pose, as :func:`pose_source` says.
 
     Raises:
         InputError: if a sensor has no orientation of its own, or not that many samples.
@@ -64,15 +50,15 @@ def held_orientations(imus: Mapping[str, ImuStream], source: PoseSource) -> dict
         R = stream.R_inertial_sensor
         if R is None:
             raise InputError(
-                f"{source.path}: sensor '{name}' has no orientation: a pose held in another log needs the sensors' own "
+                f"{path}: sensor '{name}' has no orientation: a pose held in another log needs the sensors' own "
                 "orientations, since one found from their other samples has another heading in every log"
             )
-        if source.sample is None:
+        if sample is None:
             held[name] = mean_rotation(R[stream.time <= stream.time[0] + MEAN_S])
-        elif source.sample > len(R):
-            raise InputError(f"{source.path}: sensor '{name}' has {len(R)} samples: there is no sample {source.sample}")
+        elif sample > len(R):
+            raise InputError(f"{path}: sensor '{name}' has {len(R)} samples: there is no sample {sample}")
         else:
-            held[name] = R[source.sample - 1]
+            held[name] = R[sample - 1]
     return held
 
 
@@ -123,11 +109,6 @@ def after_pose(imus: Mapping[str, ImuStream], held: Mapping[str, Array], notes: 
         "video's times too), and how the wearer got from one to the other is made up"
     )
     return joined
-
-
-def later(motion: Motion) -> Motion:
-    """A motion on the clock of a recording whose pose was put before it."""
-    return replace(motion, start=motion.start + LEAD_S)
 
 
 LEAP_S = 86_400.0  # nobody pauses for a day within one recording: a clock was set, or a row is no sample

@@ -186,14 +186,6 @@ def _packets(table: TextTable, notes: list[str]) -> Packets:
     return order_packets(counter[:, 0], name, CLOCK_MODULUS if wide else COUNTER_MODULUS, notes)
 
 
-def unwrap(values: Array, modulus: int) -> np.ndarray:
-    """Integers ``(N,)`` that stepped over ``modulus`` made continuous; a step of over half the range is one back."""
-    whole = np.asarray(values).astype(np.int64)
-    half = modulus // 2
-    step = (np.diff(whole) + half) % modulus - half
-    return whole[0] + np.concatenate([[0], np.cumsum(step)])
-
-
 def order_packets(counter: Array, name: str, modulus: int, notes: list[str]) -> Packets:
     """Unwrap, sort and de-duplicate the packet counter of one file; rows without a counter are left out.
 
@@ -203,7 +195,7 @@ def order_packets(counter: Array, name: str, modulus: int, notes: list[str]) -> 
     known = np.flatnonzero(np.isfinite(counter))
     if not len(known):
         raise FileFormatError(f"{name}: no row has a packet counter")
-    count = unwrap(counter[known], modulus)
+    count = np.unwrap(counter[known].astype(np.int64), period=modulus)
     late = np.maximum.accumulate(count) - count
     if late.max() > OUT_OF_ORDER_PACKETS:
         row = int(np.argmax(late > OUT_OF_ORDER_PACKETS))
@@ -239,7 +231,7 @@ def clock_tick(clock: Array, count: np.ndarray) -> tuple[float, float] | None:
     """
     if len(count) < 2:
         return None
-    ticks = float(np.median(np.diff(unwrap(clock, CLOCK_MODULUS)) / np.diff(count)))
+    ticks = float(np.median(np.diff(np.unwrap(clock.astype(np.int64), period=CLOCK_MODULUS)) / np.diff(count)))
     for tick, low, high in ((1e-4, 1.0, 900.0), (1e-6, 900.0, 250000.0)):
         if low <= ticks < high:
             return tick, 1 / (tick * ticks)
@@ -281,7 +273,7 @@ def _clock_times(
         if column is None or not np.all(np.isfinite(column[rows])):
             return None
         found = clock_tick(column[rows, 0], count)
-        clock = unwrap(column[rows, 0], CLOCK_MODULUS)
+        clock = np.unwrap(column[rows, 0].astype(np.int64), period=CLOCK_MODULUS)
         if found is None or np.any(np.diff(clock) <= 0):
             return None
         clocks.append(clock)

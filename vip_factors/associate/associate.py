@@ -125,7 +125,8 @@ def _decided(
     confidence = 1 / (1 + np.exp(-np.clip(log_odds, -50, 50)))
     sure = confidence >= settings.least_confidence
     sure[sure] = ~_contradicted(context, rows[chosen][sure], odds)
-    sure &= _seen_again(problem.wearer[chosen], sure, settings.least_choices)
+    wearer = problem.wearer[chosen]
+    sure &= np.bincount(wearer, weights=sure, minlength=1)[wearer] >= settings.least_choices  # seen again
     return _result(context, odds, rows[chosen][sure], confidence[sure], len(context.frame))
 
 
@@ -278,12 +279,6 @@ def intra_edges(context: Context, rows: np.ndarray, odds: Array) -> list[tuple[n
             if len(a):
                 found.append((a, b, features))
     return found
-
-
-def _seen_again(wearer: np.ndarray, sure: np.ndarray, least: int) -> np.ndarray:
-    """Of choices ``(C,)``, whether their wearer is surely seen ``least`` times."""
-    count = np.bincount(wearer, weights=sure)
-    return np.asarray(count[wearer] >= least) if len(wearer) else np.zeros(0, bool)
 
 
 def _result(context: Context, odds: Array, rows: np.ndarray, confidence: Array, N: int) -> Association:

@@ -172,14 +172,9 @@ class _Field:
         return shares / shares.sum(axis=1, keepdims=True)
 
 
-def _neighbours() -> np.ndarray:
-    near = np.eye(JOINT_COUNT, dtype=bool)
-    for bone, parent in enumerate(PARENTS[1:], start=1):
-        near[bone, parent] = near[parent, bone] = True
-    return near
-
-
-_NEIGHBOURS = _neighbours()
+_NEIGHBOURS = np.eye(JOINT_COUNT, dtype=bool)  # each bone, its parent and its children
+for _bone, _parent in enumerate(PARENTS[1:], start=1):
+    _NEIGHBOURS[_bone, _parent] = _NEIGHBOURS[_parent, _bone] = True
 
 
 def surface_net(field: Array) -> tuple[Array, np.ndarray]:

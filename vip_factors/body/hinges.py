@@ -51,7 +51,8 @@ class Hinge:
 
     def direction(self, tilt: Array) -> Array:
         """The axis ``(3,)``, a unit vector, tilted by ``(2,)`` radians."""
-        return _unit(self.axis + self.normals @ tilt)
+        long = self.axis + self.normals @ tilt
+        return long / np.linalg.norm(long)
 
     def tilt_to(self, axis: Array) -> Array:
         """The tilt ``(2,)`` of an axis ``(3,)`` that is less than a right angle off the usual one."""
@@ -73,10 +74,6 @@ class Hinge:
         outwards = 1.0 if self.joint.startswith("left") else -1.0
         upper = float(self.direction(tilt) @ self.square[:, 0])
         return outwards * float(np.arcsin(np.clip(offset, -1.0, 1.0)) - np.arcsin(upper))
-
-
-def _unit(vector: Array) -> Array:
-    return vector / np.linalg.norm(vector)
 
 
 def _hinges() -> tuple[Hinge, ...]:

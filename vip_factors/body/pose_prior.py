@@ -66,15 +66,9 @@ def joint_vector(R_parent_child: Array) -> Array:
 def mirror_joint_vector(x: Array) -> Array:
     """The pose ``(..., 69)`` seen in a mirror: sides exchanged, and (x, y, z) → (x, −y, −z)."""
     vectors = np.asarray(x, float).reshape(*np.shape(x)[:-1], JOINT_COUNT - 1, 3)
-    swapped = [JOINT_NAMES.index(_other_side(name)) - 1 for name in JOINT_NAMES[1:]]
+    other = [name.replace("left_", "_").replace("right_", "left_") for name in JOINT_NAMES[1:]]
+    swapped = [JOINT_NAMES.index(f"right{name}" if name[0] == "_" else name) - 1 for name in other]
     return (vectors[..., swapped, :] * np.array([1.0, -1.0, -1.0])).reshape(np.shape(x))
-
-
-def _other_side(name: str) -> str:
-    for side, other in (("left_", "right_"), ("right_", "left_")):
-        if name.startswith(side):
-            return other + name.removeprefix(side)
-    return name
 
 
 @cache

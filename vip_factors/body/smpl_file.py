@@ -58,7 +58,7 @@ def _model_arrays(path: Path) -> tuple[Array, Array, Array]:
     if path.suffix.lower() == ".pkl":
         content: dict[str, Any] = read_smpl_pickle(path)
     elif path.suffix.lower() == ".npz":
-        content = _read_npz(path)
+        content = read_npz(path, "not a SMPL model npz", NEEDED)
     else:
         raise FileFormatError(f"{path}: expected a SMPL model, .npz or .pkl")
     missing = [name for name in NEEDED if name not in content]
@@ -76,10 +76,6 @@ def _model_arrays(path: Path) -> tuple[Array, Array, Array]:
             "of SMPL-H or SMPL-X"
         )
     return v_template, shapedirs, J_regressor
-
-
-def _read_npz(path: Path) -> dict[str, Array]:
-    return read_npz(path, "not a SMPL model npz", NEEDED)
 
 
 def _landmarks(vertices: Array, joints: Array) -> dict[str, Landmark]:

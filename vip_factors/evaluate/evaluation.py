@@ -43,7 +43,7 @@ from vip_factors.evaluate.scene_metrics import (
 )
 from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines, summary_lines
 from vip_factors.geometry.poses import Alignment
-from vip_factors.sensors.calibration import Calibration, Placement
+from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.camera_path import MotionPair, PathPair, move_motion, scene_gauge, yaw
 from vip_factors.sensors.recording import Truth
 from vip_factors.sensors.scene import Scene, SceneTruth
@@ -136,12 +136,16 @@ def evaluate(
     if estimate.covariance is not None:
         covariance = PoseCovariance(estimate.covariance.joints[chosen], estimate.covariance.root[chosen])
         values = joint_nees(motion, reference, covariance)
-        table |= consistency_metrics("joints", values[:, _turns(compared)], 3)
+        # Of joints whose rotation against the bone above is known; the pelvis has none.
+        turned = [row for row in compared.orientations() if row in compared.positions() and row]
+        table |= consistency_metrics("joints", values[:, turned], 3)
         for name, row in joints.items():
             row["nees"] = summarise(values[:, joint_index(name)], 3)[0]
     sensors: dict[str, Mapping[str, float]] = {}
     if estimate.calibration and truth.calibration and not share_sensors(estimate.calibration, truth.calibration):
-        warnings.warn(EvaluationWarning(_other_sensors(estimate.calibration, truth.calibration)), stacklevel=2)
+        ours, true = _some(estimate.calibration), _some(truth.calibration)
+        sentence = f"the estimate's sensors are called {ours}, those of the truth {true}"
+        warnings.warn(EvaluationWarning(f"headings and mountings are not compared: {sentence}"), stacklevel=2)
     elif estimate.calibration and truth.calibration:
         error = calibration_error(estimate.calibration, truth.calibration, gauge)
         table |= calibration_metrics(error, estimate.calibration, placement, mean_gauge=gauge is None)
@@ -150,13 +154,6 @@ def evaluate(
             table["heading_error_over_time"] = Metric(mean_and_95th(np.abs(list(over_time.values())))[0], "deg")
         sensors = sensor_table(error)
     return Evaluation(estimate.name, estimate.method, table, len(motion), joints, sensors, lengths)
-
-
-def _other_sensors(estimate: Calibration, truth: Calibration) -> str:
-    return (
-        f"headings and mountings are not compared: the estimate's sensors are called {_some(estimate)}, those of the "
-        f"truth {_some(truth)}"
-    )
 
 
 def _some(names: Collection[str]) -> str:
@@ -170,7 +167,8 @@ def evaluate_motion(estimate: Motion, truth: Motion) -> Evaluation:
 
 def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[str, Metric]:
     root_cm, root_percent = metrics.root_translation_error(motion, truth)
-    flexion = [[knee_flexion_of(one, side) for one in (motion, truth)] for side in _legs(compared)]
+    legs = [side for side in ("left", "right") if len(compared.orientations((f"{side}_hip", f"{side}_knee"))) == 2]
+    flexion = [[knee_flexion_of(one, side) for one in (motion, truth)] for side in legs]
     knees, knees_centred = (
         float(np.mean([compare(*pair) for pair in flexion])) if flexion else float("nan")
         for compare in (rmse, rmse_without_offset)
@@ -213,16 +211,6 @@ def _joint_table(motion: Motion, truth: Motion, compared: Compared) -> dict[str,
         }
         for row in compared.positions()
     }
-
-
-def _turns(compared: Compared) -> list[int]:
-    """Joints whose rotation against the bone above is known; the pelvis has none."""
-    return [row for row in compared.orientations() if row in compared.positions() and row]
-
-
-def _legs(compared: Compared) -> list[str]:
-    """Sides of which thigh and shank are known."""
-    return [side for side in ("left", "right") if len(compared.orientations((f"{side}_hip", f"{side}_knee"))) == 2]
 
 
 def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:

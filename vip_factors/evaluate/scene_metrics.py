@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.calibration import (
@@ -246,8 +245,12 @@ def relative_position_error(one: MotionPair, other: MotionPair, gauge: Alignment
     Of the gauge only the yaw is applied (a shift moves both). ``distance`` compares lengths alone, which no
     alignment touches. NaN if the two share no time.
     """
-    time = _shared_time(one, other)
-    estimated, true = (_root(second, time) - _root(first, time) for first, second in zip(one, other, strict=True))
+    time = one[0].time
+    time = time[(time >= other[0].time[0] - 1e-6) & (time <= other[0].time[-1] + 1e-6)]
+    first, second = (
+        [interpolate_points(motion.time, motion.p_world_pelvis, time) for motion in pair] for pair in (one, other)
+    )
+    estimated, true = (there - here for here, there in zip(first, second, strict=True))
     if not len(time):
         return dict.fromkeys(("relative_mm", "relative_95th_mm", "distance_mm", "distance_95th_mm"), float("nan"))
     vector = MM * np.linalg.norm(estimated @ gauge.R_target_source.T - true, axis=1)
@@ -258,15 +261,6 @@ def relative_position_error(one: MotionPair, other: MotionPair, gauge: Alignment
         "distance_mm": float(distance.mean()),
         "distance_95th_mm": float(np.quantile(distance, 0.95)),
     }
-
-
-def _root(motion: Motion, time: Array) -> Array:
-    return interpolate_points(motion.time, motion.p_world_pelvis, time)
-
-
-def _shared_time(one: MotionPair, other: MotionPair) -> Array:
-    time = one[0].time
-    return time[(time >= other[0].time[0] - 1e-6) & (time <= other[0].time[-1] + 1e-6)]
 
 
 LITTLE = 0.9  # of the estimate's time: a truth that begins late or ends early has more

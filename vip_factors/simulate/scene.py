@@ -11,7 +11,6 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.sensors.calibration import Placement, SensorCalibration, SensorSite
 from vip_factors.sensors.camera_path import CameraPath
-from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, CameraMount, Scene, SceneTruth
 from vip_factors.simulate.camera_motion import camera_motion
 from vip_factors.simulate.dense import DenseMotion, dense_motion
@@ -73,30 +72,29 @@ def simulate_scene(
         raise InputError(f"scene '{name}': performers {', '.join(one.name for one in performers)}: names repeat")
     dense = [dense_motion(one.motion, settings.imu.lowpass_hz) for one in performers]
     worn = [number for number, one in enumerate(performers) if one.placement is not None]
-    recordings = tuple(
-        _recorded(performers[number], dense[number], settings, seed + SEED_STEP * order)
-        for order, number in enumerate(worn)
-    )
-
+    recordings = []
+    for order, number in enumerate(worn):
+        performer, placement = performers[number], performers[number].placement
+        assert placement is not None
+        own = record(
+            dense[number], placement, settings.imu, seed + SEED_STEP * order, performer.name, performer.initial_pose
+        )
+        recordings.append(replace(own, subject=replace(own.subject, name=performer.name)))
     time = _video_times([dense[number] for number in worn], settings, name)
     people = [_person(one, time) for one in dense]
     wearer = np.array([worn.index(number) if number in worn else -1 for number in (*range(len(performers)), -1)])
 
     films, azimuth = [], None
-    for number, one in enumerate(_of_each_camera(settings)):
+    # Further cameras stand on tripods, without sensors, at known poses.
+    fixed = replace(settings, camera="fixed", camera_imu=False, known_pose=True)
+    for number, one in enumerate([settings, *[fixed] * (settings.cameras - 1)]):
         one = one if azimuth is None else replace(one, azimuth_deg=azimuth + 360.0 * number / settings.cameras)
         body, around = _camera_body(dense, worn, one, seed)
         azimuth = around if azimuth is None else azimuth
         films.append(_film(body, people, wearer, time, one, seed, number))
     (camera, truth), *further = films
     truth = replace(truth, further=tuple(known for _, known in further))
-    return Scene(name, recordings, camera, truth, tuple(camera for camera, _ in further))
-
-
-def _of_each_camera(settings: SceneSettings) -> list[SceneSettings]:
-    """The further cameras stand on tripods, without sensors, at known poses."""
-    fixed = replace(settings, camera="fixed", camera_imu=False, known_pose=True)
-    return [settings, *[fixed] * (settings.cameras - 1)]
+    return Scene(name, tuple(recordings), camera, truth, tuple(camera for camera, _ in further))
 
 
 def _film(
@@ -125,12 +123,6 @@ def _known_pose(path: CameraPath, settings: SceneSettings, seed: int) -> CameraP
     R = path.R_world_camera @ exp(np.deg2rad(settings.pose_error_deg) * random.standard_normal(3))
     p = path.p_world_camera + settings.pose_error_m * random.standard_normal(3)
     return CameraPath(path.time, R, p)
-
-
-def _recorded(performer: Performer, dense: DenseMotion, settings: SceneSettings, seed: int) -> Recording:
-    assert performer.placement is not None
-    recording = record(dense, performer.placement, settings.imu, seed, performer.name, performer.initial_pose)
-    return replace(recording, subject=replace(recording.subject, name=performer.name))
 
 
 def _video_times(wearers: Sequence[DenseMotion], settings: SceneSettings, name: str) -> Array:

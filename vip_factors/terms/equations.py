@@ -225,7 +225,10 @@ class Term(Generic[At]):
     def equations(self, at: At, first: slice) -> Iterator[Equations]:
         """The equations of the factors whose first frame lies in a stretch, as much as they count."""
         for one in self.of_first(at, first):
-            yield _tempered(one, at.frame_share(first)) if self.every_frame else one
+            if self.every_frame:  # share times the cost: what is far off is forgiven as before
+                share = at.frame_share(first)
+                one = replace(one, confidence=one.confidence * share, loss=one.loss.tempered(share))
+            yield one
 
     def within(self, at: At, frames: slice) -> Iterator[Equations]:
         """The equations of the factors that see any frame of a stretch."""
@@ -236,9 +239,3 @@ class Term(Generic[At]):
     def all(self, at: At) -> Iterator[Equations]:
         """The equations of all factors."""
         yield from self.within(at, slice(0, at.frames))
-
-
-def _tempered(equations: Equations, share: Array) -> Equations:
-    """The same factors with ``share`` ``(t, 1)`` times their cost: what is far off is forgiven as before."""
-    confidence, loss = equations.confidence * share, equations.loss.tempered(share)
-    return replace(equations, confidence=confidence, loss=loss)

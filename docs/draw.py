@@ -69,7 +69,7 @@ def poses_picture() -> str:
             axes.hlines(FLOOR, left + x - 45, left + x + 45, color=GRID, lw=3.0, zorder=0)
             draw_body(axes, body, distant_eye(POSES_SIZE, yaw, 0.0, (left + x, FLOOR), SCALE), paler=0.2)
             write(axes, (left + x, FLOOR + 24), seen, 13, SOFT_INK, "center")
-    return svg(axes.figure)
+    return svg(axes)
 
 
 def frames_picture() -> str:
@@ -95,7 +95,7 @@ def frames_picture() -> str:
 
     _inertial(axes)
     _camera(axes)
-    return svg(axes.figure)
+    return svg(axes)
 
 
 def _line(axes: Axes, points: Array | list[tuple[float, float, float]], colour: str, width: float = 1.1) -> None:

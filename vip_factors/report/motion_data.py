@@ -18,7 +18,6 @@ from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.viz.compare import floor_height
 
 UNIT = 32767  # of a quaternion's numbers: 0.002° at worst
-ASIDE_M = 1.2  # between wearers whom nothing places against each other
 
 
 @dataclass(frozen=True)
@@ -62,26 +61,14 @@ def motion_data(material: Material, settings: ReportSettings) -> dict[str, objec
 
 
 def _bodies(material: Material) -> list[_Shown]:
-    """The estimated ones, and the truth as ghosts; side by side where nothing ties wearers to each other."""
+    """The estimated ones, and the truth as ghosts."""
     bodies = []
-    apart = material.estimate.camera is None and len(material.wearers) > 1
-    for wearer, drawn in zip(material.wearers, material.drawn.wearers, strict=True):
-        aside = np.array([0.0, ASIDE_M * wearer.index * apart, 0.0])
-        motion = drawn.motion or wearer.estimate.motion
-        bodies.append(_Shown(wearer.name, wearer.index, _moved(motion, aside, apart), False))
-        if drawn.truth is not None:
-            bodies.append(_Shown(f"{wearer.name}, truth", wearer.index, _moved(drawn.truth, aside, apart), True))
+    for wearer in material.drawn.wearers:
+        if wearer.shown is not None:
+            bodies.append(_Shown(wearer.name, wearer.index, wearer.shown, False))
+        if wearer.motion is not None and wearer.truth is not None:
+            bodies.append(_Shown(f"{wearer.name}, truth", wearer.index, wearer.truth, True))
     return bodies
-
-
-def _moved(motion: Motion, aside: Array, apart: bool) -> Motion:
-    if not apart:
-        return motion
-    first = motion.p_world_pelvis[0] * [1, 1, 0]
-    return Motion(
-        motion.skeleton, motion.R_parent_child, motion.p_world_pelvis - first + aside, motion.rate, motion.start,
-        motion.name,
-    )  # fmt: skip
 
 
 def _at(motion: Motion, time: Array) -> tuple[Array, Array]:

@@ -111,8 +111,10 @@ def png(figure: Figure) -> bytes:
     return file.getvalue()
 
 
-def svg(figure: Figure) -> str:
-    """The picture as SVG."""
+def svg(drawing: Figure | Axes) -> str:
+    """The picture, or that which some axes are of, as SVG."""
+    figure = drawing.get_figure(root=True) if isinstance(drawing, Axes) else drawing
+    assert figure is not None
     file = BytesIO()
     with mpl.rc_context(
         {"svg.fonttype": "none", "svg.hashsalt": "vip_factors"}

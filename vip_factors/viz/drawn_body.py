@@ -124,7 +124,7 @@ def sites_picture(stature_m: float = 1.75) -> str:
         draw_body(axes, body, eye, paler=0.55)
         for name, beside in names.items():
             _draw_site(axes, eye, name, beside, body)
-    return svg(axes.figure)
+    return svg(axes)
 
 
 def _draw_site(axes: Axes, eye: Eye, name: str, beside: tuple[float, float, str], body: Motion) -> None:

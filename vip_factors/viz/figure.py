@@ -106,13 +106,6 @@ def _unit_box() -> tuple[Array, Array, np.ndarray]:
     return np.array(corners), np.array(normals, dtype=float), np.array(faces)
 
 
-@dataclass(frozen=True)
-class Light:
-    """From where the room is lit: ``towards`` ``(3,)`` is the unit direction from the floor to the light."""
-
-    towards: np.ndarray
-
-
 class Figure:
     """A body that moves, ready to be posed at any time.
 
@@ -160,11 +153,11 @@ class Posed:
     base: np.ndarray
     faces: np.ndarray
 
-    def lit(self, eye: Eye, light: Light) -> np.ndarray:
+    def lit(self, eye: Eye, light: Array) -> np.ndarray:
         """Colours ``(V, 3)`` of the skin, 0 to 1: a light sky, a key light, a rim and a little gloss."""
         towards = (eye.p_world_camera - self.p).astype(np.float32)
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-        sun = light.towards.astype(np.float32)
+        sun = light.astype(np.float32)
         half = towards + sun
         half /= np.linalg.norm(half, axis=1, keepdims=True)
         facing = np.clip(np.einsum("vi,vi->v", self.normal, towards), 0, 1)
@@ -175,7 +168,7 @@ class Posed:
 
 
 def blend(
-    image: np.ndarray, eye: Eye, bodies: Sequence[Posed], light: Light, opacity: float = 1.0
+    image: np.ndarray, eye: Eye, bodies: Sequence[Posed], light: Array, opacity: float = 1.0
 ) -> np.ndarray | None:
     """Draw bodies that hide each other into ``image`` ``(H, W, 3)`` float32, in place.
 
@@ -238,23 +231,23 @@ def _occlusion(depth: np.ndarray, eye: Eye) -> np.ndarray:
     return 1 - OCCLUSION * np.clip(behind / OCCLUSION_M, 0, 1)
 
 
-def figure_of(wearer: DrawnWearer) -> Figure | None:
-    """A wearer with its sensors in its colours; None without a motion."""
+def figure_of(wearer: DrawnWearer, colours: Mapping[Side, Colour] | None = None) -> Figure | None:
+    """A wearer with its sensors, in its own colours if there are no others; None without a motion."""
     if wearer.shown is None:
         return None
     mesh, boxes = body_mesh(wearer.shown.skeleton), None
     if wearer.recording is not None:
         calibration = wearer.estimate.calibration if wearer.estimate is not None else None
         boxes = sensor_boxes(mesh, wearer.recording.placement, calibration)
-    return Figure(mesh, wearer.shown, skin_colours(wearer.index), boxes)
+    return Figure(mesh, wearer.shown, colours or skin_colours(wearer.index), boxes)
 
 
-def lit_from(eye: Eye, up: float = SUN_UP) -> Light:
-    """A light to the left of an eye, above the scene; the higher ``up``, the shorter the shadows."""
+def lit_from(eye: Eye, up: float = SUN_UP) -> Array:
+    """Unit direction ``(3,)`` to a light left of an eye, above the scene; the higher ``up``, the shorter shadows are."""
     R = eye.R_world_camera
     back = -R[:, 2] * [1.0, 1.0, 0.0]
     sun = SUN_RIGHT * R[:, 0] + SUN_BACK * back / max(float(np.linalg.norm(back)), 1e-9) + [0.0, 0.0, up]
-    return Light(sun / np.linalg.norm(sun))
+    return np.asarray(sun / np.linalg.norm(sun))
 
 
 def as_bytes(image: np.ndarray) -> np.ndarray:

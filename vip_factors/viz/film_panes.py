@@ -39,7 +39,6 @@ class CameraPane:
         frames: ``(T,)`` their numbers in the video.
         size: of the pictures, width and height.
         opacity: of the bodies that are laid over.
-        coarse: draw a room at half the resolution, for speed.
     """
 
     def __init__(
@@ -50,7 +49,6 @@ class CameraPane:
         frames: np.ndarray,
         size: tuple[int, int],
         opacity: float,
-        coarse: bool = True,
     ) -> None:
         assert drawn.model is not None
         self._drawn, self._times, self._frames, self._opacity = drawn, times, frames, opacity
@@ -67,7 +65,7 @@ class CameraPane:
         ]
         at = np.mean([figure.motion.p_world_pelvis[:, :2].mean(axis=0) for figure in figures], axis=0)
         self._room = Room(floor_of(self._people or figures, times), at, lit_from(self._true_eyes[0]))
-        self._backdrop = Backdrop(self._room, Lens(self._model), coarse)
+        self._backdrop = Backdrop(self._room, Lens(self._model))
 
     def _seen_from(self, path: CameraPath) -> Sequence[Eye]:
         at = path.at(self._times)

@@ -5,6 +5,7 @@ It draws whatever kinds a graph is made of, from :class:`GraphDescription`: circ
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
@@ -157,7 +158,7 @@ NOTES = (
 
 def graph_picture(graph: GraphDescription) -> str:
     """The picture as SVG text."""
-    return svg(graph_axes(graph).figure)
+    return svg(graph_axes(graph))
 
 
 def graph_axes(graph: GraphDescription) -> Axes:
@@ -265,7 +266,7 @@ class _Painter:
             x, y = x + step[0], y + step[1]
         return x, y
 
-    def text(self, at: Point, text: str, size: float = 12.0, colour: str = INK, **more: object) -> None:
+    def text(self, at: Point, text: str, size: float = 12.0, colour: str = INK, **more: Any) -> None:
         self.axes.text(*at, text, size=size, color=colour, zorder=6, **more)
 
     def line(self, start: Point, end: Point, colour: str, width: float = 1.3, alpha: float = 1.0) -> None:

@@ -28,19 +28,10 @@ from vip_factors.viz.charts import (
     write,
 )
 from vip_factors.viz.colours import STRANGER_COLOUR, hexadecimal, mixed, wearer_colour
-from vip_factors.viz.compare import (
-    Compare,
-    check_frames,
-    common_frames,
-    floor_height,
-    known_bones,
-    known_truth,
-    onto_truth,
-    position_error_mm,
-)
-from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
+from vip_factors.viz.compare import Compare, floor_height
+from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, drawn_scene, drawn_wearer
 from vip_factors.viz.eye import Eye, distant_eye
-from vip_factors.viz.figure import BOX_COLOUR, Figure, as_bytes, blend, figure_of, lit_from, sensor_boxes
+from vip_factors.viz.figure import BOX_COLOUR, Figure, as_bytes, blend, figure_of, lit_from
 from vip_factors.viz.film_panes import PLANE, CameraPane
 from vip_factors.viz.room import Room, floor_light
 
@@ -88,19 +79,12 @@ def filmstrip(
     Raises:
         InputError: if there is no motion to draw, or the file exists.
     """
-    if truth is None and recording is not None and recording.truth is not None:
-        truth = recording.truth.motion
-    truth = known_truth(truth)
-    if estimate is not None:
-        shown, ghost = check_frames(estimate.motion), None
-        if truth is not None:
-            shown, ghost = common_frames(estimate.motion, truth)
-            shown = onto_truth(shown, ghost, Compare.ROOT)
-    elif truth is not None:
-        shown, ghost = truth, None
-    else:
+    drawn = drawn_wearer(recording, estimate, truth, Compare.ROOT)
+    (wearer,) = drawn.wearers
+    if wearer.shown is None:
         raise InputError("nothing to draw: expected an estimate, or a recording with its truth")
-    values, label = _curve(estimate, shown, ghost, known_bones(recording, truth))
+    shown, ghost = wearer.shown, wearer.truth if wearer.motion is not None else None
+    values, label = _curve(wearer)
     frames = np.round(np.linspace(0.04, 0.96, poses) * (len(shown) - 1)).astype(int)
     if title is None:
         title = ", ".join(filter(None, (estimate.name, estimate.method))) if estimate is not None else shown.name
@@ -108,7 +92,7 @@ def filmstrip(
     entries += [("truth", hexadecimal(GHOST), "-")] if ghost is not None else []
     entries += [("sensor", hexadecimal(BOX_COLOUR), "s")] if recording is not None else []
     curves = [Curve("", shown.time, values)] if values is not None else []
-    strip = _strip(shown, ghost, frames, estimate, recording)
+    strip = _strip(wearer, shown, ghost, frames)
     subtitle = _subtitle(estimate, shown, values, ghost is not None)
     _compose(path, title, subtitle, entries, strip, [], curves, label, shown.time[frames], overwrite)
 
@@ -220,11 +204,10 @@ def _compose(
     save(figure, path, overwrite)
 
 
-def _curve(
-    estimate: WearerEstimate | None, shown: Motion, ghost: Motion | None, bones: frozenset[str] | None
-) -> tuple[Array | None, str]:
-    if ghost is not None:
-        return position_error_mm(shown, ghost, bones), "joint error, mm"
+def _curve(wearer: DrawnWearer) -> tuple[Array | None, str]:
+    error, estimate = wearer.error_mm, wearer.estimate
+    if error is not None:
+        return error, "joint error, mm"
     if estimate is not None and "orientation_deg" in estimate.residuals:
         residual = estimate.residuals["orientation_deg"]
         some = np.isfinite(residual).any(axis=1)
@@ -243,20 +226,17 @@ def _subtitle(estimate: WearerEstimate | None, shown: Motion, values: Array | No
     return DOT.join(parts)
 
 
-def _strip(
-    shown: Motion,
-    ghost: Motion | None,
-    frames: Array,
-    estimate: WearerEstimate | None,
-    recording: Recording | None,
-) -> np.ndarray:
+def _strip(wearer: DrawnWearer, shown: Motion, ghost: Motion | None, frames: Array) -> np.ndarray:
     """Poses beside each other ``(H, W, 3)``, red green blue."""
     cell = (WIDTH - 2 * MARGIN) / len(frames)
     # Without the truth the height of an inertial reconstruction drifts: then every pose stands on its own lower foot.
     floors = [floor_height(ghost if ghost is not None else shown.frames(slice(f, f + 1))) for f in frames]
     highest = float((shown.state.p_world_joint[frames, :, 2].max(axis=1) - floors).max())
     scale = (STRIP_HEIGHT - FOOT_ROOM_PX) / float(np.clip(highest + HEADROOM_M, *BODY_HEIGHTS))
-    body, behind = _figures(shown, ghost, estimate, recording)
+    body, behind = figure_of(wearer, ESTIMATE_COLOURS), None
+    assert body is not None
+    if ghost is not None:
+        behind = Figure(body_mesh(ghost.skeleton), ghost, dict.fromkeys(Side, TRUTH_COLOUR))
     width = round(CELL_SHARE * cell)
     strip = np.ones((STRIP_HEIGHT, WIDTH + 2 * width, 3), np.float32)  # with room for what is cut off at its ends
     for index, (frame, floor) in enumerate(zip(frames, floors, strict=True)):
@@ -280,19 +260,6 @@ def _drawn_pose(
         blend(picture, eye, [behind.posed(time)], light, GHOST_OPACITY)
     blend(picture, eye, [posed], light)
     return picture
-
-
-def _figures(
-    shown: Motion, ghost: Motion | None, estimate: WearerEstimate | None, recording: Recording | None
-) -> tuple[Figure, Figure | None]:
-    """The body with its sensors, and the grey one behind it."""
-    mesh, boxes = body_mesh(shown.skeleton), None
-    if recording is not None:
-        boxes = sensor_boxes(mesh, recording.placement, estimate.calibration if estimate is not None else None)
-    behind = None
-    if ghost is not None:
-        behind = Figure(body_mesh(ghost.skeleton), ghost, dict.fromkeys(Side, TRUTH_COLOUR))
-    return Figure(mesh, shown, ESTIMATE_COLOURS, boxes), behind
 
 
 def _eye(motion: Motion, frame: int, floor: float, size: tuple[int, int], scale: float) -> Eye:
@@ -342,7 +309,7 @@ def _pictures(drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int]) -> I
     figures = [figure for figure in map(figure_of, drawn.wearers) if figure is not None]
     left, top = (round(at * whole[0] / drawn.model.width) for at in corner)
     left, top = min(left, whole[0] - size[0]), min(top, whole[1] - size[1])
-    pane = CameraPane(drawn, figures, drawn.detections.time[chosen], chosen, whole, OPACITY, coarse=False)
+    pane = CameraPane(drawn, figures, drawn.detections.time[chosen], chosen, whole, OPACITY)
     for number in range(len(chosen)):
         yield pane.draw(number)[top : top + size[1], left : left + size[0]]
 

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
-from vip_factors.viz.eye import Eye, Lens, room_model, scaled, viewpoints
-from vip_factors.viz.figure import Figure, Light, as_bytes, blend, lit_from
+from vip_factors.viz.eye import Eye, Lens, room_model, viewpoints
+from vip_factors.viz.figure import Figure, as_bytes, blend, lit_from
 
 _TILES = np.array([[0.79, 0.795, 0.80], [0.905, 0.902, 0.892]], np.float32)  # their joints, and they
 _WALL = np.array([[0.955, 0.958, 0.962], [0.83, 0.86, 0.90]], np.float32)  # at the horizon, and high up
@@ -25,25 +25,18 @@ LARGEST_CELLS = 1500
 
 @dataclass(frozen=True)
 class Room:
-    """The floor's height in metres and the middle ``(2,)`` of what happens on it, both in the world."""
+    """The floor's height in metres, the middle ``(2,)`` of what happens on it, and the unit direction to the light."""
 
     floor: float
     middle: np.ndarray
-    light: Light
+    light: Array
 
 
 class Backdrop:
-    """The room as one eye sees it, without bodies; kept while the eye stands still.
+    """The room as one eye sees it, without bodies; kept while the eye stands still."""
 
-    Args:
-        room: what is seen.
-        lens: of the eye.
-        coarse: once the eye moves, half the resolution will do.
-    """
-
-    def __init__(self, room: Room, lens: Lens, coarse: bool = True) -> None:
-        self.room, self._lens, self._coarse = room, lens, coarse
-        self._half = Lens(scaled(lens.model, (lens.model.width + 1) // 2, (lens.model.height + 1) // 2))
+    def __init__(self, room: Room, lens: Lens) -> None:
+        self.room, self._lens = room, lens
         self._size = (lens.model.width, lens.model.height)
         self._eye: Eye | None = None
         self._image = np.zeros((0, 0, 3), np.float32)
@@ -52,28 +45,14 @@ class Backdrop:
     def image(self, eye: Eye, bodies: Sequence[np.ndarray]) -> np.ndarray:
         """``(H, W, 3)`` float32 with the shadows of bodies, points ``(V, 3)`` of whose skin are given."""
         if self._eye is None or not _same(eye, self._eye):
-            self._image, self._x, self._y = self._empty(eye, moving=self._eye is not None)
+            self._image, self._x, self._y = _empty_room(self.room, eye, self._lens)
             self._eye = eye
         image = self._image.copy()
         shadow, corner = shadow_map(self.room, bodies)
-        rows, columns = self._shadowed(eye, shadow.shape, corner)
-        to_x = (self._x[rows, columns] - np.float32(corner[0])) * np.float32(1 / SHADOW_CELL_M)
-        to_y = (self._y[rows, columns] - np.float32(corner[1])) * np.float32(1 / SHADOW_CELL_M)
-        if to_x.size:
-            light = cv2.remap(1 - shadow, to_x, to_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=1.0)
-            image[rows, columns] *= light[..., None]
+        seen = self._shadowed(eye, shadow.shape, corner)
+        if self._x[seen].size:
+            image[seen] *= _light(shadow, corner, self._x[seen], self._y[seen])[..., None]
         return image
-
-    def _empty(self, eye: Eye, moving: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The room alone."""
-        if not (moving and self._coarse):
-            return _empty_room(self.room, eye, self._lens)
-        half = Eye(self._half.model, eye.R_world_camera, eye.p_world_camera)
-        image, x, y = (
-            cv2.resize(one, self._size, interpolation=cv2.INTER_LINEAR)
-            for one in _empty_room(self.room, half, self._half)
-        )
-        return image, x, y
 
     def _shadowed(self, eye: Eye, shape: tuple[int, ...], corner: np.ndarray) -> tuple[slice, slice]:
         """The part of the picture in which the shadow map lies."""
@@ -90,14 +69,14 @@ class Backdrop:
 
 def floor_light(room: Room, eye: Eye, bodies: Sequence[np.ndarray]) -> np.ndarray:
     """How bright the floor is ``(H, W)``, 1 where no shadow falls: for pictures on white paper."""
-    shadow, corner = shadow_map(room, bodies)
-    u, v = Lens(eye.model).rays
-    rays = [np.float32(row[0]) * u + np.float32(row[1]) * v + np.float32(row[2]) for row in eye.R_world_camera]
-    t = np.float32(room.floor - eye.p_world_camera[2]) / np.minimum(rays[2], -1e-4)
-    to_x, to_y = (
-        (np.float32(eye.p_world_camera[i] - corner[i]) + t * rays[i]) * np.float32(1 / SHADOW_CELL_M) for i in range(2)
-    )
-    return cv2.remap(1 - shadow, to_x, to_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=1.0)
+    _, x, y = _empty_room(room, eye, Lens(eye.model))
+    return _light(*shadow_map(room, bodies), x, y)
+
+
+def _light(shadow: np.ndarray, corner: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """What a shadow map leaves of the light at points of the floor."""
+    cells = ((one - np.float32(low)) * np.float32(1 / SHADOW_CELL_M) for one, low in zip((x, y), corner, strict=True))
+    return cv2.remap(1 - shadow, *cells, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=1.0)
 
 
 def _same(one: Eye, other: Eye) -> bool:
@@ -152,7 +131,7 @@ def _lines(along: np.ndarray, reach: np.ndarray) -> np.ndarray:
 
 def shadow_map(room: Room, bodies: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """How dark the floor is, ``(N, M)`` by y and x in cells, and the world's x and y of its first cell."""
-    sun, nothing = room.light.towards, (np.zeros((1, 1), np.float32), np.zeros(2))
+    sun, nothing = room.light, (np.zeros((1, 1), np.float32), np.zeros(2))
     if not bodies:
         return nothing
     p = np.concatenate(bodies)

@@ -16,10 +16,10 @@ from vip_factors.geometry.rotations import rotation_z
 from vip_factors.simulate.gestures import gestures
 from vip_factors.viz import rerun_body
 from vip_factors.viz.charts import colour_legend, pixels
-from vip_factors.viz.colours import UNCLAIMED, sensor_colours
+from vip_factors.viz.colours import sensor_colours
 from vip_factors.viz.drawn_scene import drawn_scene
 from vip_factors.viz.rerun_body import cut_skin, see_through
-from vip_factors.viz.rerun_camera import log_people
+from vip_factors.viz.rerun_camera import log_image_style, log_people
 from vip_factors.viz.rerun_layout import NEAREST_M, abreast, centre_path, eye, forward_of, span_axis, span_of, spread_of
 from vip_factors.viz.summaries import KEPT, finding_lines, live_summary, paragraphs, scene_summary
 
@@ -66,11 +66,22 @@ def test_dots_carry_the_numbers_of_the_keypoints_that_were_seen() -> None:
     pixels = np.full((2, 18, 2), np.nan)
     pixels[0, [3, 5]], pixels[1, 17] = 1.0, 2.0
     time, frames = np.array([0.0, 0.1]), np.array([0, 1])
-    log_people(stream, "p", time, frames, pixels, keypoints, UNCLAIMED, line=0.0, dot=2.0, order=1.0, names=1)
+    log_people(stream, "p", time, frames, pixels, keypoints, lines=False)
     ids = next(one for name, one in stream.columns["p/points"].items() if "keypoint_ids" in name)
     assert ids.to_pylist() == [[3, 5], [17]]
     assert "p/limbs" not in stream.columns
-    assert stream.logged["p/points"].class_ids.as_arrow_array().to_pylist() == [1]
+
+
+def test_detections_in_an_image_are_of_their_wearers_class() -> None:
+    stream, keypoints = Heard(), keypoint_set("openpose18")
+    log_image_style(stream, "image", scene_sample(0.1).camera.model, keypoints, ["ann"])
+    classes = {
+        name: stream.logged[f"image/detected/{name}/points"].class_ids.as_arrow_array().to_pylist()
+        for name in ("ann", "nobody\\'s")
+    }
+    assert classes == {"ann": [1], "nobody\\'s": [0]}
+    assert "image/body/ann/limbs" in stream.logged
+    assert "image/border" in stream.logged
 
 
 @pytest.mark.parametrize("frames", [1, 4])

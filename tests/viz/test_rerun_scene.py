@@ -57,8 +57,9 @@ def test_further_cameras_have_frusta_and_images(sample: Scene, found: Estimate, 
     second = replace(standing.camera, name="left", known_path=standing.truth.camera, mount=None)
     truth = replace(sample.truth, further=(standing.truth,))
     there = entities(replace(sample, further_cameras=(second,), truth=truth), found, tmp_path / "a.rrd")
-    for entity in ("", "/image", "/image/body/ann/limbs", "/image/detected/points"):
+    for entity in ("", "/image", "/image/body/ann/limbs"):
         assert f"/world/cameras/left{entity}" in there, entity
+    assert any(re.fullmatch(r"/world/cameras/left/image/detected/nobody.*/points", one) for one in there)
 
 
 def test_headings_that_change_are_drawn_over_time(sample: Scene, found: Estimate, tmp_path: Path) -> None:

@@ -243,7 +243,7 @@ def figure_of(wearer: DrawnWearer, colours: Mapping[Side, Colour] | None = None)
 
 
 def lit_from(eye: Eye, up: float = SUN_UP) -> Array:
-    """Unit direction ``(3,)`` to a light left of an eye, above the scene; the higher ``up``, the shorter shadows are."""
+    """Unit direction ``(3,)`` to a light left of an eye, above the scene; the higher ``up``, the shorter shadows."""
     R = eye.R_world_camera
     back = -R[:, 2] * [1.0, 1.0, 0.0]
     sun = SUN_RIGHT * R[:, 0] + SUN_BACK * back / max(float(np.linalg.norm(back)), 1e-9) + [0.0, 0.0, up]

@@ -117,7 +117,7 @@ class GraphDescription:
 WIDTH, MARGIN, ROW = 1600.0, 40.0, 27.0
 PANEL = 1120.0  # width of the frame that is drawn in full; beside it is the legend
 BODY = (MARGIN + PANEL / 2, 560.0)  # the pelvis
-NODE_X, PORT_X, APART = 172.0, 240.0, 23.0  # of what sensors have: from the panel's edge, first circle and squares
+NODE_X, PORT_X, APART = 172.0, 258.0, 23.0  # of what sensors have: from the panel's edge, first circle and squares
 SENSORS_Y = (150.0, 850.0)  # the uppermost and the lowest sensor
 SHARED_Y, TABLE_TOP = 920.0, 1010.0
 MANY, ALMOST_ALL = 8, 20  # variables that one factor sees; joints that have each one: then rings instead of lines
@@ -332,7 +332,7 @@ class _Painter:
                 side = -1 if x < BODY[0] else 1
                 labels[_at_side(side, NODE_X - 22), y] = [one.label]
             else:
-                labels.setdefault((x, y + 27), []).append(one.kind)
+                labels.setdefault((x, y + 32), []).append(one.kind)
         for (x, y), kinds in labels.items():
             beside = y + 4 if kinds[0] not in self.variable_colour else y
             anchor = "center" if beside == y else "right" if x < BODY[0] else "left"
@@ -405,11 +405,9 @@ class _Painter:
         width = CHAIN_X - WHEN_X - 100
         if one.runs:
             self.axes.barh(y - 4, width, 6, MARGIN + WHEN_X, color="#edf0f3")
-        for start, end in one.runs:
-            self.axes.barh(
-                y - 4, width * (end - start + 1) / graph.frames, 6, MARGIN + WHEN_X + width * start / graph.frames,
-                color=colour,
-            )  # fmt: skip
+        for a, b in one.runs:
+            left = MARGIN + WHEN_X + width * a / graph.frames
+            self.axes.barh(y - 4, width * (b - a + 1) / graph.frames, 6, left, color=colour)
         for frame in columns:
             last = frame + one.reach - 1
             if one.reach and last in columns and any(a <= frame <= b for a, b in one.runs):

@@ -19,27 +19,26 @@ from vip_factors.sensors.detections import keypoints_in_image
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
-from vip_factors.viz.colours import GHOST_COLOUR, UNCLAIMED, body_colours, wearer_colour
+from vip_factors.viz.colours import GHOST_COLOUR, body_colours
 from vip_factors.viz.compare import floor_height, moved, set_apart
+from vip_factors.viz.drawn_scene import NOBODY
 from vip_factors.viz.rerun_body import (
-    NOBODY_CLASS,
-    class_of,
     log_joint_names,
     log_joints,
     log_joints_style,
-    log_keypoint_names,
     log_poses,
     log_sensors,
     log_shape,
-    pale_colour,
 )
 from vip_factors.viz.rerun_camera import (
+    NOBODYS,
+    body_in,
+    detected_in,
     log_camera,
     log_camera_poses,
     log_frustum,
-    log_image_border,
-    log_people_frames,
-    log_people_style,
+    log_image_style,
+    log_people,
 )
 from vip_factors.viz.rerun_layout import CENTRE, centre_path, live_blueprint, log_centre
 from vip_factors.viz.rerun_series import LiveSeries, colours_of, log_legend
@@ -48,7 +47,6 @@ from vip_factors.viz.summaries import live_summary
 CAMERA, IMAGE = "world/camera", "world/camera/image"
 FINDINGS, SUMMARY = "findings", "summary"
 CALIBRATION_S = 1.0  # seconds between the sensors' mountings as drawn: they settle slowly
-NOBODY = -1
 
 
 @dataclass(frozen=True)
@@ -129,7 +127,7 @@ class LiveView:
         self._laid_out, self._height = False, 0.0
         stream.send_recording_name(setup.name)
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        log_joint_names(stream, "world", [one.subject.name for one in setup.wearers])
+        log_joint_names(stream, "world", setup.names)
         log_legend(stream, colours)
         for camera in setup.cameras:
             self._log_camera_shape(camera)
@@ -163,24 +161,9 @@ class LiveView:
         entity = CAMERA if first else f"world/{rr.escape_entity_path_part(camera.name)}"
         if first:
             log_frustum(self._stream, entity, camera.model)
-            log_image_border(self._stream, f"{IMAGE}/border", camera.model)
-            log_keypoint_names(self._stream, IMAGE, camera.keypoints, [one.subject.name for one in self._setup.wearers])
-            self._log_people_styles()
+            log_image_style(self._stream, IMAGE, camera.model, camera.keypoints, self._setup.names)
         elif camera.known_path is not None:
             log_camera(self._stream, entity, camera.known_path, camera.model)
-
-    def _log_people_styles(self) -> None:
-        for index, wearer in enumerate(self._setup.wearers):
-            colour = wearer_colour(index)
-            part = rr.escape_entity_path_part(wearer.subject.name)
-            log_people_style(self._stream, f"{IMAGE}/body/{part}", colour, line=2.6, dot=0.0, order=10.0)
-            log_people_style(
-                self._stream, f"{IMAGE}/detected/{part}", pale_colour(index), line=0.0, dot=2.6, order=20.0,
-                names=class_of(index),
-            )  # fmt: skip
-        log_people_style(
-            self._stream, f"{IMAGE}/detected/nobody's", UNCLAIMED, line=0.8, dot=2.6, order=20.0, names=NOBODY_CLASS
-        )
 
     def _seen(self, items: Sequence[LiveEstimate | VideoFrame]) -> list[_SeenFrame]:
         """The first camera's video frames, each with what the first answer after it says of the people in it."""
@@ -206,11 +189,12 @@ class LiveView:
         if not seen or camera is None:
             return
         time = np.array([one.frame.time for one in seen])
-        for index in range(NOBODY, len(self._setup.wearers)):
-            name = self._setup.wearers[index].subject.name if index >= 0 else "nobody's"
-            people, frames = _people(seen, index, camera.keypoints)
-            entity = f"{IMAGE}/detected/{rr.escape_entity_path_part(name)}"
-            log_people_frames(self._stream, entity, time, frames, people, camera.keypoints, lines=index < 0)
+        for index, name in enumerate([*self._setup.names, NOBODYS]):
+            mine = index < len(self._setup.wearers)
+            people, frames = _people(seen, index if mine else NOBODY, camera.keypoints)
+            log_people(
+                self._stream, detected_in(IMAGE, name), time, frames, people, camera.keypoints, lines=not mine
+            )  # fmt: skip
 
     def _log_projected(self, index: int, motion: Motion, estimates: list[LiveEstimate]) -> None:
         """The newest bodies as the camera should see them."""
@@ -218,9 +202,9 @@ class LiveView:
         if camera is None or path is None:
             return
         pixels = keypoints_in_image(motion, camera.keypoints, path, camera.model, path.time)
-        entity = f"{IMAGE}/body/{rr.escape_entity_path_part(self._setup.wearers[index].subject.name)}"
+        entity = body_in(IMAGE, self._setup.names[index])
         frames = np.arange(len(path))
-        log_people_frames(self._stream, entity, path.time, frames, pixels, camera.keypoints, dots=False)
+        log_people(self._stream, entity, path.time, frames, pixels, camera.keypoints, dots=False)
 
     def _log_centre(self, motions: Sequence[Motion]) -> None:
         """The point between the wearers, which the eye follows; its height is that at the start."""

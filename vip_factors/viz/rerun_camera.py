@@ -1,5 +1,6 @@
 """A camera in Rerun: its frustum and path, video frames, detections, and the bodies projected over them."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,16 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.scene import Video
+from vip_factors.viz.colours import UNCLAIMED, wearer_colour
 from vip_factors.viz.images import limb_pairs
-from vip_factors.viz.rerun_body import TRAIL_RADIUS_M, time_column
+from vip_factors.viz.rerun_body import (
+    NOBODY_CLASS,
+    TRAIL_RADIUS_M,
+    class_of,
+    log_keypoint_names,
+    pale_colour,
+    time_column,
+)
 
 TRUE_FRUSTUM_COLOUR: Colour = (150, 156, 166)
 FRUSTUM_M = 0.6  # from the camera to its image plane as drawn: seen from afar, but not in front of the wearers
@@ -23,7 +32,7 @@ FRUSTUM_COLOUR: Colour = (52, 58, 70)  # in the world, which is bright
 
 def log_camera(stream: rr.RecordingStream, entity: str, path: CameraPath, model: CameraModel) -> None:
     """Log a moving (or standing) camera: ``entity`` carries its pose, ``entity/image`` its pinhole and pictures."""
-    _log_poses(stream, entity, path)
+    log_camera_poses(stream, entity, path, still=len(path) == 1)
     log_frustum(stream, entity, model)
 
 
@@ -34,7 +43,7 @@ def log_frustum(stream: rr.RecordingStream, entity: str, model: CameraModel) -> 
 
 def log_true_camera(stream: rr.RecordingStream, entity: str, path: CameraPath, model: CameraModel) -> None:
     """Log where the camera really was: a grey frustum."""
-    _log_poses(stream, entity, path)
+    log_camera_poses(stream, entity, path, still=len(path) == 1)
     stream.log(f"{entity}/frustum", _pinhole(model, TRUE_FRUSTUM_COLOUR), static=True)
 
 
@@ -45,16 +54,12 @@ def log_camera_trail(stream: rr.RecordingStream, entity: str, path: CameraPath, 
         stream.log(entity, strip, static=True)
 
 
-def _log_poses(stream: rr.RecordingStream, entity: str, path: CameraPath) -> None:
-    if len(path) == 1:
+def log_camera_poses(stream: rr.RecordingStream, entity: str, path: CameraPath, still: bool = False) -> None:
+    """Log the poses of a camera, or a part of them; of one that stands ``still``, for ever."""
+    if still:
         pose = rr.Transform3D(translation=path.p_world_camera[0], mat3x3=path.R_world_camera[0])
         stream.log(entity, pose, static=True)
         return
-    log_camera_poses(stream, entity, path)
-
-
-def log_camera_poses(stream: rr.RecordingStream, entity: str, path: CameraPath) -> None:
-    """Log the poses of a moving camera, or a part of them."""
     columns = rr.Transform3D.columns(
         translation=path.p_world_camera.astype(np.float32),
         quaternion=quaternion_from_matrix(path.R_world_camera, Order.XYZW).astype(np.float32),
@@ -74,63 +79,49 @@ def _pinhole(model: CameraModel, colour: Colour) -> rr.Pinhole:
 
 
 BORDER_COLOUR: Colour = (150, 157, 168)
+NOBODYS = "nobody's"
+
+
+def log_image_style(
+    stream: rr.RecordingStream, image: str, model: CameraModel, keypoints: KeypointSet, names: Sequence[str]
+) -> None:
+    """Log, for ever, where an image ends and how people below it look: ``body/<name>``, ``detected/<name>``.
+
+    Bodies are broad lines, beneath detections: dots that Rerun links and names. Nobody's have fine lines of their own,
+    for Rerun could not tell strangers in one frame apart.
+    """
+    w, h = model.width, model.height
+    edge = rr.LineStrips2D([[[0, 0], [w, 0], [w, h], [0, h], [0, 0]]], colors=[BORDER_COLOUR], radii=[-0.8])
+    stream.log(f"{image}/border", edge, static=True)
+    log_keypoint_names(stream, image, keypoints, names)
+    # Rerun takes negative radii as points of the screen.
+    for index, name in enumerate(names):
+        lines = rr.LineStrips2D.from_fields(colors=[wearer_colour(index)], radii=[-2.6], draw_order=10.0)
+        stream.log(f"{body_in(image, name)}/limbs", lines, static=True)
+        _log_dots(stream, detected_in(image, name), pale_colour(index), class_of(index))
+    lines = rr.LineStrips2D.from_fields(colors=[UNCLAIMED], radii=[-0.8], draw_order=20.0)
+    stream.log(f"{detected_in(image, NOBODYS)}/limbs", lines, static=True)
+    _log_dots(stream, detected_in(image, NOBODYS), UNCLAIMED, NOBODY_CLASS)
+
+
+def _log_dots(stream: rr.RecordingStream, entity: str, colour: Colour, number: int) -> None:
+    points = rr.Points2D.from_fields(
+        colors=[colour], radii=[-2.6], draw_order=21.0, class_ids=number, show_labels=False
+    )  # fmt: skip
+    stream.log(f"{entity}/points", points, static=True)
+
+
+def body_in(image: str, name: str) -> str:
+    """Entity of a wearer's body projected into an image."""
+    return f"{image}/body/{rr.escape_entity_path_part(name)}"
+
+
+def detected_in(image: str, name: str) -> str:
+    """Entity of the detections in an image that were given to a wearer, or are :data:`NOBODYS`."""
+    return f"{image}/detected/{rr.escape_entity_path_part(name)}"
 
 
 def log_people(
-    stream: rr.RecordingStream,
-    entity: str,
-    time: Array,
-    frame: np.ndarray,
-    pixels: Array,
-    keypoints: KeypointSet,
-    colour: Colour,
-    *,
-    line: float,
-    dot: float,
-    order: float,
-    names: int | None = None,
-) -> None:
-    """Log 2D skeletons below ``entity`` as ``limbs`` and ``points``.
-
-    Args:
-        stream: where to.
-        entity: below the camera's image.
-        time: ``(F,)`` seconds of the video frames; frames without people are cleared.
-        frame: ``(n,)`` video frame of each skeleton, not decreasing.
-        pixels: ``(n, K, 2)``, NaN where a keypoint is missing.
-        keypoints: their order.
-        colour: of all of them.
-        line, dot: widths in points of the screen, whatever the zoom; 0 leaves them out.
-        order: what is drawn over what: higher is nearer.
-        names: Rerun's class of all of them, which names the keypoints and may link them; see ``rerun_names``.
-    """
-    log_people_style(stream, entity, colour, line=line, dot=dot, order=order, names=names)
-    log_people_frames(stream, entity, time, frame, pixels, keypoints, lines=line > 0, dots=dot > 0)
-
-
-def log_people_style(
-    stream: rr.RecordingStream,
-    entity: str,
-    colour: Colour,
-    *,
-    line: float,
-    dot: float,
-    order: float,
-    names: int | None = None,
-) -> None:
-    """Log how the skeletons below ``entity`` look, for ever; arguments as of :func:`log_people`."""
-    # Rerun takes negative radii as points of the screen.
-    if line > 0:
-        style = rr.LineStrips2D.from_fields(colors=[colour], radii=[-line], draw_order=order)
-        stream.log(f"{entity}/limbs", style, static=True)
-    if dot > 0:
-        points = rr.Points2D.from_fields(
-            colors=[colour], radii=[-dot], draw_order=order + 1, class_ids=names, show_labels=False
-        )
-        stream.log(f"{entity}/points", points, static=True)
-
-
-def log_people_frames(
     stream: rr.RecordingStream,
     entity: str,
     time: Array,
@@ -141,7 +132,17 @@ def log_people_frames(
     lines: bool = True,
     dots: bool = True,
 ) -> None:
-    """Log 2D skeletons, or a part of the frames; arguments as of :func:`log_people`."""
+    """Log 2D skeletons below ``entity`` as ``limbs`` and ``points``; :func:`log_image_style` says how they look.
+
+    Args:
+        stream: where to.
+        entity: below the camera's image.
+        time: ``(F,)`` seconds of the video frames; frames without people are cleared.
+        frame: ``(n,)`` video frame of each skeleton, not decreasing.
+        pixels: ``(n, K, 2)``, NaN where a keypoint is missing.
+        keypoints: their order.
+        lines, dots: which of both.
+    """
     pairs = pixels[:, limb_pairs(keypoints)]
     drawn = np.isfinite(pairs).all(axis=(2, 3))
     if lines:
@@ -158,13 +159,6 @@ def _send(
 ) -> None:
     counts = np.bincount(frame, minlength=len(time))
     stream.send_columns(entity, indexes=[time_column(time)], columns=columns.partition(counts))
-
-
-def log_image_border(stream: rr.RecordingStream, entity: str, model: CameraModel) -> None:
-    """Log where the image ends, for cameras without pictures."""
-    w, h = model.width, model.height
-    edge = rr.LineStrips2D([[[0, 0], [w, 0], [w, h], [0, h], [0, 0]]], colors=[BORDER_COLOUR], radii=[-0.8])
-    stream.log(entity, edge, static=True)
 
 
 def log_video(stream: rr.RecordingStream, entity: str, video: Video, time: Array) -> bool:

@@ -32,13 +32,16 @@ def log_curve(
     stream: rr.RecordingStream, entity: str, time: Array, values: Array, colour: Colour, name: str, gaps: bool = False
 ) -> None:
     """Log one curve; over values that are not finite it is drawn through, or with ``gaps`` interrupted."""
-    good = np.isfinite(values)
     stream.log(entity, rr.SeriesLines(colors=[colour], names=[name], widths=[1.5]), static=True)
-    if not np.any(good):
-        return
-    if not gaps:
-        time, values = time[good], values[good]
-    stream.send_columns(entity, indexes=[time_column(time)], columns=rr.Scalars.columns(scalars=values))
+    log_points(stream, entity, time, values, gaps)
+
+
+def log_points(stream: rr.RecordingStream, entity: str, time: Array, values: Array, gaps: bool = False) -> None:
+    """Log more points of a curve."""
+    good = np.isfinite(values)
+    if np.any(good):
+        time, values = (time, values) if gaps else (time[good], values[good])
+        stream.send_columns(entity, indexes=[time_column(time)], columns=rr.Scalars.columns(scalars=values))
 
 
 KIND_TITLES = {
@@ -137,8 +140,8 @@ class LiveSeries:
 
     def __init__(self, stream: rr.RecordingStream, setup: Scene) -> None:
         self._stream = stream
-        self._parts = [rr.escape_entity_path_part(one.subject.name) for one in setup.wearers]
-        self._names = [one.subject.name for one in setup.wearers]
+        self._parts = [rr.escape_entity_path_part(name) for name in setup.names]
+        self._names = setup.names
         self._colours = colours_of(setup)
         self._known: set[str] = set()
         self._headings = -EVERY_S  # when the last points were sent
@@ -168,14 +171,11 @@ class LiveSeries:
             self._curve(f"{HEADING_SIGMAS}/{below}", sensor, colour, time, np.rad2deg([one.heading_sigma]))
 
     def _curve(self, entity: str, name: str, colour: Colour, time: Array, values: Array) -> None:
-        good = np.isfinite(values)
-        if not np.any(good):
-            return
-        if entity not in self._known:
+        if entity in self._known:
+            log_points(self._stream, entity, time, values)
+        elif np.isfinite(values).any():
             self._known.add(entity)
-            self._stream.log(entity, rr.SeriesLines(colors=[colour], names=[name], widths=[1.5]), static=True)
-        columns = rr.Scalars.columns(scalars=values[good])
-        self._stream.send_columns(entity, indexes=[time_column(time[good])], columns=columns)
+            log_curve(self._stream, entity, time, values, colour, name)
 
 
 def colours_of(setup: Scene) -> dict[str, Colour]:

@@ -18,25 +18,25 @@ from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.viz.colours import GHOST_COLOUR, UNCLAIMED, body_colours, sensor_colours, wearer_colour
+from vip_factors.viz.colours import GHOST_COLOUR, body_colours, sensor_colours
 from vip_factors.viz.compare import Compare, floor_height
 from vip_factors.viz.drawn_scene import NOBODY, DrawnCamera, DrawnScene, DrawnWearer, drawn_scene, drawn_wearer
 from vip_factors.viz.rerun_body import (
-    class_of,
     log_body,
     log_joint_names,
     log_joints,
     log_joints_style,
-    log_keypoint_names,
     log_sensors,
     log_trail,
-    pale_colour,
 )
 from vip_factors.viz.rerun_camera import (
     FRUSTUM_COLOUR,
+    NOBODYS,
+    body_in,
+    detected_in,
     log_camera,
     log_camera_trail,
-    log_image_border,
+    log_image_style,
     log_people,
     log_true_camera,
     log_video,
@@ -223,33 +223,30 @@ def _log_world_camera(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
 
 
 def _log_image(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
-    """Detections as fine lines with dots, the projected bodies as broad lines beneath them."""
+    """What the first camera saw, whose it was, and the bodies as it should have seen them."""
     detections, labels = drawn.detections, drawn.labels
-    if detections is None or labels is None:
+    if detections is None or labels is None or drawn.model is None:
         return
     if drawn.video is not None:
         log_video(stream, IMAGE, drawn.video, detections.time)
-    if drawn.model is not None:
-        log_image_border(stream, f"{IMAGE}/border", drawn.model)
-    log_keypoint_names(stream, IMAGE, detections.keypoints, [wearer.name for wearer in drawn.wearers])
+    names = [wearer.name for wearer in drawn.wearers]
+    log_image_style(stream, IMAGE, drawn.model, detections.keypoints, names)
     _log_bodies(stream, IMAGE, drawn, detections, drawn.wearers)
-    for index in range(NOBODY, len(drawn.wearers)):
-        chosen = labels == index
+    for index, name in enumerate([*names, NOBODYS]):
+        mine = index < len(names)
+        chosen = labels == (index if mine else NOBODY)
         if np.any(chosen):
-            name = drawn.wearers[index].name if index >= 0 else "nobody's"
-            entity = f"{IMAGE}/detected/{rr.escape_entity_path_part(name)}"
-            _log_detected(stream, entity, detections.select(chosen), index)
+            _log_detected(stream, detected_in(IMAGE, name), detections.select(chosen), lines=not mine)
 
 
 def _log_further_camera(stream: rr.RecordingStream, camera: DrawnCamera, drawn: DrawnScene) -> str:
     """A camera beside the first: its frustum, and bodies and detections in its image, whose entity is returned."""
     entity = f"world/cameras/{rr.escape_entity_path_part(camera.name)}"
     log_camera(stream, entity, camera.path, camera.model)
-    image = f"{entity}/image"
-    log_image_border(stream, f"{image}/border", camera.model)
+    image, names = f"{entity}/image", [wearer.name for wearer in drawn.wearers]
+    log_image_style(stream, image, camera.model, camera.detections.keypoints, names)
     _log_bodies(stream, image, camera, camera.detections, drawn.wearers)
-    log_keypoint_names(stream, image, camera.detections.keypoints, ())
-    _log_detected(stream, f"{image}/detected", camera.detections, NOBODY)
+    _log_detected(stream, detected_in(image, NOBODYS), camera.detections, lines=True)
     return image
 
 
@@ -261,17 +258,10 @@ def _log_bodies(
     for wearer in wearers:
         pixels = camera.reprojected(wearer)
         if pixels is not None:
-            log_people(
-                stream, f"{image}/body/{rr.escape_entity_path_part(wearer.name)}", detections.time, frames, pixels,
-                detections.keypoints, wearer_colour(wearer.index), line=2.6, dot=0.0, order=10.0,
-            )  # fmt: skip
+            entity = body_in(image, wearer.name)
+            log_people(stream, entity, detections.time, frames, pixels, detections.keypoints, dots=False)
 
 
-def _log_detected(stream: rr.RecordingStream, entity: str, detections: Detections, index: int) -> None:
-    """Those of a wearer, whose links Rerun draws, or of −1, nobody: several people in a frame, linked here."""
+def _log_detected(stream: rr.RecordingStream, entity: str, detections: Detections, lines: bool) -> None:
     seen = np.where(detections.seen[..., None], detections.pixels, np.nan)
-    colour = UNCLAIMED if index < 0 else pale_colour(index)
-    log_people(
-        stream, entity, detections.time, detections.frame, seen, detections.keypoints, colour,
-        line=0.8 if index < 0 else 0.0, dot=2.6, order=20.0, names=class_of(index),
-    )  # fmt: skip
+    log_people(stream, entity, detections.time, detections.frame, seen, detections.keypoints, lines=lines)

@@ -75,8 +75,10 @@ def floor_light(room: Room, eye: Eye, bodies: Sequence[np.ndarray]) -> np.ndarra
 
 def _light(shadow: np.ndarray, corner: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """What a shadow map leaves of the light at points of the floor."""
-    cells = ((one - np.float32(low)) * np.float32(1 / SHADOW_CELL_M) for one, low in zip((x, y), corner, strict=True))
-    return cv2.remap(1 - shadow, *cells, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=1.0)
+    to_x, to_y = (
+        (one - np.float32(low)) * np.float32(1 / SHADOW_CELL_M) for one, low in zip((x, y), corner, strict=True)
+    )
+    return cv2.remap(1 - shadow, to_x, to_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=1.0)
 
 
 def _same(one: Eye, other: Eye) -> bool:

@@ -12,7 +12,6 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from tests.studies.marker_body import ARMS, LEGS, SHOULDERS, SIDES, MarkerBody, marker_columns
-from tests.studies.walk import CENTRES, R_VICON_BONE, TRIAL, AngleError, read_vicon
 from vip_factors.body.joint_angles import R_BODY_ISB
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
@@ -23,6 +22,15 @@ from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 
 OPENSIM_NAMES = {"knee": "knee_angle", "hip": "hip_flexion", "elbow": "elbow_flex"}
+TRIAL = "S02-Trial-Walk-1"
+VICON_HZ = 100.0
+FIRST_PACKET = 1120  # of the raw export, at the first row of the Vicon file
+# Our segments by Vicon's joint centres, and Vicon's name of our joints.
+SEGMENTS = {"thigh": ("FEP", "FEO"), "shank": ("FEO", "TIO"), "foot": ("TIO", "TOE")}
+CENTRES = {f"{side}_{joint}": f"{side[0].upper()}{name}" for joint, name in
+           (("hip", "FEP"), ("knee", "FEO"), ("ankle", "TIO")) for side in SIDES}  # fmt: skip
+# Vicon's segment axes (x forward, y left, z up) as columns of ours (x left, y up, z forward).
+R_VICON_BONE = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 JOINTS = ("hip", "knee", "ankle")
 SENSOR_HZ, MARKER_HZ = 204.8, 100.0  # of gaitmap's sample; both clocks begin together
 VIDEO_HZ = 30.0  # of VIDIMU's camera
@@ -46,6 +54,66 @@ class GaitMotion:
     time: Array
     flexion: Mapping[str, Array]
     p_world_joint: Mapping[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Vicon:
+    """Optical reference: joint centres ``(T, 3)`` in metres and segment rotations ``(T, 3, 3)`` by Vicon's names."""
+
+    centres: Mapping[str, Array]
+    R_world_segment: Mapping[str, Array]
+
+    def __len__(self) -> int:
+        return len(self.centres["PELV"])
+
+    @property
+    def time(self) -> Array:
+        """Seconds ``(T,)`` from the first raw packet."""
+        return (FIRST_PACKET + np.arange(len(self))) / VICON_HZ
+
+    def knee_flexion(self, side: str) -> Array:
+        """Degrees ``(T,)``."""
+        letter = side[0].upper()
+        thigh, shank = self.R_world_segment[f"{letter}TH"], self.R_world_segment[f"{letter}SK"]
+        return knee_flexion_deg(thigh @ R_VICON_BONE, shank @ R_VICON_BONE)
+
+    def segment_lengths_m(self) -> dict[str, float]:
+        """Mean distances of the joint centres."""
+        lengths = {"hip_width": self._distance("LFEP", "RFEP")}
+        for side in ("left", "right"):
+            for segment, ends in SEGMENTS.items():
+                lengths[f"{side}_{segment}"] = self._distance(*(f"{side[0].upper()}{end}" for end in ends))
+        return lengths
+
+    def _distance(self, one: str, other: str) -> float:
+        return float(np.linalg.norm(self.centres[one] - self.centres[other], axis=1).mean())
+
+
+def read_vicon(path: Path) -> Vicon:
+    """The comma-separated export: ``//`` comments, a header, then joint centres (``NAME_1…3``) and ``qNAME_1…4``."""
+    with path.open(encoding="utf-8") as file:
+        lines = [line for line in file if not line.startswith("//")]
+    names, table = lines[0].strip().split(","), np.loadtxt(lines[1:], delimiter=",")
+
+    def columns(name: str, count: int) -> Array:
+        wanted = [f"{name}_{number}" for number in range(1, count + 1)]
+        missing = [one for one in wanted if one not in names]
+        if missing:
+            raise FileFormatError(f"{path}: no column '{missing[0]}'; expected Vicon's joint centres and segments")
+        return table[:, [names.index(one) for one in wanted]]
+
+    points = ["PELV", *(f"{side}{name}" for side in "LR" for name in ("FEP", "FEO", "TIO", "TOE"))]
+    segments = ["RPV", *(f"{side}{name}" for side in "LR" for name in ("TH", "SK", "FT"))]
+    centres = {name: columns(name, 3) for name in points}
+    return Vicon(centres, {name: matrix_from_quaternion(columns(f"q{name}", 4), Order.WXYZ) for name in segments})
+
+
+@dataclass(frozen=True)
+class AngleError:
+    """Degrees: RMSE, and RMSE once the mean difference is removed."""
+
+    rmse: float
+    without_offset: float
 
 
 def vicon_angles(folder: Path) -> GaitMotion:

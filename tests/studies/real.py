@@ -12,6 +12,7 @@ import numpy as np
 from tests.studies import qmt_mat
 from tests.studies.gait import (
     Agreement,
+    AngleError,
     GaitMotion,
     StrideErrors,
     agreement,
@@ -26,7 +27,6 @@ from tests.studies.marker_body import SIDES, CameraName, filmed
 from tests.studies.real_recordings import RealRecording, real_recordings
 from tests.studies.recordings import DEFAULT, RecordingTrial, recording_trials, recordings_table
 from tests.studies.study import Study, Tell, table
-from tests.studies.walk import AngleError
 from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError

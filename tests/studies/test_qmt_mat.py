@@ -37,66 +37,24 @@ def write(path: Path, **sensors: dict[str, Array]) -> Path:
     return path
 
 
-def test_orientation_of_the_sensor_is_kept(tmp_path: Path) -> None:
-    R = turning()
-    path = write(tmp_path / "a.mat", foot_left=struct_of(R))
-    imported = qmt_mat.read(path)
-    np.testing.assert_allclose(imported.imus["foot_left"].R_inertial_sensor, R, atol=1e-9)
-    assert imported.imus["foot_left"].time[0] == 0
-    assert imported.default_sites == {"foot_left": "left_foot"}
-    assert imported.placement is None
-
-
-def test_orientation_of_the_segment_becomes_a_mounting(tmp_path: Path) -> None:
-    R, mounting = turning(), exp(np.array([1.0, -2.0, 0.5]))
-    imported = qmt_mat.read(write(tmp_path / "a.mat", hip=struct_of(R, mounting)))
-    assert imported.imus["hip"].R_inertial_sensor is None
-    assert imported.placement is not None
-    site = imported.placement.site("hip")
-    # Segment x is forward, which is z of the bone; segment z is right, which is minus x of the bone.
-    R_bone_segment = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])
-    assert np.rad2deg(angle_between(site.R_bone_sensor, R_bone_segment @ mounting)) < 1
-    assert site.bone == "pelvis"
-    assert any("as the body segment does" in note for note in imported.notes)
-
-
-def test_orientation_that_fits_nothing_is_left_out(tmp_path: Path) -> None:
-    struct = struct_of(turning())
-    struct["quat"] = quaternion_from_matrix(exp(np.random.default_rng(0).normal(size=(400, 3))), Order.WXYZ)
-    imported = qmt_mat.read(write(tmp_path / "a.mat", head=struct))
-    assert imported.imus["head"].R_inertial_sensor is None
-    assert any("left out" in note for note in imported.notes)
-
-
-def test_upper_back_has_a_place_of_its_own(tmp_path: Path) -> None:
-    imported = qmt_mat.read(write(tmp_path / "a.mat", upper_back=struct_of(turning())))
+@pytest.mark.parametrize("mounted", [False, True])
+def test_quat_is_the_sensors_own_or_its_segments(tmp_path: Path, mounted: bool) -> None:
+    R, mounting = turning(), exp(np.array([0.4, -1.0, 0.9]))
+    struct = struct_of(R, mounting if mounted else None)
+    imported = qmt_mat.read(write(tmp_path / "a.mat", hip=struct, upper_back=struct_of(R)))
+    if mounted:
+        assert imported.imus["hip"].R_inertial_sensor is None
+        found = imported.placement.site("hip").R_bone_sensor
+        expected = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]]) @ mounting
+        assert np.rad2deg(angle_between(found, expected)) < 2.0
+    else:
+        np.testing.assert_allclose(imported.imus["hip"].R_inertial_sensor, R, atol=1e-9)
     site = imported.placement.site("upper_back")
     assert site.bone == "spine3"
     assert site.p_bone_sensor[2] < 0  # behind
-    np.testing.assert_allclose(site.R_bone_sensor[:, 2], [0, 0, -1])
-
-
-def test_acceleration_in_g(tmp_path: Path) -> None:
-    struct = struct_of(turning())
-    struct["acc"] = struct["acc"] / 9.80665
-    stream = qmt_mat.read(write(tmp_path / "a.mat", head=struct)).imus["head"]
-    np.testing.assert_allclose(np.linalg.norm(stream.specific_force, axis=1), 9.81, atol=1e-6)
-
-
-def test_broken_files(tmp_path: Path) -> None:
-    path = tmp_path / "a.mat"
-    savemat(path, {"x": np.eye(3)})
-    with pytest.raises(FileFormatError, match="no variable 't'"):
-        qmt_mat.read(path)
-    savemat(path, {"t": np.arange(4.0)})
+    savemat(tmp_path / "a.mat", {"t": np.arange(4.0)})
     with pytest.raises(FileFormatError, match="no struct"):
-        qmt_mat.read(path)
-    savemat(path, {"t": np.arange(4.0), "hip": {"acc": np.ones((3, 3))}})
-    with pytest.raises(FileFormatError, match=r"hip\.acc has shape \(3, 3\)"):
-        qmt_mat.read(path)
-    path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(FileFormatError, match="not a MATLAB file"):
-        qmt_mat.read(path)
+        qmt_mat.read(tmp_path / "a.mat")
 
 
 @pytest.mark.data

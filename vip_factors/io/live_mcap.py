@@ -13,9 +13,12 @@ from types import TracebackType
 import numpy as np
 
 from vip_factors.atomic import check_partial, check_target
+from vip_factors.body.kinematics import Motion
+from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.errors import naming_file
-from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.findings import bare
+from vip_factors.geometry.rotations import Array
 from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import set_timestamp
 from vip_factors.io.mcap_estimate import (
@@ -28,10 +31,7 @@ from vip_factors.io.mcap_estimate import (
 )
 from vip_factors.io.mcap_estimate_writer import CameraWriter, WearerWriter
 from vip_factors.io.mcap_frames import (
-    GaplessPoses,
     camera_pose_messages,
-    motion_of_poses,
-    path_of_poses,
     pose_messages,
 )
 from vip_factors.io.mcap_recording import wearer_topics
@@ -39,6 +39,7 @@ from vip_factors.io.mcap_viewers import MODEST_FRAMES
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.live_update_pb2 import LiveUpdate
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
+from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 
@@ -106,8 +107,8 @@ class LiveMcapSink:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
         if kind is None or issubclass(kind, KeyboardInterrupt):
             self.close()
-        else:
-            self.abandon()
+        elif not self._file.closed:
+            self._complete()
 
     def write(self, estimate: LiveEstimate) -> None:
         """Take in the answer to one frame.
@@ -116,28 +117,16 @@ class LiveMcapSink:
             OSError: if the file cannot be written; it names the partial file, which is closed then.
         """
         with self._or_cut():
-            self._take(estimate)
-
-    def _take(self, estimate: LiveEstimate) -> None:
-        if self._waiting and estimate.frame != self._waiting[-1].frame + 1:
-            self._write_waiting()  # the frames of a batch follow each other
-        self._waiting.append(estimate)
-        self._last = estimate
-        self.frames += 1
-        self._unflushed += 1
-        if self._unflushed >= self._chunk or time.monotonic() - self._flushed >= FLUSH_S:
-            self._flush()
-        elif len(self._waiting) >= self._batch:
-            self._write_waiting()
-
-    def flush(self) -> None:
-        """Write all that waits, so that it survives a crash.
-
-        Raises:
-            OSError: as :meth:`write`.
-        """
-        with self._or_cut():
-            self._flush()
+            if self._waiting and estimate.frame != self._waiting[-1].frame + 1:
+                self._write_waiting()  # the frames of a batch follow each other
+            self._waiting.append(estimate)
+            self._last = estimate
+            self.frames += 1
+            self._unflushed += 1
+            if self._unflushed >= self._chunk or time.monotonic() - self._flushed >= FLUSH_S:
+                self._flush()
+            elif len(self._waiting) >= self._batch:
+                self._write_waiting()
 
     def _flush(self) -> None:
         self._write_waiting()
@@ -160,18 +149,9 @@ class LiveMcapSink:
         if self._file.closed:
             return
         self._complete()
-        if not self.frames:
-            self.partial.unlink()
-            return
-        check_target(self.path, self._overwrite)
-        os.replace(self.partial, self.path)
-
-    def abandon(self) -> None:
-        """Complete the file, as after an error, but leave it its partial name; remove it if nothing was written."""
-        if not self._file.closed:
-            self._complete()
-            if not self.frames:
-                self.partial.unlink()
+        if self.frames:
+            check_target(self.path, self._overwrite)
+            os.replace(self.partial, self.path)
 
     @contextmanager
     def _or_cut(self) -> Iterator[None]:
@@ -189,6 +169,7 @@ class LiveMcapSink:
             raise
 
     def _complete(self) -> None:
+        """All of the file, still under its partial name; nothing is left of one without frames."""
         with self._or_cut(), self._file:
             self._flush()
             for wearer in self._wearers:
@@ -200,6 +181,8 @@ class LiveMcapSink:
             self._writer.finish()
             self._file.flush()
             os.fsync(self._file.fileno())
+        if not self.frames:
+            self.partial.unlink()
 
     def _write_waiting(self) -> None:
         estimates, self._waiting = self._waiting, []
@@ -209,12 +192,8 @@ class LiveMcapSink:
         streams: list[Iterable[TimedMessage]] = [self._updates(estimates)]
         for index, wearer in enumerate(self._wearers):
             answers = [one.wearers[index] for one in estimates]
-            wearer.take_body(answers[-1])
             for answer in answers:
-                missing = wearer.smoothed.take(answer.smoothed) if answer.smoothed is not None else 0
-                if missing and answer.smoothed is not None:
-                    before = f"before {answer.smoothed.time:.2f} s"
-                    self._find([f"{answer.name}: {missing} frames are missing {before}; the last pose is held there"])
+                self._find(wearer.take(answer))
             streams += wearer.streams(writer, estimates[0].frame, [answer.newest for answer in answers])
         if self._camera is not None:
             streams += self._camera.streams(writer, estimates)
@@ -257,7 +236,9 @@ class _Wearer:
     def __init__(self, wearer: Recording, rate: float, prefix: str, live: str, start_ns: int) -> None:
         self.prefix, self._live, self._start_ns = prefix, live, start_ns
         self._wearer, self._skeleton, self._rate = wearer, wearer.subject.body(), rate
-        self.smoothed = GaplessPoses(rate)
+        self._waiting: list[LivePose] = []  # smoothed ones, a frame apart
+        self._last: LivePose | None = None
+        self._start, self._taken = 0.0, 0
         self._out: WearerWriter | None = None  # of the smoothed poses, from the first one on
 
     @property
@@ -265,10 +246,25 @@ class _Wearer:
         """Whether there are smoothed poses."""
         return self._out is not None
 
-    def take_body(self, answer: LiveWearerEstimate) -> None:
-        """The body that is believed from here on; the file's motion has the last one."""
-        if answer.skeleton is not None:
-            self._skeleton = answer.skeleton
+    def take(self, answer: LiveWearerEstimate) -> list[str]:
+        """Take in a smoothed pose, and the body believed, of which the file's motion has the last one.
+
+        Frames have a constant rate: a gap, which is told, is filled with the pose before it; a pose that comes a second
+        time is left out.
+        """
+        self._skeleton = answer.skeleton or self._skeleton
+        pose = answer.smoothed
+        if pose is None:
+            return []
+        if self._last is None:
+            self._start, self._last = pose.time, pose
+        missing = round((pose.time - self._start) * self._rate) - self._taken
+        if missing < 0:
+            return []
+        self._waiting += [self._last] * missing + [pose]
+        self._taken, self._last = self._taken + missing + 1, pose
+        told = f"{answer.name}: {missing} frames are missing before {pose.time:.2f} s; the last pose is held there"
+        return [told] if missing else []
 
     def streams(self, writer: MessageWriter, frame: int, newest: list[LivePose]) -> list[Iterable[TimedMessage]]:
         """What has come since the last time: smoothed poses, and the newest ones, which begin with this frame."""
@@ -276,9 +272,9 @@ class _Wearer:
         streams: list[Iterable[TimedMessage]] = [
             pose_messages(writer, self._live + POSE, answer.motion, self._start_ns, answer.covariance, frame)
         ]
-        first, poses = self.smoothed.waiting()
+        poses, self._waiting = self._waiting, []
         if poses:
-            chunk = self._estimate(poses, (self.smoothed.start or 0.0) + first / self._rate)
+            chunk = self._estimate(poses, self._start + (self._taken - len(poses)) / self._rate)
             if self._out is None:
                 self._out = WearerWriter(writer, chunk, 0, self.prefix, self._start_ns, None, MODEST_FRAMES)
             streams += self._out.streams(chunk)
@@ -287,11 +283,15 @@ class _Wearer:
     def close(self) -> None:
         """Write how many frames there are."""
         if self._out is not None:
-            self._out.write_motion(self._estimate([], self.smoothed.start or 0.0).motion, self.smoothed.taken)
+            self._out.write_motion(self._estimate([], self._start).motion, self._taken)
 
     def _estimate(self, poses: list[LivePose], start: float) -> WearerEstimate:
         name, sensors = self._wearer.subject.name, tuple(site.sensor for site in self._wearer.placement.sites)
-        motion, covariance = motion_of_poses(poses, self._skeleton, self._rate, start, name)
+        R = np.array([one.R_parent_child for one in poses], float).reshape(-1, JOINT_COUNT, 3, 3)
+        p = np.array([one.p_world_pelvis for one in poses], float).reshape(-1, 3)
+        joints, roots = _if_all(poses, "joint_covariance"), _if_all(poses, "root_covariance")
+        covariance = None if joints is None or roots is None else PoseCovariance(joints, roots)
+        motion = Motion(self._skeleton, R, p, self._rate, start, name)
         return WearerEstimate(name, METHOD, motion, {}, covariance, sensors=sensors)
 
 
@@ -309,9 +309,11 @@ class _Camera:
         streams: list[Iterable[TimedMessage]] = []
         newest = [one.camera for one in estimates if one.camera is not None]
         if newest:
-            path, covariance = path_of_poses(newest)
+            answer = self._estimate(newest)
             first = next(one.frame for one in estimates if one.camera is not None)
-            streams.append(camera_pose_messages(writer, LIVE_CAMERA, path, self._start_ns, covariance, first))
+            streams.append(
+                camera_pose_messages(writer, LIVE_CAMERA, answer.path, self._start_ns, answer.covariance, first)
+            )
         smoothed = [one.smoothed_camera for one in estimates if one.smoothed_camera is not None]
         if smoothed:
             chunk = self._estimate(smoothed[: self._poses])
@@ -327,8 +329,17 @@ class _Camera:
             self._out.write_info(self._head, self._start_ns)
 
     def _estimate(self, poses: Sequence[LiveCameraPose]) -> CameraEstimate:
-        path, covariance = path_of_poses(poses)
+        time = np.array([one.time for one in poses])
+        R = np.array([one.R_world_camera for one in poses])
+        path = CameraPath(time, R, np.array([one.p_world_camera for one in poses]))
+        covariance = _if_all(poses, "covariance")
         return CameraEstimate(self._camera.name, self._camera.model, path, covariance=covariance)
+
+
+def _if_all(poses: Sequence[LivePose | LiveCameraPose], name: str) -> Array | None:
+    """An attribute of poses as an array; None if one of them has none."""
+    values = [getattr(one, name) for one in poses]
+    return None if any(one is None for one in values) else np.array(values, float)
 
 
 def nanoseconds_of(seconds: float, start_ns: int) -> int:

@@ -1,14 +1,18 @@
 """A small scene for the tests of live sources, and what arrives of it."""
 
+import socket
 from collections.abc import Iterable
 from dataclasses import replace
 from threading import Thread
+from typing import Any
 
 from mcap_samples import assert_same
 from scene_samples import filmed_walk
 
+from vip_factors.io.live.open import open_source, write_messages
 from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.io.live.source import LiveSource
+from vip_factors.io.live.streams import NetworkSource
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
@@ -49,6 +53,17 @@ def received(source: LiveSource) -> tuple[Scene, list[LiveSample], list[str]]:
 def assert_arrived(scene: Scene, setup: Scene, samples: list[LiveSample]) -> None:
     assert_same(stream_head(scene), setup)
     assert_same(tuple(live_samples(scene)), tuple(samples))
+
+
+def listening(text: str = "tcp://127.0.0.1:0", settings: LiveSourceSettings = QUICK, **options: Any) -> NetworkSource:
+    source = open_source(text, settings=settings, **options)
+    assert isinstance(source, NetworkSource)
+    return source
+
+
+def send_scene(address: tuple[str, int], scene: Scene, token: str = "") -> None:
+    with socket.create_connection(address) as connection, connection.makefile("wb") as stream:
+        write_messages(scene, stream, token=token)
 
 
 class Background:

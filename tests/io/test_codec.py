@@ -1,6 +1,6 @@
 """What is declared of a message and its class is what is written and read."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -8,28 +8,11 @@ import pytest
 from vip_factors.body.anthropometry import LengthPrior
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.codec import DataclassCodec
-from vip_factors.io.mcap_messages import LENGTH_PRIOR, PLACEMENT, SITE, SUBJECT
+from vip_factors.io.mcap_messages import LENGTH_PRIOR, SITE
 from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
 from vip_factors.sensors.calibration import Placement, SensorSite
-from vip_factors.sensors.recording import Subject
 
 SITE_OF_SHANK = SensorSite("shank", "left_knee", np.array([0.0, -0.2, 0.03]), np.eye(3), 0.3)
-
-
-def test_nested_objects_come_back_in_their_order() -> None:
-    placement = Placement((SITE_OF_SHANK, replace(SITE_OF_SHANK, sensor="thigh", bone="left_hip")), "own")
-    read = PLACEMENT.decode(PLACEMENT.encode(placement))
-    assert [(one.sensor, one.bone) for one in read.sites] == [("shank", "left_knee"), ("thigh", "left_hip")]
-    np.testing.assert_array_equal(read.sites[0].p_bone_sensor, SITE_OF_SHANK.p_bone_sensor)
-    np.testing.assert_allclose(read.sites[0].R_bone_sensor, np.eye(3), atol=1e-15)
-
-
-def test_what_is_none_is_absent_and_comes_back_as_none() -> None:
-    message = SUBJECT.encode(Subject("Ada"))
-    assert not message.HasField("mass_kg")
-    assert not message.HasField("length_prior")
-    read = SUBJECT.decode(message)
-    assert (read.mass_kg, read.sex, read.length_prior, read.skeleton, read.stature_m) == (None,) * 5
 
 
 def test_numbers_have_the_shape_that_is_declared() -> None:

@@ -8,42 +8,29 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from live_streams import PATIENT, QUICK, Background, assert_arrived, received, short_walk
+from live_streams import PATIENT, QUICK, Background, assert_arrived, listening, received, send_scene, short_walk
 
 from vip_factors.errors import InputError
 from vip_factors.io.live.messages import delimited
-from vip_factors.io.live.open import VARIABLE, live_messages, open_source, read_token, write_messages
+from vip_factors.io.live.open import VARIABLE, live_messages, open_source, read_token
 from vip_factors.io.live.session import Pace
-from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.io.live.source import MOST_FINDINGS, LiveQueue
-from vip_factors.io.live.streams import TcpServerSource
 from vip_factors.sensors.live import LiveFinding, VideoFrame
 
 TOKEN = "correct horse battery staple"
 
 
-def server(settings: LiveSourceSettings = QUICK, text: str = "tcp://127.0.0.1:0", token: str = "") -> TcpServerSource:
-    source = open_source(text, settings=settings, token=token)
-    assert isinstance(source, TcpServerSource)
-    return source
-
-
-def send(address: tuple[str, int], token: str) -> None:
-    with socket.create_connection(address) as connection, connection.makefile("wb") as stream:
-        write_messages(short_walk(), stream, token=token)
-
-
 @pytest.mark.parametrize("text", ["tcp://:0", "tcp://0", "tcp://127.0.0.1:0", "tcp://localhost:0"])
 def test_without_a_host_it_listens_on_this_machine_alone(text: str) -> None:
-    with server(text=text) as source:
+    with listening(text) as source:
         assert source.address[0] == "127.0.0.1"
         assert f"listening at tcp://127.0.0.1:{source.address[1]}, to senders on this machine alone" == source.listens
 
 
 def test_everybody_is_listened_to_only_if_that_is_said() -> None:
-    with server(text="tcp://0.0.0.0:0") as source:
+    with listening("tcp://0.0.0.0:0") as source:
         assert "all networks of this machine, that is everybody: no token is asked for" in source.listens
-    with server(text="tcp://0.0.0.0:0", token=TOKEN) as source:
+    with listening("tcp://0.0.0.0:0", token=TOKEN) as source:
         assert "whoever has the token; nothing is encrypted" in source.listens
     for text in ("tcp-connect://:5005", "tcp://host", "tcp://99999"):
         with pytest.raises(InputError, match="it names no"):
@@ -51,12 +38,12 @@ def test_everybody_is_listened_to_only_if_that_is_said() -> None:
 
 
 def test_a_sender_needs_the_token() -> None:
-    with server(token=TOKEN) as source:
+    with listening(token=TOKEN) as source:
         for wrong in ("", "correct horse", TOKEN + "s"):
             with socket.create_connection(source.address, timeout=20) as connection:
                 connection.sendall(delimited(next(live_messages(short_walk(), token=wrong))))
                 assert connection.recv(1) == b""
-        with Background(send, source.address, TOKEN):
+        with Background(send_scene, source.address, short_walk(), TOKEN):
             setup, samples, sentences = received(source)
     assert_arrived(short_walk(), setup, samples)
     assert len(sentences) == 3
@@ -97,7 +84,7 @@ def test_a_token_comes_from_a_file_or_the_environment(tmp_path: Path, monkeypatc
 
 def test_a_client_that_dribbles_is_sent_away() -> None:
     header, first, *_ = live_messages(short_walk())
-    with server(replace(PATIENT, message_wait=0.3)) as source:
+    with listening(settings=replace(PATIENT, message_wait=0.3)) as source:
         with socket.create_connection(source.address, timeout=20) as connection:
             connection.sendall(delimited(header))
             for byte in delimited(first)[:20]:
@@ -106,7 +93,7 @@ def test_a_client_that_dribbles_is_sent_away() -> None:
                 except OSError:
                     break
                 time.sleep(0.05)
-        with Background(send, source.address, ""):
+        with Background(send_scene, source.address, short_walk()):
             items = iter(source)
             sentence = next(one.sentence for one in items if isinstance(one, LiveFinding))
             assert "a message was not whole 0.3 s after its first byte" in sentence
@@ -126,7 +113,7 @@ def test_a_flood_waits_and_fills_no_memory() -> None:
     header, *messages = live_messages(short_walk())
     flood = b"".join(map(delimited, messages)) * (20_000 // len(messages) + 1)
     settings = replace(PATIENT, largest_rate=20_000.0, queue_limit=500)
-    with server(settings) as source:
+    with listening(settings=settings) as source:
         over = threading.Event()
 
         def pour() -> None:

@@ -9,22 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from live_streams import PATIENT, QUICK, Background, assert_arrived, received, short_walk
+from live_streams import PATIENT, QUICK, Background, assert_arrived, listening, received, send_scene, short_walk
 
 from vip_factors.errors import InputError
 from vip_factors.io.live.messages import delimited, header_message
 from vip_factors.io.live.open import live_messages, open_source, write_messages
-from vip_factors.io.live.settings import LiveSourceSettings
-from vip_factors.io.live.streams import TcpServerSource
 from vip_factors.sensors.live import stream_head
-from vip_factors.sensors.scene import Scene
 
 ROOT = Path(__file__).parents[2]
-
-
-def send_scene(address: tuple[str, int], scene: Scene) -> None:
-    with socket.create_connection(address) as connection, connection.makefile("wb") as stream:
-        write_messages(scene, stream)
 
 
 def send_bytes(address: tuple[str, int], data: bytes) -> bytes:
@@ -35,12 +27,6 @@ def send_bytes(address: tuple[str, int], data: bytes) -> bytes:
             return connection.recv(100)
         except ConnectionResetError:  # it closed with bytes of ours unread
             return b""
-
-
-def listening(settings: LiveSourceSettings = QUICK) -> TcpServerSource:
-    source = open_source("tcp://127.0.0.1:0", settings=settings)
-    assert isinstance(source, TcpServerSource)
-    return source
 
 
 def test_a_scene_arrives() -> None:
@@ -102,8 +88,7 @@ BAD_CLIENTS = {
 def test_a_bad_client_is_sent_away_with_one_line_and_the_next_one_is_heard(kind: str) -> None:
     data, complaint = BAD_CLIENTS[kind]
     scene, told = short_walk(), []
-    with open_source("tcp://127.0.0.1:0", settings=QUICK, on_finding=told.append) as source:
-        assert isinstance(source, TcpServerSource)
+    with listening(on_finding=told.append) as source:
         with Background(send_bytes, source.address, data):
             pass
         with Background(send_scene, source.address, scene):
@@ -118,7 +103,7 @@ def test_a_bad_client_is_sent_away_with_one_line_and_the_next_one_is_heard(kind:
 def test_garbage_after_the_header_ends_that_client_only() -> None:
     scene = short_walk()
     messages = list(live_messages(scene))
-    with listening(replace(PATIENT, next_client_wait=1.0)) as source:
+    with listening(settings=replace(PATIENT, next_client_wait=1.0)) as source:
         good = b"".join(map(delimited, messages[:11]))
         with Background(send_bytes, source.address, good + b"\xff" * 64):
             pass
@@ -148,7 +133,7 @@ def test_a_client_that_vanishes_in_a_message_is_told_and_findings_begin_the_iter
 def test_another_session_is_refused() -> None:
     scene = short_walk()
     other = replace(scene, wearers=(replace(scene.wearers[0], subject=replace(scene.wearers[0].subject, name="Bob")),))
-    with listening(replace(QUICK, next_client_wait=1.0)) as source:
+    with listening(settings=replace(QUICK, next_client_wait=1.0)) as source:
         with Background(send_scene, source.address, scene):
             source.setup  # noqa: B018
         with socket.create_connection(source.address) as connection:

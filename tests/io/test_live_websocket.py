@@ -4,24 +4,21 @@ import socket
 from dataclasses import replace
 
 import pytest
-from live_streams import PATIENT, QUICK, Background, assert_arrived, received, short_walk
+from live_streams import PATIENT, QUICK, Background, assert_arrived, listening, received, short_walk
 
 from vip_factors.errors import InputError
 from vip_factors.io.live.open import live_messages, open_source
-from vip_factors.io.live.websocket import WebSocketSource
+from vip_factors.io.live.streams import NetworkSource
 from vip_factors.sensors.scene import Scene
 
 connect = pytest.importorskip("websockets.sync.client", reason="needs the extra live").connect
 ConnectionClosed = pytest.importorskip("websockets.exceptions").ConnectionClosed
 
 
-def listening(settings=QUICK, on_finding=None) -> WebSocketSource:  # type: ignore[no-untyped-def]
-    source = open_source("ws://127.0.0.1:0", settings=settings, on_finding=on_finding)
-    assert isinstance(source, WebSocketSource)
-    return source
+WS = "ws://127.0.0.1:0"
 
 
-def url(source: WebSocketSource) -> str:
+def url(source: NetworkSource) -> str:
     host, port = source.address
     return f"ws://{host}:{port}"
 
@@ -46,7 +43,7 @@ def sent_away(where: str, *messages: str | bytes) -> int:
 
 def test_a_scene_arrives() -> None:
     scene = short_walk()
-    with listening() as source, Background(send_scene, url(source), scene):
+    with listening(WS) as source, Background(send_scene, url(source), scene):
         setup, samples, sentences = received(source)
     assert_arrived(scene, setup, samples)
     assert sentences == []
@@ -61,7 +58,7 @@ def test_what_is_no_message_is_left_out_and_the_rest_is_read() -> None:
             for message in (header, b"\xff\xff", *messages[:10], "words", b"", header, *messages[10:]):
                 client.send(message)
 
-    with listening() as source, Background(send, url(source)):
+    with listening(WS) as source, Background(send, url(source)):
         setup, samples, sentences = received(source)
     assert_arrived(scene, setup, samples)
     assert ["no LiveMessage" in one for one in sentences] == [True, False, False, False]
@@ -82,7 +79,7 @@ def test_a_bad_client_is_sent_away_with_one_line_and_the_next_one_is_heard(
     messages: tuple[bytes, ...], complaint: str, code: int
 ) -> None:
     scene, told = short_walk(), []
-    with listening(replace(QUICK, largest_message=60_000), told.append) as source:
+    with listening(WS, replace(QUICK, largest_message=60_000), on_finding=told.append) as source:
         assert sent_away(url(source), *messages) == code
         with Background(send_scene, url(source), scene):
             setup, samples, sentences = received(source)
@@ -95,7 +92,7 @@ def test_a_bad_client_is_sent_away_with_one_line_and_the_next_one_is_heard(
 
 def test_a_client_that_speaks_no_websocket_is_told() -> None:
     told = []
-    with listening(on_finding=told.append) as source:
+    with listening(WS, on_finding=told.append) as source:
         with socket.create_connection(source.address) as silent, socket.create_connection(source.address) as wrong:
             wrong.sendall(b"hello\r\n\r\n")
             while wrong.recv(1000):
@@ -110,7 +107,7 @@ def test_a_client_that_speaks_no_websocket_is_told() -> None:
 def test_a_second_client_at_a_time_is_sent_away() -> None:
     scene = short_walk()
     header, *messages = live_messages(scene)
-    with listening() as source:
+    with listening(WS) as source:
         with connect(url(source)) as client:
             client.send(header)
             source.setup  # noqa: B018
@@ -126,7 +123,7 @@ def test_a_second_client_at_a_time_is_sent_away() -> None:
 def test_a_client_that_vanishes_is_told_and_may_come_back() -> None:
     scene = short_walk()
     header, *messages = live_messages(scene)
-    with listening(replace(PATIENT, next_client_wait=2.0)) as source:
+    with listening(WS, replace(PATIENT, next_client_wait=2.0)) as source:
         with connect(url(source)) as client:
             client.send(header)
             client.send(messages[0])
@@ -140,11 +137,11 @@ def test_a_client_that_vanishes_is_told_and_may_come_back() -> None:
 
 
 def test_a_port_in_use_is_an_input_error() -> None:
-    with listening() as source, pytest.raises(InputError, match="cannot listen there"), open_source(url(source)):
+    with listening(WS) as source, pytest.raises(InputError, match="cannot listen there"), open_source(url(source)):
         pass
 
 
 def test_without_the_library_the_pip_line_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "websockets.sync.server", None)
-    with pytest.raises(InputError, match=r"pip install 'vip-factors\[live\]'"), listening():
+    with pytest.raises(InputError, match=r"pip install 'vip-factors\[live\]'"), listening(WS):
         pass

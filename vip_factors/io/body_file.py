@@ -51,7 +51,7 @@ from vip_factors.io.toml_values import (
     text_at,
     toml_text,
 )
-from vip_factors.sensors.calibration import Placement, SensorSite
+from vip_factors.sensors.calibration import SensorSite
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.sensors.scene import Scene
 
@@ -278,9 +278,10 @@ def subject_with(body: BodyFile, given: PlacementFile) -> Subject:
 
 def with_body(recording: Recording, body: BodyFile) -> Recording:
     """The recording with the body in the place of what it said of the wearer's; truth and samples stay."""
-    before, said = recording.subject, PlacementFile(recording.subject.name, None, recording.subject.mass_kg)
-    subject = subject_with(body, replace(said, sex=before.sex))
-    return replace(recording, subject=subject, placement=_moved(recording.placement, before.body(), body.skeleton))
+    before = recording.subject
+    subject = subject_with(body, PlacementFile(before.name, mass_kg=before.mass_kg, sex=before.sex))
+    sites = tuple(_moved_site(one, before.body(), body.skeleton) for one in recording.placement.sites)
+    return replace(recording, subject=subject, placement=replace(recording.placement, sites=sites))
 
 
 def scene_with_body(scene: Scene, body: BodyFile, path: Path) -> Scene:
@@ -300,12 +301,8 @@ def scene_with_body(scene: Scene, body: BodyFile, path: Path) -> Scene:
     return replace(scene, wearers=wearers)
 
 
-def _moved(placement: Placement, before: Skeleton, after: Skeleton) -> Placement:
-    """Sensors along limbs keep their share of them."""
-    return replace(placement, sites=tuple(_moved_site(site, before, after) for site in placement.sites))
-
-
 def _moved_site(site: SensorSite, before: Skeleton, after: Skeleton) -> SensorSite:
+    """Sensors along limbs keep their share of them."""
     for child in STRETCHED:
         if PARENTS[child] == site.bone_index:
             old, new = before.p_parent_joint[child], after.p_parent_joint[child]

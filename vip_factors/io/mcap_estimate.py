@@ -12,7 +12,7 @@ import numpy as np
 
 from vip_factors.errors import FileFormatError
 from vip_factors.estimate import CameraEstimate, Estimate, StartChoice, WearerEstimate
-from vip_factors.findings import TEXT, Finding, bare, sentences
+from vip_factors.findings import TEXT, bare, sentences
 from vip_factors.geometry.rotations import Array
 from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import DataclassCodec, time_ns_of
@@ -56,7 +56,7 @@ HEAD = DataclassCodec(
     WearerEstimate,
     {"start": "start_ns", "start_choice": "start"},
     more=lambda estimate: {"residual_kinds": list(estimate.residuals)} | _findings(estimate),
-    mend=lambda message, read: read | {"findings": _findings_of(message)},
+    mend=lambda message, read: read | _findings_of(message),
 )
 """What an estimate of a wearer is; the absolute time of its t = 0 is given."""
 SCENE_HEAD = DataclassCodec(
@@ -64,7 +64,7 @@ SCENE_HEAD = DataclassCodec(
     Estimate,
     {"start": "start_ns"},
     more=lambda estimate: _findings(estimate),
-    mend=lambda message, read: read | {"findings": _findings_of(message)},
+    mend=lambda message, read: read | _findings_of(message),
 )
 """What an estimate is as a whole; its start and what its wearers' topics begin with are given."""
 CAMERA_HEAD = DataclassCodec(
@@ -81,11 +81,10 @@ def _findings(estimate: WearerEstimate | Estimate) -> dict[str, Any]:
     return {"findings": sentences(estimate.findings), "finding_kinds": [one.kind for one in estimate.findings]}
 
 
-def _findings_of(message: EstimateInfo | SceneEstimateInfo) -> tuple[Finding, ...]:
+def _findings_of(message: EstimateInfo | SceneEstimateInfo) -> dict[str, Any]:
     """Older files have no kinds."""
-    return tuple(
-        starmap(bare, zip_longest(message.findings, message.finding_kinds[: len(message.findings)], fillvalue=TEXT))
-    )
+    kinds = message.finding_kinds[: len(message.findings)]
+    return {"findings": tuple(starmap(bare, zip_longest(message.findings, kinds, fillvalue=TEXT)))}
 
 
 def _clock(message: CameraEstimateInfo) -> dict[str, Any]:

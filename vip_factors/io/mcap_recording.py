@@ -115,7 +115,10 @@ def recording_of(contents: McapContents, prefix: str = "") -> Recording:
         if one.channel.topic.startswith(f"{prefix}/" if prefix else "") and not one.channel.topic.startswith(passed)
     ]
     ours = [one for one in mine if any(is_ours(one.channel, kind) for kind in READ)]
-    _warn_of_foreign(contents, [one.channel for one in mine if one not in ours])
+    foreign = [one.channel for one in mine if one not in ours]
+    if foreign:
+        named = ", ".join(f"{one.topic} ({one.schema_name or one.encoding or 'no schema'})" for one in foreign)
+        warn(contents.path, f"channels left out, as they hold nothing of a recording: {named}")
     if not ours:
         raise FileFormatError(_nothing_here(contents))
     samples = [one for one in ours if is_ours(one.channel, ImuSample)]
@@ -157,12 +160,6 @@ def _truth(topics: Topics) -> Truth | None:
     motion, _ = motion_of(topics.path, info, poses)
     known_bones = frozenset(info.known_bones) & set(JOINT_NAMES) or None
     return Truth(motion, topics.object(TRUTH_CALIBRATION, codecs.CALIBRATION), known_bones)
-
-
-def _warn_of_foreign(contents: McapContents, channels: Sequence[McapChannel]) -> None:
-    if channels:
-        named = ", ".join(f"{one.topic} ({one.schema_name or one.encoding or 'no schema'})" for one in channels)
-        warn(contents.path, f"channels left out, as they hold nothing of a recording: {named}")
 
 
 def _nothing_here(contents: McapContents) -> str:

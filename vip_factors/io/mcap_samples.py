@@ -38,18 +38,21 @@ def _samples(stream: ImuStream) -> Iterator[ImuSample]:
     message = ImuSample(sensor=stream.name)
     for seconds, f, q, w in zip(stream.time.tolist(), force, wxyz, rate, strict=True):
         message.seconds = seconds
-        if f is not None:
-            specific_force = message.specific_force
-            specific_force.x, specific_force.y, specific_force.z = f
-            specific_force.SetInParent()  # present even if all zero
-        if q is not None:
-            turn = message.orientation_wxyz
-            turn.w, turn.x, turn.y, turn.z = q
-        if w is not None:
-            angular_rate = message.angular_rate
-            angular_rate.x, angular_rate.y, angular_rate.z = w
-            angular_rate.SetInParent()
+        fill_sample(message, f, q, w)
         yield message
+
+
+def fill_sample(
+    message: ImuSample, force: list[float] | None, wxyz: list[float] | None, rate: list[float] | None = None
+) -> None:
+    """What was measured into a message; what is None is left out."""
+    for values, vector in ((force, message.specific_force), (rate, message.angular_rate)):
+        if values is not None:
+            vector.x, vector.y, vector.z = values
+            vector.SetInParent()  # present even if all zero
+    if wxyz is not None:
+        turn = message.orientation_wxyz
+        turn.w, turn.x, turn.y, turn.z = wxyz
 
 
 def read_streams(path: Path, channels: Sequence[McapMessages], start_ns: int) -> dict[str, ImuStream]:

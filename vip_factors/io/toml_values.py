@@ -1,4 +1,7 @@
-"""The values of a file that people write, checked one by one: what is wrong, where, and what was expected."""
+"""The values of a file that people write, checked one by one.
+
+What is wrong is an InputError that says ``where`` in the file it stands, and what was expected.
+"""
 
 import json
 import tomllib
@@ -25,11 +28,7 @@ def nearest(word: str, choices: Iterable[str]) -> str:
 
 
 def known_keys(path: Path, where: str, table: Mapping[str, Any], choices: Iterable[str]) -> None:
-    """Refuse a key that is not one of those known, naming the nearest.
-
-    Raises:
-        InputError: if there is one in the table, which stands at ``where`` in the file.
-    """
+    """Refuse a key of a table that is not one of those known, naming the nearest."""
     choices = list(choices)
     for key in table:
         if key not in choices:
@@ -37,44 +36,28 @@ def known_keys(path: Path, where: str, table: Mapping[str, Any], choices: Iterab
 
 
 def table_at(path: Path, where: str, value: Any) -> Mapping[str, Any]:
-    """The table that a value has to be.
-
-    Raises:
-        InputError: if it is none; ``where`` it stands in the file.
-    """
+    """The table that a value has to be."""
     if not isinstance(value, Mapping):
         raise InputError(f"{path}: {where} is {value!r}: expected a table")
     return value
 
 
 def text_at(path: Path, where: str, value: Any) -> str:
-    """The text that a value has to be.
-
-    Raises:
-        InputError: if it is none; ``where`` it stands in the file.
-    """
+    """The text that a value has to be."""
     if not isinstance(value, str):
         raise InputError(f"{path}: {where} is {value!r}: expected text in quotes")
     return value
 
 
 def number_at(path: Path, where: str, value: Any) -> float:
-    """The finite number that a value has to be.
-
-    Raises:
-        InputError: if it is none; ``where`` it stands in the file.
-    """
+    """The finite number that a value has to be."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
         raise InputError(f"{path}: {where} is {value!r}: expected a number")
     return float(value)
 
 
 def numbers_at(path: Path, where: str, value: Any, count: int | None = None) -> Array:
-    """The list ``(count,)`` of finite numbers that a value has to be; of any length if None.
-
-    Raises:
-        InputError: if it is none; ``where`` it stands in the file.
-    """
+    """The list ``(count,)`` of finite numbers that a value has to be; of any length if None."""
     if not isinstance(value, list) or count not in (None, len(value)):
         many = "" if count is None else f"{count} "
         raise InputError(f"{path}: {where} is {value!r}: expected a list of {many}numbers")
@@ -82,11 +65,7 @@ def numbers_at(path: Path, where: str, value: Any, count: int | None = None) -> 
 
 
 def correlation_matrix(path: Path, where: str, rows: Sequence[Array]) -> Array:
-    """The symmetric matrix ``(n, n)`` of the ``n`` rows of a table of correlations.
-
-    Raises:
-        InputError: if they are none; ``where`` they stand in the file.
-    """
+    """The symmetric matrix ``(n, n)`` of the ``n`` rows of a table of correlations."""
     matrix = np.array(rows, float).reshape(len(rows), len(rows))
     if not (np.allclose(matrix, matrix.T, atol=1e-4) and np.allclose(np.diag(matrix), 1) and np.abs(matrix).max() <= 1):
         raise InputError(f"{path}: {where}: expected a symmetric table of numbers from -1 to 1, with 1 on its diagonal")

@@ -13,7 +13,7 @@ from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import NS_PER_S, DataclassCodec, set_timestamp, time_ns_of
 from vip_factors.io.mcap_camera import camera_info_message, intrinsics_message, intrinsics_of, mount_of
 from vip_factors.io.mcap_frames import camera_path_of, camera_poses
-from vip_factors.io.mcap_samples import keypoint_set_of
+from vip_factors.io.mcap_samples import fill_sample, keypoint_set_of
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
@@ -109,15 +109,10 @@ def sample_message(sample: LiveSample, start_ns: int = 0, frame: int = 0) -> Liv
         for pixels, confidence in zip(sample.pixels, sample.confidence, strict=True):
             message.detections.people.add(pixels=pixels.ravel(), confidence=confidence)
         return message
-    imu = message.imu
-    imu.sensor = sample.sensor
-    if sample.specific_force is not None:
-        force = imu.specific_force
-        force.x, force.y, force.z = sample.specific_force.tolist()
-        force.SetInParent()  # present even if all zero
-    if sample.R_inertial_sensor is not None:
-        turn = imu.orientation_wxyz
-        turn.w, turn.x, turn.y, turn.z = quaternion_from_matrix(sample.R_inertial_sensor, Order.WXYZ).tolist()
+    message.imu.sensor = sample.sensor
+    force, R = sample.specific_force, sample.R_inertial_sensor
+    wxyz = None if R is None else quaternion_from_matrix(R, Order.WXYZ).tolist()
+    fill_sample(message.imu, None if force is None else force.tolist(), wxyz)
     return message
 
 
@@ -214,7 +209,7 @@ def setup_of(header: LiveHeader) -> Scene:
         InputError: for what no wearer or camera can be.
     """
     start_ns = time_ns_of(header.start)
-    wearers = [wearer_of(header.name, *_parts(one), start_ns) for one in header.wearers]
+    wearers = [wearer_of(header.name, one.subject, one.placement, one.initial_pose, start_ns) for one in header.wearers]
     return head_of(header.name, wearers, [_camera(one) for one in header.cameras])
 
 
@@ -225,10 +220,6 @@ def head_of(name: str, wearers: Sequence[Recording], cameras: Sequence[Camera]) 
         InputError: for a name that two of them share, and what no scene can be.
     """
     return checked_head(Scene(name, tuple(wearers), next(iter(cameras), None), None, tuple(cameras[1:])))
-
-
-def _parts(message: WearerMessage) -> tuple[SubjectMessage, SensorPlacement, str]:
-    return message.subject, message.placement, message.initial_pose
 
 
 def wearer_of(

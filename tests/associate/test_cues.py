@@ -171,12 +171,6 @@ def test_those_left_over_are_added_when_places_are_known_better(three_wearers: S
     found = add_by_position(before, three_wearers.detections, MODEL, three_wearers.motions, three_wearers.camera)
     assert np.array_equal(found.wearer, three_wearers.wearer)
     assert np.array_equal(found.by_place, before.wearer != found.wearer)
-    kept = add_by_position(
-        before,
-        three_wearers.detections,
-        MODEL,
-        three_wearers.motions,
-        three_wearers.camera,
-        AssociationSettings(by_place=False),
-    )
-    assert kept is before
+    off = AssociationSettings(by_place=False)
+    arguments = three_wearers.detections, MODEL, three_wearers.motions, three_wearers.camera
+    assert add_by_position(before, *arguments, off) is before

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vip_factors.body.anthropometry import LEAST_SIGMA, STATURE_RANGE_M, LengthPrior, likely_body, skeleton_from_stature
-from vip_factors.body.lengths import LENGTHS, BodyVariation, lengths_of
+from vip_factors.body.lengths import LENGTHS, LIMB_ENDS, BodyVariation, lengths_of
 from vip_factors.body.skeleton import JOINT_NAMES, Skeleton, joint_index
 from vip_factors.errors import InputError
 
@@ -71,14 +71,7 @@ def test_soles_are_flat() -> None:
 
 @pytest.mark.parametrize(
     ("segment", "joint"),
-    [
-        ("thigh", "knee"),
-        ("shank", "ankle"),
-        ("foot", "foot"),
-        ("upper_arm", "elbow"),
-        ("forearm", "wrist"),
-        ("hand", "hand"),
-    ],
+    [(name.replace(" ", "_"), end) for name, end in LIMB_ENDS.items()],
 )
 def test_a_measured_limb_moves_both_sides_as_far_as_a_tape_is_sure(segment: str, joint: str) -> None:
     usual = skeleton_from_stature(1.8).bone_length(f"left_{joint}")

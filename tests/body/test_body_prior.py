@@ -14,14 +14,9 @@ from vip_factors.errors import FileFormatError, InputError
 # Fractions of stature between which published and measured people lie: de Leva 1996 (of women all but the thigh), Dumas
 # et al. 2007, optical skeletons of five people.
 BANDS = {
-    "thigh": (0.235, 0.250),
-    "shank": (0.238, 0.253),
-    "upper arm": (0.150, 0.162),
-    "forearm": (0.149, 0.160),
-    "hip width": (0.095, 0.108),
-    "shoulder width": (0.190, 0.205),
-    "ankle height": (0.034, 0.042),
-}
+    "thigh": (0.235, 0.250), "shank": (0.238, 0.253), "upper arm": (0.150, 0.162), "forearm": (0.149, 0.160),
+    "hip width": (0.095, 0.108), "shoulder width": (0.190, 0.205), "ankle height": (0.034, 0.042),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("group", GROUPS)

@@ -47,13 +47,8 @@ def test_damaged_archives_are_refused(tmp_path: Path) -> None:
     path, whole = tmp_path / "a.npz", io.BytesIO()
     np.savez_compressed(whole, a=np.arange(100.0))
     data = whole.getvalue()
-    for damaged in (
-        data[:40],
-        data[:60] + b"\xff" * 8 + data[68:],
-        data.replace(b"PK\x03\x04", b"PK\x03\x05"),
-        b"",
-        b"x",
-    ):
+    wrong = data[:60] + b"\xff" * 8 + data[68:], data.replace(b"PK\x03\x04", b"PK\x03\x05")
+    for damaged in (data[:40], *wrong, b"", b"x"):
         path.write_bytes(damaged)
         with pytest.raises(FileFormatError, match=r"a\.npz: not a motion \(.+\)"):
             read_npz(path, "not a motion")

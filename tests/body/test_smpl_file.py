@@ -65,10 +65,8 @@ def test_pickles_of_chumpy_and_scipy_are_read_without_them(
     arrays = model()
     path = tmp_path / "model.pkl"
     with monkeypatch.context() as patch:
-        chumpy, sparse = (
-            fake_library(patch, "chumpy.ch", "Ch")(),
-            fake_library(patch, "scipy.sparse.csc", "csc_matrix")(),
-        )
+        chumpy = fake_library(patch, "chumpy.ch", "Ch")()
+        sparse = fake_library(patch, "scipy.sparse.csc", "csc_matrix")()
         chumpy.x = arrays["shapedirs"]  # type: ignore[attr-defined]
         columns = [np.flatnonzero(column) for column in arrays["J_regressor"].T]
         sparse.__dict__ |= {

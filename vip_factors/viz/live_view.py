@@ -118,7 +118,7 @@ class LiveView:
     def __init__(self, stream: rr.RecordingStream, setup: Scene, rate: float) -> None:
         self._stream, self._setup, self._rate = stream, setup, rate
         self._series = LiveSeries(stream, setup)
-        colours = colours_of(setup)
+        colours = colours_of(setup.wearers)
         self._bodies = [LiveBody(stream, index, one, rate, colours) for index, one in enumerate(setup.wearers)]
         self._findings: list[tuple[float, str]] = []
         self._apart = setup.camera is None and len(setup.wearers) > 1

@@ -124,20 +124,32 @@ def scene_blueprint(
         has_legend: whether the legend of the sensors was logged.
         bodies: entities of the bodies as drawn, for cameras without a video.
     """
-    left_out = [f"{image}/{what}" for image in images.values() for what in IN_IMAGE]
-    title = f"World ({APART_TITLE})" if drawn.apart else "World"
-    left: rrb.View | rrb.Container = world_view(title, floor, _eye(drawn, follow), left_out)
-    if drawn.detections is not None and drawn.model is not None:
-        models = [drawn.model, *(camera.model for camera in drawn.further)]
-        solid = [] if drawn.video is not None else bodies
-        views2d = [image_view(*named, model, solid) for named, model in zip(images.items(), models, strict=True)]
-        below = views2d[0] if len(views2d) == 1 else rrb.Tabs(*views2d, active_tab=0)
-        left = rrb.Vertical(left, below, row_shares=[1.15, 1])
+    filmed = drawn.detections is not None and drawn.model is not None
+    models = [one.model for one in (drawn, *drawn.further) if one.model is not None] if filmed else []
+    controls = _eye(drawn, follow)
+    left = _world_and_images(drawn.apart, floor, controls, images, models, [] if drawn.video is not None else bodies)
     return _arranged(
         left,
         _panels(drawn, plots, has_legend),
         rrb.TimePanel(state="collapsed", timeline="time", play_state="playing", loop_mode="all"),
     )
+
+
+def _world_and_images(
+    apart: bool,
+    floor: float,
+    controls: rrb.EyeControls3D | None,
+    images: Mapping[str, str],
+    models: Sequence[CameraModel],
+    bodies: Sequence[str],
+) -> rrb.View | rrb.Container:
+    """The 3D view, above what cameras of these models saw."""
+    left_out = [f"{image}/{what}" for image in images.values() for what in IN_IMAGE]
+    world = world_view(f"World ({APART_TITLE})" if apart else "World", floor, controls, left_out)
+    seen = [image_view(*named, model, bodies) for named, model in zip(images.items(), models, strict=False)]
+    if not seen:
+        return world
+    return rrb.Vertical(world, seen[0] if len(seen) == 1 else rrb.Tabs(*seen, active_tab=0), row_shares=[1.15, 1])
 
 
 def _arranged(left: rrb.View | rrb.Container, right: rrb.Container, time: rrb.TimePanel) -> rrb.Blueprint:
@@ -264,7 +276,7 @@ def live_blueprint(
     floor: float,
     apart: bool,
 ) -> rrb.Blueprint:
-    """The layout.
+    """The layout of a stream.
 
     Args:
         setup: of what is streamed.
@@ -276,17 +288,11 @@ def live_blueprint(
         floor: height of the grid in metres.
         apart: whether the wearers are set apart.
     """
-    filmed = setup.camera is not None
+    models = [setup.camera.model] if setup.camera is not None else []
     target = np.mean([one.p_world_pelvis[0] for one in shown], axis=0)
     ahead = abreast(shown, forward_of(shown[0]))
-    controls = eye(target, ahead, spread_of(shown) + ROOM_TO_MOVE_M, LEVEL if filmed else UPRIGHT, follow)
-    left_out = [f"{image}/{what}" for what in IN_IMAGE]
-    left: rrb.View | rrb.Container = world_view(
-        f"World ({APART_TITLE})" if apart else "World", floor, controls, left_out
-    )
-    if setup.camera is not None:
-        camera = image_view("Camera", image, setup.camera.model, bodies)
-        left = rrb.Vertical(left, camera, row_shares=[1.15, 1])
+    controls = eye(target, ahead, spread_of(shown) + ROOM_TO_MOVE_M, LEVEL if models else UPRIGHT, follow)
+    left = _world_and_images(apart, floor, controls, {"Camera": image}, models, bodies)
     right = rrb.Vertical(
         rrb.TextDocumentView(origin=f"/{summary}", name="Summary"),
         _live_plot(HEADINGS, "Headings (°)"),

@@ -1,13 +1,15 @@
 """Curves in Rerun: errors, residuals, headings, what sensors measured, and how sure a stream is of them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import rerun as rr
 
 from vip_factors.body.mannequin import Colour
+from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.live_estimate import LiveEstimate, LiveWearerEstimate
+from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.colours import sensor_colours, wearer_colour
 from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer
@@ -142,7 +144,7 @@ class LiveSeries:
         self._stream = stream
         self._parts = [rr.escape_entity_path_part(name) for name in setup.names]
         self._names = setup.names
-        self._colours = colours_of(setup)
+        self._colours = colours_of(setup.wearers)
         self._known: set[str] = set()
         self._headings = -EVERY_S  # when the last points were sent
 
@@ -178,9 +180,18 @@ class LiveSeries:
             log_curve(self._stream, entity, time, values, colour, name)
 
 
-def colours_of(setup: Scene) -> dict[str, Colour]:
+def colours_of(
+    wearers: Iterable[Recording | None], estimates: Iterable[WearerEstimate | None] = ()
+) -> dict[str, Colour]:
     """One colour for sensors of the same name, whoever wears them."""
-    return sensor_colours(list(dict.fromkeys(site.sensor for one in setup.wearers for site in one.placement.sites)))
+    names: dict[str, None] = {}
+    for one in wearers:
+        if one is not None:
+            names |= dict.fromkeys([*(site.sensor for site in one.placement.sites), *one.imus])
+    for estimate in estimates:
+        if estimate is not None:
+            names |= dict.fromkeys([*estimate.calibration, *estimate.sensors])
+    return sensor_colours(list(names))
 
 
 def _sigma_deg(wearer: LiveWearerEstimate) -> float:

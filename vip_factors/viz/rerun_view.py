@@ -3,7 +3,7 @@
 Everything goes in as columns, so that minutes of motion are logged in seconds.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.viz.colours import GHOST_COLOUR, body_colours, sensor_colours
+from vip_factors.viz.colours import GHOST_COLOUR, body_colours
 from vip_factors.viz.compare import Compare, floor_height
 from vip_factors.viz.drawn_scene import NOBODY, DrawnCamera, DrawnScene, DrawnWearer, drawn_scene, drawn_wearer
 from vip_factors.viz.rerun_body import (
@@ -43,7 +43,7 @@ from vip_factors.viz.rerun_camera import (
 )
 from vip_factors.viz.rerun_file import complete
 from vip_factors.viz.rerun_layout import CENTRE, centre_path, log_centre, scene_blueprint
-from vip_factors.viz.rerun_series import log_legend, log_series
+from vip_factors.viz.rerun_series import colours_of, log_legend, log_series
 from vip_factors.viz.summaries import scene_summary
 from vip_factors.viz.viewer import check_display, quiet, rerun_command
 
@@ -145,10 +145,10 @@ def _log(stream: rr.RecordingStream, drawn: DrawnScene, metrics: str) -> None:
         )
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     floor = min((floor_height(body) for body in bodies), default=0.0)
-    colours = _sensor_colours(drawn)
+    colours = colours_of([one.recording for one in drawn.wearers], [one.estimate for one in drawn.wearers])
     log_joint_names(stream, "world", [wearer.name for wearer in drawn.wearers])
     for wearer in drawn.wearers:
-        _log_wearer(stream, wearer, drawn, floor)
+        _log_wearer(stream, wearer, drawn, floor, colours)
     shown = [wearer.shown for wearer in drawn.wearers if wearer.shown is not None]
     if shown:
         log_centre(stream, *centre_path(shown))
@@ -167,24 +167,15 @@ def _log(stream: rr.RecordingStream, drawn: DrawnScene, metrics: str) -> None:
     stream.send_blueprint(scene_blueprint(drawn, images, floor, plots, follow, legend, entities))
 
 
-def _sensor_colours(drawn: DrawnScene) -> dict[str, Colour]:
-    """One colour for sensors of the same name, whoever wears them."""
-    names: list[str] = []
-    for wearer in drawn.wearers:
-        if wearer.recording is not None:
-            names += [*(site.sensor for site in wearer.recording.placement.sites), *wearer.recording.imus]
-        if wearer.estimate is not None:
-            names += [*wearer.estimate.calibration, *wearer.estimate.sensors]
-    return sensor_colours(list(dict.fromkeys(names)))
-
-
 def _body_of(wearer: DrawnWearer) -> str:
     """The entity of the body as drawn in colour."""
     what = "estimate" if wearer.motion is not None else "truth" if wearer.truth is not None else "body"
     return f"world/{rr.escape_entity_path_part(wearer.name)}/{what}"
 
 
-def _log_wearer(stream: rr.RecordingStream, wearer: DrawnWearer, view: DrawnScene, floor: float) -> None:
+def _log_wearer(
+    stream: rr.RecordingStream, wearer: DrawnWearer, view: DrawnScene, floor: float, sensors: Mapping[str, Colour]
+) -> None:
     shown = wearer.shown or wearer.rest
     if shown is None:
         return
@@ -205,7 +196,7 @@ def _log_wearer(stream: rr.RecordingStream, wearer: DrawnWearer, view: DrawnScen
     if wearer.recording is not None:
         known = wearer.recording.truth.calibration if wearer.recording.truth is not None else None
         calibration = wearer.estimate.calibration if wearer.estimate is not None else known
-        log_sensors(stream, body, wearer.recording.placement, calibration, _sensor_colours(view))
+        log_sensors(stream, body, wearer.recording.placement, calibration, sensors)
 
 
 def _log_world_camera(stream: rr.RecordingStream, drawn: DrawnScene) -> None:

@@ -14,6 +14,7 @@ from vip_factors.viz.drawn_scene import NOBODY, DrawnScene, DrawnWearer
 from vip_factors.viz.headings import rows_of
 
 KEPT = 40  # findings of a stream that are shown: an hour's list would be sent again with each
+LIMBS = "left limbs are lighter, right ones darker"
 SENSORS = "- Small boxes are the sensors, each in the colour of its curves: see *Sensors' colours*."
 IMAGE = "- In the picture: bodies are broad lines, detections dots and fine lines; grey are nobody's."
 _PLACED = {
@@ -57,23 +58,18 @@ def finding_lines(findings: Sequence[Finding]) -> list[str]:
 def _colour_lines(drawn: DrawnScene) -> list[str]:
     """The legend of what is drawn, as a list."""
     compared = any(one.motion is not None and one.truth is not None for one in drawn.wearers)
+    lines = [f"- **{one.name}** is {colour_name(one.index)}; {LIMBS}." for one in drawn.wearers]
     if drawn.one_alone:
         lines = ["- **Orange** is the wearer's left, **blue** the right."]
-    else:
-        lines = [
-            f"- **{one.name}** is {colour_name(one.index)}; left limbs are lighter, right ones darker."
-            for one in drawn.wearers
-        ]
     if compared and drawn.compare is not None:
         lines.append(f"- In colour: the estimate, {_PLACED[drawn.compare]}.")
     if compared:
         lines.append("- See-through and grey: the truth.")
-    if drawn.detections is not None:
-        lines.append(IMAGE)
-    lines.append(SENSORS)
-    if drawn.apart:
-        lines.append(f"- **{APART}**")
-    return ["## Colours", "", *lines, ""]
+    return _legend(lines, drawn.detections is not None, drawn.apart)
+
+
+def _legend(lines: Sequence[str], filmed: bool, apart: bool) -> list[str]:
+    return ["## Colours", "", *lines, *[IMAGE] * filmed, SENSORS, *[f"- **{APART}**"] * apart, ""]
 
 
 def _camera_lines(drawn: DrawnScene) -> list[str]:
@@ -189,15 +185,6 @@ def live_summary(setup: Scene, findings: Sequence[tuple[float, str]], apart: boo
         lines += ["## Findings", ""]
         lines += [f"- **{time:.1f} s** {sentence}" for time, sentence in reversed(findings[-KEPT:])]
         lines.append("")
-    lines += ["## Colours", ""]
-    lines += [
-        f"- **{wearer.subject.name}**, newest: {colour_name(index)}, solid; left limbs are lighter, right ones darker."
-        for index, wearer in enumerate(setup.wearers)
-    ]
-    lines.append("- Smoothed, a moment earlier: dark grey, see-through.")
-    if setup.camera is not None:
-        lines.append(IMAGE)
-    lines.append(SENSORS)
-    if apart:
-        lines.append(f"- **{APART}**")
-    return "\n".join([*lines, ""])
+    colours = [f"- **{name}**, newest: {colour_name(index)}, solid; {LIMBS}." for index, name in enumerate(setup.names)]
+    colours.append("- Smoothed, a moment earlier: dark grey, see-through.")
+    return "\n".join([*lines, *_legend(colours, setup.camera is not None, apart)])

@@ -45,7 +45,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.settings import Settings
     from vip_factors.simulate.settings import SimulateSettings
     from vip_factors.viz.picture import filmstrip
-    from vip_factors.viz.rerun_view import SaveTo, show
+    from vip_factors.viz.rerun_view import show
 
     files = {
         name: options.out / name
@@ -74,7 +74,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         filmstrip(
             estimate, recording, None, files["demo.png"], title=_title(estimate.method), overwrite=options.overwrite
         )
-        show(recording, estimate, None, SaveTo(files["demo.rrd"], options.overwrite))
+        show(recording, estimate, None, files["demo.rrd"], options.overwrite)
     for name in ("mpjpe", "mpjae", "heading_error", "mounting_error"):
         if name in evaluation.metrics:
             metric = evaluation.metrics[name]

@@ -136,15 +136,15 @@ def _chart(paths: Sequence[Path], png: Path, overwrite: bool) -> None:
 
 def _show(opened: Opened, save: Path | None, options: ViewOptions) -> None:
     from vip_factors.viz.compare import Compare
-    from vip_factors.viz.rerun_view import LiveViewer, SaveTo, show
+    from vip_factors.viz.rerun_view import show
 
-    sink = LiveViewer() if save is None else SaveTo(save, options.overwrite)
     if opened.is_scene:
         from vip_factors.viz.rerun_view import show_scene
 
-        show_scene(*opened.as_scene(), sink)
+        show_scene(*opened.as_scene(), save, options.overwrite)
         return
-    show(opened.recording, opened.estimate, opened.truth, sink, compare=Compare(options.compare))
+    compare = Compare(options.compare)
+    show(opened.recording, opened.estimate, opened.truth, save, options.overwrite, compare=compare)
 
 
 def _screenshot(opened: Opened, png: Path, options: ViewOptions) -> None:

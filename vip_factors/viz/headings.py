@@ -7,7 +7,6 @@ import numpy as np
 
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, transpose, wrap_angle, yaw_of
-from vip_factors.sensors.calibration import Calibration
 from vip_factors.viz.drawn_scene import DrawnWearer
 
 
@@ -26,28 +25,17 @@ class HeadingRow:
         return float(np.rad2deg(wrap_angle(np.deg2rad(self.heading - self.truth))))
 
 
-def heading_rows(calibration: Calibration, truth: Calibration | None, gauge_yaw: float) -> list[HeadingRow]:
-    """Every sensor's heading; ``gauge_yaw`` (rad) by which the estimate's world is turned is taken off."""
-    rows = []
-    for sensor, one in calibration.items():
-        known = truth.get(sensor) if truth is not None else None
-        rows.append(
-            HeadingRow(
-                sensor,
-                float(np.rad2deg(wrap_angle(one.heading - gauge_yaw))),
-                float(np.rad2deg(one.heading_sigma)),
-                float(np.rad2deg(wrap_angle(known.heading))) if known is not None else float("nan"),
-            )
-        )
-    return rows
-
-
 def rows_of(wearer: DrawnWearer) -> Sequence[HeadingRow]:
-    """Those of a wearer; empty without an estimate."""
+    """Every sensor's heading, in the true world as far as that is known; empty without an estimate."""
     if wearer.estimate is None:
         return []
     truth = wearer.recording.truth.calibration if wearer.recording is not None and wearer.recording.truth else None
-    return heading_rows(wearer.estimate.calibration, truth, wearer.gauge_yaw)
+    rows = []
+    for sensor, one in wearer.estimate.calibration.items():
+        known = (truth or {}).get(sensor)
+        radians = wrap_angle(one.heading - wearer.gauge_yaw), one.heading_sigma, known and wrap_angle(known.heading)
+        rows.append(HeadingRow(sensor, *(np.nan if one is None else float(np.rad2deg(one)) for one in radians)))
+    return rows
 
 
 def implied_headings(wearer: DrawnWearer) -> tuple[Array, dict[str, Array]] | None:

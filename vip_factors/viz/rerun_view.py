@@ -4,7 +4,6 @@ Everything goes in as columns, so that minutes of motion are logged in seconds.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -53,30 +52,14 @@ NAME_COLOUR: Colour = (16, 18, 22)  # on the grey that Rerun puts behind labels
 NAME_ABOVE_HEAD_M = 0.32  # in the head's frame, above its joint: clear of the crown
 
 
-@dataclass(frozen=True)
-class SaveTo:
-    """Write a ``.rrd`` file, complete or not at all."""
-
-    path: Path
-    overwrite: bool = False
-
-
-@dataclass(frozen=True)
-class LiveViewer:
-    """Open Rerun's viewer, in its own process, and send it everything."""
-
-
-Sink = SaveTo | LiveViewer
-
-
 def show(
     recording: Recording | None = None,
     estimate: WearerEstimate | None = None,
     truth: Motion | None = None,
-    sink: Sink | None = None,
+    save: Path | None = None,
+    overwrite: bool = False,
     *,
     compare: Compare = Compare.ROOT,
-    metrics: str = "",
 ) -> None:
     """Show what is given, in Rerun.
 
@@ -84,58 +67,61 @@ def show(
         recording: for the sensors' places and measurements; its truth is used if ``truth`` is None.
         estimate: drawn in colour.
         truth: drawn as a grey ghost beside an estimate, in colour if there is none.
-        sink: a file or a live viewer (the default).
+        save: ``.rrd`` file, written whole or not at all; without one the viewer is opened, in its own process.
+        overwrite: replace an existing file.
         compare: where to draw an estimate beside the truth.
-        metrics: more text for the panel.
 
     Raises:
         InputError: if there is nothing to show, estimate and truth have no time in common, or the file exists.
         OSError: if the file cannot be written.
     """
-    send(drawn_wearer(recording, estimate, truth, compare), metrics, sink or LiveViewer())
+    send(drawn_wearer(recording, estimate, truth, compare), save, overwrite)
 
 
 def show_scene(
-    scene: Scene | None = None, estimate: Estimate | None = None, sink: Sink | None = None, *, metrics: str = ""
+    scene: Scene | None = None,
+    estimate: Estimate | None = None,
+    save: Path | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Show what is given, in Rerun; the estimate in the truth's world where that is known.
 
     Args:
         scene: camera, detections, sensors and truth.
         estimate: bodies in their wearers' colours, camera, and who was assigned to what.
-        sink: a file or a live viewer (the default).
-        metrics: more text for the panel (Markdown).
+        save: ``.rrd`` file, written whole or not at all; without one the viewer is opened, in its own process.
+        overwrite: replace an existing file.
 
     Raises:
         InputError: if there is nothing to show, the two do not belong together, or the file exists.
         OSError: if the file cannot be written.
     """
-    send(drawn_scene(scene, estimate), metrics, sink or LiveViewer())
+    send(drawn_scene(scene, estimate), save, overwrite)
 
 
-def send(drawn: DrawnScene, metrics: str, sink: Sink) -> None:
+def send(drawn: DrawnScene, save: Path | None, overwrite: bool) -> None:
     """Write what is drawn to a file, complete or not at all, or open the viewer and send it there.
 
     Raises:
         InputError: if the file exists, or there is no display for the viewer.
         OSError: if the file cannot be written.
     """
-    if isinstance(sink, SaveTo):
-        with atomic_path(sink.path, sink.overwrite) as partial:
+    if save is not None:
+        with atomic_path(save, overwrite) as partial:
             stream = rr.RecordingStream(APPLICATION)
             stream.save(partial)
-            _log(stream, drawn, metrics)
-            complete(stream, partial, sink.path)
+            _log(stream, drawn)
+            complete(stream, partial, save)
         return
-    check_display("a file (SaveTo) instead of the live viewer")
+    check_display("a file (save) instead of the live viewer")
     stream = rr.RecordingStream(APPLICATION)
     with quiet():
         rr.spawn(executable_path=rerun_command(), recording=stream)
-    _log(stream, drawn, metrics)
+    _log(stream, drawn)
     stream.flush()
 
 
-def _log(stream: rr.RecordingStream, drawn: DrawnScene, metrics: str) -> None:
+def _log(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
     """Log everything and the layout."""
     filmed = drawn.detections is not None and len(drawn.detections.time) > 0
     bodies = [body for one in drawn.wearers if (body := one.truth or one.shown or one.rest) is not None]
@@ -159,7 +145,7 @@ def _log(stream: rr.RecordingStream, drawn: DrawnScene, metrics: str) -> None:
         images[camera.name] = _log_further_camera(stream, camera, drawn)
     plots = log_series(stream, drawn, colours)
     legend = log_legend(stream, colours)
-    text = rr.TextDocument(scene_summary(drawn, metrics), media_type=rr.MediaType.MARKDOWN)
+    text = rr.TextDocument(scene_summary(drawn), media_type=rr.MediaType.MARKDOWN)
     stream.log("summary", text, static=True)
     stream.send_recording_name(drawn.name)
     entities = [_body_of(wearer) for wearer in drawn.wearers if wearer.shown is not None]

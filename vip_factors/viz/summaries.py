@@ -24,8 +24,8 @@ _PLACED = {
 }
 
 
-def scene_summary(drawn: DrawnScene, metrics: str = "") -> str:
-    """Markdown for the panel; ``metrics`` (Markdown) is put below the headline."""
+def scene_summary(drawn: DrawnScene) -> str:
+    """Markdown for the panel."""
     estimates = [one.estimate for one in drawn.wearers if one.estimate is not None]
     lines = [f"# {drawn.name}", ""]
     if estimates:
@@ -39,8 +39,6 @@ def scene_summary(drawn: DrawnScene, metrics: str = "") -> str:
         )
         lines += [f"**{method}**{count}, {len(motion)} frames at {motion.rate:g} Hz{sensors}", ""]
         lines += finding_lines((drawn.estimate or estimates[0]).findings)
-    if metrics:
-        lines += [metrics, ""]
     lines += [*_wearer_table(drawn), *_colour_lines(drawn), *_camera_lines(drawn)]
     for wearer in drawn.wearers:
         lines += [*_recording_lines(wearer, drawn.one_alone), *_body_table(wearer), *_sensor_table(wearer)]

@@ -6,6 +6,7 @@ import numpy as np
 from scene_sample import scene_sample
 
 from vip_factors.body.kinematics import Motion
+from vip_factors.findings import bare
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.live import stream_head
@@ -39,7 +40,7 @@ def answer(scene: Scene, frame: int, covariance: bool = True, lag: int = LAG) ->
         wearers.append(LiveWearerEstimate(wearer.subject.name, newest, smoothed, calibration, index))
     camera = camera_pose(scene, time) if scene.camera is not None else None
     late = camera_pose(scene, time - lag / 60) if scene.camera is not None and frame >= lag else None
-    findings = ("the stream has begun",) if frame == 0 else ()
+    findings = (bare("the stream has begun"),) if frame == 0 else ()
     return LiveEstimate(frame, time, tuple(wearers), camera, late, findings, 0.005)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-TEXT = "text"  # the kind of a bare sentence: from a file of an older version, or about a stream
+TEXT = "text"  # the kind of a bare sentence: from a file of an older version, or of a stream's source
 
 
 class Severity(StrEnum):
@@ -454,6 +454,146 @@ ASSOCIATION_KINDS = {
     ),
 }
 
+OTHERS_CARRY = "Where this sensor does not measure, the others and the last motion tell how its bone is turned."
+CLOCKS = "Synchronise the clocks of sensors and cameras, and do not set them while recording."
+POSES_MISSING = "Of the time until tracking goes on there are no poses."
+TOO_SLOW = "Use fewer frames per second (--frame-rate), fewer wearers, fewer cameras or a shorter lag."
+
+SAMPLE_KINDS = {
+    "samples unusable": Kind(
+        CARE,
+        "{amount} of {subject} skipped: {reason}",
+        "Some measurements could not be used",
+        OTHERS_CARRY,
+        "Check what the sensor or the detector sends.",
+    ),
+    "samples late": Kind(
+        CARE,
+        "{amount} of {subject} came too late",
+        "Some measurements came too late",
+        OTHERS_CARRY,
+        "Check the radio link or the network.",
+    ),
+    "all silent": Kind(
+        CARE,
+        "all sensors were silent for {seconds:.1f} s from {begin:.2f} s on: {then}",
+        "All sensors were silent for a while",
+        "Of this time there are no measurements.",
+        "Check the radio link or the network.",
+    ),
+    "samples dropped": Kind(
+        CARE,
+        "no samples for {seconds:.1f} s from {begin:.2f} s on, as the tracker did not keep up and they were dropped: "
+        "{then}",
+        "The computer was too slow for the stream",
+        "Of this time there are no measurements.",
+        TOO_SLOW,
+    ),
+    "name unknown": Kind(
+        CARE,
+        "{subject} is not in the stream's set-up: ignored; check the name",
+        "Somebody sends whom the set-up does not know",
+        "What is sent under this name is not used.",
+        "Check the name in the set-up.",
+    ),
+    "names unknown": Kind(
+        CARE,
+        "more than {most:.0f} names that nobody declared: the rest is ignored without a word",
+        "Many send whom the set-up does not know",
+        "What is sent under these names is not used.",
+        "Check the names in the set-up.",
+    ),
+    "clock refused": Kind(
+        CARE,
+        "{subject}: its clock jumped from {before:.2f} s to {after:.2f} s: such samples are refused{others}",
+        "A clock jumped",
+        OTHERS_CARRY,
+        CLOCKS,
+    ),
+    "clock jumped": Kind(
+        NOTE,
+        "{subject}: its clock jumped from {before:.2f} s to {after:.2f} s and goes on from there: its {stamp:.2f} s "
+        "are taken for {taken:.2f} s{others}",
+        "A clock jumped",
+        "Its times were shifted; a shift that is off by a little shows in quick movements.",
+        CLOCKS,
+    ),
+    "sensor missing": Kind(
+        CARE,
+        "{subject} has sent nothing yet: going on without it",
+        "A sensor does not send",
+        "The bone that it is worn on is estimated from the others.",
+        "Check that it is switched on, and its name.",
+    ),
+    "sensor silent": Kind(
+        CARE,
+        "{subject} {what} for {seconds:.1f} s{why}: going on without it",
+        "A sensor does not send any more",
+        OTHERS_CARRY,
+        "Check its battery and the radio link.",
+    ),
+    "sensor back": Kind(NOTE, "{subject} {what}", "A sensor sends again", "It is used from here on.", "Nothing."),
+}
+
+TRACKING_KINDS = {
+    "stream paused": Kind(
+        CARE, "the stream has paused: tracking starts again", "The stream has paused", POSES_MISSING, "Nothing."
+    ),
+    "tracking lost": Kind(
+        CARE,
+        "tracking was lost at {time:.1f} s ({reason}): tracking starts again",
+        "Tracking was lost",
+        POSES_MISSING,
+        "If it happens again, check the placement and the sensors.",
+    ),
+    "no start": Kind(
+        CARE,
+        "tracking cannot start at {time:.1f} s: {reason}",
+        "Tracking could not start",
+        POSES_MISSING,
+        "Check what the sentence names.",
+    ),
+    "wearer found": Kind(
+        NOTE,
+        "a wearer was found in the video",
+        "Somebody was recognised in the video",
+        "The video is used from here on.",
+        "Nothing.",
+    ),
+    "sensor used": Kind(
+        NOTE, "another sensor is used from here on", "A sensor has come", "It is used from here on.", "Nothing."
+    ),
+    "sensor moved": Kind(
+        CARE,
+        "sensor '{subject}' of '{wearer}' no longer sits as it did: its heading and mounting are estimated anew",
+        "A sensor has slipped",
+        "For the seconds that this takes the bone below it may be turned wrongly.",
+        "Check how this sensor is fixed.",
+    ),
+    "calibration corrected": Kind(
+        CARE,
+        "{seconds} s of data show what less could not: until now the bones of {each} were turned wrong",
+        "The first seconds were wrong",
+        "Before this instant these bones were turned wrongly.",
+        "Smooth the recording afterwards, or hold a declared pose at the start.",
+        "'{name}' by {value:.0f}°",
+    ),
+    "calibration not renewed": Kind(
+        CARE,
+        "the calibration was not found anew: {reason}",
+        "The calibration could not be improved",
+        "The stream goes on with the calibration that it has.",
+        "Check what the sentence names.",
+    ),
+    "frames missing": Kind(
+        CARE,
+        "{wearer}: {frames:.0f} frames are missing before {until:.2f} s; the last pose is held there",
+        "Some frames have no pose",
+        "There the last pose is repeated.",
+        "Nothing.",
+    ),
+}
+
 KINDS: dict[str, Kind] = {
     TEXT: Kind(
         CARE, "", "Something else was noticed", "See the sentence below.", "If in doubt, ask who made the recording."
@@ -462,4 +602,6 @@ KINDS: dict[str, Kind] = {
     **POSTURE_KINDS,
     **VIDEO_KINDS,
     **ASSOCIATION_KINDS,
+    **SAMPLE_KINDS,
+    **TRACKING_KINDS,
 }

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from vip_factors.body.skeleton import Skeleton
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration
 
@@ -66,7 +67,7 @@ class LiveEstimate:
         time: seconds of the newest frame.
         wearers: in the order of the set-up.
         camera, smoothed_camera: the first camera's pose at the newest frame and one lag earlier; None without one.
-        findings: sentences for the user about what has happened since the frame before.
+        findings: for the user, about what has happened since the frame before.
         seconds: what this update took.
     """
 
@@ -75,5 +76,5 @@ class LiveEstimate:
     wearers: tuple[LiveWearerEstimate, ...]
     camera: LiveCameraPose | None = None
     smoothed_camera: LiveCameraPose | None = None
-    findings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     seconds: float = 0.0

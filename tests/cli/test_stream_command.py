@@ -20,6 +20,7 @@ from vip_factors.cli.main import main
 from vip_factors.cli.stream_session import Interrupts, Session, status, summary
 from vip_factors.cli.terminal import StatusLine
 from vip_factors.evaluate.evaluation import evaluate_scene
+from vip_factors.findings import sentences
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_scene
@@ -278,7 +279,10 @@ def test_findings_of_the_source_are_told_and_kept(capsys: pytest.CaptureFixture[
     session.take(LiveFinding("sensor 'x' is nobody's: its samples are left out"))
     session.take(next(iter(live_samples(live_scene(0.1)))))
     session.finish()
-    assert sink.heard[0].findings == ("sensor 'x' is nobody's: its samples are left out", "the stream has begun")
+    assert sentences(sink.heard[0].findings) == (
+        "sensor 'x' is nobody's: its samples are left out",
+        "the stream has begun",
+    )
     assert capsys.readouterr().err.splitlines() == [
         "note: sensor 'x' is nobody's: its samples are left out",
         "note: the stream has begun",

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from vip_factors.body.keypoints import keypoint_set
+from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import exp
 from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.measurement import FrameMeasurement
@@ -43,6 +44,11 @@ def video(time: float, people: int = 1) -> VideoFrame:
 def assemble(samples: Iterable[LiveSample], assembler: FrameAssembler, flush: bool = True) -> list[FrameMeasurement]:
     frames = [frame for one in samples for frame in assembler.push(one)]
     return frames + (assembler.flush() if flush else [])
+
+
+def findings_of(assembler: FrameAssembler) -> tuple[str, ...]:
+    """What it has to say, as text."""
+    return sentences(assembler.take_findings())
 
 
 def in_time(*parts: Iterable[LiveSample]) -> list[LiveSample]:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from assembly_stream import CAMERA, COLUMNS, RATE, assemble, in_time, sample, stream, video
+from assembly_stream import CAMERA, COLUMNS, RATE, assemble, findings_of, in_time, sample, stream, video
 
 from vip_factors.errors import InputError
 from vip_factors.live.assembly import FrameAssembler
@@ -132,7 +132,7 @@ def test_late_video_keeps_its_frame_and_is_dropped_beyond_the_lag() -> None:
     assert [(one.frame, one.video.time) for one in frame.video] == [(54, 0.9)]
     assert assembler.counts["late"] == 1
     assert assembler.counts["duplicate"] == 1
-    assert assembler.take_findings() == ("1 video frame of camera 'phone' came too late",)
+    assert findings_of(assembler) == ("1 video frame of camera 'phone' came too late",)
 
 
 def test_video_ahead_waits_for_its_frame() -> None:

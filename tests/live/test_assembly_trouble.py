@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from assembly_stream import CAMERA, COLUMNS, RATE, assemble, in_time, sample, stream, video
+from assembly_stream import CAMERA, COLUMNS, RATE, assemble, findings_of, in_time, sample, stream, video
 
 from vip_factors.errors import InputError
 from vip_factors.live.assembly import FrameAssembler
@@ -21,7 +21,7 @@ def started() -> FrameAssembler:
     """One second of everything has come."""
     assembler = FrameAssembler(COLUMNS, RATE, cameras=[CAMERA])
     assemble(stream(0.0, 1.0), assembler, flush=False)
-    assert assembler.take_findings() == ()
+    assert findings_of(assembler) == ()
     return assembler
 
 
@@ -32,11 +32,11 @@ def consecutive(frames: list[FrameMeasurement], first: int = 60) -> bool:
 def test_a_silent_sensor_is_given_up_and_welcomed_back() -> None:
     assembler = started()
     assemble(stream(1.0, 3.0, OTHERS), assembler, flush=False)
-    assert assembler.take_findings() == ("sensor 'wrist' of 'Ada' has been silent for 1.0 s: going on without it",)
+    assert findings_of(assembler) == ("sensor 'wrist' of 'Ada' has been silent for 1.0 s: going on without it",)
     frame, *_ = assemble(stream(3.0, 3.0 + 1 / RATE, OTHERS), assembler, flush=False)
     assert frame.time == pytest.approx(3.0), "not waited for any more"
     frames = assemble(stream(3.0 + 1 / RATE, 3.5), assembler)
-    assert assembler.take_findings() == ("sensor 'wrist' of 'Ada' is back",)
+    assert findings_of(assembler) == ("sensor 'wrist' of 'Ada' is back",)
     assert np.all(frames[-1].orientation_valid)
     assert np.all(frames[-1].acceleration_valid)
 
@@ -44,9 +44,9 @@ def test_a_silent_sensor_is_given_up_and_welcomed_back() -> None:
 def test_a_sensor_that_begins_late_is_not_waited_for() -> None:
     assembler = FrameAssembler(COLUMNS, RATE)
     assemble(stream(0.0, 1.0, OTHERS), assembler, flush=False)
-    assert assembler.take_findings() == ("sensor 'wrist' of 'Ada' has sent nothing yet: going on without it",)
+    assert findings_of(assembler) == ("sensor 'wrist' of 'Ada' has sent nothing yet: going on without it",)
     assert np.all(assemble(stream(1.0, 1.5), assembler)[-1].orientation_valid)
-    assert assembler.take_findings() == ("sensor 'wrist' of 'Ada' sends now",)
+    assert findings_of(assembler) == ("sensor 'wrist' of 'Ada' sends now",)
 
 
 def test_frames_over_a_pause_of_all_are_there_with_nothing_valid() -> None:
@@ -59,7 +59,7 @@ def test_frames_over_a_pause_of_all_are_there_with_nothing_valid() -> None:
     assert not any(np.any(one.orientation_valid) or np.any(one.acceleration_valid) for one in pause)
     assert not any(one.restart for one in frames)
     assert all(np.all(one.orientation_valid) for one in frames if one.time > 3.05)
-    assert assembler.take_findings() == ("all sensors were silent for 2.0 s from 0.98 s on: going on",)
+    assert findings_of(assembler) == ("all sensors were silent for 2.0 s from 0.98 s on: going on",)
 
 
 def test_after_a_long_pause_tracking_starts_again() -> None:
@@ -70,7 +70,7 @@ def test_after_a_long_pause_tracking_starts_again() -> None:
     assert frames[0].time == pytest.approx(20.0, abs=2 / RATE)
     assert (frames[0].time * RATE) % 1 == pytest.approx(0, abs=1e-6)
     assert np.all(frames[3].acceleration_valid)
-    assert assembler.take_findings() == ("all sensors were silent for 19.0 s from 0.98 s on: tracking starts again",)
+    assert findings_of(assembler) == ("all sensors were silent for 19.0 s from 0.98 s on: tracking starts again",)
 
 
 @pytest.mark.parametrize("time", [0.1, 1.9, 4.0])
@@ -90,7 +90,7 @@ def test_one_stray_stamp_ahead_makes_nobody_late() -> None:
     frames = assemble([stray, *stream(1.0, 2.0)], assembler)
     assert all(np.all(one.orientation_valid) for one in frames)
     assert consecutive(frames)
-    (finding,) = assembler.take_findings()
+    (finding,) = findings_of(assembler)
     assert finding == "sensor 'wrist' of 'Ada': its clock jumped from 0.98 s to 4.00 s: such samples are refused"
 
 
@@ -100,7 +100,7 @@ def test_a_clock_that_starts_again_is_followed(leap: float) -> None:
     leapt = [replace(one, time=one.time + leap) if one.sensor == "wrist" else one for one in stream(1.0, 3.0)]
     frames = assemble(leapt, assembler)
     assert consecutive(frames)
-    (told,) = assembler.take_findings()
+    (told,) = findings_of(assembler)
     assert re.search(r"its clock jumped from 1.00 s to .* and goes on from there: its .* s are taken for 1.50 s", told)
     later = [one for one in frames if one.time > 1.6]
     assert all(np.all(one.orientation_valid) for one in later)
@@ -177,10 +177,10 @@ def test_absurd_samples_are_skipped_and_told_once(change: dict[str, object], rea
     bad = [replace(sample(WRIST, 1.001), **change) for _ in range(5)]  # type: ignore[arg-type]
     frames = assemble([*bad, *stream(1.0, 2.0)], assembler, flush=False)
     assert all(np.all(one.orientation_valid) for one in frames)
-    (finding,) = assembler.take_findings()
+    (finding,) = findings_of(assembler)
     assert finding.startswith(f"1 sample of sensor 'wrist' of 'Ada' skipped: {reason}")
     assembler.flush()
-    (finding,) = assembler.take_findings()
+    (finding,) = findings_of(assembler)
     assert finding.startswith("4 samples of sensor 'wrist' of 'Ada' skipped")
     assert assembler.counts["unusable"] == 5
 
@@ -189,7 +189,7 @@ def test_samples_of_frames_made_long_ago_are_counted() -> None:
     assembler = started()
     assemble([sample(WRIST, 0.85 + 0.001 * n) for n in range(12)], assembler)
     assert assembler.counts["late"] == 12
-    assert assembler.take_findings() == (
+    assert findings_of(assembler) == (
         "1 sample of sensor 'wrist' of 'Ada' came too late",
         "11 samples of sensor 'wrist' of 'Ada' came too late",
     )
@@ -201,7 +201,7 @@ def test_a_sensor_that_is_always_late_is_not_waited_for() -> None:
     samples = [one for three in zip(*(stream(1.0, 4.0, [c]) for c in OTHERS), late, strict=True) for one in three]
     frames = assemble(samples, assembler, flush=False)
     assert frames[-1].time == pytest.approx(4.0 - 1 / RATE)
-    assert any("has come too late for" in one for one in assembler.take_findings())
+    assert any("has come too late for" in one for one in findings_of(assembler))
     frames = assemble(stream(4.0, 5.0), assembler)
     assert np.all(frames[-1].orientation_valid)
 
@@ -212,7 +212,7 @@ def test_one_clock_ahead_makes_not_all_others_late() -> None:
     assembler = FrameAssembler(columns, RATE)
     frames = assemble(samples, assembler, flush=False)
     assert all(np.all(one.orientation_valid[1:]) for one in frames)
-    assert assembler.take_findings() == ()
+    assert findings_of(assembler) == ()
 
 
 def test_unknown_names_are_told_once_each_and_bounded() -> None:
@@ -220,7 +220,7 @@ def test_unknown_names_are_told_once_each_and_bounded() -> None:
     for number in range(150):
         for _ in range(2):
             assembler.push(ImuSample("Eve", f"{number}" * 200, 1.0, np.eye(3)))
-    findings = assembler.take_findings()
+    findings = findings_of(assembler)
     assert len(findings) == 101
     assert findings[0].startswith("sensor '0000")
     assert all(len(one) < 200 for one in findings)
@@ -245,7 +245,7 @@ def test_absurd_video_frames_are_skipped(change: dict[str, object]) -> None:
     assembler = started()
     assembler.push(replace(video(1.0), **change))  # type: ignore[arg-type]
     assert not any(frame.video for frame in assemble(stream(1.0, 1.5), assembler))
-    (finding,) = assembler.take_findings()
+    (finding,) = findings_of(assembler)
     assert finding.startswith("1 video frame of camera 'phone' skipped: ")
 
 
@@ -267,14 +267,14 @@ def test_an_empty_stream_ends_without_frames() -> None:
     assembler = FrameAssembler(COLUMNS, RATE, AssemblySettings(), [CAMERA])
     assembler.push(video(0.0))
     assert assembler.flush() == []
-    assert assembler.take_findings() == ()
+    assert findings_of(assembler) == ()
 
 
 def test_a_gap_of_dropped_samples_is_not_blamed_on_the_sensors() -> None:
     assembler = started()
     assembler.note_loss()
     assemble(stream(3.0, 4.0), assembler)
-    (finding,) = assembler.take_findings()
+    (finding,) = findings_of(assembler)
     assert finding == (
         "no samples for 2.0 s from 0.98 s on, as the tracker did not keep up and they were dropped: going on"
     )
@@ -284,7 +284,7 @@ def test_one_sensor_without_samples_is_not_called_silent_where_some_were_dropped
     assembler = started()
     assembler.note_loss()
     assemble(stream(1.0, 3.0, OTHERS), assembler, flush=False)
-    (finding,) = assembler.take_findings()
+    (finding,) = findings_of(assembler)
     assert finding == (
         "sensor 'wrist' of 'Ada' is without samples for 1.0 s, as the tracker did not keep up and some were dropped: "
         "going on without it"
@@ -298,7 +298,7 @@ def test_clocks_that_leap_together_are_told_once_and_counted() -> None:
     told = []
     for one in stream(1.0, 6.0, columns):
         assembler.push(replace(one, time=one.time - 60.0))
-        told += assembler.take_findings()
+        told += findings_of(assembler)
     (sentence,) = told
     assert "'sensor0' of 'Ada': its clock jumped from 0.98 s to -59.00 s" in sentence
     assert sentence.endswith("; so did 12 more")
@@ -310,7 +310,7 @@ def test_a_small_step_of_one_clock_is_followed_and_told_once(leap: float) -> Non
     frames = []
     for one in stream(1.0, 4.0):
         frames += assembler.push(replace(one, time=one.time + leap) if one.sensor == "wrist" else one)
-        told += assembler.take_findings()
+        told += findings_of(assembler)
     (sentence,) = told
     assert "'wrist' of 'Ada': its clock jumped" in sentence
     later = [one for one in frames if one.time > 1.6]
@@ -326,7 +326,7 @@ def test_every_jump_is_told_but_not_for_ever() -> None:
     for one in stream(1.0, 41.0):
         leaps = 100.0 * int(one.time)  # every second
         assembler.push(replace(one, time=one.time + leaps) if one.sensor == "wrist" else one)
-        told += [one.time for sentence in assembler.take_findings() if "jumped" in sentence]
+        told += [one.time for sentence in findings_of(assembler) if "jumped" in sentence]
     assert 11 <= len(told) <= 14
     assert np.all(np.diff(told[:10]) < 1.2)
 
@@ -336,7 +336,7 @@ def test_a_clock_without_any_order_is_told_once() -> None:
     for one in stream(1.0, 6.0):
         stamp = float(random.uniform(-1e4, 1e4))
         assembler.push(replace(one, time=stamp) if one.sensor == "wrist" else one)
-        told += assembler.take_findings()
+        told += findings_of(assembler)
     assert [("jumped" in one, "silent" in one) for one in told].count((True, False)) == 1
     assert len(told) == 2
 
@@ -351,6 +351,6 @@ def test_gaps_of_dropped_samples_are_no_jumps_of_clocks() -> None:
         if period == 13 * 250 + 3:
             assembler.note_loss()
         assembler.push(one)
-        told += assembler.take_findings()
+        told += findings_of(assembler)
     assert told
     assert not any("clock" in one for one in told)

@@ -8,6 +8,7 @@ import pytest
 from tracked import filmed
 
 from vip_factors.errors import SolveError
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.live import recalibrator
 from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch
@@ -49,14 +50,14 @@ def recalibrating() -> Recalibrator:
     return Recalibrator(stream_head(filmed()), SETTINGS, real_time=False)
 
 
-def feed(one: Recalibrator, first: int, frames: int) -> list[str]:
-    told, R = list[str](), np.broadcast_to(np.eye(3), (SENSORS, 3, 3))
+def feed(one: Recalibrator, first: int, frames: int) -> list[Finding]:
+    told, R = list[Finding](), np.broadcast_to(np.eye(3), (SENSORS, 3, 3))
     force: Array = np.zeros((SENSORS, 3))
     for number in range(first, first + frames):
         every = np.ones(SENSORS, bool)
         one.remember(FrameMeasurement(number, number / RATE, R, every, force, every.copy()))
         answer = one.answer(number)
-        assert answer is None or isinstance(answer, str)
+        assert answer is None or isinstance(answer, Finding)
         told += [answer] if answer else []
         one.begin(NEWEST)
     return told

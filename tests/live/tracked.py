@@ -9,6 +9,7 @@ from filmed_gestures import filmed_gestures
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.evaluate.metrics import common_frames, mpjpe
+from vip_factors.findings import sentences
 from vip_factors.live.settings import LiveSettings, RecalibrationSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose
@@ -30,7 +31,7 @@ class Tracked:
 
     @property
     def findings(self) -> str:
-        return "\n".join(sentence for answer in self.answers for sentence in answer.findings)
+        return "\n".join(sentence for answer in self.answers for sentence in sentences(answer.findings))
 
     def motion(self, kind: str, wearer: int = 0) -> Motion:
         """The ``"newest"`` or ``"smoothed"`` poses."""

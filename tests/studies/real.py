@@ -182,7 +182,7 @@ def _trial(one: RealRecording, folder: Path, with_live: bool, camera: CameraName
         _video(one, folder, own.motion), _strides(one, folder, own.motion),
         _heading_errors(own.calibration, one.headings_deg), batch_s, live_s,
         sentences(dict.fromkeys((*estimate.findings, *own.findings))),
-        tuple(sentence for answer in answers for sentence in answer.findings),
+        sentences(one for answer in answers for one in answer.findings),
     )  # fmt: skip
 
 

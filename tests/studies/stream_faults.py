@@ -195,7 +195,7 @@ def run_stream(
             replace(one, time=one.time + shift) if time >= fault.begin else one
             for one, time in zip(poses, arrival, strict=True)
         ]
-    findings = sorted((time, sentence) for time, one in answered for sentence in one.findings)
+    findings = sorted((time, str(finding)) for time, one in answered for finding in one.findings)
     return StreamRun(tuple(poses), tuple(findings))
 
 

@@ -13,6 +13,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from vip_factors.cli.terminal import StatusLine
+from vip_factors.findings import Finding, bare
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveLoss, LiveSample, VideoFrame
 
@@ -130,7 +131,7 @@ class Session:
         self.lost: list[str] = []
         self.findings = 0
         self._recent: deque[float] = deque(maxlen=RECENT)
-        self._pending: list[str] = []  # findings of the source, for the next answer to carry
+        self._pending: list[Finding] = []  # findings of the source, for the next answer to carry
         self._looked = -LINE_S
 
     def take(self, item: LiveItem) -> None:
@@ -141,7 +142,7 @@ class Session:
                 if item.again:
                     return
             self.report(item.sentence)
-            self._pending.append(item.sentence)
+            self._pending.append(bare(item.sentence))
             return
         if isinstance(item, VideoFrame):
             for viewer in self._viewers:
@@ -159,8 +160,8 @@ class Session:
 
     def _give(self, estimates: list[LiveEstimate]) -> None:
         for estimate in estimates:
-            for sentence in estimate.findings:
-                self.report(sentence)
+            for finding in estimate.findings:
+                self.report(str(finding))
             if self._pending:
                 estimate = replace(estimate, findings=(*self._pending, *estimate.findings))
                 self._pending = []

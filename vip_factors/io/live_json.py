@@ -10,6 +10,7 @@ import numpy as np
 
 from vip_factors.errors import naming_file
 from vip_factors.estimate import PoseCovariance
+from vip_factors.findings import sentences
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
@@ -53,7 +54,7 @@ class LiveJsonSink:
         if estimate.camera is not None or estimate.smoothed_camera is not None:
             told["camera"] = {"newest": _camera(estimate.camera), "smoothed": _camera(estimate.smoothed_camera)}
         if estimate.findings:
-            told["findings"] = list(estimate.findings)
+            told["findings"] = list(sentences(estimate.findings))
         told["update_ms"] = _rounded(1e3 * estimate.seconds, 3)
         return told
 

@@ -17,7 +17,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.errors import naming_file
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
-from vip_factors.findings import bare
+from vip_factors.findings import Finding, sentences
 from vip_factors.geometry.rotations import Array
 from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import set_timestamp
@@ -91,7 +91,7 @@ class LiveMcapSink:
         self._last: LiveEstimate | None = None
         self._batch, self._chunk = max(1, round(BATCH_S * rate)), max(1, round(FLUSH_S * rate))
         self._unflushed = 0  # frames since the last flush
-        self._findings: dict[str, None] = {}  # ordered, each once
+        self._findings: dict[str, Finding] = {}  # ordered, each once
         self._written_info: tuple[int, int] = (0, 0)  # wearers and findings in the last SceneEstimateInfo
         self._file = open(self.partial, "wb")  # noqa: SIM115 — open as long as the stream
         self._good_bytes = 0  # up to the end of the last whole chunk
@@ -209,22 +209,24 @@ class LiveMcapSink:
         messages = []
         for one in estimates:
             seen = [-1 if wearer.detection is None else wearer.detection for wearer in one.wearers]
-            message = LiveUpdate(frame=one.frame, update_s=one.seconds, detection_of_wearer=seen, findings=one.findings)
+            message = LiveUpdate(
+                frame=one.frame, update_s=one.seconds, detection_of_wearer=seen, findings=sentences(one.findings)
+            )
             time_ns = nanoseconds_of(one.time, self._setup.start_ns)
             set_timestamp(message.timestamp, time_ns)
             messages.append((time_ns, channel, message.SerializeToString()))
         return messages
 
-    def _find(self, sentences: Iterable[str]) -> None:
-        for sentence in sentences:
+    def _find(self, findings: Iterable[Finding]) -> None:
+        for finding in findings:
             if len(self._findings) < MOST_FINDINGS:
-                self._findings[sentence] = None
+                self._findings[str(finding)] = finding
 
     def _write_scene_info(self, time_ns: int) -> None:
         """Of the wearers who have poses: a reader expects those whom it names."""
         prefixes = [one.prefix for one in self._wearers if one.begun]
         estimate = Estimate(
-            self._setup.name, METHOD, (), findings=tuple(map(bare, self._findings)), settings=self._settings
+            self._setup.name, METHOD, (), findings=tuple(self._findings.values()), settings=self._settings
         )
         message = SCENE_HEAD.encode(estimate, wearer_topics=prefixes, start_ns=self._setup.start_ns)
         self._writer.write(SCENE_INFO, message, time_ns)
@@ -246,7 +248,7 @@ class _Wearer:
         """Whether there are smoothed poses."""
         return self._out is not None
 
-    def take(self, answer: LiveWearerEstimate) -> list[str]:
+    def take(self, answer: LiveWearerEstimate) -> list[Finding]:
         """Take in a smoothed pose, and the body believed, of which the file's motion has the last one.
 
         Frames have a constant rate: a gap, which is told, is filled with the pose before it; a pose that comes a second
@@ -263,8 +265,8 @@ class _Wearer:
             return []
         self._waiting += [self._last] * missing + [pose]
         self._taken, self._last = self._taken + missing + 1, pose
-        told = f"{answer.name}: {missing} frames are missing before {pose.time:.2f} s; the last pose is held there"
-        return [told] if missing else []
+        numbers = {"frames": missing, "until": pose.time}
+        return [Finding("frames missing", answer.name, numbers=numbers)] if missing else []
 
     def streams(self, writer: MessageWriter, frame: int, newest: list[LivePose]) -> list[Iterable[TimedMessage]]:
         """What has come since the last time: smoothed poses, and the newest ones, which begin with this frame."""

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from vip_factors.errors import InputError
-from vip_factors.live.finding_log import FindingLog, counted
+from vip_factors.findings import Finding
+from vip_factors.live.finding_log import FindingLog
 from vip_factors.live.measurement import FrameMeasurement, PlacedVideoFrame
 from vip_factors.live.sensor_samples import SensorBuffer, checked_imu, checked_video
 from vip_factors.live.settings import AssemblySettings
@@ -141,8 +142,8 @@ class FrameAssembler:
         self._log.close()
         return frames
 
-    def take_findings(self) -> tuple[str, ...]:
-        """Sentences for the user since the last time."""
+    def take_findings(self) -> tuple[Finding, ...]:
+        """What has happened since the last time."""
         return self._log.take(self._clocks.present)
 
     def _push_imu(self, sample: ImuSample) -> list[FrameMeasurement]:
@@ -152,7 +153,7 @@ class FrameAssembler:
             return []
         checked = checked_imu(sample)
         if isinstance(checked, str):
-            self._refuse("unusable", column, self._labels[column], "sample", f"skipped: {checked}")
+            self._refuse("unusable", column, self._labels[column], "sample", checked)
             return []
         past = self._clocks.present
         admitted = self._clocks.admit(column, checked.time, self._presence.awaited)
@@ -161,7 +162,7 @@ class FrameAssembler:
             return []
         frames = self._after_silence(past, admitted.time)
         if admitted.time <= self._too_late:
-            self._refuse("late", column, self._labels[column], "sample", "came too late")
+            self._refuse("late", column, self._labels[column], "sample")
             self._presence.note_late(column, admitted.time, self._clocks.present)
         elif self._buffer.insert(column, admitted.time, checked.R_inertial_sensor, checked.specific_force_inertial):
             self._presence.note(column, admitted.time, self._clocks.present, self._start is not None)
@@ -177,7 +178,7 @@ class FrameAssembler:
         label = f"camera '{camera.name}'"
         checked = checked_video(frame, camera)
         if isinstance(checked, str):
-            self._refuse("unusable", source, label, "video frame", f"skipped: {checked}")
+            self._refuse("unusable", source, label, "video frame", checked)
             return
         admitted = self._clocks.admit(source, checked.time, self._presence.awaited)
         self._remark_on_clock(source, label, admitted)
@@ -203,14 +204,13 @@ class FrameAssembler:
             return []
         self._presence.resume(now)
         if now - past >= self._settings.dead_after:
-            begun = "tracking starts again" if now - past > self._settings.longest_pause else "going on"
-            lost = past - self._lost_at <= self._settings.repeat_after
-            span = f"{now - past:.1f} s from {past:.2f} s on"
-            if lost:
-                sentence = f"no samples for {span}, as the tracker did not keep up and they were dropped: {begun}"
-                self._log.tally("lost", now, lambda _: sentence)  # as long as it does not keep up, now and then
+            numbers = {"seconds": now - past, "begin": past}
+            words = {"then": "tracking starts again" if now - past > self._settings.longest_pause else "going on"}
+            if past - self._lost_at <= self._settings.repeat_after:
+                dropped = Finding("samples dropped", numbers=numbers, words=words)
+                self._log.tally("lost", now, lambda _: dropped)  # as long as it does not keep up, now and then
             else:
-                self._log.say(f"all sensors were silent for {span}: {begun}")
+                self._log.add(Finding("all silent", numbers=numbers, words=words))
         if now - past <= self._settings.longest_pause:
             return []
         if self._start is None:
@@ -272,16 +272,17 @@ class FrameAssembler:
                 self.counts["early"] += 1  # of before the first frame: nobody has lost anything
             else:
                 source, _ = self._cameras[video.camera]
-                self._refuse("late", source, f"camera '{video.camera}'", "video frame", "came too late")
+                self._refuse("late", source, f"camera '{video.camera}'", "video frame")
         return tuple(taken)
 
-    def _refuse(self, kind: str, source: int, label: str, noun: str, reason: str) -> None:
+    def _refuse(self, kind: str, source: int, label: str, noun: str, reason: str = "") -> None:
         self.counts[kind] += 1
 
-        def sentence(count: int) -> str:
-            return f"{counted(count, noun)} of {label} {reason}"
+        def finding(count: int) -> Finding:
+            words = {"amount": f"{count} {noun}{'s' if count > 1 else ''}", "reason": reason}
+            return Finding(f"samples {kind}", subject=label, words=words)
 
-        self._log.tally((kind, source), self._clocks.present, sentence)
+        self._log.tally((kind, source), self._clocks.present, finding)
 
     def _refuse_unknown(self, label: str) -> None:
         self.counts["unknown"] += 1
@@ -289,16 +290,16 @@ class FrameAssembler:
             return
         self._unknown.add(label)
         if len(self._unknown) > MOST_NAMES:
-            self._log.say(f"more than {MOST_NAMES} names that nobody declared: the rest is ignored without a word")
+            self._log.add(Finding("names unknown", numbers={"most": MOST_NAMES}))
         else:
-            self._log.say(f"{label} is not in the stream's set-up: ignored; check the name")
+            self._log.add(Finding("name unknown", subject=label))
 
     def _remark_on_clock(self, source: int, label: str, admitted: Admitted) -> None:
         if admitted.time is None:
             self.counts["clock"] += 1
-        if admitted.remark:
+        if admitted.finding is not None:
             key = ("clock", admitted.time is None)  # of all sources: clocks seldom leap alone
-            self._log.gather(key, self._clocks.present, f"{label}: {admitted.remark}")
+            self._log.gather(key, self._clocks.present, replace(admitted.finding, subject=label))
 
 
 def _short(name: object) -> str:

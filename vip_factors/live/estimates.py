@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp, log, transpose, wrap_angle
 from vip_factors.live.problem import FrameState
 from vip_factors.live.settings import LiveSettings
@@ -70,16 +71,16 @@ class EstimateBuilder:
 
     def __init__(self, head: Scene, settings: LiveSettings, lag: int) -> None:
         self._head, self._settings, self._lag = head, settings, lag
-        self._findings: list[str] = []
+        self._findings: list[Finding] = []
         self._newest: Array | None = None  # covariance of the newest frame
         self._smoothed: Array | None = None
         self._shared: Array | None = None
         self._next_covariance = 0  # frame
         self._newest_told, self._smoothed_told = self._filters()
 
-    def add_findings(self, *sentences: str) -> None:
+    def add_findings(self, *findings: Finding) -> None:
         """Something to tell with the next answer."""
-        self._findings += sentences
+        self._findings += findings
 
     def root_covariance(self, wearers: int) -> list[Array]:
         """Of where each wearer is, ``(3, 3)`` m², as of late."""

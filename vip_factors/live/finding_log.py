@@ -1,25 +1,27 @@
-"""Sentences for the user, each kind told once in a while however often it happens."""
+"""Findings of a stream, each kind told once in a while however often it happens."""
 
 import math
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-MOST_WAITING = 1000  # sentences that nobody has taken: beyond, new ones are lost rather than memory
+from vip_factors.findings import Finding
+
+MOST_WAITING = 1000  # findings that nobody has taken: beyond, new ones are lost rather than memory
 OFTEN = 10  # tellings of a kind, after which it is told now and then only
 GATHER_S = 0.3  # of the stream, in which all clocks that leap together are found to have leapt
 
 
 @dataclass
 class _Tally:
+    finding: Callable[[int], Finding]  # of how often it has happened since it was told last
     count: int = 0
     told: float = -math.inf
     tellings: int = 0
-    sentence: Callable[[int], str] = str
     due: float = math.inf  # when what was gathered is to be told
 
 
 class FindingLog:
-    """Collects sentences until they are taken.
+    """Collects findings until they are taken.
 
     Memory stays bounded as long as the keys of :meth:`tally` and :meth:`gather` do.
     """
@@ -27,28 +29,28 @@ class FindingLog:
     def __init__(self, repeat_after: float) -> None:
         self._repeat_after = repeat_after
         self._tallies: dict[Hashable, _Tally] = {}
-        self._waiting: list[str] = []
+        self._waiting: list[Finding] = []
 
-    def say(self, sentence: str) -> None:
+    def add(self, finding: Finding) -> None:
         """Tell this."""
         if len(self._waiting) < MOST_WAITING:
-            self._waiting.append(sentence)
+            self._waiting.append(finding)
 
-    def tally(self, key: Hashable, now: float, sentence: Callable[[int], str]) -> None:
-        """Something of the kind ``key`` has happened once more: ``sentence(count)`` is told now or later.
+    def tally(self, key: Hashable, now: float, finding: Callable[[int], Finding]) -> None:
+        """Something of the kind ``key`` has happened once more: ``finding(count)`` is told now or later.
 
         Args:
             key: of what happens again and again.
             now: seconds of the stream.
-            sentence: made from how often it has happened since it was told last.
+            finding: made from how often it has happened since it was told last.
         """
-        tally = self._tallies.setdefault(key, _Tally())
+        tally = self._tallies.setdefault(key, _Tally(finding))
         tally.count += 1
-        tally.sentence = sentence
+        tally.finding = finding
         if now - tally.told >= self._repeat_after or not math.isfinite(tally.told):
             self._tell(tally, now)
 
-    def gather(self, key: Hashable, now: float, sentence: str) -> None:
+    def gather(self, key: Hashable, now: float, finding: Finding) -> None:
         """Tell this a moment later, together with what others of the kind ``key`` do by then.
 
         What happens ever again is told now and then only.
@@ -56,12 +58,11 @@ class FindingLog:
         Args:
             key: of what many sources do at the same time.
             now: seconds of the stream.
-            sentence: about this one.
+            finding: about this one; its word ``others`` is to count them.
         """
-        tally = self._tallies.setdefault(key, _Tally())
+        tally = self._tallies.setdefault(key, _Tally(lambda _: finding))
         if not tally.count:
-            first = sentence
-            tally.sentence = lambda count: f"{first}; so did {count - 1} more" if count > 1 else first
+            tally.finding = lambda count: _with_others(finding, count - 1)
             tally.due = now + GATHER_S
             if tally.tellings >= OFTEN:
                 tally.due = max(tally.due, tally.told + self._repeat_after)
@@ -73,8 +74,8 @@ class FindingLog:
             if tally.count:
                 self._tell(tally, tally.told)
 
-    def take(self, now: float = -math.inf) -> tuple[str, ...]:
-        """All sentences since the last time, in order; and what has been gathered for long enough."""
+    def take(self, now: float = -math.inf) -> tuple[Finding, ...]:
+        """All findings since the last time, in order; and what has been gathered for long enough."""
         for tally in self._tallies.values():
             if now >= tally.due:
                 self._tell(tally, now)
@@ -83,11 +84,10 @@ class FindingLog:
         return taken
 
     def _tell(self, tally: _Tally, now: float) -> None:
-        self.say(tally.sentence(tally.count))
+        self.add(tally.finding(tally.count))
         tally.count, tally.told, tally.due = 0, now, math.inf
         tally.tellings += 1
 
 
-def counted(count: int, noun: str) -> str:
-    """``1 sample``, ``2 samples``."""
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+def _with_others(finding: Finding, others: int) -> Finding:
+    return replace(finding, words={**finding.words, "others": f"; so did {others} more" if others else ""})

@@ -12,6 +12,7 @@ from scipy.optimize import least_squares, linear_sum_assignment
 
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.skeleton import PARENTS, Skeleton
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, rotation_z, transpose, yaw_of
 from vip_factors.initialise.pose import contact_points
 from vip_factors.live.measurement import PlacedVideoFrame
@@ -301,9 +302,9 @@ def _camera(yaw: float, state: FrameState, at_find: FrameState, tracked: FrameSt
     return np.asarray(R), np.asarray(state.p_world_camera + turn @ step)
 
 
-def corrections(before: LagSmoother, after: LagSmoother, seconds: float) -> list[str]:
-    """Sentences on the bones that were shown wrong until now."""
-    found, number = list[str](), after.numbers[-1]
+def corrections(before: LagSmoother, after: LagSmoother, seconds: float) -> list[Finding]:
+    """The bones that were shown wrong until now."""
+    found, number = list[Finding](), after.numbers[-1]
     for old, new, R_old, R_new in zip(
         before.problem.wearers, after.problem.wearers,
         before.state(number).R_parent_child, after.state(number).R_parent_child, strict=True,
@@ -315,10 +316,7 @@ def corrections(before: LagSmoother, after: LagSmoother, seconds: float) -> list
         ]
         relative = R[1] @ transpose(R[0])
         turned = np.rad2deg(np.linalg.norm(log(relative @ mean_rotation(relative).T), axis=1))
-        wrong = [f"'{new.frames.sensors[s]}' by {turned[s]:.0f}°" for s in np.flatnonzero(turned > WRONG_DEG)]
+        wrong = {new.frames.sensors[s]: float(turned[s]) for s in np.flatnonzero(turned > WRONG_DEG)}
         if wrong:
-            found.append(
-                f"{seconds:.0f} s of data show what less could not: until now the bones of {', '.join(wrong)} were "
-                "turned wrong"
-            )
+            found.append(Finding("calibration corrected", numbers=wrong, words={"seconds": f"{seconds:.0f}"}))
     return found

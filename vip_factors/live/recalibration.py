@@ -11,7 +11,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.measurement import MeasuredStretch
 from vip_factors.live.settings import LiveSettings
@@ -53,7 +52,7 @@ def recalibrate(
         wearers = tuple(_freed(*each, settings) for each in zip(model.wearers, state.wearers, strict=True))
         found = tracking_start(end, coarse, replace(model, wearers=wearers), state, spreads, settings)
         information = information_of(coarse.fused, found.problem.layout, own.inflation)
-        return replace(found, information=information, findings=sentences(unsettled_starts(coarse)))
+        return replace(found, information=information, findings=tuple(unsettled_starts(coarse)))
 
 
 def information_of(fused: FusionSolution, layout: Layout, inflation: float) -> Array:

@@ -19,6 +19,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
 from vip_factors.errors import SolveError, VipFactorsError
+from vip_factors.findings import Finding
 from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, PlacedVideoFrame
 from vip_factors.live.problem import FrameState
 from vip_factors.live.settings import LiveSettings
@@ -232,7 +233,7 @@ class Recalibrator:
         seen[moved] = whole[moved] = False
         return replace(measured, orientation_valid=seen, acceleration_valid=whole)
 
-    def answer(self, newest: int) -> Recalibration | str | None:
+    def answer(self, newest: int) -> Recalibration | Finding | None:
         """The calibration found anew, or why there is none; None as long as it is not time.
 
         Args:
@@ -248,7 +249,8 @@ class Recalibrator:
         try:
             start = job.answer.result()
         except SolveError as error:
-            return None if self._is_stale else f"the calibration was not found anew: {error}"
+            finding = Finding("calibration not renewed", words={"reason": str(error)})
+            return None if self._is_stale else finding
         finally:
             self.waited_s += clock.perf_counter() - begin
         if self._is_stale:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from vip_factors.findings import Finding
 from vip_factors.live.finding_log import FindingLog
 from vip_factors.live.settings import AssemblySettings
 
@@ -21,12 +22,17 @@ class _Refused:
     first: float
     newest: float
     ahead: bool
-    leap: str  # in words
+    leap: tuple[float, float]  # s, from when to when its clock jumped
     present_before: float  # s, the stream's newest before the first
     others_before: int  # samples accepted from anybody before the first
     since: float  # s, the stream's newest before the first of all
     count: int = 0
     told: bool = False
+
+    @property
+    def finding(self) -> Finding:
+        """That they are refused."""
+        return Finding("clock refused", numbers=dict(zip(("before", "after"), self.leap, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,7 @@ class Admitted:
     """A sample's time on the stream's clock, None if refused; and what has happened to its clock, if anything."""
 
     time: float | None
-    remark: str = ""
+    finding: Finding | None = None
 
 
 class StreamClocks:
@@ -86,25 +92,24 @@ class StreamClocks:
             return self._refuse(source, time, alive, is_ahead=True)
         return self._accept(source, moment)
 
-    def _accept(self, source: int, moment: float, remark: str = "") -> Admitted:
+    def _accept(self, source: int, moment: float, finding: Finding | None = None) -> Admitted:
         refused = self._refused[source]
-        if refused is not None and not remark and not refused.told:
+        if refused is not None and finding is None and not refused.told:
             back = (refused.newest + self._offset[source] - moment) * (1 if refused.ahead else -1)
             # Else the others have followed, and it was right.
-            remark = f"{refused.leap}: such samples are refused" if back > self._settings.step else ""
+            finding = refused.finding if back > self._settings.step else None
         self._refused[source] = None
         self._newest[source] = max(self._newest[source], moment)
         if source < self._sensors:
             self.present = max(self.present, moment)
             self._accepted += 1
-        return Admitted(moment, remark)
+        return Admitted(moment, finding)
 
     def _refuse(self, source: int, time: float, alive: Sequence[bool], is_ahead: bool) -> Admitted:
         refused, moment = self._refused[source], time + self._offset[source]
         now = max(self._newest[source], self.present)
         if refused is None or refused.ahead != is_ahead or abs(time - refused.newest) > self._settings.jump:
-            leap = f"its clock jumped from {now:.2f} s to {moment:.2f} s"
-            fresh = _Refused(time, time, is_ahead, leap, self.present, self._accepted, self.present)
+            fresh = _Refused(time, time, is_ahead, (now, moment), self.present, self._accepted, self.present)
             if refused is not None:
                 fresh.since, fresh.count, fresh.told = refused.since, refused.count, refused.told
             refused = self._refused[source] = fresh
@@ -121,17 +126,16 @@ class StreamClocks:
             return Admitted(None, self._strays(refused))
         self._offset[source] = self._new_offset(source, time, now)
         new = time + self._offset[source]
-        return self._accept(
-            source, new, f"{refused.leap} and goes on from there: its {time:.2f} s are taken for {new:.2f} s"
-        )
+        numbers = {**refused.finding.numbers, "stamp": time, "taken": new}
+        return self._accept(source, new, Finding("clock jumped", numbers=numbers))
 
-    def _strays(self, refused: _Refused) -> str:
+    def _strays(self, refused: _Refused) -> Finding | None:
         """What is to be said, once, of a clock that neither comes back nor goes on from anywhere; mostly nothing."""
         lasts = self.present - refused.since >= self._settings.dead_after or refused.count >= STRAYS
         if refused.told or not lasts:
-            return ""
+            return None
         refused.told = True
-        return f"{refused.leap}: such samples are refused"
+        return refused.finding
 
     def _all_were_silent(self, source: int, moment: float, alive: Sequence[bool], lasts: bool) -> bool:
         """Whether the time ahead is right, because nobody else went on."""
@@ -217,7 +221,7 @@ class SensorPresence:
         for sensor, reached in enumerate(self._reached):
             if reached == -math.inf:
                 self._away[sensor] = "sends now"
-                self._log.say(f"{self._labels[sensor]} has sent nothing yet: going on without it")
+                self._log.add(Finding("sensor missing", subject=self._labels[sensor]))
 
     def find_silent(self, present: float) -> None:
         """Find those who have fallen silent, now and then."""
@@ -231,10 +235,11 @@ class SensorPresence:
             self.awaited[sensor] = False
             self._away[sensor] = "is back"
             late = self._arrived[sensor] > max(reached, self._resumed)
-            what = f"has come too late for {silent:.1f} s" if late else f"has been silent for {silent:.1f} s"
+            words = {"what": "has come too late" if late else "has been silent", "why": ""}
             if self._lost_at >= max(reached, self._resumed):
-                what = f"is without samples for {silent:.1f} s, as the tracker did not keep up and some were dropped"
-            self._log.say(f"{self._labels[sensor]} {what}: going on without it")
+                why = ", as the tracker did not keep up and some were dropped"
+                words = {"what": "is without samples", "why": why}
+            self._log.add(Finding("sensor silent", "", "", self._labels[sensor], {"seconds": silent}, words))
 
     def complete_until(self) -> float:
         """Frames up to this time (s) wait for nobody: all awaited sensors are there, or patience is at its end.
@@ -251,4 +256,5 @@ class SensorPresence:
     def _welcome(self, sensor: int) -> None:
         self.awaited[sensor] = True
         if sensor in self._away:
-            self._log.say(f"{self._labels[sensor]} {self._away.pop(sensor)}")
+            words = {"what": self._away.pop(sensor)}
+            self._log.add(Finding("sensor back", subject=self._labels[sensor], words=words))

@@ -8,7 +8,7 @@ import numpy as np
 from vip_factors.assembly.objective import WearerObjective
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import RecordingError
-from vip_factors.findings import Finding, sentences
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.live.measurement import MeasuredStretch
@@ -173,7 +173,7 @@ class TrackingStart:
         associated: of the cameras that are of use: who is who in each of their video frames.
         spreads: by camera and wearer, scatter of the detections in OKS sigmas.
         information: ``(s, s)`` about ``shared``, from frames that are not here; None without any.
-        findings: sentences about a start that the stretch does not settle.
+        findings: about a start that the stretch does not settle.
     """
 
     problem: LagProblem
@@ -183,7 +183,7 @@ class TrackingStart:
     associated: tuple[AssociatedCamera, ...]
     spreads: tuple[tuple[float, ...], ...]
     information: Array | None = None
-    findings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     @property
     def has_views(self) -> bool:
@@ -218,7 +218,7 @@ def start_tracking(
         for one, tracked, own in zip(model.wearers, coarse.wearers, state.wearers, strict=True)
     )
     begun = tracking_start(stretch, coarse, replace(model, wearers=freed), state, spreads, settings)
-    return replace(begun, findings=sentences(unsettled_starts(coarse)))
+    return replace(begun, findings=tuple(unsettled_starts(coarse)))
 
 
 def unsettled_starts(coarse: StretchSolution) -> Iterator[Finding]:

@@ -10,6 +10,7 @@ from threadpoolctl import ThreadpoolController
 
 from vip_factors.errors import RecordingError, SolveError
 from vip_factors.factor_graph.extra import ExtraFactors
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.estimates import EstimateBuilder
@@ -99,7 +100,7 @@ class FixedLagTracker:
 
     def _take(self, measured: FrameMeasurement, begin: float) -> list[LiveEstimate]:
         if measured.restart:
-            self._lose("the stream has paused")
+            self._lose(Finding("stream paused"))
             self._recent.clear()
             self._recalibrator.restart(self._earlier)
         self._remember(measured)
@@ -117,7 +118,7 @@ class FixedLagTracker:
                 tracking = self._tracking = self._started_again(tracking)
             tracking = self._tracking = self._recalibrated(tracking)
         except SolveError as error:
-            self._lose(f"tracking was lost at {measured.time:.1f} s ({error})")
+            self._lose(_failed("tracking lost", measured.time, error))
             return []
         answer = self._estimates.of(tracking, begin + self._recalibrator.waited_s - waited)
         oldest = tracking.smoother.numbers[0]
@@ -129,7 +130,7 @@ class FixedLagTracker:
         smoother = tracking.smoother
         newest = smoother.numbers[-1]
         answer = self._recalibrator.answer(newest)
-        if isinstance(answer, str):
+        if isinstance(answer, Finding):
             self._estimates.add_findings(answer)
         elif answer is not None and (answer.start.has_views or not smoother.problem.has_views):
             self._found, self._next_continuation = answer, newest
@@ -171,12 +172,12 @@ class FixedLagTracker:
         bodies = {name: wearer.skeleton for name, wearer in zip(names, problem.wearers, strict=False)}
         return EarlierCalibration(self._estimates.calibrations(tracking.smoother), p_world_pelvis, bodies)
 
-    def _lose(self, why: str) -> None:
+    def _lose(self, finding: Finding) -> None:
         """Give up what is tracked, but not what has been learnt of the sensors."""
         self._found = None
         if self._tracking is not None:
             self._earlier = self._learnt(self._tracking, self._paths[-1][1])
-            self._estimates.add_findings(f"{why}: tracking starts again")
+            self._estimates.add_findings(finding)
         self._tracking = None
         self._next_try = 0
 
@@ -190,7 +191,7 @@ class FixedLagTracker:
             start = start_tracking(self._stretch(), self.settings, self._earlier)
             tracking = self._track(start)
         except (RecordingError, SolveError) as error:
-            self._estimates.add_findings(f"tracking cannot start at {self._recent[-1].time:.1f} s: {error}")
+            self._estimates.add_findings(_failed("no start", self._recent[-1].time, error))
             self._next_try = newest + self._lag
             return []
         self._tracking = tracking
@@ -249,7 +250,9 @@ class FixedLagTracker:
             return tracking
         again.smoother.marginalise_before(newest - self._lag - 1)
         self._estimates.reset()
-        self._estimates.add_findings(
-            "a wearer was found in the video" if found else "another sensor is used from here on"
-        )
+        self._estimates.add_findings(Finding("wearer found" if found else "sensor used"))
         return again
+
+
+def _failed(kind: str, time: float, error: Exception) -> Finding:
+    return Finding(kind, numbers={"time": time}, words={"reason": str(error)})

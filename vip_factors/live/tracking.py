@@ -7,6 +7,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.factor_graph.extra import ExtraFactors
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.pose import contact_confidence
 from vip_factors.live.camera_observer import CameraObserver, FrameBelief, standing_feet
@@ -129,7 +130,7 @@ class Tracking:
                     belief = self._belief(camera, window, one.frame, surely)
                     smoother.frame(one.frame).views[camera] = observer.observe(one.frame, one.video, belief)
 
-    def step(self, measured: FrameMeasurement, lag: int, root_covariance: Sequence[Array]) -> list[str]:
+    def step(self, measured: FrameMeasurement, lag: int, root_covariance: Sequence[Array]) -> list[Finding]:
         """One frame more.
 
         Args:
@@ -138,13 +139,13 @@ class Tracking:
             root_covariance: of where each wearer is, as of late.
 
         Returns:
-            Sentences for the user.
+            What is odd in it.
 
         Raises:
             SolveError: if the frames do not determine all variables.
         """
         smoother, problem = self.smoother, self.smoother.problem
-        numbers, findings, self.moved = smoother.numbers, list[str](), []
+        numbers, findings, self.moved = smoother.numbers, list[Finding](), []
         smoother.frame(numbers[-1]).take_accelerations(measured)
         frame = lag_frame(measured, [None] * (1 + len(problem.further)))
         frame.contacts = [np.zeros(len(wearer.contacts)) for wearer in problem.wearers]
@@ -201,15 +202,12 @@ class Tracking:
             if self.smoother.problem.sensors[wearer][sensor] in columns:
                 self._estimate_sensor_anew(wearer, sensor)
 
-    def _told(self, wearer: int, sensor: int) -> str:
+    def _moved_finding(self, wearer: int, sensor: int) -> Finding:
         """A sensor has moved: what to say."""
         problem = self.smoother.problem
         self.moved.append(int(problem.sensors[wearer][sensor]))
         name = problem.wearers[wearer].frames.sensors[sensor]
-        return (
-            f"sensor '{name}' of '{self._head.wearers[wearer].subject.name}' no longer sits as it did: its heading and "
-            "mounting are estimated anew"
-        )
+        return Finding("sensor moved", self._head.wearers[wearer].subject.name, subject=name)
 
     def _window(self, first: int) -> _Window:
         smoother = self.smoother
@@ -294,8 +292,8 @@ class Tracking:
         state = problem.further[camera - 1].state if camera else self.smoother.shared.camera
         return state.poses.R_world_camera[0], state.poses.p_world_camera[0]
 
-    def _notice_slips(self) -> list[str]:
-        """Sensors that sit as they did no longer, by the last seconds: sentences."""
+    def _notice_slips(self) -> list[Finding]:
+        """Sensors that sit as they did no longer, by the last seconds."""
         smoother, newest = self.smoother, self.smoother.numbers[-1]
         if self._slips is None or newest < self._next_test:
             return []
@@ -308,7 +306,7 @@ class Tracking:
             self._slips.restart([at for at, (owner, _) in enumerate(self._sensors) if owner == wearer], newest)
             self._estimate_sensor_anew(wearer, sensor)  # and what it taught of the others may be wrong as well
             found.append(self._sensors[slipped])
-        return [self._told(*one) for one in dict.fromkeys(found)]
+        return [self._moved_finding(*one) for one in dict.fromkeys(found)]
 
     def _learn(self) -> None:
         """What the smoothed frame teaches of the detectors."""

@@ -12,6 +12,7 @@ import rerun as rr
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import Colour, Side
+from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.camera_path import CameraPath
@@ -217,7 +218,7 @@ class LiveView:
             if not one.findings:
                 continue
             self._stream.set_time("time", duration=one.time)
-            for sentence in one.findings:
+            for sentence in sentences(one.findings):
                 self._stream.log(FINDINGS, rr.TextLog(sentence, level=rr.TextLogLevel.INFO))
                 self._findings.append((one.time, sentence))
             self._log_text()

@@ -7,10 +7,10 @@ from math import sqrt
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from vip_factors.settings import Settings
+    from vip_factors.settings import CommonSettings, Settings
     from vip_factors.terms.robust import RobustLoss
 
-Tree = TypeVar("Tree", bound="Settings")
+Tree = TypeVar("Tree", bound="CommonSettings")
 
 
 class Configuration(StrEnum):

@@ -110,27 +110,20 @@ class SolverName(StrEnum):
 
 
 @dataclass(frozen=True)
-class Settings:
-    """All settings of the pipeline."""
+class CommonSettings:
+    """What smoothing a recording and tracking a stream both honour."""
 
     frame_rate: Rate = 60.0  # Hz of the estimated motion: brisk motion has its power below 10 Hz
     acceleration: bool = True  # off: the inertial tracker alone (IT; SOP with six sensors)
     # Hz, about, at which the calibration is found first, on every n-th frame: what is found is the same at any frame
     # rate. At 5 Hz a band of accelerations is lost that tells mountings: 31.4 mm instead of 26.0.
     calibration_rate: Rate = 15.0
-    covariance: bool = False  # marginal covariance of every joint and frame: costs about one more iteration a minute
-    accelerometers: AccelerometerSettings = field(default_factory=AccelerometerSettings)
-    sensor_clocks: SensorClockSettings = field(default_factory=SensorClockSettings)
-    assignment: AssignmentSettings = field(default_factory=AssignmentSettings)
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     factors: FactorSettings = field(default_factory=FactorSettings)
     fusion: FusionSettings = field(default_factory=FusionSettings)
     camera: CameraFactorSettings = field(default_factory=CameraFactorSettings)
     association: AssociationSettings = field(default_factory=AssociationSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
-    windows: WindowSettings = field(default_factory=WindowSettings)
-    # gtsam: GTSAM's own optimiser, on the same factors one by one: a hundred times slower, for seconds of a recording.
-    solver: SolverName = SolverName.OWN
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -143,7 +136,20 @@ class Settings:
         return below if ratio / below < (below + 1) / ratio else below + 1
 
 
-def flatten(settings: Settings) -> dict[str, str]:
+@dataclass(frozen=True)
+class Settings(CommonSettings):
+    """All settings of the pipeline."""
+
+    covariance: bool = False  # marginal covariance of every joint and frame: costs about one more iteration a minute
+    accelerometers: AccelerometerSettings = field(default_factory=AccelerometerSettings)
+    sensor_clocks: SensorClockSettings = field(default_factory=SensorClockSettings)
+    assignment: AssignmentSettings = field(default_factory=AssignmentSettings)
+    windows: WindowSettings = field(default_factory=WindowSettings)
+    # gtsam: GTSAM's own optimiser, on the same factors one by one: a hundred times slower, for seconds of a recording.
+    solver: SolverName = SolverName.OWN
+
+
+def flatten(settings: CommonSettings) -> dict[str, str]:
     """Dotted name and text of every effective setting, to be written beside every result."""
     return dict(_flat(settings, ""))
 

@@ -81,6 +81,7 @@ def bash(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["ev"], {"evaluate"}),
         (["e"], {"evaluate", "export"}),
         (["smooth", "--factors.orientation.s"], {"--factors.orientation.sigma-deg"}),
+        (["smooth", "--windows.w"], {"--windows.window-s"}),  # the last group of help
         (["smooth", "a.mcap", "--fusion.no-use"], {"--fusion.no-use-camera"}),
         (["evaluate", "--t"], {"--truth"}),
         (["evaluate", "--frame"], set()),

@@ -101,9 +101,16 @@ def test_a_camera_that_trembles_stands() -> None:
     assert _path_text(walked) == "300 poses, a path of 3.0 m"
 
 
-def test_streams_have_no_windows(run, files) -> None:
-    assert "--windows." not in run("stream", "--help").out
-    assert_one_sentence(run("stream", files.recording, "--windows.above-s", "10"), "--windows.above-s")
+def test_streams_have_no_settings_that_they_cannot_honour(run, files, tmp_path: Path) -> None:
+    names = ("--windows.", "--solver", "--covariance", "--accelerometers.", "--sensor-clocks.", "--assignment.")
+    text = run("stream", "--help-all").out
+    assert not [name for name in names if re.search(rf"{name}(?!-)", text)]
+    refused = run("stream", files.recording, "--windows.above-s", "10")
+    assert refused.code == 2
+    assert "--windows.above-s" in refused.err
+    file = tmp_path / "earlier.toml"
+    file.write_text("[windows]\nabove_s = 10.0\n", encoding="utf-8")
+    assert_one_sentence(run("stream", files.recording, "--settings", file), "'windows' is one of smooth")
 
 
 def test_no_two_options_share_a_text(run) -> None:

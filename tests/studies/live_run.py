@@ -19,7 +19,7 @@ from vip_factors.live_estimate import LiveEstimate, LivePose
 from vip_factors.sensors.camera_path import move_motion, scene_gauge
 from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import Settings
+from vip_factors.settings import CommonSettings
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class LiveRun:
     findings: tuple[str, ...]
 
 
-def live_settings(settings: Settings, **changes: object) -> LiveSettings:
+def live_settings(settings: CommonSettings, **changes: object) -> LiveSettings:
     """Settings of the pipeline as those of a stream; ``changes`` are of what only a stream has."""
-    own = {one.name: getattr(settings, one.name) for one in fields(Settings)}
+    own = {one.name: getattr(settings, one.name) for one in fields(CommonSettings)}
     live = settings if isinstance(settings, LiveSettings) else LiveSettings(**own)
     return replace(with_nominal_pose(live), **changes)  # type: ignore[arg-type]
 

@@ -19,7 +19,7 @@ from vip_factors.sensors.calibration import SensorCalibration, preset
 from vip_factors.sensors.frames import resample
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import Settings
+from vip_factors.settings import CommonSettings
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings
 from vip_factors.simulate.settings import SimulateSettings
@@ -32,7 +32,7 @@ PLACEMENT = "totalcapture13"
 CLIPS_APART = 101  # in seeds: no two recordings share a draw
 MOTION_HZ = 60.0  # to which captured motions are slowed
 START_HZ = 15.0  # at which the start is looked at
-SettingsT = TypeVar("SettingsT", bound=Settings)
+SettingsT = TypeVar("SettingsT", bound=CommonSettings)
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def pelvis_of(recording: Recording, names: Sequence[str]) -> int:
     return next((k for k, name in enumerate(names) if recording.placement.site(name).bone == "pelvis"), 0)
 
 
-def nominal_start(recording: Recording, settings: Settings) -> tuple[tuple[str, ...], InitialCalibration]:
+def nominal_start(recording: Recording, settings: CommonSettings) -> tuple[tuple[str, ...], InitialCalibration]:
     """What the pipeline would start from: headings by straps and motion, mountings by the declared pose."""
     frames, declared = resample(recording, START_HZ), recording.initial_pose
     pose = None if declared == "none" else nominal_pose(declared)

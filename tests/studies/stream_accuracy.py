@@ -1,7 +1,7 @@
 """The fixed-lag tracker beside the batch pipeline on the same simulated scenes: what waiting less costs."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from time import process_time
 from typing import Literal
 
@@ -25,6 +25,7 @@ from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import CommonSettings, Settings
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings
 from vip_factors.simulate.staging import lasting
@@ -110,7 +111,8 @@ class StreamAccuracy(ClipStudy):
         truth = true_motion(scene.wearers[0])
         if trial.lag_s is None:
             begin = process_time()
-            estimate = smooth(scene, self.settings)
+            own = {one.name: getattr(self.settings, one.name) for one in fields(CommonSettings)}
+            estimate = smooth(scene, Settings(**own))
             seconds = process_time() - begin
             smoothed = pose_errors(estimate.wearers[0].motion, truth, SETTLED_S)
             return replace(trial, smoothed=smoothed, cpu_s=seconds, findings=sentences(estimate.findings))

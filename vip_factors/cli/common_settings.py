@@ -70,8 +70,6 @@ class CommonPipelineSettings:
 
     frame_rate: float = 60.0
     """Frames per second of the estimated motion."""
-    covariance: bool = False
-    """Also say how sure every joint is."""
     calibration: CommonCalibration = field(default_factory=CommonCalibration)
     factors: CommonFactors = field(default_factory=CommonFactors)
     fusion: CommonFusion = field(default_factory=CommonFusion)
@@ -81,6 +79,8 @@ class CommonPipelineSettings:
 class CommonSettings(CommonPipelineSettings):
     """The settings most often changed."""
 
+    covariance: bool = False
+    """Also say how sure every joint is."""
     windows: CommonWindows = field(default_factory=CommonWindows)
 
 

@@ -11,7 +11,7 @@ from vip_factors.errors import InputError
 
 SHELLS = ("bash", "zsh", "fish")
 OPTION = re.compile(r"(?<![\w.-])--?[a-z][a-z0-9.-]*")
-WIDE = "400"  # columns, so that help breaks no option's name
+WIDE = "120"  # columns: no option's name is broken, and help does not lay its boxes side by side
 
 
 def completion(shell: str, program: str, commands: Mapping[str, str]) -> str:

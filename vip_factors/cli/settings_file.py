@@ -13,10 +13,10 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.ranges import RangeError
 
 if TYPE_CHECKING:
-    from vip_factors.settings import Settings
+    from vip_factors.settings import CommonSettings
 
 Tree = TypeVar("Tree")
-PipelineTree = TypeVar("PipelineTree", bound="Settings")
+PipelineTree = TypeVar("PipelineTree", bound="CommonSettings")
 
 
 def read_settings(path: Path, defaults: Tree, named: Callable[[str], Tree] | None = None) -> Tree:
@@ -57,6 +57,12 @@ def _overlaid(defaults: Any, content: Mapping[str, Any], file: str, above: tuple
     for key, value in content.items():
         where = ".".join((*above, key))
         if key not in hints:
+            from vip_factors.settings import CommonSettings, Settings
+
+            if not above and isinstance(defaults, CommonSettings) and key in get_type_hints(Settings):
+                raise InputError(
+                    f"{file}: setting '{where}' is one of smooth, and a stream cannot honour it: leave it out"
+                )
             near = get_close_matches(key, hints, n=1, cutoff=0.4)
             hint = f"did you mean '{'.'.join((*above, near[0]))}'?" if near else f"known are {', '.join(hints)}"
             raise InputError(f"{file}: unknown setting '{where}'; {hint}")

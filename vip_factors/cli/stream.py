@@ -88,8 +88,6 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     options, settings = parse_with_settings(
         StreamOptions, prog, arguments, CommonLiveSettings, lambda: _defaults(arguments)
     )
-    if windows := [word for word in arguments if word.startswith("--windows.")]:
-        raise InputError(f"{windows[0]} does nothing in a stream: leave it out; --lag-s is the lag of a stream")
     if options.lag is not None:
         settings = replace(settings, lag_s=options.lag)
     _check(options)

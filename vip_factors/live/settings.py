@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, fields
 from vip_factors.errors import InputError
 from vip_factors.problem.variables import RELINEARISE_DEG, ProcessNoiseSettings
 from vip_factors.ranges import NotNegative, NotNegativeInt, Share
-from vip_factors.settings import CalibrationSettings, FusionSettings, Settings
+from vip_factors.settings import CalibrationSettings, CommonSettings, FusionSettings
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ class RelinearisationSettings:
 
 
 @dataclass(frozen=True)
-class LiveSettings(Settings):
+class LiveSettings(CommonSettings):
     """All settings of a live session."""
 
     # A body does not show within the second that tracking begins with.

@@ -15,7 +15,7 @@ from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene
-from vip_factors.settings import Settings
+from vip_factors.settings import CommonSettings
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.inertial import InertialSolution, calibrated
 from vip_factors.stages.solver import Solver
@@ -48,7 +48,7 @@ class AssociatedCamera:
 
 
 def associate_cameras(
-    scene: Scene, wearers: Sequence[InertialSolution], motions: Sequence[Motion], settings: Settings,
+    scene: Scene, wearers: Sequence[InertialSolution], motions: Sequence[Motion], settings: CommonSettings,
     on_progress: Callable[[float], None],
 ) -> tuple[AssociatedCamera, ...]:  # fmt: skip
     """The first association, of each camera by itself: nobody's place in the world is known yet."""
@@ -70,7 +70,7 @@ def associate_cameras(
 
 def associate_cameras_again(
     associated: Sequence[AssociatedCamera], path: CameraPath, clock: VideoClock, motions: Sequence[Motion],
-    settings: Settings, on_progress: Callable[[float], None],
+    settings: CommonSettings, on_progress: Callable[[float], None],
 ) -> tuple[AssociatedCamera, ...]:  # fmt: skip
     """The association of motions in one world, in which the first camera took a path; the others' poses are known.
 
@@ -90,7 +90,7 @@ def associate_cameras_again(
 
 def add_left_over_detections(
     associated: Sequence[AssociatedCamera], path: CameraPath, clock: VideoClock, motions: Sequence[Motion],
-    settings: Settings,
+    settings: CommonSettings,
 ) -> tuple[AssociatedCamera, ...]:  # fmt: skip
     """Detections that are nobody's added to whom they show by now, in the world of :func:`associate_cameras_again`."""
     again = []
@@ -144,7 +144,7 @@ def _share_of_progress(on_progress: Callable[[float], None], number: int, count:
 
 
 def first_association(
-    scene: Scene, wearers: Sequence[InertialSolution], settings: Settings, solver: Solver
+    scene: Scene, wearers: Sequence[InertialSolution], settings: CommonSettings, solver: Solver
 ) -> tuple[tuple[InertialSolution, ...], tuple[AssociatedCamera, ...]]:
     """Who is who before each camera, and from where the fusion starts.
 
@@ -177,7 +177,7 @@ def share_seen(associated: Sequence[AssociatedCamera], wearer: int) -> float:
     return found / max(shown, 1)
 
 
-def _calibrated(inertial: InertialSolution, settings: Settings, solver: Solver) -> InertialSolution:
+def _calibrated(inertial: InertialSolution, settings: CommonSettings, solver: Solver) -> InertialSolution:
     """Calibrated, but for the mean pose: that is the fusion's to find."""
     found = calibrated(inertial, settings, solver)
     return replace(found, state=replace(found.state, pose_mean=inertial.state.pose_mean))

@@ -16,7 +16,7 @@ from vip_factors.initialise.sensor_tree import sensor_tree
 from vip_factors.initialise.start_search import SensorPrior, Starts, StartSearch
 from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.recording import Recording
-from vip_factors.settings import Settings
+from vip_factors.settings import CommonSettings
 from vip_factors.stages.inertial_model import gauge_sensor
 
 UPRIGHT = tuple(
@@ -30,7 +30,7 @@ BRISK = 0.5  # of the briskest stretch: the first one like that is near the star
 
 
 def search_start(
-    recording: Recording, frames: ImuFrames, usual: InitialCalibration, settings: Settings
+    recording: Recording, frames: ImuFrames, usual: InitialCalibration, settings: CommonSettings
 ) -> Starts | None:
     """The likeliest start; None where there is nothing to choose from, one sensor say.
 

@@ -17,7 +17,7 @@ from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, Scene
 from vip_factors.sensors.sources import frames_of
-from vip_factors.settings import Settings
+from vip_factors.settings import CommonSettings
 from vip_factors.stages.association import AssociatedCamera, add_left_over_detections, associate_cameras_again
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.drift import found_clock, with_found_drift
@@ -110,7 +110,7 @@ def fuse(
     initial: FusionStart,
     before: FusionSolution | None,
     associated: Sequence[AssociatedCamera],
-    settings: Settings,
+    settings: CommonSettings,
     solver: Solver,
 ) -> FusionSolution:
     """Everything free, on the coarse frames; ``before`` is the round before this one."""
@@ -138,7 +138,7 @@ def fusion_problem(
     initial: FusionStart,
     before: FusionSolution | None,
     associated: Sequence[AssociatedCamera],
-    settings: Settings,
+    settings: CommonSettings,
     extra: ExtraTerms | None = None,
 ) -> FusionSolution:
     """The problem of :func:`fuse`, and where it starts."""
@@ -159,7 +159,7 @@ def fusion_problem(
     return FusionSolution(model, start, spreads)
 
 
-def _with_free_body(model: WearerProblem, settings: Settings) -> WearerProblem:
+def _with_free_body(model: WearerProblem, settings: CommonSettings) -> WearerProblem:
     """The model with all free that only a camera shows."""
     calibration = settings.calibration
     return replace(
@@ -176,7 +176,7 @@ def fuse_finely(
     coarse: FusionSolution,
     associated: Sequence[AssociatedCamera],
     time: Array,
-    settings: Settings,
+    settings: CommonSettings,
     solver: Solver,
 ) -> FusionSolution:
     """At the full frame rate, with headings, mountings and mean poses kept.
@@ -205,7 +205,7 @@ def at_full_rate(
     coarse: FusionSolution,
     associated: Sequence[AssociatedCamera],
     time: Array,
-    settings: Settings,
+    settings: CommonSettings,
 ) -> tuple[SceneProblem, SceneState, tuple[tuple[float, ...], ...]]:
     """The problem at the full frame rate, with headings, mountings and mean poses kept, where to start, and spreads."""
     before = coarse.model.wearers[0].frames.time
@@ -290,7 +290,7 @@ def fuse_in_rounds(
     initial: FusionStart,
     associated: Sequence[AssociatedCamera],
     names: Sequence[str],
-    settings: Settings,
+    settings: CommonSettings,
     solver: Solver,
 ) -> tuple[FusionSolution, tuple[AssociatedCamera, ...]]:
     """The coarse solution, and the association that it was made from.
@@ -327,7 +327,7 @@ def _reconsidered(
     solution: FusionSolution,
     associated: Sequence[AssociatedCamera],
     names: Sequence[str],
-    settings: Settings,
+    settings: CommonSettings,
     solver: Solver,
 ) -> FusionSolution:
     """The better of a solution and, if something ended far from where it is likely, of one that began with that held.

@@ -26,7 +26,7 @@ from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, S
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Camera
-from vip_factors.settings import Settings
+from vip_factors.settings import CommonSettings
 from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.drift import middle_of
 from vip_factors.stages.inertial import InertialSolution
@@ -50,7 +50,7 @@ class FusionStart:
     further: tuple[Viewpoint, ...] = ()
 
 
-def camera_problem(camera: Camera, time: Array, settings: Settings) -> CameraProblem:
+def camera_problem(camera: Camera, time: Array, settings: CommonSettings) -> CameraProblem:
     """What the camera brings to the problem at the frames ``time`` ``(T,)``."""
     mount = camera.mount
     known = camera.known_path is not None
@@ -75,7 +75,7 @@ def camera_problem(camera: Camera, time: Array, settings: Settings) -> CameraPro
 
 
 def start_fusion(
-    associated: Sequence[AssociatedCamera], wearers: Sequence[InertialSolution], settings: Settings
+    associated: Sequence[AssociatedCamera], wearers: Sequence[InertialSolution], settings: CommonSettings
 ) -> FusionStart:
     """The first camera by the wearer it saw most, and the other wearers by that camera.
 
@@ -136,14 +136,14 @@ def _sightings_of_known(known: Sequence[AssociatedCamera], wearer: int) -> tuple
     return looks[0] if len(looks) == 1 else together(looks)
 
 
-def _known_viewpoint(camera: Camera, settings: Settings) -> Viewpoint:
+def _known_viewpoint(camera: Camera, settings: CommonSettings) -> Viewpoint:
     assert camera.known_path is not None
     problem = CameraProblem(camera.model, False, False, settings=settings.camera)
     poses = CameraPoses(camera.known_path.R_world_camera, camera.known_path.p_world_camera)
     return Viewpoint(problem, CameraState(poses), ())
 
 
-def _anchored(inertial: InertialSolution, cameras: Sequence[Camera], settings: Settings) -> InertialSolution:
+def _anchored(inertial: InertialSolution, cameras: Sequence[Camera], settings: CommonSettings) -> InertialSolution:
     """The wearer with looser foot contacts, or without any, if a camera holds the root without them."""
     anchor = any(not camera.moving or camera.known_path is not None for camera in cameras)
     factors, fusion = inertial.model.settings, settings.fusion

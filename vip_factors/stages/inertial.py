@@ -22,7 +22,7 @@ from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.recording import Recording, nothing_placed
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import CalibrationSettings, Settings
+from vip_factors.settings import CalibrationSettings, CommonSettings
 from vip_factors.solve.elimination import last_marginals
 from vip_factors.stages.calibration_start import search_start
 from vip_factors.stages.decode import with_sigmas
@@ -56,7 +56,7 @@ class InertialSolution:
 def inertial_tracker(
     recording: Recording,
     frames: ImuFrames,
-    settings: Settings,
+    settings: CommonSettings,
     solver: Solver,
     known_calibration: InitialCalibration | None = None,
 ) -> InertialSolution:
@@ -77,7 +77,9 @@ def inertial_tracker(
     return InertialSolution(model, placed_on_floor(model, state).with_knots(len(model.heading_knots)), starts)
 
 
-def inertial_trackers(scene: Scene, time: Array, settings: Settings, solver: Solver) -> tuple[InertialSolution, ...]:
+def inertial_trackers(
+    scene: Scene, time: Array, settings: CommonSettings, solver: Solver
+) -> tuple[InertialSolution, ...]:
     """Each wearer of a scene at the instants ``time`` ``(T,)``, alone.
 
     Raises:
@@ -95,7 +97,7 @@ def inertial_trackers(scene: Scene, time: Array, settings: Settings, solver: Sol
 
 
 def calibrated(
-    inertial: InertialSolution, settings: Settings, solver: Solver, extra: ExtraTerms | None = None
+    inertial: InertialSolution, settings: CommonSettings, solver: Solver, extra: ExtraTerms | None = None
 ) -> InertialSolution:
     """The sparse inertial poser on the tracker's frames, with headings, mountings and the mean pose free."""
     free, state = with_inflated_contact_sigma(inertial.model, settings.calibration), inertial.state
@@ -105,7 +107,7 @@ def calibrated(
     return replace(inertial, model=with_found_drift(inertial.model, state), state=state)
 
 
-def first_calibration(recording: Recording, frames: ImuFrames, settings: Settings) -> InitialCalibration:
+def first_calibration(recording: Recording, frames: ImuFrames, settings: CommonSettings) -> InitialCalibration:
     """Headings and mountings from straps, the declared pose and the motion; or the true ones, if settings say so."""
     if settings.calibration.from_truth:
         if recording.truth is None or recording.truth.calibration is None:
@@ -118,7 +120,7 @@ def first_calibration(recording: Recording, frames: ImuFrames, settings: Setting
 
 
 def find_start(
-    recording: Recording, frames: ImuFrames, settings: Settings, on_progress: Callable[[float], None]
+    recording: Recording, frames: ImuFrames, settings: CommonSettings, on_progress: Callable[[float], None]
 ) -> tuple[InitialCalibration, Starts | None]:
     """Headings and mountings to begin with; and how they were found, where they were looked for."""
     usual = first_calibration(recording, frames, settings)

@@ -16,7 +16,7 @@ from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import BodyPoint, InitialPose, WearerProblem
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.recording import Recording, Subject
-from vip_factors.settings import CalibrationSettings, Settings
+from vip_factors.settings import CalibrationSettings, CommonSettings
 
 LEAST_KNOT = 1.0  # s: faster than that a heading does not drift, and the wearer moves
 # rad, of mountings that were read off a declared pose: what the pose says of them, it says by itself, and not twice.
@@ -25,7 +25,7 @@ FEW_SENSORS = 6  # with so few, acceleration is all that some limbs have, and th
 
 
 def inertial_model(
-    recording: Recording, frames: ImuFrames, calibration: InitialCalibration, settings: Settings
+    recording: Recording, frames: ImuFrames, calibration: InitialCalibration, settings: CommonSettings
 ) -> WearerProblem:
     """The whole problem, everything free that the settings free."""
     sites = [recording.placement.site(name) for name in frames.sensors]
@@ -135,7 +135,7 @@ def with_contacts(model: WearerProblem, state: WearerState, path_known: bool = F
     )
 
 
-def method_of(model: WearerProblem, settings: Settings) -> str:
+def method_of(model: WearerProblem, settings: CommonSettings) -> str:
     """What papers call a tracker of these sensors and settings."""
     if settings.acceleration:
         return "SIP"

@@ -61,10 +61,12 @@ class Walk(Study):
         estimate = smooth(walk_recording(self.folder, vicon), self.settings, tell).only_wearer
         mvn = read_bvh(self.folder / "mvn" / f"{TRIAL}.bvh").frames(slice(FIRST_PACKET - MVN_LEAD, None))
         ours, theirs = (gait_of(one) for one in (estimate.motion, replace(mvn, start=float(reference.time[0]))))
-        errors = (angle_errors(one, reference) for one in (ours, theirs))
-        knees = ({side: one[f"{side}_knee"] for side in SIDES} for one in errors)
+        knees, mvns = (
+            {side: errors[f"{side}_knee"] for side in SIDES}
+            for errors in (angle_errors(one, reference) for one in (ours, theirs))
+        )
         seconds = sum(report.seconds for report in estimate.reports)
-        yield WalkResult(*knees, centres_error_mm(ours, reference), seconds)
+        yield WalkResult(knees, mvns, centres_error_mm(ours, reference), seconds)
 
     def tables(self, rows: Sequence[WalkResult]) -> Iterator[str]:
         (one,) = rows

@@ -33,8 +33,9 @@ def rows_of(wearer: DrawnWearer) -> Sequence[HeadingRow]:
     rows = []
     for sensor, one in wearer.estimate.calibration.items():
         known = (truth or {}).get(sensor)
-        radians = wrap_angle(one.heading - wearer.gauge_yaw), one.heading_sigma, known and wrap_angle(known.heading)
-        rows.append(HeadingRow(sensor, *(np.nan if one is None else float(np.rad2deg(one)) for one in radians)))
+        true = np.nan if known is None else wrap_angle(known.heading)
+        radians = (wrap_angle(one.heading - wearer.gauge_yaw), one.heading_sigma, true)
+        rows.append(HeadingRow(sensor, *(float(np.rad2deg(value)) for value in radians)))
     return rows
 
 

@@ -124,8 +124,9 @@ def scene_blueprint(
         has_legend: whether the legend of the sensors was logged.
         bodies: entities of the bodies as drawn, for cameras without a video.
     """
-    filmed = drawn.detections is not None and drawn.model is not None
-    models = [one.model for one in (drawn, *drawn.further) if one.model is not None] if filmed else []
+    models: list[CameraModel] = []
+    if drawn.detections is not None and drawn.model is not None:
+        models = [drawn.model, *(camera.model for camera in drawn.further)]
     controls = _eye(drawn, follow)
     left = _world_and_images(drawn.apart, floor, controls, images, models, [] if drawn.video is not None else bodies)
     return _arranged(

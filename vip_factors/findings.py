@@ -301,6 +301,14 @@ POSTURE_KINDS = {
 }
 
 VIDEO_KINDS = {
+    "floor uncertain": Kind(
+        CARE,
+        "the height of the floor is uncertain by {sigma_cm:.0f} cm: soles stand at different heights (stairs, jumps, "
+        "a slope), or hardly stand",
+        "The floor's height is only known roughly",
+        "Heights over the floor are off by as much; angles and distances between joints are not.",
+        "Let both feet stand on the floor for a second, or calibrate the camera's pose (calibrate-camera --floor).",
+    ),
     "not in the video": Kind(
         CARE,
         "no wearer was found in the video: the estimate is of the IMUs alone, without a camera",

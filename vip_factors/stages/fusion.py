@@ -213,7 +213,7 @@ def at_full_rate(
     found = zip(coarse.model.wearers, coarse.state.wearers, strict=True)
     for recording, inertial, (found_model, own) in zip(scene.wearers, initial.wearers, found, strict=True):
         states.append(at_frames(own, before, time))
-        bodied = _with_body_of(inertial.model, found_model)
+        bodied = _planted(_with_body_of(inertial.model, found_model), settings)
         frames = frames_of(recording.imus, inertial.model.frames.sensors, time)
         wearers.append(with_contacts(on_frames_with_fixed_calibration(bodied, frames), states[-1], True))
     camera = replace(camera_problem(associated[0].camera, time, settings), free_clock=False)
@@ -225,6 +225,13 @@ def at_full_rate(
     spreads = coarse.measured_spreads()
     model = _scene_model(tuple(wearers), camera, initial.further, state, associated, spreads, path_known=True)
     return model, state, spreads
+
+
+def _planted(model: WearerProblem, settings: Settings) -> WearerProblem:
+    """The wearer with the foot contacts of the full rate."""
+    contact = settings.factors.foot_contact
+    contact = replace(contact, sigma=settings.fusion.contact_tightening * contact.sigma)
+    return replace(model, settings=replace(model.settings, foot_contact=contact))
 
 
 def _one_wearer(model: SceneProblem, number: int) -> SceneProblem:

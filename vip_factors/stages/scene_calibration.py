@@ -28,6 +28,7 @@ from vip_factors.stages.association import AssociatedCamera, first_association, 
 from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.decode import decode_camera, decode_wearers
 from vip_factors.stages.drift import found_clock
+from vip_factors.stages.floor import on_floor
 from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds
 from vip_factors.stages.fusion_start import FusionStart, start_fusion
 from vip_factors.stages.inertial import InertialSolution, inertial_trackers
@@ -292,6 +293,9 @@ def _solved_stretch(
     initial = start_fusion(associated, inertial, settings)
     names = scene.names
     solution, associated = fuse_in_rounds(initial, associated, names, settings, solver)
+    if not any(one.camera.known_path is not None for one in associated):
+        state, about_floor = on_floor(solution.model.wearers, solution.state, settings.floor)
+        solution, about_sensors = replace(solution, state=state), (*about_sensors, *about_floor)
     return SolvedStretch(scene, corrections, about_sensors, inertial, initial, solution, associated, solver)
 
 

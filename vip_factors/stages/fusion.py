@@ -227,7 +227,7 @@ def at_full_rate(
     return model, state, spreads
 
 
-def _planted(model: WearerProblem, settings: Settings) -> WearerProblem:
+def _planted(model: WearerProblem, settings: CommonSettings) -> WearerProblem:
     """The wearer with the foot contacts of the full rate."""
     contact = settings.factors.foot_contact
     contact = replace(contact, sigma=settings.fusion.contact_tightening * contact.sigma)

@@ -82,7 +82,7 @@ def test_a_calibration_that_looks_less_alike_is_not_begun_with(monkeypatch: pyte
     hidden = without_detections(scene(), 0.0, 1.0, wearer=0)
     wearers, associated = stage.first_association(hidden, (anna, bob), QUICK, SOLVER)
     assert wearers[0] is anna
-    (look,) = [stage._look(each, 0, anna, "anna") for each in associated]
+    (look,) = [stage._look(each, 0, anna) for each in associated]
     np.testing.assert_array_equal(associated[0].seen[0].R_camera_world, look.R_camera_world)
 
 

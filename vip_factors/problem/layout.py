@@ -226,11 +226,6 @@ class Layout:
         values = [block.per_column(getattr(block, attribute)) for _, block, _ in self.placed() if block.free]
         return np.concatenate([np.zeros(0), *values])
 
-    @cached_property
-    def frame_step(self) -> Array:
-        """What one unit of damping is a prior of, for each column of a frame."""
-        return np.concatenate([np.zeros(0), *(one.step for one in self.chains)])
-
 
 def _consecutive(widths: Sequence[int]) -> tuple[slice, ...]:
     ends = np.cumsum([0, *widths]).tolist()

@@ -146,6 +146,9 @@ class GroundView:
         return GroundView(self.feet, self.rays[frames], self.whitening[frames], self.stands[frames])
 
 
+OF_FRAMES = ("pixels", "sigma", "oks_px", "seen", "pixels_per_second", "confidence")  # of a view, frame by frame
+
+
 @dataclass(frozen=True)
 class KeypointView:
     """Where one wearer's ``K`` keypoints were seen in the ``T`` frames.
@@ -198,17 +201,12 @@ class KeypointView:
         """Views of single frames, one after the other; None of a frame that the camera did not take."""
         nothing = cls.unseen(points)
         each = [nothing if one is None else one for one in views]
-        ground = None if feet is None else GroundView.joined(feet, [one.ground for one in each])
+        arrays: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in each]) for name in OF_FRAMES}
         return cls(
             points,
-            np.concatenate([one.pixels for one in each]),
-            np.concatenate([one.sigma for one in each]),
-            np.concatenate([one.oks_px for one in each]),
-            np.concatenate([one.seen for one in each]),
-            np.concatenate([one.pixels_per_second for one in each]),
-            np.concatenate([one.confidence for one in each]),
-            ground,
-            next((one.names for one in each if one.names), ()),
+            **arrays,
+            ground=None if feet is None else GroundView.joined(feet, [one.ground for one in each]),
+            names=next((one.names for one in each if one.names), ()),
             frames_apart=max(one.frames_apart for one in each),
         )
 
@@ -219,16 +217,8 @@ class KeypointView:
 
     def at_frames(self, frames: slice) -> "KeypointView":
         """A stretch of frames."""
-        return replace(
-            self,
-            pixels=self.pixels[frames],
-            sigma=self.sigma[frames],
-            oks_px=self.oks_px[frames],
-            seen=self.seen[frames],
-            pixels_per_second=self.pixels_per_second[frames],
-            confidence=self.confidence[frames],
-            ground=None if self.ground is None else self.ground.at_frames(frames),
-        )
+        arrays = {name: getattr(self, name)[frames] for name in OF_FRAMES}
+        return replace(self, ground=None if self.ground is None else self.ground.at_frames(frames), **arrays)
 
 
 @dataclass(frozen=True)

@@ -85,6 +85,7 @@ class WearerProblem:
     """One wearer's least-squares problem.
 
     Attributes:
+        name: the wearer's.
         skeleton, prior, limits: the body.
         frames: the measurements.
         sensors: ``S`` points where the sensors sit, in the order of ``frames.sensors``.
@@ -143,6 +144,7 @@ class WearerProblem:
     hinge_prior: HingePrior = field(default_factory=HingePrior)
     free_places: bool = False
     free_sole: bool = False
+    name: str = "wearer"
 
     @cached_property
     def sensor_points(self) -> BodyPoints:

@@ -48,11 +48,10 @@ class AssociatedCamera:
 
 
 def associate_cameras(
-    scene: Scene, wearers: Sequence[InertialSolution], motions: Sequence[Motion], settings: CommonSettings,
-    on_progress: Callable[[float], None],
-) -> tuple[AssociatedCamera, ...]:  # fmt: skip
+    scene: Scene, wearers: Sequence[InertialSolution], settings: CommonSettings, on_progress: Callable[[float], None]
+) -> tuple[AssociatedCamera, ...]:
     """The first association, of each camera by itself: nobody's place in the world is known yet."""
-    associated = []
+    associated, motions = [], [motion_of(one.model, one.state) for one in wearers]
     for number, camera in enumerate(scene.cameras):
         detections = camera.timed_detections
         association = associate(
@@ -157,16 +156,15 @@ def first_association(
         settings: of all rooms.
         solver: of the scene.
     """
-    names = scene.names
     on_progress = solver.progress_of("association")
-    first = associate_cameras(scene, wearers, _motions(wearers, names), settings, on_progress)
+    first = associate_cameras(scene, wearers, settings, on_progress)
     poor = [number for number in range(len(wearers)) if share_seen(first, number) < OFTEN_SEEN]
     if not poor or not settings.acceleration:
         return tuple(wearers), first
     better = [_calibrated(one, settings, solver) if number in poor else one for number, one in enumerate(wearers)]
-    again = associate_cameras(scene, better, _motions(better, names), settings, on_progress)
+    again = associate_cameras(scene, better, settings, on_progress)
     for number in poor:
-        again, better[number] = _starting(again, number, better[number], wearers[number], names[number])
+        again, better[number] = _starting(again, number, better[number], wearers[number])
     return tuple(better), again
 
 
@@ -183,15 +181,11 @@ def _calibrated(inertial: InertialSolution, settings: CommonSettings, solver: So
     return replace(found, state=replace(found.state, pose_mean=inertial.state.pose_mean))
 
 
-def _motions(wearers: Sequence[InertialSolution], names: Sequence[str]) -> list[Motion]:
-    return [motion_of(one.model, one.state, name) for one, name in zip(wearers, names, strict=True)]
-
-
 def _starting(
-    associated: Sequence[AssociatedCamera], number: int, found: InertialSolution, before: InertialSolution, name: str
+    associated: Sequence[AssociatedCamera], number: int, found: InertialSolution, before: InertialSolution
 ) -> tuple[tuple[AssociatedCamera, ...], InertialSolution]:
     """A wearer as calibrated or as before, with what the cameras then saw of him."""
-    looks = [[_look(each, number, one, name) for each in associated] for one in (found, before)]
+    looks = [[_look(each, number, one) for each in associated] for one in (found, before)]
     as_found, as_before = (np.concatenate([look.cost for look in each]) for each in looks)
     if not len(as_before) or np.median(as_found) <= np.median(as_before):
         return tuple(associated), found
@@ -203,9 +197,8 @@ def _starting(
     return tuple(changed), before
 
 
-def _look(each: AssociatedCamera, number: int, inertial: InertialSolution, name: str) -> Hypotheses:
+def _look(each: AssociatedCamera, number: int, inertial: InertialSolution) -> Hypotheses:
     """The hypothesis cameras of a motion for the detections that were given to a wearer."""
     own = each.detections.select(each.association.wearer == number)
-    motion = motion_of(inertial.model, inertial.state, name)
-    points = wearer_points(motion, own.keypoints, own.time)
+    points = wearer_points(motion_of(inertial.model, inertial.state), own.keypoints, own.time)
     return hypotheses(own, each.camera.model.normalise(own.pixels), [points])

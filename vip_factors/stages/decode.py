@@ -8,7 +8,7 @@ import numpy as np
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.estimate import CameraEstimate, PoseCovariance, SolveReport, WearerEstimate
+from vip_factors.estimate import CameraEstimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.rotations import Array, wrap_angle
 from vip_factors.problem.layout import FRAME, ROOT, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
@@ -24,26 +24,15 @@ from vip_factors.terms.reprojection import reprojection_residual
 
 
 def decode(
-    name: str,
-    method: str,
-    model: WearerProblem,
-    state: WearerState,
-    covariance: PoseCovariance | None,
-    reports: tuple[SolveReport, ...],
+    method: str, model: WearerProblem, state: WearerState, covariance: PoseCovariance | None,
     settings: Mapping[str, str] | None = None,
-) -> WearerEstimate:
+) -> WearerEstimate:  # fmt: skip
     """The estimate that a state stands for."""
-    frames = model.frames
-    motion = motion_of(model, state, name)
-    calibration = calibration_of(model, state)
+    motion, sensors = motion_of(model, state), model.frames.sensors
+    calibration = {sensor: _calibration(model, state, s) for s, sensor in enumerate(sensors)}
     return WearerEstimate(
-        name, method, motion, calibration, covariance, residuals(model, state), frames.sensors, reports, settings or {}
+        model.name, method, motion, calibration, covariance, residuals(model, state), sensors, settings=settings or {}
     )
-
-
-def calibration_of(model: WearerProblem, state: WearerState) -> dict[str, SensorCalibration]:
-    """Headings and mountings of all sensors, by their names."""
-    return {sensor: _calibration(model, state, s) for s, sensor in enumerate(model.frames.sensors)}
 
 
 def _calibration(model: WearerProblem, state: WearerState, sensor: int) -> SensorCalibration:
@@ -57,12 +46,10 @@ def _calibration(model: WearerProblem, state: WearerState, sensor: int) -> Senso
     )
 
 
-def motion_of(model: WearerProblem, state: WearerState, name: str = "wearer") -> Motion:
+def motion_of(model: WearerProblem, state: WearerState) -> Motion:
     """The motion that a state stands for."""
-    frames = model.frames
-    return Motion(
-        model.skeleton, state.R_parent_child, state.p_world_pelvis, 1 / frames.step, float(frames.time[0]), name
-    )
+    rate, start = 1 / model.frames.step, float(model.frames.time[0])
+    return Motion(model.skeleton, state.R_parent_child, state.p_world_pelvis, rate, start, model.name)
 
 
 def residuals(model: WearerProblem, state: WearerState) -> dict[str, Array]:
@@ -128,15 +115,11 @@ def static_covariance(
 
 
 def decode_wearers(
-    names: Sequence[str], method: str, model: SceneProblem, state: SceneState, covariance: SceneCovariance | None
-) -> list[WearerEstimate]:
-    """The estimate of each wearer, in the order of the names."""
-    estimates = []
-    for number, name in enumerate(names):
-        wearer, own = model.wearers[number], state.wearers[number]
-        poses = covariance.wearers[number] if covariance is not None else None
-        estimates.append(decode(name, method, wearer, own, poses, ()))
-    return estimates
+    model: SceneProblem, state: SceneState, covariance: SceneCovariance | None
+) -> tuple[WearerEstimate, ...]:
+    """The estimate of each wearer before cameras."""
+    poses = covariance.wearers if covariance is not None else [None] * len(model.wearers)
+    return tuple(decode("VIP", *one) for one in zip(model.wearers, state.wearers, poses, strict=True))
 
 
 def decode_camera(

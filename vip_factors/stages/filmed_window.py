@@ -22,7 +22,7 @@ from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import SceneSource, frames_of
 from vip_factors.settings import Settings
 from vip_factors.stages.association import AssociatedCamera, associate_cameras, usable_cameras
-from vip_factors.stages.decode import SceneCovariance, decode_camera, decode_wearers, motion_of
+from vip_factors.stages.decode import SceneCovariance, decode_camera, decode_wearers
 from vip_factors.stages.findings import quality_checks
 from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds
 from vip_factors.stages.fusion_start import FusionStart, camera_problem, inertial_orientations, start_fusion
@@ -88,8 +88,7 @@ def solve_scene_window(
     initial, solution, associated = _coarsely(scene, trackers, begins, last, settings, solver)
     fine = fuse_finely(scene, initial, solution, associated, time, settings, solver)
     covariance = _covariance(scene, solution, fine) if settings.covariance else None
-    names = scene.names
-    estimates = tuple(decode_wearers(names, "VIP", fine.model, fine.state, covariance))
+    estimates = decode_wearers(fine.model, fine.state, covariance)
     first = measured.cameras[0]
     wearer = np.full(len(first.detections), -1)
     if associated[0].camera.name == first.name:
@@ -128,9 +127,7 @@ def _coarsely(
     solver: Solver,
 ) -> tuple[FusionStart, FusionSolution, tuple[AssociatedCamera, ...]]:
     """Association and fusion; a first camera that sees no wearer is where it was ``last``."""
-    names = scene.names
-    motions = [motion_of(one.model, one.state, name) for one, name in zip(trackers, names, strict=True)]
-    filmed_by = associate_cameras(scene, trackers, motions, settings, solver.progress_of("association"))
+    filmed_by = associate_cameras(scene, trackers, settings, solver.progress_of("association"))
     associated = usable_cameras(filmed_by) or tuple(each for each in filmed_by if each.camera.known_path is not None)
     if not any(each.camera is scene.camera for each in associated):
         first = camera_without_sight(filmed_by[0].camera, *last, trackers[0].model.frames.time, settings)
@@ -139,7 +136,7 @@ def _coarsely(
     if not any(each.shows_somebody for each in associated):  # who is seen is not to be found by a guess
         settings = replace(settings, fusion=replace(settings.fusion, rounds=1))
     initial = with_window_starts(start_fusion(associated, trackers, settings), trackers, associated, begins, settings)
-    solution, associated = fuse_in_rounds(initial, associated, names, settings, solver)
+    solution, associated = fuse_in_rounds(initial, associated, settings, solver)
     return initial, solution, associated
 
 

@@ -76,12 +76,10 @@ class FusionSolution:
         state = self.state.camera
         return float(np.max(np.abs(seconds_late(state.clock - offset, state.clock_drift - drift, since, 0.0))))
 
-    def motions(self, names: Sequence[str]) -> list[Motion]:
+    @property
+    def motions(self) -> list[Motion]:
         """The wearers' motions, in one world."""
-        return [
-            motion_of(model, state, name)
-            for model, state, name in zip(self.model.wearers, self.state.wearers, names, strict=True)
-        ]
+        return [motion_of(*one) for one in zip(self.model.wearers, self.state.wearers, strict=True)]
 
     @property
     def clock(self) -> VideoClock:
@@ -271,12 +269,8 @@ def _views(
     wearers: Sequence[WearerProblem], camera: Viewpoint, state: SceneState, each: AssociatedCamera,
     spreads: Sequence[float], path_known: bool,
 ) -> tuple[KeypointView, ...]:  # fmt: skip
-    state, lens, settings, views = (
-        replace(state, camera=camera.state),
-        camera.problem.model,
-        camera.problem.settings,
-        [],
-    )
+    state, views = replace(state, camera=camera.state), []
+    lens, settings = camera.problem.model, camera.problem.settings
     keypoints, clock = each.detections.keypoints, (camera.state.clock, camera.state.clock_drift)
     detections = each.detections.timed(found_clock(camera.state, camera.problem.clock_middle))
     for number, wearer in enumerate(wearers):
@@ -294,18 +288,13 @@ def _views(
 
 
 def fuse_in_rounds(
-    initial: FusionStart,
-    associated: Sequence[AssociatedCamera],
-    names: Sequence[str],
-    settings: CommonSettings,
-    solver: Solver,
+    initial: FusionStart, associated: Sequence[AssociatedCamera], settings: CommonSettings, solver: Solver
 ) -> tuple[FusionSolution, tuple[AssociatedCamera, ...]]:
     """The coarse solution, and the association that it was made from.
 
     Args:
         initial: where to start.
         associated: by the first association, of the cameras that are of use.
-        names: of the wearers.
         settings: of all rooms.
         solver: of the scene.
 
@@ -316,27 +305,22 @@ def fuse_in_rounds(
     solution = fuse(initial, None, associated, settings, solver)
     for _ in range(settings.fusion.rounds - 1):
         associated = associate_cameras_again(
-            associated, solution.camera_path, solution.clock, solution.motions(names), settings, on_progress
+            associated, solution.camera_path, solution.clock, solution.motions, settings, on_progress
         )
         solution = fuse(initial, solution, associated, settings, solver)
     for _ in range(settings.fusion.refits):
         if not solution.is_consistent():
             solution = fuse(initial, solution, associated, settings, solver)
-    solution = _reconsidered(initial, solution, associated, names, settings, solver)
-    associated = add_left_over_detections(
-        associated, solution.camera_path, solution.clock, solution.motions(names), settings
+    solution = _reconsidered(initial, solution, associated, settings, solver)
+    return solution, add_left_over_detections(
+        associated, solution.camera_path, solution.clock, solution.motions, settings
     )
-    return solution, associated
 
 
 def _reconsidered(
-    initial: FusionStart,
-    solution: FusionSolution,
-    associated: Sequence[AssociatedCamera],
-    names: Sequence[str],
-    settings: CommonSettings,
+    initial: FusionStart, solution: FusionSolution, associated: Sequence[AssociatedCamera], settings: CommonSettings,
     solver: Solver,
-) -> FusionSolution:
+) -> FusionSolution:  # fmt: skip
     """The better of a solution and, if something ended far from where it is likely, of one that began with that held.
 
     Many frames of one posture may lead a mounting or a hinge's axis from where a single statement had it into another
@@ -358,14 +342,12 @@ def _reconsidered(
     )
     if rival_cost - cost > settings.calibration.start.settled:
         return best
-    return replace(best, findings=tuple(_rival_findings(best, rival, names, rival_cost - cost)))
+    return replace(best, findings=tuple(_rival_findings(best, rival, rival_cost - cost)))
 
 
-def _rival_findings(
-    best: FusionSolution, rival: FusionSolution, names: Sequence[str], margin: float
-) -> Iterator[Finding]:
+def _rival_findings(best: FusionSolution, rival: FusionSolution, margin: float) -> Iterator[Finding]:
     """Of each wearer the sensors that two solutions turn by more than 60° against each other; ``margin`` nats apart."""
-    for name, model, one, other in zip(names, best.model.wearers, best.state.wearers, rival.state.wearers, strict=True):
+    for model, one, other in zip(best.model.wearers, best.state.wearers, rival.state.wearers, strict=True):
         turned = np.rad2deg(angle_between(one.R_bone_sensor, other.R_bone_sensor))
         far = {
             sensor: float(by)
@@ -373,7 +355,7 @@ def _rival_findings(
             if by > np.rad2deg(TURNED)
         }
         if far:
-            yield Finding("two calibrations", name, numbers=far, words={"times": f"{np.exp(margin):.1f}"})
+            yield Finding("two calibrations", model.name, numbers=far, words={"times": f"{np.exp(margin):.1f}"})
 
 
 def _with_unlikely_fixed(model: WearerProblem, state: WearerState) -> WearerProblem:

@@ -56,6 +56,7 @@ def inertial_model(
         use_acceleration=settings.acceleration,
         variation=_variation(recording.subject, factors.length_scale),
         gauge_sensor=gauge_sensor([site.bone_index for site in sites]),
+        name=recording.subject.name,
     )
 
 

@@ -85,7 +85,7 @@ def smooth_wearer(
         window = next(windows).wearers[0]
         estimate = _with_findings(replace(window, reports=tuple(solver.reports)), window.motion, recording, shared)
     else:
-        sample = decode_wearer(recording, shared.model, shared.state, settings)
+        sample = _decode(shared.model, shared.state, settings)
         none = sample.frames(slice(0, 0))
         head = replace(
             none, motion=replace(none.motion, rate=plan.rate, start=plan.start), reports=tuple(solver.reports)
@@ -177,7 +177,8 @@ def calibrate(recording: RecordingSource, plan: WindowPlan, settings: Settings, 
     inertial = inertial_tracker(together, frames, settings, solver, calibration)
     if settings.acceleration:
         inertial = calibrated(inertial, settings, solver, solver.extra)
-    return replace(inertial, starts=starts)
+    # Without a camera an estimate has its recording's name.
+    return replace(inertial, model=replace(inertial.model, name=recording.head.name), starts=starts)
 
 
 def _with_knots_in_stretches(plan: WindowPlan, settings: Settings) -> Settings:
@@ -211,7 +212,7 @@ def solve_windows(
         if settings.covariance:
             measured = before is None or model.frames.orientation_valid.any()
             covariance = _covariance(model, state) if measured else _unknown(model.frames)
-        wearer = decode_wearer(recording, model, state, settings, covariance)
+        wearer = _decode(model, state, settings, covariance)
         window = SolvedWindow(span, (replace(wearer, reports=tuple(own.reports)),))
         before = window if before is None else moved(window, before, model.has_floor)
         yield before
@@ -293,10 +294,7 @@ def _covariance(model: WearerProblem, state: WearerState) -> PoseCovariance:
     return pose_covariance(objective.frame_keys, chain_marginals(objective.linearise(state)))
 
 
-def decode_wearer(
-    recording: RecordingSource, model: WearerProblem, state: WearerState, settings: Settings,
-    covariance: PoseCovariance | None = None,
-) -> WearerEstimate:  # fmt: skip
-    """The estimate of a wearer whom no camera sees."""
-    name, method = recording.head.name, method_of(model, settings)
-    return decode(name, method, model, state, covariance, (), flatten(settings))
+def _decode(
+    model: WearerProblem, state: WearerState, settings: Settings, covariance: PoseCovariance | None = None
+) -> WearerEstimate:
+    return decode(method_of(model, settings), model, state, covariance, flatten(settings))

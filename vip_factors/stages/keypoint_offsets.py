@@ -117,10 +117,8 @@ def _offsets_before(scene: Scene, settings: Settings, on_progress: Callable[[flo
     (recording,) = scene.wearers
     solver = Solver(settings.solve, lambda stage, done: None)
     true = _true(recording, _frames_with_truth(scene, recording, settings), settings)
-    motion = motion_of(true.model, true.state, recording.subject.name)
-    associated = usable_cameras(
-        associate_cameras(scene, [true], [motion], settings, lambda done: on_progress(0.5 * done))
-    )
+    motion = motion_of(true.model, true.state)
+    associated = usable_cameras(associate_cameras(scene, [true], settings, lambda done: on_progress(0.5 * done)))
     if not associated:
         return None
     initial = start_fusion(associated, [true], settings)

@@ -48,14 +48,13 @@ def scene_estimate(
     assert scene.camera is not None
     shared = marginals_of_shared(coarse)
     covariance = full_rate_covariance(coarse, fine) if settings.covariance else None
-    names = scene.names
     wearers = tuple(
         replace(
             with_sigmas(estimate, coarse.model, number, shared),
             body=body_estimate(coarse, number, shared),
             sensor_places=sensor_position_estimates(coarse, number, shared),
         )
-        for number, estimate in enumerate(decode_wearers(names, "VIP", fine.model, fine.state, covariance))
+        for number, estimate in enumerate(decode_wearers(fine.model, fine.state, covariance))
     )
     first, given = scene.camera, associated[0].association.wearer
     camera = decode_camera(first.name, fine.model, fine.state, covariance, first.clock)
@@ -71,7 +70,7 @@ def scene_estimate(
     findings = tuple(dict.fromkeys(found))
     estimate = Estimate(
         scene.name, "VIP", wearers, camera, given, reports, findings, flatten(settings),
-        detector_estimate(coarse, shared), association_cues(names, associated[0].association),
+        detector_estimate(coarse, shared), association_cues(scene.names, associated[0].association),
     )  # fmt: skip
     if associated[0].camera is not first:  # nobody was found there, and it is nowhere
         return replace(estimate, camera=None, wearer_of_detection=np.full(len(first.detections), -1))

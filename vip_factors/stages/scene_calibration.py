@@ -237,13 +237,12 @@ class SolvedStretch:
 
     def windows(self, plan: WindowPlan, settings: Settings) -> Iterator[SolvedWindow]:
         """Windows at the full rate, which start from the solution of all coarse frames and are in its world."""
-        names = self.scene.names
         covariance = coarse_covariance(self.solution) if settings.covariance else None
         for span in plan.windows():
             time, own = plan.time(span), replace(self.solver, reports=[])
             fine = fuse_finely(self.scene, self.initial, self.solution, self.associated, time, settings, own)
             sure = None if covariance is None else at_nearest(covariance, self.solution, time)
-            wearers = tuple(decode_wearers(names, "VIP", fine.model, fine.state, sure))
+            wearers = decode_wearers(fine.model, fine.state, sure)
             first = self.scene.cameras[0]
             camera = decode_camera(first.name, fine.model, fine.state, sure, first.clock)
             yield SolvedWindow(span, wearers, camera, reports=tuple(own.reports))
@@ -291,8 +290,7 @@ def _solved_stretch(
     if not associated:
         return who_is_who(scene, filmed_by)
     initial = start_fusion(associated, inertial, settings)
-    names = scene.names
-    solution, associated = fuse_in_rounds(initial, associated, names, settings, solver)
+    solution, associated = fuse_in_rounds(initial, associated, settings, solver)
     if not any(one.camera.known_path is not None for one in associated):
         state, about_floor = on_floor(solution.model.wearers, solution.state, settings.floor)
         solution, about_sensors = replace(solution, state=state), (*about_sensors, *about_floor)

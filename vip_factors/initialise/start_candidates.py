@@ -98,8 +98,7 @@ def upright_cost(R_bone_sensor: Array, up_sensor: Array) -> Array:
     """
     if not np.all(np.isfinite(up_sensor)):
         return np.zeros(R_bone_sensor.shape[:-2])
-    up_bone = R_bone_sensor @ (up_sensor / np.linalg.norm(up_sensor))
-    lean = np.arccos(np.clip(up_bone[..., 1], -1.0, 1.0)) / UPRIGHT_SIGMA
+    lean = _lean(R_bone_sensor, up_sensor) / UPRIGHT_SIGMA
     return (UPRIGHT_FREEDOM + 1) / 2 * np.log1p(lean**2 / UPRIGHT_FREEDOM)
 
 
@@ -125,6 +124,20 @@ class Candidates:
     R_bone_sensor: tuple[Array, ...]
     relative: bool = False
     declared: bool = False
+
+    @classmethod
+    def of(cls, starts: Sequence[InitialCalibration]) -> "Candidates":
+        """Headings and mountings of some starts, one mounting with each heading."""
+        mountings = np.stack([one.R_bone_sensor for one in starts], axis=1)
+        return cls(np.stack([one.headings for one in starts], axis=1), tuple(mountings[:, :, None]))
+
+    def beside(self, *others: "Candidates") -> "Candidates":
+        """With other headings besides."""
+        every = (self, *others)
+        mountings = zip(*(one.R_bone_sensor for one in every), strict=True)
+        return Candidates(
+            np.concatenate([one.headings for one in every], axis=1), tuple(np.concatenate(own) for own in mountings)
+        )
 
 
 def declared_candidates(usual: InitialCalibration, R_inertial_sensor: Array) -> Candidates:
@@ -219,38 +232,15 @@ SLACK = 50.0  # nats: a candidate that is less likely than the best by more wand
 NEAR = np.deg2rad([-20, -15, -10, -5, 5, 10, 15, 20])  # of the best heading, to see how sharp it is
 
 
-@dataclass(frozen=True)
-class Particles:
-    """Some headings and mountings of each sensor.
+def likely_candidates(candidates: Candidates, costs: Sequence[Array], count: int = KEPT) -> Candidates:
+    """The likeliest of each sensor that differ, likeliest first, as particles: one mounting with each heading.
 
-    Attributes:
-        headings: ``(S, N)`` radians.
-        R_bone_sensor: ``(S, N, 3, 3)``.
-    """
-
-    headings: Array
-    R_bone_sensor: Array
-
-    def candidates(self) -> Candidates:
-        """One mounting with each heading."""
-        return Candidates(self.headings, tuple(self.R_bone_sensor[:, :, None]))
-
-    def and_starts(self, starts: Sequence[InitialCalibration]) -> "Particles":
-        """With those of some starts besides."""
-        headings = np.stack([one.headings for one in starts], axis=1)
-        mountings = np.stack([one.R_bone_sensor for one in starts], axis=1)
-        return _together(self, Particles(headings, mountings))
-
-
-def likely_particles(candidates: Candidates, costs: Sequence[Array], count: int = KEPT) -> Particles:
-    """The likeliest candidates of each sensor that differ, likeliest first; where there are few, the first again.
-
-    ``costs`` by sensor ``(K, M)`` are least costs with each candidate.
+    ``costs`` by sensor ``(K, M)`` are least costs with each candidate. Where there are few, the first comes again.
     """
     chosen = [_distinct(candidates, s, cost, count) for s, cost in enumerate(costs)]
-    return Particles(
+    return Candidates(
         np.stack([candidates.headings[s, one[:, 0]] for s, one in enumerate(chosen)]),
-        np.stack([candidates.R_bone_sensor[s][one[:, 0], one[:, 1]] for s, one in enumerate(chosen)]),
+        tuple(candidates.R_bone_sensor[s][one[:, 0], one[:, 1]][:, None] for s, one in enumerate(chosen)),
     )
 
 
@@ -268,43 +258,33 @@ def _distinct(candidates: Candidates, s: int, cost: Array, count: int) -> np.nda
     return np.array([*chosen, *[chosen[0]] * (count - len(chosen))])
 
 
-def perturbed(particles: Particles, size: float, root: int, random: np.random.Generator) -> Particles:
-    """The particles, and turns of them by ``size`` radians about each axis of the bone, and about the vertical.
+def refined_candidates(particles: Candidates, costs: Callable[[Candidates], Sequence[Array]], root: int) -> Candidates:
+    """The particles after all rounds; ``costs`` tells the least cost with each candidate of each sensor.
 
-    The heading of the sensor ``root`` stays: the world turns with it.
+    Each round adds turns about each axis of the bone, and about the vertical; but the heading of the sensor ``root``
+    stays: the world turns with it.
     """
-    S, N = particles.headings.shape
-    of = np.tile(np.arange(N), -(-ADDED // N))[:ADDED]
-    about = size * random.standard_normal((S, ADDED))
-    about[root] = 0.0
-    turns = exp(size * random.standard_normal((S, ADDED, 3)))
-    return _together(particles, Particles(particles.headings[:, of] + about, turns @ particles.R_bone_sensor[:, of]))
-
-
-def refine_particles(particles: Particles, costs: Callable[[Candidates], Sequence[Array]], root: int) -> Particles:
-    """The particles after all rounds; ``costs`` tells the least cost with each candidate of each sensor."""
     random = np.random.default_rng(0)
     for size in ROUNDS:
-        several = perturbed(particles, float(size), root, random).candidates()
-        particles = likely_particles(several, costs(several))
+        S, N = particles.headings.shape
+        of = np.tile(np.arange(N), -(-ADDED // N))[:ADDED]
+        about = size * random.standard_normal((S, ADDED))
+        about[root] = 0.0
+        turns = exp(size * random.standard_normal((S, ADDED, 3)))[:, :, None]
+        turned = tuple(turn @ R[of] for turn, R in zip(turns, particles.R_bone_sensor, strict=True))
+        several = particles.beside(Candidates(particles.headings[:, of] + about, turned))
+        particles = likely_candidates(several, costs(several))
     return particles
 
 
-def about_best(particles: Particles, root: int) -> Candidates:
+def about_best(particles: Candidates, root: int) -> Candidates:
     """The particles, and the first of each sensor with other headings near by: what those cost tells its scatter.
 
     The bone may turn with the heading, or stay as it is: as long as it is upright, the mounting then turns back.
     """
     offsets = np.tile(NEAR, (len(particles.headings), 1))
     offsets[root] = 0.0
-    headings = particles.headings[:, :1] + offsets
-    kept = particles.R_bone_sensor[:, :1]
-    near = Particles(headings, np.repeat(kept, len(NEAR), axis=1)), Particles(headings, rotation_y(offsets) @ kept)
-    return _together(particles, *near).candidates()
-
-
-def _together(*several: Particles) -> Particles:
-    return Particles(
-        np.concatenate([one.headings for one in several], axis=1),
-        np.concatenate([one.R_bone_sensor for one in several], axis=1),
-    )
+    headings, kept = particles.headings[:, :1] + offsets, [R[:1] for R in particles.R_bone_sensor]
+    turned = tuple(rotation_y(own)[:, None] @ R for own, R in zip(offsets, kept, strict=True))
+    unturned = tuple(np.repeat(R, len(NEAR), axis=0) for R in kept)
+    return particles.beside(Candidates(headings, unturned), Candidates(headings, turned))

@@ -19,9 +19,9 @@ from vip_factors.initialise.start_candidates import (
     declared_candidates,
     frame_cost,
     heading_candidates,
-    likely_particles,
+    likely_candidates,
     placed_candidates,
-    refine_particles,
+    refined_candidates,
     strap_cost,
     upright_cost,
 )
@@ -133,10 +133,10 @@ class StartSearch:
         root, up = self._root, self._up_sensor()
         facing = float(usual.headings[root])
         grid, tilted = placed_candidates(usual.R_bone_sensor, self.prior.limbs, up, facing)
-        particles = likely_particles(grid, self._least(grid))
         starts = [replace(one, headings=one.headings + facing - one.headings[root]) for one in (usual, *others)]
-        particles = refine_particles(particles.and_starts(starts), self._least, root)
-        candidates = about_best(likely_particles(particles.candidates(), self._least(particles.candidates())), root)
+        particles = likely_candidates(grid, self._least(grid)).beside(Candidates.of(starts))
+        particles = refined_candidates(particles, self._least, root)
+        candidates = about_best(likely_candidates(particles, self._least(particles)), root)
         pairs = self._pairs(candidates)
         found = {one.name: self._minimum(candidates, pairs, one) for one in HYPOTHESES}
         name, own = min(found.items(), key=lambda one: one[1].cost)

@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from vip_factors.sensors.sources import SceneSource
 from vip_factors.settings import Settings, flatten
 from vip_factors.stages.drift import clock_findings, drift_findings
 from vip_factors.stages.filmed_window import solve_scene_window
-from vip_factors.stages.inertial_windows import WINDOWS, numbered
+from vip_factors.stages.inertial_windows import numbered
 from vip_factors.stages.scene_calibration import SceneCalibration, calibrate_scene, fusion_solve_settings
 from vip_factors.stages.solver import Progress, Solver
 from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
@@ -24,16 +25,6 @@ from vip_factors.stages.windows import WindowPlan, scene_plan
 
 OF_THE_WHOLE = ("heading drift", "video clock off", "video clock drift")  # no window tells these
 LEAST_CLOCKS = 2  # windows through whose clocks there is a line
-
-
-@dataclass
-class _Gathered:
-    """What windows teach of the whole, as they go by."""
-
-    findings: MergedFindings
-    headings: list[list[Headings]] = field(default_factory=list)
-    wearer: list[np.ndarray] = field(default_factory=list)
-    clocks: list[tuple[float, float]] = field(default_factory=list)  # seconds of the video, and how late it is there
 
 
 def smooth_filmed(
@@ -62,52 +53,36 @@ def smooth_filmed(
     if plan.is_one_window:
         return EstimateChunks.of(stretch.estimate(settings, plan.time(slice(0, plan.frames))))
     estimate = stretch.estimate(settings)
-    moves = source.head.cameras[0].moving
+    head = _head(estimate, source, plan, settings)
+    learned = None
     if plan.all_calibrate:
-        head = replace(_head(estimate, source, plan, settings), wearer_of_detection=estimate.wearer_of_detection)
-        windows = numbered(stretch.windows(plan, settings), plan, on_progress)
-        return EstimateChunks(
-            head, (plan.frames,) * len(head.wearers), chunks_of(windows, head), plan.frames if moves else 1
-        )
-    calibration, head = stretch.calibration(estimate), _head(estimate, source, plan, settings)
-    known = [one for one in estimate.findings if one.kind not in OF_THE_WHOLE]
-    gathered = _Gathered(MergedFindings(known), [[] for _ in source.wearers])
-
-    def chunks() -> Iterator[Estimate]:
-        on_progress(WINDOWS, 0.0)
-        for chunk in chunks_of(_windows(source, calibration, plan, settings, on_progress, gathered), head):
-            gathered.wearer.append(chunk.wearer_of_detection)
-            yield chunk
-
+        head = replace(head, wearer_of_detection=estimate.wearer_of_detection)
+        windows = stretch.windows(plan, settings)
+    else:
+        learned = _Learned(source, plan, MergedFindings([f for f in estimate.findings if f.kind not in OF_THE_WHOLE]))
+        windows = learned.listening_to(_windows(source, stretch.calibration(estimate), plan, settings))
+    chunks = chunks_of(numbered(windows, plan, on_progress), head)
     return EstimateChunks(
         head,
         (plan.frames,) * len(head.wearers),
-        chunks(),
-        plan.frames if moves else 1,
-        lambda: _closed(head, source, plan, gathered),
+        chunks if learned is None else learned.labelled(chunks),
+        plan.frames if source.head.cameras[0].moving else 1,
+        None if learned is None else partial(learned.closed, head),
     )
 
 
 def _windows(
-    source: SceneSource, calibration: SceneCalibration, plan: WindowPlan, settings: Settings, on_progress: Progress,
-    gathered: _Gathered,
-) -> Iterator[SolvedWindow]:  # fmt: skip
+    source: SceneSource, calibration: SceneCalibration, plan: WindowPlan, settings: Settings
+) -> Iterator[SolvedWindow]:
     """Every window, in one world."""
-    spans, before = plan.windows(), None
-    first = source.head.cameras[0]
+    before, first = None, source.head.cameras[0]
     carried = first.moving and first.known_path is None
-    for number, span in enumerate(spans):
+    for span in plan.windows():
         own = Solver(fusion_solve_settings(settings), lambda stage, fraction: None, name=settings.solver)
         window = solve_scene_window(source, calibration, before, plan, span, settings, own)
         if before is not None and carried and not window.is_placed:
             window = moved(window, before, settings.factors.floor_contact.use)
-        window = before = window.numbered(number)
-        time = plan.time(span)
-        gathered.findings.add(window.findings, float(time[0]), float(time[-1]))
-        for own_headings, headings in zip(gathered.headings, window.headings, strict=True):
-            own_headings.append(headings)
-        gathered.clocks.append(_clock_in(window, float(time[0] + time[-1]) / 2))
-        on_progress(WINDOWS, (number + 1) / len(spans))
+        before = window
         yield window
 
 
@@ -125,29 +100,53 @@ def _head(estimate: Estimate, source: SceneSource, plan: WindowPlan, settings: S
     )
 
 
-def _closed(head: Estimate, source: SceneSource, plan: WindowPlan, gathered: _Gathered) -> Estimate:
-    wearers = tuple(
-        replace(one, calibration=_calibration(one, headings))
-        for one, headings in zip(head.wearers, gathered.headings, strict=True)
-    )
-    last = float(plan.time(slice(plan.frames - 1, plan.frames))[0])
-    unseen = source.detected(-np.inf, plan.start), source.detected(float(np.nextafter(last, np.inf)), np.inf)
-    before, after = (np.full(count, -1) for count in unseen)
-    camera, first = _with_clock(head.camera, gathered.clocks), source.head.cameras[0]
-    clock = () if camera is None else clock_findings(first, camera, (plan.start, last))
-    return replace(
-        head,
-        wearers=wearers,
-        wearer_of_detection=np.concatenate([before, *gathered.wearer, after]).astype(int),
-        findings=(*gathered.findings.all(), *_drifts(wearers), *clock),
-    )
+@dataclass
+class _Learned:
+    """What windows teach of the whole scene, as they go by."""
 
+    source: SceneSource
+    plan: WindowPlan
+    findings: MergedFindings
+    headings: list[tuple[Headings, ...]] = field(default_factory=list)  # of each window
+    wearer: list[np.ndarray] = field(default_factory=list)
+    clocks: list[tuple[float, float]] = field(default_factory=list)  # seconds of the video, and how late it is there
 
-def _clock_in(window: SolvedWindow, time: float) -> tuple[float, float]:
-    assert window.camera is not None
-    clock = window.camera.clock
-    own = (time - clock.offset) / (1 + clock.drift)
-    return own, clock.late(own)
+    def listening_to(self, windows: Iterator[SolvedWindow]) -> Iterator[SolvedWindow]:
+        """The windows, as they are."""
+        for window in windows:
+            assert window.camera is not None
+            start, end = self.plan.time(window.frames)[[0, -1]].tolist()
+            self.findings.add(window.findings, start, end)
+            self.headings.append(window.headings)
+            clock = window.camera.clock
+            own = ((start + end) / 2 - clock.offset) / (1 + clock.drift)
+            self.clocks.append((own, clock.late(own)))
+            yield window
+
+    def labelled(self, chunks: Iterator[Estimate]) -> Iterator[Estimate]:
+        """The chunks, as they are."""
+        for chunk in chunks:
+            self.wearer.append(chunk.wearer_of_detection)
+            yield chunk
+
+    def closed(self, head: Estimate) -> Estimate:
+        """The head of the estimate, after all windows."""
+        wearers = tuple(
+            replace(one, calibration=_calibration(one, headings))
+            for one, headings in zip(head.wearers, zip(*self.headings, strict=True), strict=True)
+        )
+        plan, last = self.plan, float(self.plan.time(slice(self.plan.frames - 1, self.plan.frames))[0])
+        unseen = (-np.inf, plan.start), (float(np.nextafter(last, np.inf)), np.inf)
+        before, after = (np.full(self.source.detected(*one), -1) for one in unseen)
+        camera = _with_clock(head.camera, self.clocks)
+        clock = () if camera is None else clock_findings(self.source.head.cameras[0], camera, (plan.start, last))
+        drifts = [finding for one in wearers for finding in drift_findings(one.motion.name, one.calibration)]
+        return replace(
+            head,
+            wearers=wearers,
+            wearer_of_detection=np.concatenate([before, *self.wearer, after]).astype(int),
+            findings=(*self.findings.all(), *drifts, *clock),
+        )
 
 
 def _with_clock(camera: CameraEstimate | None, clocks: Sequence[tuple[float, float]]) -> CameraEstimate | None:
@@ -157,11 +156,6 @@ def _with_clock(camera: CameraEstimate | None, clocks: Sequence[tuple[float, flo
     time, late = np.array(clocks).T
     drift, offset = np.polyfit(time, late, 1)
     return replace(camera, time_offset=float(offset), time_drift=float(drift))
-
-
-def _drifts(wearers: Sequence[WearerEstimate]) -> Iterator[Finding]:
-    for one in wearers:
-        yield from drift_findings(one.motion.name, one.calibration)
 
 
 def _calibration(one: WearerEstimate, headings: Sequence[Headings]) -> dict[str, SensorCalibration]:

@@ -1,10 +1,11 @@
 """Noisy little problems at random states, in which every kind of factor acts."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from vip_factors.assembly.objective import SceneObjective, Step
 from vip_factors.body.anthropometry import likely_body
 from vip_factors.body.calibration_pose import held_pose
 from vip_factors.body.hinges import HINGE_VARIABLES
@@ -24,6 +25,7 @@ from vip_factors.sensors.frames import ImuFrames, resample
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.solve.chain_system import ChainSystem
 from vip_factors.terms.ground_contact import pixel_rays
 from vip_factors.terms.registry import CameraFactorSettings, FactorSettings
 
@@ -31,6 +33,22 @@ T, S = 5, 6
 
 
 SILENCES = [(2,), (0,), (3, 4)]  # frames in which no sensor measured anything: within, at the start, at the end
+
+
+class WearerObjective:
+    """One wearer whom no camera sees, as an objective of their state."""
+
+    def __init__(self, problem: WearerProblem) -> None:
+        self.problem, self.scene = problem, SceneObjective(SceneProblem.unfilmed([problem]))
+
+    def cost(self, state: WearerState) -> Mapping[str, float]:
+        return self.scene.cost(SceneState.unfilmed([state]))
+
+    def linearise(self, state: WearerState) -> ChainSystem:
+        return self.scene.linearise(SceneState.unfilmed([state]))
+
+    def retract(self, state: WearerState, delta: Step) -> WearerState:
+        return self.scene.retract(SceneState.unfilmed([state]), delta).wearers[0]
 
 
 def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerProblem, WearerState]:

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from linear import assert_same, dense, dense_of_graph
-from small_problems import KNOTS, small_model, walking_model, walking_scene
+from small_problems import KNOTS, WearerObjective, small_model, walking_model, walking_scene
 
-from vip_factors.assembly.objective import SceneObjective, WearerObjective
+from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
-from small_problems import small_model
+from small_problems import WearerObjective, small_model
 
-from vip_factors.assembly.objective import SceneObjective, WearerObjective
+from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.geometry.rotations import exp
 from vip_factors.initialise.pose import contact_points

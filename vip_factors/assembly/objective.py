@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -14,10 +13,9 @@ from vip_factors.assembly.charts import Charts
 from vip_factors.assembly.slices import SliceAccumulator
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout, Owner, OwnerId
-from vip_factors.problem.scene import ExtraTerms, SceneProblem
-from vip_factors.problem.state import SceneState, WearerState
+from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import STEP_ANGLE, scene_layout
-from vip_factors.problem.wearer import WearerProblem
 from vip_factors.solve.chain_system import Chain, ChainSystem, StaticGroup, frame_keys, knot_key, static_key
 from vip_factors.solve.knots import KnotSystem
 from vip_factors.solve.slices import Slices
@@ -200,33 +198,6 @@ class SceneObjective:
                 walk = np.array([delta.at(key) for key in self._knot_keys(group, owner)])
                 state = state.replaced({owner: state.wearers[owner.number].with_walk(walk)})
         return state
-
-
-class WearerObjective:
-    """The same of one wearer whom no camera sees."""
-
-    def __init__(self, problem: WearerProblem, extra: ExtraTerms | None = None) -> None:
-        self.problem = problem
-        self.scene = SceneObjective(replace(SceneProblem.unfilmed([problem]), extra=extra))
-
-    @property
-    def frame_keys(self) -> list[int]:
-        """GTSAM's names of the frames in the linear system."""
-        keys = self.scene.frame_keys(OwnerId(Owner.WEARER))
-        assert keys is not None
-        return keys
-
-    def cost(self, state: WearerState) -> Mapping[str, float]:
-        """See :class:`SceneObjective`."""
-        return self.scene.cost(SceneState.unfilmed([state]))
-
-    def linearise(self, state: WearerState) -> ChainSystem:
-        """See :class:`SceneObjective`."""
-        return self.scene.linearise(SceneState.unfilmed([state]))
-
-    def retract(self, state: WearerState, delta: Step) -> WearerState:
-        """See :class:`SceneObjective`."""
-        return self.scene.retract(SceneState.unfilmed([state]), delta).wearers[0]
 
 
 def scene_slices(

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vip_factors.assembly.objective import WearerObjective
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import RecordingError
 from vip_factors.findings import Finding
@@ -111,10 +110,7 @@ def solve_stretch(
         if solution is not None:
             return solution
     models = [with_contacts(replace(one.model, free_pose_mean=False), one.state) for one in wearers]
-    states = [
-        solver.solve_wearer(WearerObjective(model), one.state, "start")
-        for model, one in zip(models, wearers, strict=True)
-    ]
+    states = [solver.solve_wearer(model, one.state, "start") for model, one in zip(models, wearers, strict=True)]
     fused = FusionSolution(SceneProblem.unfilmed(models), SceneState.unfilmed(states), ())
     return StretchSolution(scene, wearers, fused)
 
@@ -125,13 +121,12 @@ def _solve_before_cameras(
     """The solution in front of cameras; None if they do not show anybody whom it knows."""
     if not any(len(camera.detections) for camera in scene.cameras):
         return None
-    names = scene.names
     wearers, associated_cameras = first_association(scene, wearers, settings, solver)
     associated = usable_cameras(associated_cameras)
     if not associated:
         return None
     fusion_start = start_fusion(associated, wearers, settings)
-    fused, associated = fuse_in_rounds(fusion_start, associated, names, settings, solver)
+    fused, associated = fuse_in_rounds(fusion_start, associated, settings, solver)
     return StretchSolution(scene, tuple(wearers), fused, fusion_start, tuple(associated))
 
 

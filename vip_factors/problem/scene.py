@@ -273,9 +273,10 @@ class SceneProblem:
         return (Viewpoint(self.camera, camera, self.views), *self.further)
 
     @classmethod
-    def unfilmed(cls, wearers: Sequence[WearerProblem]) -> "SceneProblem":
+    def unfilmed(cls, wearers: Sequence[WearerProblem], extra: ExtraTerms | None = None) -> "SceneProblem":
         """Of wearers whom no camera sees."""
-        return cls(tuple(wearers), NO_CAMERA, tuple(KeypointView.unseen((), len(one.frames)) for one in wearers))
+        views = tuple(KeypointView.unseen((), len(one.frames)) for one in wearers)
+        return cls(tuple(wearers), NO_CAMERA, views, extra=extra)
 
     @property
     def frames(self) -> int:

@@ -14,7 +14,6 @@ from vip_factors.estimate import WearerEstimate
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.initialise.calibration import InitialCalibration
-from vip_factors.problem.state import WearerState
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.recording import Recording
@@ -26,7 +25,7 @@ from vip_factors.stages.decode import SceneCovariance, decode_camera, decode_wea
 from vip_factors.stages.findings import quality_checks
 from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds
 from vip_factors.stages.fusion_start import FusionStart, camera_problem, inertial_orientations, start_fusion
-from vip_factors.stages.inertial import InertialSolution, inertial_tracker
+from vip_factors.stages.inertial import InertialSolution, inertial_tracker, start_state
 from vip_factors.stages.inertial_model import inertial_model, with_heading_knots
 from vip_factors.stages.reporting import full_rate_covariance, who_is_who
 from vip_factors.stages.scene_calibration import SceneCalibration, WearerCalibration
@@ -212,10 +211,7 @@ def _unmoved(
     """A wearer in a window in which none of the sensors measured anything: as at its beginning."""
     model, T = inertial_model(recording, frames, calibration, settings), len(frames)
     model = with_heading_knots(model, settings.calibration)
-    state = WearerState(
-        np.tile(R_parent_child, (T, 1, 1, 1)), np.zeros((T, 3)), calibration.headings, calibration.R_bone_sensor,
-        model.prior.mean, hinges=model.hinge_prior.mean,
-    )  # fmt: skip
+    state = start_state(model, calibration, np.tile(R_parent_child, (T, 1, 1, 1)))
     return InertialSolution(model, state.with_knots(len(model.heading_knots)))
 
 

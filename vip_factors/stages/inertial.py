@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from vip_factors.assembly.objective import WearerObjective
+from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.pose_prior import joint_vector
 from vip_factors.errors import InputError, SolveError
 from vip_factors.estimate import WearerEstimate
@@ -17,7 +17,7 @@ from vip_factors.initialise.calibration import InitialCalibration, initial_calib
 from vip_factors.initialise.pose import first_poses
 from vip_factors.initialise.start_search import Starts
 from vip_factors.problem.scene import ExtraTerms, SceneProblem
-from vip_factors.problem.state import WearerState
+from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.recording import Recording, nothing_placed
@@ -70,7 +70,9 @@ def inertial_tracker(
         else find_start(recording, frames, settings, solver.progress_of("start"))
     )
     model = inertial_model(recording, frames, calibration, settings)
-    state = solver.solve_wearer(WearerObjective(frame_by_frame(model)), _start(model, calibration), "inertial tracker")
+    R = first_poses(frames, [sensor.bone for sensor in model.sensors], calibration, model.prior)
+    start = start_state(model, calibration, R)
+    state = solver.solve_wearer(frame_by_frame(model), start, "inertial tracker")
     if model.initial_pose is not None:  # so far beyond its limits a joint says that its zero is elsewhere, once
         model = replace(model, limits=model.limits.reaching(joint_vector(state.R_parent_child), CONTRADICTION))
     model = with_heading_knots(model, settings.calibration)
@@ -102,7 +104,7 @@ def calibrated(
     """The sparse inertial poser on the tracker's frames, with headings, mountings and the mean pose free."""
     free, state = with_inflated_contact_sigma(inertial.model, settings.calibration), inertial.state
     for _ in range(settings.calibration.passes):
-        state = solver.solve_wearer(WearerObjective(with_contacts(free, state), extra), state, "calibration")
+        state = solver.solve_wearer(with_contacts(free, state), state, "calibration", extra)
         free = with_found_drift(free, state)
     return replace(inertial, model=with_found_drift(inertial.model, state), state=state)
 
@@ -131,12 +133,12 @@ def find_start(
     return (starts.best.calibration if starts else usual), starts
 
 
-def _start(model: WearerProblem, calibration: InitialCalibration) -> WearerState:
-    R = first_poses(model.frames, [sensor.bone for sensor in model.sensors], calibration, model.prior)
+def start_state(model: WearerProblem, calibration: InitialCalibration, R_parent_child: Array) -> WearerState:
+    """Of joint rotations ``(T, 24, 3, 3)``, on the spot."""
+    p_world_pelvis, hinges = np.zeros((len(R_parent_child), 3)), model.hinge_prior.mean
     return WearerState(
-        R, np.zeros((len(R), 3)), calibration.headings, calibration.R_bone_sensor, model.prior.mean,
-        hinges=model.hinge_prior.mean,
-    )  # fmt: skip
+        R_parent_child, p_world_pelvis, calibration.headings, calibration.R_bone_sensor, model.prior.mean, hinges=hinges
+    )
 
 
 def at_frames(state: WearerState, time: Array, wanted: Array) -> WearerState:
@@ -159,12 +161,12 @@ def with_calibration_sigmas(
         found: as :func:`~vip_factors.stages.inertial.calibrated` returns it.
         settings, extra: with which it was found.
     """
-    objective = WearerObjective(with_contacts(with_inflated_contact_sigma(found.model, settings), found.state), extra)
-    keys = objective.scene.static_keys
-    if not keys:
+    model = with_contacts(with_inflated_contact_sigma(found.model, settings), found.state)
+    objective = SceneObjective(SceneProblem.unfilmed([model], extra))
+    if not objective.static_keys:
         return estimate
     try:
-        marginals = last_marginals(objective.linearise(found.state), keys)
+        marginals = last_marginals(objective.linearise(SceneState.unfilmed([found.state])), objective.static_keys)
     except SolveError:
         return replace(estimate, findings=(*estimate.findings, UNDETERMINED))
-    return with_sigmas(estimate, SceneProblem.unfilmed([objective.problem]), 0, marginals)
+    return with_sigmas(estimate, objective.problem, 0, marginals)

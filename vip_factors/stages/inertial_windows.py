@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.assembly.objective import WearerObjective
+from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.estimate import Estimate, EstimateChunks, PoseCovariance, WearerEstimate
@@ -19,8 +19,8 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.pose import first_poses
-from vip_factors.problem.scene import ExtraTerms
-from vip_factors.problem.state import WearerState
+from vip_factors.problem.scene import ExtraTerms, SceneProblem
+from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames, in_stretches
 from vip_factors.sensors.imu_stream import ImuStream
@@ -29,7 +29,7 @@ from vip_factors.sensors.sources import RecordingSource, frames_of, samples_arou
 from vip_factors.settings import Settings, flatten
 from vip_factors.solve.elimination import chain_marginals
 from vip_factors.stages.calibration_start import start_choice, start_findings
-from vip_factors.stages.decode import decode, pose_covariance
+from vip_factors.stages.decode import decode, scene_covariance
 from vip_factors.stages.drift import drift_findings
 from vip_factors.stages.inertial import (
     InertialSolution,
@@ -242,7 +242,7 @@ def _solve_window(
         return frame_by_frame(model), _where_it_was(state, before, span)
     state = _where_it_was(at_frames(state, model.frames.time, time), before, span)
     fine = with_contacts(on_frames_with_fixed_calibration(model, frames), state)
-    return fine, solver.solve_wearer(WearerObjective(fine, solver.extra), state, "sparse inertial poser")
+    return fine, solver.solve_wearer(fine, state, "sparse inertial poser", solver.extra)
 
 
 def _track_window(model: WearerProblem, shared: WearerState, solver: Solver) -> WearerState:
@@ -252,7 +252,7 @@ def _track_window(model: WearerProblem, shared: WearerState, solver: Solver) -> 
     calibration = InitialCalibration(headings, np.full(len(headings), np.inf), shared.R_bone_sensor)
     R = first_poses(model.frames, [sensor.bone for sensor in model.sensors], calibration, model.prior)
     state = replace(shared, R_parent_child=R, p_world_pelvis=np.zeros((len(R), 3)))
-    state = solver.solve_wearer(WearerObjective(frame_by_frame(model)), state, "inertial tracker")
+    state = solver.solve_wearer(frame_by_frame(model), state, "inertial tracker")
     return placed_on_floor(model, state)
 
 
@@ -261,7 +261,7 @@ def _settled(model: WearerProblem, state: WearerState, settings: Settings, solve
     rough = replace(solver, settings=replace(solver.settings, relative_decrease=COARSE_DECREASE))
     held = with_fixed_calibration(model)
     for _ in range(settings.calibration.passes):
-        state = rough.solve_wearer(WearerObjective(with_contacts(held, state)), state, "calibrated")
+        state = rough.solve_wearer(with_contacts(held, state), state, "calibrated")
     return state
 
 
@@ -290,8 +290,9 @@ def _unknown(frames: ImuFrames) -> PoseCovariance:
 
 
 def _covariance(model: WearerProblem, state: WearerState) -> PoseCovariance:
-    objective = WearerObjective(model)
-    return pose_covariance(objective.frame_keys, chain_marginals(objective.linearise(state)))
+    objective = SceneObjective(SceneProblem.unfilmed([model]))
+    marginals = chain_marginals(objective.linearise(SceneState.unfilmed([state])))
+    return scene_covariance(objective, marginals).wearers[0]
 
 
 def _decode(

@@ -3,11 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from vip_factors.assembly.objective import SceneObjective, WearerObjective
+from vip_factors.assembly.objective import SceneObjective
 from vip_factors.estimate import SolveReport
 from vip_factors.factor_graph.graph import optimise_with_gtsam
-from vip_factors.problem.scene import ExtraTerms
+from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
+from vip_factors.problem.wearer import WearerProblem
 from vip_factors.settings import SolverName
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 
@@ -39,9 +40,12 @@ class Solver:
         self.reports.append(report)
         return state
 
-    def solve_wearer(self, objective: WearerObjective, start: WearerState, stage: str) -> WearerState:
+    def solve_wearer(
+        self, model: WearerProblem, start: WearerState, stage: str, extra: ExtraTerms | None = None
+    ) -> WearerState:
         """The same of one wearer whom no camera sees."""
-        return self.solve(objective.scene, SceneState.unfilmed([start]), stage).wearers[0]
+        objective = SceneObjective(SceneProblem.unfilmed([model], extra))
+        return self.solve(objective, SceneState.unfilmed([start]), stage).wearers[0]
 
     def progress_of(self, stage: str) -> Callable[[float], None]:
         """Progress of a stage that is no solve."""

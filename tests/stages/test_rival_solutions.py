@@ -16,7 +16,7 @@ from vip_factors.stages.fusion import FusionSolution
 def solution(turn_deg: float) -> FusionSolution:
     """Of two sensors, the second of which is turned."""
     R = np.stack([np.eye(3), exp(np.deg2rad([0.0, turn_deg, 0.0]))])
-    model = SimpleNamespace(frames=SimpleNamespace(sensors=("pelvis", "thigh")))
+    model = SimpleNamespace(name="anna", frames=SimpleNamespace(sensors=("pelvis", "thigh")))
     wearers: Any = SimpleNamespace(wearers=[model]), SimpleNamespace(wearers=[SimpleNamespace(R_bone_sensor=R)])
     return FusionSolution(*wearers, ())
 
@@ -32,7 +32,7 @@ def reconsidered(monkeypatch: pytest.MonkeyPatch, costs: dict[float, float]) -> 
     of = dict(zip(map(id, (far, near)), costs.values(), strict=True))
     monkeypatch.setattr(fusion, "_cost", lambda one, other: of[id(one)])
     monkeypatch.setattr(fusion, "replace", _with)
-    best = fusion._reconsidered(initial, far, (), ["anna"], Settings(), SimpleNamespace())  # type: ignore[arg-type]
+    best = fusion._reconsidered(initial, far, (), Settings(), SimpleNamespace())  # type: ignore[arg-type]
     return (turns[0] if best.state is far.state else turns[1]), best.findings
 
 

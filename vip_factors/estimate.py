@@ -74,7 +74,7 @@ class BodyEstimate:
 
     Attributes:
         names: of ``B`` lengths; none where the body was given and only hinges were looked for.
-        prior, found: ``(B,)`` metres: limbs, widths, and where joints lie on the bone above (both sides alike).
+        prior, posterior: ``(B,)`` metres: limbs, widths, and where joints lie on the bone above (both sides alike).
         prior_covariance, covariance: ``(B, B)`` m²; that of what was found is NaN where the data do not determine
             everything.
         hinges: of elbows and knees, if they were looked for.
@@ -83,7 +83,7 @@ class BodyEstimate:
 
     names: tuple[str, ...]
     prior: Array
-    found: Array
+    posterior: Array
     prior_covariance: Array
     covariance: Array
     hinges: tuple[HingeEstimate, ...] = ()
@@ -107,14 +107,14 @@ class SensorPlaceEstimate:
     Attributes:
         sensor, bone: their names.
         prior: where it was supposed to sit, on the body that was found: along a limb it keeps its share of that.
-        found: where it does.
+        posterior: where it does.
         prior_sigma, sigma: standard deviations about each axis; NaN if not known.
     """
 
     sensor: str
     bone: str
     prior: Array
-    found: Array
+    posterior: Array
     prior_sigma: Array
     sigma: Array
 
@@ -125,13 +125,13 @@ class DetectorEstimate:
 
     Attributes:
         keypoints: names of ``K``, without a side: both are alike.
-        prior, found: ``(K, 3)`` metres, of the left side, bone axes; the right side's have their x turned round.
+        prior, posterior: ``(K, 3)`` metres, of the left side, bone axes; the right side's have their x turned round.
         prior_sigma, sigma: ``(K, 3)`` standard deviations; NaN if not known.
     """
 
     keypoints: tuple[str, ...]
     prior: Array
-    found: Array
+    posterior: Array
     prior_sigma: Array
     sigma: Array
 

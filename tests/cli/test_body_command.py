@@ -66,7 +66,7 @@ def test_from_an_estimate_to_the_next_recording(run: Run, folder: Path, tmp_path
     again = read_estimate(tmp_path / "again.e.mcap").only_wearer.body
     assert again is not None
     assert found.body is not None
-    np.testing.assert_allclose(again.prior, found.body.found, atol=1e-6)
+    np.testing.assert_allclose(again.prior, found.body.posterior, atol=1e-6)
     for before, after in zip(found.body.hinges, again.prior_hinges, strict=True):
         np.testing.assert_allclose(after.variables, before.variables, atol=1e-5)
     told = run("evaluate", tmp_path / "again.e.mcap", "--truth", folder / "scene.mcap")
@@ -86,7 +86,7 @@ def test_a_picture_shows_what_was_found_beside_what_was_likely(run: Run, folder:
     texts = texts_of(picture)
     assert {*LENGTHS, "left knee", "truth", "The body of “Ada”"} <= texts
     thigh = LENGTHS.index("thigh")
-    assert f"{1e3 * found.found[thigh]:.0f} ± {1e3 * found.sigma[thigh]:.0f}" in texts
+    assert f"{1e3 * found.posterior[thigh]:.0f} ± {1e3 * found.sigma[thigh]:.0f}" in texts
     [wearer] = read_scene(folder / "scene.mcap").wearers
     assert wearer.truth is not None
     assert f"{1e3 * wearer.truth.motion.skeleton.bone_length('left_knee'):.0f}" in texts

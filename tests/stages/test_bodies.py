@@ -69,7 +69,7 @@ def what_was_found_is_told_with_its_sigmas(estimate: WearerEstimate, usual: Skel
     told = estimate.body
     assert told is not None
     assert told.names == LENGTHS
-    np.testing.assert_allclose(told.found, lengths_of(estimate.motion.skeleton))
+    np.testing.assert_allclose(told.posterior, lengths_of(estimate.motion.skeleton))
     np.testing.assert_allclose(told.prior, lengths_of(usual) + likely_body(usual.stature).variation.mean, atol=1e-9)
     seen = [LENGTHS.index(name) for name in CHANGES]
     assert np.all(told.sigma[seen] < 0.9 * told.prior_sigma[seen])
@@ -83,7 +83,7 @@ def places_on_the_bones_are_told_with_their_sigmas(estimate: Estimate, scene: Sc
     assert [one.sensor for one in places] == list(estimate.wearers[0].sensors)
     assert [one.bone for one in places] == [placement.site(one.sensor).bone for one in places]
     moved, sigmas, before = (
-        np.array([getattr(one, name) for one in places]) for name in ("found", "sigma", "prior_sigma")
+        np.array([getattr(one, name) for one in places]) for name in ("posterior", "sigma", "prior_sigma")
     )
     prior = np.array([one.prior for one in places])
     np.testing.assert_allclose(prior, [placement.site(one.sensor).p_bone_sensor for one in places], atol=0.04)
@@ -93,8 +93,8 @@ def places_on_the_bones_are_told_with_their_sigmas(estimate: Estimate, scene: Sc
     assert detector is not None
     assert detector.keypoints == OFFSET_KEYPOINTS
     assert np.all((detector.sigma > 0) & (detector.sigma < 1.001 * detector.prior_sigma))
-    assert np.all(np.abs(detector.found) < 3 * detector.prior_sigma)
-    assert np.any(detector.found)
+    assert np.all(np.abs(detector.posterior) < 3 * detector.prior_sigma)
+    assert np.any(detector.posterior)
 
 
 def what_was_found_is_where_the_next_recording_starts(scene: Scene, estimate: WearerEstimate) -> None:
@@ -103,7 +103,7 @@ def what_was_found_is_where_the_next_recording_starts(scene: Scene, estimate: We
     subject = Subject("anna", STATURE, skeleton=skeleton, length_prior=prior, hinges=estimate.body.hinges)
     again = smooth(replace(scene, wearers=(replace(scene.wearers[0], subject=subject),)), QUICK).wearers[0]
     assert again.body is not None
-    np.testing.assert_allclose(again.body.prior, estimate.body.found, atol=1e-9)
+    np.testing.assert_allclose(again.body.prior, estimate.body.posterior, atol=1e-9)
     for before, prior_hinge, after in zip(
         estimate.body.hinges, again.body.prior_hinges, again.body.hinges, strict=True
     ):
@@ -111,7 +111,7 @@ def what_was_found_is_where_the_next_recording_starts(scene: Scene, estimate: We
         assert np.all(np.diag(after.covariance) < np.diag(prior_hinge.covariance))
         assert after.carrying_sigma < before.carrying_sigma
     np.testing.assert_allclose(again.body.prior_sigma, np.maximum(estimate.body.sigma, 0.003), rtol=0.1)
-    assert np.all(np.abs(again.body.found - again.body.prior) < 3 * again.body.prior_sigma)
+    assert np.all(np.abs(again.body.posterior - again.body.prior) < 3 * again.body.prior_sigma)
 
 
 def test_a_body_that_is_given_stays_as_it_is() -> None:

@@ -143,7 +143,7 @@ def found(changes: dict[str, float], scale: float = 0.0) -> BodyEstimate:
 
 def test_what_is_expected_is_not_told() -> None:
     assert not list(body_findings("Ada", found({"thigh": 0.02, "trunk": -0.02}), 1.75))
-    given = replace(found({}), names=(), prior=np.zeros(0), found=np.zeros(0))
+    given = replace(found({}), names=(), prior=np.zeros(0), posterior=np.zeros(0))
     assert not list(body_findings("Ada", given, 1.75))
 
 

@@ -171,7 +171,7 @@ def body_lines(body: BodyEstimate) -> list[str]:
     lines = []
     if body.names:
         rows = [("length (mm)", "prior", "found", "")]
-        values = zip(body.names, body.prior, body.prior_sigma, body.found, body.sigma, strict=True)
+        values = zip(body.names, body.prior, body.prior_sigma, body.posterior, body.sigma, strict=True)
         for name, prior, prior_sigma, found, sigma in values:
             kept = "keeps its prior" if sigma > KEPT * prior_sigma else ""
             rows.append((name, with_sigma(1e3 * prior, 1e3 * prior_sigma), with_sigma(1e3 * found, 1e3 * sigma), kept))
@@ -198,7 +198,7 @@ def sensor_place_lines(places: Sequence[SensorPlaceEstimate]) -> list[str]:
     """A table: where each sensor was found, and where it was supposed; in bone axes, in millimetres."""
     rows: list[tuple[str, ...]] = [("sensor's place (mm; supposed)", "bone", "left", "up", "forward")]
     for one in places:
-        cells = _cells((one.found, one.sigma), (one.prior, one.prior_sigma), (LEFT, UP, FORWARD))
+        cells = _cells((one.posterior, one.sigma), (one.prior, one.prior_sigma), (LEFT, UP, FORWARD))
         rows.append((one.sensor, one.bone, *cells))
     return aligned(rows, left=2) if places else []
 
@@ -217,7 +217,7 @@ def detector_lines(detector: DetectorEstimate) -> list[str]:
     """A table: how far from where its table has it a detector puts each keypoint, of the left side, in millimetres."""
     rows: list[tuple[str, ...]] = [("keypoint's offset (mm; supposed)", "forward", "up", "outward")]
     for number, name in enumerate(detector.keypoints):
-        found, prior = detector.found[number], detector.prior[number]
+        found, prior = detector.posterior[number], detector.prior[number]
         sigma, prior_sigma = detector.sigma[number], detector.prior_sigma[number]
         rows.append((name, *_cells((found, sigma), (prior, prior_sigma), (FORWARD, UP, LEFT))))
     return aligned(rows, left=1)

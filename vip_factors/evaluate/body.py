@@ -90,7 +90,7 @@ def length_nees(body: BodyEstimate, truth: Skeleton, lengths: Collection[str] = 
     sure = [name for name in lengths if name not in UNSURE and name in body.names]
     true = {name: length for name, length in true_lengths(truth).items() if name in sure}
     places = [body.names.index(name) for name in true]
-    error = np.array(list(true.values())) - body.found[places]
+    error = np.array(list(true.values())) - body.posterior[places]
     return nees(error[:, None], np.diag(body.covariance)[places][:, None, None])
 
 

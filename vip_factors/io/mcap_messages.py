@@ -105,7 +105,7 @@ BODY = DataclassCodec(
     {
         "lengths": "names",
         "prior_m": "prior",
-        "found_m": "found",
+        "found_m": "posterior",
         "prior_covariance_m2": "prior_covariance",
         "covariance_m2": "covariance",
     },
@@ -129,7 +129,7 @@ SENSOR_CALIBRATION = DataclassCodec(
     },
 )
 ITERATION = DataclassCodec(SolveReportMessage.Iteration, Iteration)
-_PLACE = {"prior_m": "prior", "found_m": "found", "prior_sigma_m": "prior_sigma", "sigma_m": "sigma"}
+_PLACE = {"prior_m": "prior", "found_m": "posterior", "prior_sigma_m": "prior_sigma", "sigma_m": "sigma"}
 SENSOR_PLACE = DataclassCodec(SensorPlaceEstimates.Sensor, SensorPlaceEstimate, _PLACE)
 MOTION = DataclassCodec(
     MotionInfo, Motion, {"rate_hz": "rate", "start_s": "start"}, more=lambda motion: {"frames": len(motion)}

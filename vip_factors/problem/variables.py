@@ -109,7 +109,7 @@ def _rows() -> tuple[Row, ...]:
     def mounting(noise: ProcessNoiseSettings) -> float:
         return float(np.deg2rad(noise.mounting_deg))
 
-    def standing(noise: ProcessNoiseSettings) -> tuple[float, ...]:
+    def camera_pose(noise: ProcessNoiseSettings) -> tuple[float, ...]:
         return (float(np.deg2rad(noise.camera_deg)),) * 3 + (noise.camera_m,) * 3
 
     return (
@@ -128,7 +128,7 @@ def _rows() -> tuple[Row, ...]:
             lambda own: own.free_pose_mean, one_vector=True),
         # Of a camera that moves every frame has a pose.
         Row("poses", "camera pose", "c", camera, pose, (STEP_ANGLE,) * 3 + (STEP_LENGTH,) * 3, one,
-            lambda own: own.free_pose and not own.moving, standing),
+            lambda own: own.free_pose and not own.moving, camera_pose),
         Row("heading", "camera heading", "g", camera, vector, STEP_ANGLE, one, has_imu, heading),
         Row("R_camera_imu", "camera mounting", "q", camera, rotation, STEP_ANGLE, one, has_imu, heading),
         Row("clock", "clock offset", "o", camera, vector, STEP_CLOCK, one, lambda own: own.free_clock, heading),

@@ -72,10 +72,10 @@ def time_chart(
     numbers = {"box": (LEFT, TOP, width - RIGHT, HEIGHT - BOTTOM), "span": axes.get_xlim(), "unit": unit,
                "decimals": decimals, "curves": curves}  # fmt: skip
     legend = tuple((line.name, line.colour) for line in lines)
-    return Chart(title, Markup(_alone(svg(figure))), legend, json.dumps(numbers, separators=(",", ":")))
+    return Chart(title, Markup(_embeddable(svg(figure))), legend, json.dumps(numbers, separators=(",", ":")))
 
 
-def _alone(drawing: str) -> str:
+def _embeddable(drawing: str) -> str:
     """An SVG element to stand among others in a page: without header and ids of groups, to a tenth of a pixel."""
     drawing = re.sub(r'<g id="[^"]*"', "<g", drawing[drawing.index("<svg") :])
     return re.sub(r"(\d\.\d)\d{2,}", r"\1", drawing)

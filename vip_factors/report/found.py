@@ -34,7 +34,7 @@ def found_section(material: Material) -> Section:
     if detector is not None:
         rows = [
             (name, *(plus_minus(MM * found[axis], MM * sigma[axis]) for axis in (2, 1, 0)))
-            for name, found, sigma in zip(detector.keypoints, detector.found, detector.sigma, strict=True)
+            for name, found, sigma in zip(detector.keypoints, detector.posterior, detector.sigma, strict=True)
         ]
         head = ("Point", "Forward, mm", "Up, mm", "Outward, mm")
         blocks.append(Table(head, rows, "Where the detector puts its points, against the joint centres", folded=True))
@@ -60,7 +60,7 @@ def _body(wearer: Wearer) -> list[Block]:
                 number(MM * (found - prior), 0), "keeps what was likely" if sigma > KEPT * prior_sigma else "measured",
             )
             for name, prior, prior_sigma, found, sigma in zip(
-                body.names, body.prior, body.prior_sigma, body.found, body.sigma, strict=True
+                body.names, body.prior, body.prior_sigma, body.posterior, body.sigma, strict=True
             )
         ]  # fmt: skip
         blocks.append(Paragraph(f"Body: {skeleton.source}."))
@@ -153,7 +153,11 @@ def _start(start: StartChoice | None) -> list[Block]:
 
 def _places(wearer: Wearer) -> list[Block]:
     rows = [
-        (one.sensor, bone_words(one.bone), *(_axis_words(one.found, one.prior, one.sigma, axis) for axis in (0, 1, 2)))
+        (
+            one.sensor,
+            bone_words(one.bone),
+            *(_axis_words(one.posterior, one.prior, one.sigma, axis) for axis in (0, 1, 2)),
+        )
         for one in wearer.estimate.sensor_places
     ]
     head = ("Sensor", "On", "To the left", "Up", "Forward")

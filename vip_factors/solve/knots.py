@@ -42,11 +42,11 @@ class KnotSystem:
 
     @classmethod
     def empty(
-        cls, chain: int, keys: Sequence[int], weights: Array, frame_width: int, walking: int, static_width: int,
+        cls, chain: int, keys: Sequence[int], weights: Array, frame_width: int, columns: int, static_width: int,
         damping: float,
     ) -> "KnotSystem":  # fmt: skip
         """Zeros."""
-        (T, K), S = weights.shape, walking
+        (T, K), S = weights.shape, columns
         return cls(
             chain, keys, weights, np.zeros((T, S, static_width)), np.zeros((T, S)), np.zeros((T, 2, frame_width, S)),
             np.zeros((K, S)), np.zeros((K - 1, S)), np.zeros((K, S)), damping,
@@ -60,15 +60,15 @@ class KnotSystem:
         self.following -= root**2
 
     @property
-    def walking(self) -> int:
-        """Number of columns that walk."""
+    def columns(self) -> int:
+        """Number of headings that drift."""
         return self.own.shape[1]
 
     def append_couplings(
         self, graph: gtsam.GaussianFactorGraph, t: int, frame_key: int, static_key: int, block: Array
     ) -> None:
         """Append what ties frame ``t`` to knots and static variables; ``block`` ``(w, s)`` is by its own values."""
-        S, T = self.walking, len(self.weights)
+        S, T = self.columns, len(self.weights)
         here, after, before = self.weights[t], self.weights[min(t + 1, T - 1)], self.weights[max(t - 1, 0)]
         static = block.copy()
         static[:, :S] = 0.0
@@ -82,7 +82,7 @@ class KnotSystem:
 
     def add_static(self, H: Array, g: Array) -> None:
         """Add the first knot's share to the group's own ``(s, s)`` and ``(s,)``, which hold at most its prior."""
-        S, first = self.walking, self.weights[:, 0]
+        S, first = self.columns, self.weights[:, 0]
         H[:S, :S] += _weighed(first**2, self.own[:, :, :S]) + np.diag(self.diagonal[0])
         H[:S, S:] += _weighed(first, self.own[:, :, S:])
         H[S:, :S] = H[:S, S:].T
@@ -92,7 +92,7 @@ class KnotSystem:
         self, graph: gtsam.GaussianFactorGraph, start: int, stop: int, static_key: int, damping: float
     ) -> Iterator[int]:
         """Append all that is left to say of the knots that no frame from ``stop`` on sees; yields their keys."""
-        S = self.walking
+        S = self.columns
         for k, key in enumerate(self.keys, start=1):
             if not self._passed(k, stop) or self._passed(k, start):
                 continue
@@ -111,7 +111,7 @@ class KnotSystem:
 
     def _neighbours(self, k: int) -> Array:
         """Block of a knot with the next one."""
-        S = self.walking
+        S = self.columns
         both = self.weights[:, k] * self.weights[:, k + 1]
         return _weighed(both, self.own[:, :, :S]) + np.diag(self.following[k])
 

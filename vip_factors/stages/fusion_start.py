@@ -126,11 +126,11 @@ def _with_found_mounting(camera: Camera, problem: CameraProblem, seen: Sightings
     return replace(problem, prior_R_camera_imu=camera_mounting(R_world_camera, R_inertial_imu)[0])
 
 
-def _sightings_of_known(known: Sequence[AssociatedCamera], wearer: int) -> tuple[CameraPath, Sightings]:
+def _sightings_of_known(cameras: Sequence[AssociatedCamera], wearer: int) -> tuple[CameraPath, Sightings]:
     """What the cameras of known pose saw of a wearer."""
     looks = [
         (each.camera.known_path, each.seen[wearer])
-        for each in known
+        for each in cameras
         if each.camera.known_path is not None and len(each.seen[wearer])
     ]
     return looks[0] if len(looks) == 1 else together(looks)

@@ -110,7 +110,7 @@ def body_findings(wearer: str, body: BodyEstimate, stature_m: float | None) -> I
     expected = (1 + scale) * body.prior
     unlikely = [
         f"{name} {1e3 * found:.0f} mm (expected {1e3 * prior:.0f} ± {1e3 * sigma:.0f})"
-        for name, found, prior, sigma in zip(body.names, body.found, expected, body.prior_sigma, strict=True)
+        for name, found, prior, sigma in zip(body.names, body.posterior, expected, body.prior_sigma, strict=True)
         if abs(found - prior) > UNLIKELY * sigma
     ]
     if unlikely:  # a wrong stature or zoom changes all lengths alike
@@ -130,4 +130,4 @@ def common_scale(body: BodyEstimate) -> tuple[float, float]:
     """By which share all lengths are larger than the prior's mean (least squares under the prior), and its sigma."""
     weighed = np.linalg.solve(body.prior_covariance, body.prior)
     variance = 1 / float(weighed @ body.prior)
-    return variance * float(weighed @ (body.found - body.prior)), float(np.sqrt(variance))
+    return variance * float(weighed @ (body.posterior - body.prior)), float(np.sqrt(variance))

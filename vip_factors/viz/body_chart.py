@@ -33,7 +33,7 @@ def body_figure(name: str, body: BodyEstimate, truth: Mapping[str, float]) -> Fi
     """The same as a figure: a panel of lengths, a panel of carrying angles."""
     panels = []
     if body.names:
-        values = 1e3 * np.stack([body.prior, body.prior_sigma, body.found, body.sigma])
+        values = 1e3 * np.stack([body.prior, body.prior_sigma, body.posterior, body.sigma])
         true = 1e3 * np.array([truth.get(one, np.nan) for one in body.names])
         panels.append(("Lengths (mm)", body.names, values, true, 0))
     if body.hinges:

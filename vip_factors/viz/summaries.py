@@ -66,8 +66,8 @@ def _colour_lines(drawn: DrawnScene) -> list[str]:
     return _legend(lines, drawn.detections is not None, drawn.apart)
 
 
-def _legend(lines: Sequence[str], filmed: bool, apart: bool) -> list[str]:
-    return ["## Colours", "", *lines, *[IMAGE] * filmed, SENSORS, *[f"- **{APART}**"] * apart, ""]
+def _legend(lines: Sequence[str], has_camera: bool, apart: bool) -> list[str]:
+    return ["## Colours", "", *lines, *[IMAGE] * has_camera, SENSORS, *[f"- **{APART}**"] * apart, ""]
 
 
 def _camera_lines(drawn: DrawnScene) -> list[str]:
@@ -112,7 +112,7 @@ def _body_table(wearer: DrawnWearer) -> list[str]:
     if body is None or not body.names:
         return []
     lines = [f"| {wearer.name} | likely mm | ± mm | found mm | ± mm |", "|---|---|---|---|---|"]
-    rows = zip(body.names, body.prior, body.prior_sigma, body.found, body.sigma, strict=True)
+    rows = zip(body.names, body.prior, body.prior_sigma, body.posterior, body.sigma, strict=True)
     lines += [f"| {name} | " + " | ".join(_text(1e3 * value) for value in values) + " |" for name, *values in rows]
     return [*lines, ""]
 

@@ -9,7 +9,7 @@ PACKAGE = Path(__file__).parent.parent / "vip_factors"
 
 ROWS = [
     {"errors", "ranges", "geometry", "atomic", "findings"},
-    {"body"},
+    {"shown_settings", "body"},
     {"sensors"},
     {"estimate", "live_estimate"},
     {"simulate", "associate", "initialise", "evaluate", "io", "viz"},

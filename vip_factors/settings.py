@@ -10,6 +10,7 @@ from vip_factors.initialise.sensor_assignment import AssignmentSettings
 from vip_factors.initialise.sensor_faults import AccelerometerSettings, SensorClockSettings
 from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.ranges import NotNegative, NotNegativeInt, RangeError, Rate, check_ranges
+from vip_factors.shown_settings import ShownCalibration, ShownFusion, ShownOfBoth, ShownSettings, ShownWindows
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.terms.registry import CameraFactorSettings, FactorSettings
 
@@ -17,14 +18,9 @@ LEAST_OVERLAPS = 2  # to a window: one at each end
 
 
 @dataclass(frozen=True)
-class CalibrationSettings:
+class CalibrationSettings(ShownCalibration):
     """What is done about headings and mountings."""
 
-    estimate_headings: bool = True  # sensors drift apart by tens of degrees; off where they are known
-    estimate_mountings: bool = True  # a calibration pose is held 10–15° off; off where they are known
-    # Lengths of the body as variables where a camera sees it: people of one stature differ by 3–6 % in each. Off where
-    # the likeliest body is to be kept.
-    estimate_body: bool = True
     # The axes of elbows and knees as variables: carrying angles are personal. Off: the usual axes.
     estimate_hinges: bool = True
     # Where on their bones sensors sit as variables, where a camera sees the wearer: an arm that is assumed pulls the
@@ -48,11 +44,9 @@ class CalibrationSettings:
 
 
 @dataclass(frozen=True)
-class FusionSettings:
+class FusionSettings(ShownFusion):
     """What is done with a camera, where the recording has one."""
 
-    use_camera: bool = True  # off: the IMUs alone, each wearer by itself (SIP)
-    camera_imu: bool = True  # off: the sensor on the camera is not used
     # Rounds of association and fusion: the second knows camera, headings and mountings (thesis 4.3).
     rounds: int = 2
     # More solves at most, while the detector turns out much better than believed: true 2D poses, say.
@@ -66,9 +60,6 @@ class FusionSettings:
     contact_tightening: float = 0.2
     # Below this relative decrease of the cost a solve ends: what is left to gain there is a tenth of a millimetre.
     relative_decrease: float = 5e-3
-    # The offset and the drift of the video's clock as variables: two numbers for a recording, and within 2 ms where
-    # clocks agree. Off: as vip-factors sync, or whoever made the recording, has them.
-    estimate_clock: bool = True
 
 
 @dataclass(frozen=True)
@@ -80,14 +71,10 @@ class FloorSettings:
 
 
 @dataclass(frozen=True)
-class WindowSettings:
+class WindowSettings(ShownWindows):
     """How a long recording is solved without all of it in memory: in overlapping windows, after its calibration."""
 
     use: bool = True  # off: every recording is solved at once, in 0.4 MB a frame
-    # What is shorter is calibrated by all of its coarse frames (four minutes before a camera take 3 GB), and its
-    # sensors' clocks and accelerometers are looked over first, which wants the whole. What is longer is calibrated by
-    # stretches of it.
-    above_s: float = 300.0
     # Of what is solved at the full rate together: 3,600 frames, 1 GB; overlaps are solved twice, so shorter windows
     # take longer.
     window_s: float = 60.0
@@ -121,10 +108,9 @@ class SolverName(StrEnum):
 
 
 @dataclass(frozen=True)
-class CommonSettings:
+class CommonSettings(ShownOfBoth):
     """What smoothing a recording and tracking a stream both honour."""
 
-    frame_rate: Rate = 60.0  # Hz of the estimated motion: brisk motion has its power below 10 Hz
     acceleration: bool = True  # off: the inertial tracker alone (IT; SOP with six sensors)
     # Hz, about, at which the calibration is found first, on every n-th frame: what is found is the same at any frame
     # rate. At 5 Hz a band of accelerations is lost that tells mountings: 31.4 mm instead of 26.0.
@@ -149,10 +135,9 @@ class CommonSettings:
 
 
 @dataclass(frozen=True)
-class Settings(CommonSettings):
+class Settings(CommonSettings, ShownSettings):
     """All settings of the pipeline."""
 
-    covariance: bool = False  # marginal covariance of every joint and frame: costs about one more iteration a minute
     accelerometers: AccelerometerSettings = field(default_factory=AccelerometerSettings)
     sensor_clocks: SensorClockSettings = field(default_factory=SensorClockSettings)
     assignment: AssignmentSettings = field(default_factory=AssignmentSettings)

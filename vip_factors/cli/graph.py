@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli.common_settings import CommonSettings
 from vip_factors.cli.options import Flag, Output, beside, parse_with_settings
-from vip_factors.cli.settings_file import named_tree
 from vip_factors.configurations import Configuration
 from vip_factors.ranges import Range
+from vip_factors.shown_settings import ShownSettings
 
 if TYPE_CHECKING:
-    from vip_factors.settings import Settings
     from vip_factors.viz.graph_picture import GraphDescription
 
 
@@ -44,7 +42,9 @@ class GraphOptions:
 
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
-    options, settings = parse_with_settings(GraphOptions, prog, arguments, CommonSettings, lambda: _defaults(arguments))
+    options, settings = parse_with_settings(
+        GraphOptions, prog, arguments, ShownSettings, "vip_factors.settings:Settings"
+    )
     from vip_factors.atomic import atomic_open, check_target
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.io.mcap_recording import read_scene
@@ -75,10 +75,3 @@ def _table(graph: "GraphDescription") -> str:
         lines += ["", f"{title:<{width + 2}}  {sum(counts.values()):>8}"]
         lines += [f"  {kind:<{width}}  {count:>8}" for kind, count in counts.items()]
     return "\n".join([*lines, ""])
-
-
-def _defaults(arguments: Sequence[str]) -> "Settings":
-    """The defaults, with those of a configuration or settings file if named."""
-    from vip_factors.settings import Settings
-
-    return named_tree(arguments, Settings())

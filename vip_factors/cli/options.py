@@ -1,9 +1,10 @@
 """From words on the command line to a dataclass of options: parsed, in range, and never writing over what is read."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, make_dataclass
+from importlib import import_module
 from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, TypeVar, cast, get_args, get_type_hints
@@ -14,7 +15,6 @@ from vip_factors.errors import InputError
 from vip_factors.ranges import RangeError, check_ranges
 
 Options = TypeVar("Options")
-Tree = TypeVar("Tree")
 
 
 Flag = tyro.conf.FlagCreatePairsOff[bool]
@@ -70,10 +70,10 @@ def parse_with_settings(
     options: type[Options],
     prog: str,
     arguments: Sequence[str],
-    common: type,
-    tree: Callable[[], Tree],
+    shown: type,
+    tree: str,
     none_is_a_value: bool = True,
-) -> tuple[Options, Tree]:
+) -> tuple[Options, Any]:
     """As :func:`parse`, of a command that also takes every setting of a tree of settings.
 
     Those are hundreds: ``--help`` tells the command's own options and a few settings, without importing the rest;
@@ -82,16 +82,21 @@ def parse_with_settings(
     Args:
         options: the command's own options.
         prog, arguments, none_is_a_value: as for :func:`parse`.
-        common: a dataclass of the settings to tell by ``--help``, each with the name and default that it has in the
-            tree.
-        tree: makes the settings that hold where nothing else is given.
+        shown: a dataclass of the settings to tell by ``--help``, which those of the tree inherit.
+        tree: ``module:class`` of all settings, not imported for the short help; what a configuration or a settings file
+            makes of them holds where nothing else is given, if the command has these options.
 
     Returns:
         The command's own options, and the settings.
     """
     if asks_for_short_help(arguments):
-        tell_short_help(_with_tree(options, common), prog, none_is_a_value)
-    settings = tree()
+        tell_short_help(_with_tree(options, shown), prog, none_is_a_value)
+    module, name = tree.split(":")
+    settings = getattr(import_module(module), name)()
+    if any(one.name == "configuration" for one in fields(cast(Any, options))):
+        from vip_factors.cli.settings_file import named_tree
+
+        settings = named_tree(arguments, settings)
     filled: Any = _with_tree(options, type(settings))
     required = [one.name for one in fields(filled) if one.default is MISSING and one.default_factory is MISSING]
     default = filled(**dict.fromkeys(required, tyro.MISSING), tree=settings)

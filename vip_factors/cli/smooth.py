@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli.common_settings import CommonSettings
 from vip_factors.cli.options import Flag, Output, beside, parse_with_settings
-from vip_factors.cli.settings_file import named_tree
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
+from vip_factors.shown_settings import ShownSettings
 
 if TYPE_CHECKING:
     from vip_factors.estimate import Estimate
-    from vip_factors.settings import Settings
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class SmoothOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options, settings = parse_with_settings(
-        SmoothOptions, prog, arguments, CommonSettings, lambda: _defaults(arguments)
+        SmoothOptions, prog, arguments, ShownSettings, "vip_factors.settings:Settings"
     )
     from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import progress_bar
@@ -102,10 +100,3 @@ def _tell_file(out: Path, options: SmoothOptions) -> None:
             f"next: vip-factors view {estimate} {recording}, vip-factors report {estimate} --recording {recording}, "
             f"vip-factors export {estimate} {export}"
         )
-
-
-def _defaults(arguments: Sequence[str]) -> "Settings":
-    """The defaults, with those of a configuration or settings file if named."""
-    from vip_factors.settings import Settings
-
-    return named_tree(arguments, Settings())

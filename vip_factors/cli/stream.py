@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli.common_settings import CommonLiveSettings
 from vip_factors.cli.options import RERUN_FILE, Flag, Input, Output, parse_with_settings
-from vip_factors.cli.settings_file import named_tree
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.io.live.settings import LiveSourceSettings, VmcPose
 from vip_factors.ranges import Port
+from vip_factors.shown_settings import ShownLiveSettings
 from vip_factors.viz.viewer import check_display
 
 if TYPE_CHECKING:
@@ -86,7 +85,7 @@ class StreamOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options, settings = parse_with_settings(
-        StreamOptions, prog, arguments, CommonLiveSettings, lambda: _defaults(arguments)
+        StreamOptions, prog, arguments, ShownLiveSettings, "vip_factors.live.settings:LiveSettings"
     )
     if options.lag is not None:
         settings = replace(settings, lag_s=options.lag)
@@ -266,10 +265,3 @@ def _silence_stdout() -> None:
     nothing = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, descriptor)
     os.close(nothing)
-
-
-def _defaults(arguments: Sequence[str]) -> "LiveSettings":
-    """The defaults, with those of a configuration or settings file if named."""
-    from vip_factors.live.settings import LiveSettings
-
-    return named_tree(arguments, LiveSettings())

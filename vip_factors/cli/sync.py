@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli.common_settings import CommonClock
 from vip_factors.cli.options import Flag, Output, beside, parse_with_settings
+from vip_factors.shown_settings import ShownClock
 
 if TYPE_CHECKING:
-    from vip_factors.initialise.clock import ClockOffset, ClockSettings
+    from vip_factors.initialise.clock import ClockOffset
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class SyncOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options, settings = parse_with_settings(
-        SyncOptions, prog, arguments, CommonClock, _clock_settings, none_is_a_value=False
+        SyncOptions, prog, arguments, ShownClock, "vip_factors.initialise.clock:ClockSettings", none_is_a_value=False
     )
     from math import isfinite
 
@@ -81,12 +81,6 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     camera = replace(scene.camera, time_offset=clock.offset, time_drift=clock.drift)
     write_scene(replace(scene, camera=camera), out, overwrite=options.overwrite)
     print(out)
-
-
-def _clock_settings() -> "ClockSettings":
-    from vip_factors.initialise.clock import ClockSettings
-
-    return ClockSettings()
 
 
 def offset_text(found: "ClockOffset", before: float = 0.0) -> str:

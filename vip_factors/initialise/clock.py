@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 from scipy.signal import find_peaks
@@ -25,21 +24,19 @@ from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.shown_settings import ShownClock
 
 UNDETERMINED = "undetermined"
-Method = Literal["auto", "motion", "clap", "stamp"]
 PEAK_S = 0.35  # around a peak of the curve: a half step lasts 0.5 s
 FIT_S = 0.05  # over which a peak is a parabola
 LIMB_S = 0.15  # around the common peak, where each limb has its own
 
 
 @dataclass(frozen=True)
-class ClockSettings:
+class ClockSettings(ShownClock):
     """How the offset is looked for.
 
     Attributes:
-        method: ``motion`` correlates how limbs move, ``clap`` and ``stamp`` match events, ``auto`` asks all three.
-        max_offset: seconds either way: what two people pressing buttons, or two clocks set by network, differ by.
         independent: independent instants in one width of the smoothing Gaussian: 1 over twice the root of pi.
         slow_width: seconds; motions are compared once more so smoothed: what is slow tells one step from the next.
         rival: the second-best offset must have less than this share of the best one's agreement.
@@ -48,8 +45,6 @@ class ClockSettings:
         inflation: of sigma: limbs that follow one another are not independent.
     """
 
-    method: Method = "auto"
-    max_offset: float = 10.0
     independent: float = 0.28
     slow_width: float = 0.3
     rival: float = 0.8

@@ -6,6 +6,7 @@ from vip_factors.errors import InputError
 from vip_factors.problem.variables import RELINEARISE_DEG, ProcessNoiseSettings
 from vip_factors.ranges import NotNegative, NotNegativeInt, Share
 from vip_factors.settings import CalibrationSettings, CommonSettings, FusionSettings
+from vip_factors.shown_settings import ShownLiveSettings
 
 
 @dataclass(frozen=True)
@@ -194,7 +195,7 @@ class RelinearisationSettings:
 
 
 @dataclass(frozen=True)
-class LiveSettings(CommonSettings):
+class LiveSettings(CommonSettings, ShownLiveSettings):
     """All settings of a live session."""
 
     # A body does not show within the second that tracking begins with.
@@ -209,9 +210,7 @@ class LiveSettings(CommonSettings):
     )
     # The second of a start does not tell how clocks differ, and a stream takes its video's as it comes.
     fusion: FusionSettings = field(default_factory=lambda: FusionSettings(estimate_clock=False))
-    lag_s: float = 0.25  # Kaichi's users and animators want answers within a blink
     camera_retry_s: float = 0.5  # until the first camera is looked for again that showed no wearer; then ever rarer
-    start_s: float = 1.0  # of data before the first answer: a step or a gesture shows where the sensors point
     spread_share: NotNegative = (
         0.02  # of what one video frame says of how detections scatter: two seconds of them count
     )

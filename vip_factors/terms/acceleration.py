@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, rotation_z
+from vip_factors.shown_settings import ShownAcceleration
 from vip_factors.terms.equations import DifferenceEquations, JacobianBlock, Term, differenced
 from vip_factors.terms.evaluation import WearerEvaluation
 from vip_factors.terms.robust import Loss, RobustLoss
@@ -21,12 +22,9 @@ _QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # of 
 
 
 @dataclass(frozen=True)
-class AccelerationSettings:
+class AccelerationSettings(ShownAcceleration):
     """How far a model point's acceleration is from its sensor's."""
 
-    # m/s², each row: soft tissue wobbles by 1–3 at the limbs in brisk motion (1.3–2.5 below 8 Hz on a walk with optical
-    # reference), less at rest.
-    sigma: float = 1.5
     # With six sensors acceleration alone tells where thighs and upper arms are, and is worth its bias: as in the
     # thesis, whose weight of it is larger for SIP (3.4.1) than for VIP (4.4.1).
     sparse_sigma: float = 0.5

@@ -151,6 +151,14 @@ SENSOR_KINDS = {
         "If they were not exchanged in the reconstruction, the joints beside these sensors are wrong as a whole.",
         "Exchange the two in the list of sensors, or let the reconstruction do it (--assignment.exchange).",
     ),
+    "two on one bone": Kind(
+        DOUBT,
+        "wearer '{wearer}': the sensors {pair} turn together: against each other by {spread:.1f}° only, though both "
+        "move; either both are on one bone, or the knee was held stiff all the time",
+        "Two sensors seem to be on one segment",
+        "The knee comes out stiff. If it was not, its angle and what hangs on it are wrong.",
+        "Check on which segment each of the two sat, correct the list of sensors, or repeat the recording.",
+    ),
     "accelerometer range": Kind(
         NOTE,
         "wearer '{wearer}': the accelerometer of '{subject}' stands at the end of its range ({largest:.0f} m/s²) in "

@@ -9,8 +9,8 @@ from small_problems import WearerObjective, small_model
 
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.skeleton import contact_points
 from vip_factors.geometry.rotations import exp
-from vip_factors.initialise.pose import contact_points
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import BodyPoint, WearerProblem, sole_shift
 from vip_factors.stages.inertial_model import placed_on_floor

@@ -6,7 +6,7 @@ import numpy as np
 from filmed_gestures import QUICK, camera_of, filmed_gestures
 
 from vip_factors.body.kinematics import Motion, forward_kinematics
-from vip_factors.initialise.pose import contact_points
+from vip_factors.body.skeleton import contact_points
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import FloorSettings

@@ -32,6 +32,7 @@ STUDIES = {
     "population": "population:Population",
     "weights": "weights:Weights",
     "real": "real:Real",
+    "catalogue": "catalogue:Catalogue",
     "walk": "walk:Walk",
     "fuzz": "fuzz.run:Fuzz",
     "train-prior": "train_prior:TrainPrior",

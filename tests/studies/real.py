@@ -157,7 +157,7 @@ class Real(Study):
 
 
 def _trial(one: RealRecording, folder: Path, with_live: bool, camera: CameraName | None) -> RealTrial:
-    recording = _converted(one, folder)
+    recording = converted(one, folder)
     scene = Scene(one.name, (recording,))
     if camera is not None and one.markers is not None:
         scene = filmed(recording, one.markers(folder), camera, seed=zlib.crc32(one.name.encode()))
@@ -186,7 +186,7 @@ def _trial(one: RealRecording, folder: Path, with_live: bool, camera: CameraName
     )  # fmt: skip
 
 
-def _converted(one: RealRecording, folder: Path) -> Recording:
+def converted(one: RealRecording, folder: Path) -> Recording:
     held = one.options.pose_from
     options = one.options if held is None else replace(one.options, pose_from=str(folder / held))
     with tempfile.TemporaryDirectory() as place:

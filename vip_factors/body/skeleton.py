@@ -127,3 +127,17 @@ class Skeleton:
         top, heel = self.landmarks["head_top"], self.landmarks["left_heel"]
         y = self.p_pelvis_joint[:, 1]
         return float(y[top.bone] + top.p_bone_point[1] - y[heel.bone] - heel.p_bone_point[1])
+
+
+def contact_points(skeleton: Skeleton, sole: float = 0.0) -> tuple[tuple[int, Array], ...]:
+    """Heel and ball of both feet, as (bone, ``p_bone_point``); the ankle and toe joint where a skeleton has no heel.
+
+    Under them is a sole as thick as ``sole`` metres.
+    """
+    points = []
+    for side in ("left", "right"):
+        ankle, ball = joint_index(f"{side}_ankle"), joint_index(f"{side}_foot")
+        heel = skeleton.landmarks.get(f"{side}_heel")
+        points.append((ankle, heel.p_bone_point if heel else np.zeros(3)))
+        points.append((ankle, skeleton.p_parent_joint[ball]))
+    return tuple((bone, p - np.array([0.0, sole, 0.0])) for bone, p in points)

@@ -173,6 +173,7 @@ def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[s
         float(np.mean([compare(*pair) for pair in flexion])) if flexion else float("nan")
         for compare in (rmse, rmse_without_offset)
     )
+    feet, true_feet = metrics.stance(motion, truth, compared), metrics.stance(truth, truth, compared)
     return {
         "mpjpe": Metric(metrics.mpjpe(motion, truth, compared), "mm"),
         "mpjpe_true_body": Metric(metrics.mpjpe_true_body(motion, truth, compared), "mm"),
@@ -188,6 +189,11 @@ def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[s
         "wa_mpjpe": Metric(metrics.wa_mpjpe(motion, truth, compared), "mm"),
         "foot_sliding": Metric(metrics.foot_sliding(motion, truth, compared), "mm"),
         "foot_sliding_truth": Metric(metrics.foot_sliding(truth, truth, compared), "mm"),
+        "stance_slide": Metric(feet.slide, "cm/s"),
+        "stance_slide_truth": Metric(true_feet.slide, "cm/s"),
+        "sole_height": Metric(feet.height, "cm"),
+        "sole_height_truth": Metric(true_feet.height, "cm"),
+        "sole_depth": Metric(feet.depth, "cm"),
         "knee_flexion_rmse": Metric(knees, "deg"),
         "knee_flexion_rmse_without_offset": Metric(knees_centred, "deg"),
     }

@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 
 from vip_factors.body.kinematics import BodyState, local_rotations
 from vip_factors.body.pose_prior import PosePrior
-from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton, ancestors, joint_index
+from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, ancestors
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose
 from vip_factors.initialise.calibration import InitialCalibration
@@ -78,20 +78,6 @@ HEIGHT_BAND = 0.03  # m above the lowest point within which a point may bear the
 SPEED_SCALE = 0.4  # m/s: a planted foot rolls slower than this, a swinging one moves at 2–4 m/s
 SMOOTHING = 0.1  # s over which confidence is averaged: a contact lasts longer than that
 ROUNDING = 1e-6  # frames: at 15 Hz it is one and a half of them, and the last digit of a time must not say one or two
-
-
-def contact_points(skeleton: Skeleton, sole: float = 0.0) -> tuple[tuple[int, Array], ...]:
-    """Heel and ball of both feet, as (bone, ``p_bone_point``); the ankle and toe joint where a skeleton has no heel.
-
-    Under them is a sole as thick as ``sole`` metres.
-    """
-    points = []
-    for side in ("left", "right"):
-        ankle, ball = joint_index(f"{side}_ankle"), joint_index(f"{side}_foot")
-        heel = skeleton.landmarks.get(f"{side}_heel")
-        points.append((ankle, heel.p_bone_point if heel else np.zeros(3)))
-        points.append((ankle, skeleton.p_parent_joint[ball]))
-    return tuple((bone, p - np.array([0.0, sole, 0.0])) for bone, p in points)
 
 
 def standing_path(body: BodyState, points: tuple[tuple[int, Array], ...]) -> Array:

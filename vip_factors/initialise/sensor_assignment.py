@@ -13,6 +13,7 @@ from functools import cache
 
 import numpy as np
 
+from vip_factors.geometry.rotations import Array, angle_between, log, mean_rotation, nearest_rotation, transpose
 from vip_factors.initialise.sensor_faults import JointSignal, joint_misfit
 from vip_factors.initialise.sensor_tree import MOST_LOOKS, SWINGS_PER_SECOND
 
@@ -106,3 +107,22 @@ def _gains(
         then = sum(cost(of[swap.get(a, a)], of[swap.get(b, b)]) for a, b in own)
         found[one, other] = now - then
     return found
+
+
+TURN_FRAMES, WINDOW_FRAMES = 2, 100  # over which turns are compared; in which headings hardly drift
+
+
+def spread_between(one: Array, other: Array, step: float) -> tuple[float, float]:
+    """How two sensors turn against each other, RMS in radians about the mean of five seconds, whatever their mountings
+    and headings are; and how fast the slower of the two turns, rad/s. NaN in less than five seconds.
+
+    Args:
+        one, other: ``(T, 3, 3)`` orientations in inertial frames, all known.
+        step: seconds between frames.
+    """
+    turns = [log(transpose(R[:-TURN_FRAMES]) @ R[TURN_FRAMES:]) for R in (one, other)]
+    between = one @ nearest_rotation(turns[0].T @ turns[1]) @ transpose(other)
+    windows = [between[n : n + WINDOW_FRAMES] for n in range(0, len(between) - WINDOW_FRAMES + 1, WINDOW_FRAMES)]
+    squares = [np.mean(angle_between(mean_rotation(own), own) ** 2) for own in windows]
+    speed = min(float(np.sqrt(np.sum(turn**2, axis=1).mean())) for turn in turns) / (TURN_FRAMES * step)
+    return (float(np.sqrt(np.mean(squares))), speed) if squares else (float("nan"), speed)

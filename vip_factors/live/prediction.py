@@ -11,10 +11,9 @@ import numpy as np
 from scipy.optimize import least_squares, linear_sum_assignment
 
 from vip_factors.body.kinematics import BodyState, forward_kinematics
-from vip_factors.body.skeleton import PARENTS, Skeleton
+from vip_factors.body.skeleton import PARENTS, Skeleton, contact_points
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, rotation_z, transpose, yaw_of
-from vip_factors.initialise.pose import contact_points
 from vip_factors.live.measurement import PlacedVideoFrame
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem
 from vip_factors.live.smoother import LagSmoother

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.skeleton import contact_points
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
-from vip_factors.initialise.pose import contact_points
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.settings import FloorSettings

@@ -159,6 +159,14 @@ SENSOR_KINDS = {
         "The knee comes out stiff. If it was not, its angle and what hangs on it are wrong.",
         "Check on which segment each of the two sat, correct the list of sensors, or repeat the recording.",
     ),
+    "sensor stuck": Kind(
+        DOUBT,
+        "wearer '{wearer}': sensor '{subject}' gives the very same values for {seconds:.1f} s: it hung, or its file "
+        "was filled up",
+        "A sensor got stuck",
+        "While it hung, the bone that it is on is held where it was, and the joints beside it are wrong.",
+        "Cut the recording to the time before or after, leave the sensor out, or leave such samples out of its file.",
+    ),
     "accelerometer range": Kind(
         NOTE,
         "wearer '{wearer}': the accelerometer of '{subject}' stands at the end of its range ({largest:.0f} m/s²) in "
@@ -202,6 +210,14 @@ SENSOR_KINDS = {
         "recording.",
         "Keep away from iron and motors, and record shorter takes.",
         "{name} by {value:+.0f}°",
+    ),
+    "sensor turned": Kind(
+        DOUBT,
+        "wearer '{wearer}': from {time:.1f} s on sensor '{subject}' is turned otherwise than before, by {degrees:.0f}° "
+        "against a body that gives way to it, and in truth by several times as much: {how}",
+        "A sensor slipped, or lost its direction",
+        "Both before and after, the joints beside this sensor are wrong.",
+        "Cut the recording at this instant and reconstruct the pieces one by one; fix the sensor better.",
     ),
     "start not settled": Kind(
         DOUBT,

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from vip_factors.geometry.rotations import exp, rotation_z
 from vip_factors.initialise.sensor_assignment import AssignmentSettings, Exchange, exchanged_sensors
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
@@ -65,3 +66,14 @@ def test_what_tells_nothing_accuses_nobody() -> None:
     assert exchanged_sensors([None] * 4, [(0, 1), (1, 2)], AssignmentSettings()) == ()
     still = replace(legs(), imus={name: replace(one, specific_force=None) for name, one in legs().imus.items()})
     assert exchanges_of(still, Settings()) == ()
+
+
+def test_two_sensors_on_one_bone_are_told() -> None:
+    thigh, turned = legs().imus["left_thigh"], exp([0.4, 1.1, 0.3])
+    assert thigh.R_inertial_sensor is not None
+    twin = replace(thigh, name="left_shank", R_inertial_sensor=rotation_z(1.0) @ thigh.R_inertial_sensor @ turned)
+    recording = replace(legs(), imus={**legs().imus, "left_shank": twin})
+    _, findings = with_sensors_assigned(SceneInMemory(Scene("legs", (recording,))), Settings())
+    (found,) = (one for one in findings if one.kind == "two on one bone")
+    assert found.subject == "left_shank"
+    assert found.numbers["spread"] < 1

@@ -78,6 +78,16 @@ def test_the_fewest_clocks_that_explain_it() -> None:
     assert fewest_delays(4, chain, np.array([0.02, -0.01, 0.003]), sigma, settings) == ()
 
 
+def test_a_sensor_that_hangs_is_told() -> None:
+    stream = leg().imus["left_shank"]
+    rows = np.minimum(np.arange(len(stream)), len(stream) // 2)
+    values = {name: own[rows] for name, own in vars(stream).items() if isinstance(own, np.ndarray)}
+    _, findings = checked(with_stream("left_shank", replace(stream, **(values | {"time": stream.time}))), Settings())
+    (found,) = (one for one in findings if one.kind == "sensor stuck")
+    assert found.subject == "left_shank"
+    assert found.numbers["seconds"] == pytest.approx(stream.time[-1] - stream.time[len(stream) // 2])
+
+
 def test_gravity_weighs_the_accelerometer() -> None:
     sound = leg().imus["left_foot"]
     assert sound.specific_force is not None

@@ -355,3 +355,13 @@ def _runs(axis: Array, end: float, settings: AccelerometerSettings) -> list[tupl
     at_end = np.abs(axis - end) < SAME * abs(end)
     edges = np.flatnonzero(np.diff(np.r_[0, at_end.astype(int), 0]))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= settings.clipped_samples]
+
+
+def longest_repeat(stream: ImuStream) -> float:
+    """Seconds of the longest stretch in which a stream gives the very same values."""
+    measured = [
+        one for one in (stream.R_inertial_sensor, stream.specific_force, stream.angular_rate) if one is not None
+    ]
+    same = np.logical_and.reduce([np.all(np.diff(one.reshape(len(one), -1), axis=0) == 0, axis=1) for one in measured])
+    starts, ends = np.flatnonzero(np.diff(np.r_[False, same, False].astype(int))).reshape(-1, 2).T
+    return float(np.max(stream.time[ends] - stream.time[starts], initial=0.0))

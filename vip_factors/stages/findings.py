@@ -14,7 +14,7 @@ from vip_factors.initialise.camera import LEAP_WINDOW, Sightings, leaps
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.association import AssociatedCamera
-from vip_factors.stages.drift import drift_findings
+from vip_factors.stages.drift import drift_findings, leap_findings
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.wearer_findings import body_findings, posture_findings
 
@@ -78,6 +78,8 @@ def _wearer_findings(
     start = fine.model.wearers[number].prior_R_bone_sensor
     yield from posture_findings(wearer, recording, estimate.motion, estimate.calibration, start)
     yield from drift_findings(wearer, estimate.calibration)
+    bones, frames = estimate.motion.state.R_world_bone, fine.model.wearers[number].frames
+    yield from leap_findings(wearer, recording, frames, bones, estimate.calibration)
     spreads = fine.measured_spreads()
     for index, each in enumerate(associated):
         if views[index].seen.any():

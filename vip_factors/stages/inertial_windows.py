@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.body.kinematics import Motion
+from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.estimate import Estimate, EstimateChunks, PoseCovariance, WearerEstimate
 from vip_factors.findings import Finding
@@ -30,7 +30,7 @@ from vip_factors.settings import Settings, flatten
 from vip_factors.solve.elimination import chain_marginals
 from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.decode import decode, scene_covariance
-from vip_factors.stages.drift import drift_findings
+from vip_factors.stages.drift import drift_findings, leap_findings
 from vip_factors.stages.inertial import (
     InertialSolution,
     at_frames,
@@ -114,10 +114,13 @@ def _with_findings(
     """The estimate with what is odd about it, in the frames of a ``motion``, and how its start was found."""
     head, sensors = recording.head, shared.model.frames.sensors
     wearer, mountings = head.subject.name, shared.model.prior_R_bone_sensor
+    state = shared.state
+    bones = forward_kinematics(shared.model.skeleton, state.R_parent_child, state.p_world_pelvis).R_world_bone
     findings = (
         *start_findings(wearer, sensors, shared.starts),
         *posture_findings(wearer, head, motion, estimate.calibration, mountings),
         *drift_findings(wearer, estimate.calibration),
+        *leap_findings(wearer, head, shared.model.frames, bones, estimate.calibration),
     )
     return replace(estimate, findings=findings, start=start_choice(sensors, shared.starts))
 

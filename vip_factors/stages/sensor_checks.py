@@ -13,6 +13,7 @@ from vip_factors.initialise.sensor_faults import (
     SensorDelay,
     accelerometer_scale,
     clipped_samples,
+    longest_repeat,
     range_ends,
     sensor_delays,
 )
@@ -23,6 +24,7 @@ from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource
 from vip_factors.settings import Settings
 from vip_factors.stages.sensor_assignment import placed_links
 
+STUCK_S = 2.0  # of the very same values; 58 recordings have 1.0 at most, a still pose that was written in front of some
 LEAST_GRAVITY = 0.05  # of what it is: with less there is none in the samples, and nothing to scale them by
 
 
@@ -135,6 +137,8 @@ def sensor_corrections(
     findings: list[Finding] = []
     if settings.accelerometers.check:
         for name in recording.placed:
+            if (seconds := longest_repeat(recording.imus[name])) > STUCK_S:
+                findings.append(Finding("sensor stuck", wearer, subject=name, numbers={"seconds": seconds}))
             correction, found = _accelerometer(wearer, recording.imus[name], settings.accelerometers)
             if found:
                 corrections[name] = correction

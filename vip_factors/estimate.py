@@ -9,7 +9,7 @@ import numpy as np
 from vip_factors.body.hinges import HingeEstimate
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
-from vip_factors.findings import Finding
+from vip_factors.findings import Finding, Verdict, verdict
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.camera_model import CameraModel, VideoClock
@@ -281,6 +281,25 @@ class Estimate:
     def of_one(cls, wearer: WearerEstimate) -> "Estimate":
         """The estimate of one wearer whom no camera saw."""
         return cls(wearer.name, wearer.method, (wearer,), findings=wearer.findings, settings=wearer.settings)
+
+    @property
+    def all_findings(self) -> tuple[Finding, ...]:
+        """What is odd about the whole and its wearers, each once; that the last stage did not settle, too."""
+        found = [*self.findings, *(finding for one in self.wearers for finding in one.findings)]
+        stages = [(one.stage.partition(",")[0], one.converged) for one in self.all_reports]  # behind a comma: windows
+        if stages and (stages[-1][0], False) in stages:
+            found.append(Finding("not converged", subject=stages[-1][0]))
+        return tuple(dict.fromkeys(found))
+
+    @property
+    def all_reports(self) -> tuple[SolveReport, ...]:
+        """Those of its wearers, then its own."""
+        return (*(report for one in self.wearers for report in one.reports), *self.reports)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether to rely on it."""
+        return verdict(self.all_findings)
 
     @property
     def is_plain(self) -> bool:

@@ -12,11 +12,17 @@ TEXT = "text"  # the kind of a bare sentence: from a file of an older version, o
 
 
 class Severity(StrEnum):
-    """How much a finding bears on the use of the results."""
+    """How much a finding bears on the use of the results, the least first; GOOD is said of results alone."""
 
+    GOOD = "good"
     NOTE = "note"
     CARE = "care"
     DOUBT = "doubt"
+
+    def reaches(self, other: "Severity") -> bool:
+        """Whether it bears as much on them as another."""
+        order = list(Severity)
+        return order.index(self) >= order.index(other)
 
 
 @dataclass(frozen=True)
@@ -109,6 +115,38 @@ def sentences(findings: Iterable[Finding]) -> tuple[str, ...]:
     return tuple(map(str, findings))
 
 
+VERDICTS = {
+    Severity.GOOD: "nothing speaks against these results",
+    Severity.CARE: "usable with care",
+    Severity.DOUBT: "do not rely on these results before this is settled",
+}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether to rely on an estimate: the one that terminal, report, viewers, JSON and exit codes tell.
+
+    Attributes:
+        severity: GOOD, CARE or DOUBT.
+        deciding: headlines of the findings that weigh as much.
+    """
+
+    severity: Severity
+    deciding: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        told = f"{self.severity.upper()}, {VERDICTS[self.severity]}"
+        return f"{told}: {'; '.join(self.deciding)}" if self.deciding else told
+
+
+def verdict(findings: Iterable[Finding]) -> Verdict:
+    """The verdict on what has these findings: as its worst; notes do not speak against it."""
+    weighty = [one for one in findings if one.severity.reaches(Severity.CARE)]
+    worst = Severity.DOUBT if any(one.severity is Severity.DOUBT for one in weighty) else Severity.CARE
+    deciding = dict.fromkeys(KINDS[one.kind].headline for one in weighty if one.severity is worst)
+    return Verdict(worst, tuple(deciding)) if weighty else Verdict(Severity.GOOD)
+
+
 class MergedFindings:
     """Findings of windows, each told once: as in the first window that has it, and in how many more there were.
 
@@ -149,7 +187,15 @@ SENSOR_KINDS = {
         "accelerated alike there, and with these exchanged they are ({nats:.0f} nats likelier); {done}",
         "Two sensors are in each other's places",
         "If they were not exchanged in the reconstruction, the joints beside these sensors are wrong as a whole.",
-        "Exchange the two in the list of sensors, or let the reconstruction do it (--assignment.exchange).",
+        "Exchange the two in the list of sensors, or let the reconstruction do it (--assign).",
+    ),
+    "sensors put right": Kind(
+        NOTE,
+        "wearer '{wearer}': the sensors {pair} are in each other's places ({nats:.0f} nats likelier), and were taken "
+        "for one another",
+        "Two sensors were in each other's places",
+        "They were exchanged in the reconstruction, so the results are usable.",
+        "Exchange the two in the list of sensors before the next session.",
     ),
     "two on one bone": Kind(
         DOUBT,
@@ -629,6 +675,13 @@ TRACKING_KINDS = {
 KINDS: dict[str, Kind] = {
     TEXT: Kind(
         CARE, "", "Something else was noticed", "See the sentence below.", "If in doubt, ask who made the recording."
+    ),
+    "not converged": Kind(
+        CARE,
+        "the computation stopped before it had settled ({subject})",
+        "The computation stopped before it had settled",
+        "The result may still change with more steps.",
+        "Reconstruct again with more iterations (--solve.max-iterations).",
     ),
     **SENSOR_KINDS,
     **POSTURE_KINDS,

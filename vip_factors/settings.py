@@ -63,14 +63,6 @@ class FusionSettings(ShownFusion):
 
 
 @dataclass(frozen=True)
-class FloorSettings:
-    """Where the world's z axis has its zero: a camera whose pose is known says so, else the soles."""
-
-    find: bool = True  # off: where the camera happened to be placed at the start
-    unsure: float = 0.02  # m of standard deviation from which on it is told
-
-
-@dataclass(frozen=True)
 class WindowSettings(ShownWindows):
     """How a long recording is solved without all of it in memory: in overlapping windows, after its calibration."""
 
@@ -118,7 +110,6 @@ class CommonSettings(ShownOfBoth):
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     factors: FactorSettings = field(default_factory=FactorSettings)
     fusion: FusionSettings = field(default_factory=FusionSettings)
-    floor: FloorSettings = field(default_factory=FloorSettings)
     camera: CameraFactorSettings = field(default_factory=CameraFactorSettings)
     association: AssociationSettings = field(default_factory=AssociationSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)

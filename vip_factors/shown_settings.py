@@ -93,6 +93,11 @@ class ShownSettings(ShownOfBoth):
     # Marginals cost about one more iteration a minute.
     covariance: bool = False
     """Also say how sure every joint of every frame is."""
+    assign: bool = False
+    """Take sensors for one another that are found in each other's places."""
+    floor: Literal["found", "none"] = "found"
+    """Where z = 0 is, unless a camera of known pose says so: under the soles, or where the camera was put at the
+    start."""
     windows: ShownWindows = field(default_factory=ShownWindows)
 
 

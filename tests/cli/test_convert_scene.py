@@ -94,7 +94,7 @@ def test_info_on_the_estimate_of_a_scene(run, files, tmp_path: Path) -> None:
     told = run("info", tmp_path / "e.mcap")
     assert told.code == 0, told.err
     for words in (
-        "estimate of scene 'walk', method VIP", "finding: the floor is wet", "a path of 3.0 m", "0.57° and 1.0 cm",
+        "estimate of scene 'walk', method VIP", "care: the floor is wet", "a path of 3.0 m", "0.57° and 1.0 cm",
         "median 2.5 px", "2 to", "1 to nobody", "heading of pelvis",
     ):  # fmt: skip
         assert words in told.out, words

@@ -39,6 +39,8 @@ def test_a_log_alone_to_files_and_a_page(run: Callable, files: object, tmp_path:
     told = run(*words)
     assert told.code == 0, told.err
     assert told.out.count("as before") == 4
+    assert run(*words, "--fail-on", "care").code == 3  # by the estimate, which is as before
+    assert run(*words, "--smooth-options=--fail-on care").code == 2
 
     (tmp_path / "other.npz").write_text("mine")
     told = run(*words, "--export", tmp_path / "other.npz")

@@ -61,14 +61,14 @@ def test_the_camera_can_be_left_out(run: Callable, filmed: Path, tmp_path: Path)
     assert read_estimate(made).camera is None
 
 
-def test_findings_are_told_as_notes(run: Callable, filmed: Path, tmp_path: Path) -> None:
+def test_findings_are_told_by_their_weight(run: Callable, filmed: Path, tmp_path: Path) -> None:
     scene = read_scene(filmed)
     assert scene.camera is not None
     nobody = scene.camera.detections.select(np.zeros(len(scene.camera.detections), bool))
     write_scene(replace(scene, camera=replace(scene.camera, detections=nobody), truth=None), tmp_path / "empty.mcap")
     told = run("smooth", tmp_path / "empty.mcap", *QUICK)
     assert told.code == 0, told.err
-    assert "note: nobody is visible" in told.out
+    assert "care: nobody is visible" in told.out
     assert "of the IMUs alone" in told.out
 
 

@@ -51,9 +51,9 @@ def test_a_recording_is_played_into_all_sinks(run: Callable, scene: Path, tmp_pa
     assert [line["frame"] for line in lines] == list(range(FRAMES))
     assert lines[0]["findings"] == ["the stream has begun"]
     told = done.err.splitlines()
-    assert told[0] == "note: the stream has begun"
+    assert told[0] == "care: the stream has begun"
     assert f"{FRAMES} frames; update: median 5.0 ms" in told[1]
-    assert told[2:] == [str(out), str(rrd)]
+    assert told[2:] == ["verdict: CARE, usable with care: Something else was noticed", str(out), str(rrd)]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["e.mcap", "e.rrd"]
     estimate = read_estimate(out)
     assert estimate.settings["lag_s"] == "0.25"
@@ -284,8 +284,8 @@ def test_findings_of_the_source_are_told_and_kept(capsys: pytest.CaptureFixture[
         "the stream has begun",
     )
     assert capsys.readouterr().err.splitlines() == [
-        "note: sensor 'x' is nobody's: its samples are left out",
-        "note: the stream has begun",
+        "care: sensor 'x' is nobody's: its samples are left out",
+        "care: the stream has begun",
     ]
 
 

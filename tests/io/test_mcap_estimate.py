@@ -198,7 +198,7 @@ def test_findings_and_the_choice_of_the_start_come_back(tmp_path: Path, margin: 
     assert [(one.kind, str(one)) for one in read.findings] == [(one.kind, str(one)) for one in estimate.findings]
     assert [one.kind for one in read.findings] == ["text", "leap"]
     told = estimate_text(read)
-    assert "  finding: wearer 'Ada' leaps in the picture" in told
+    assert "  doubt: wearer 'Ada' leaps in the picture" in told
     assert "  start: sensors sit as placed" in told
     assert ("4.5 times less likely" in told) == (margin < 2)
 

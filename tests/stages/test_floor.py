@@ -9,7 +9,6 @@ from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.skeleton import contact_points
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import FloorSettings
 
 SOLE_M = 0.018
 
@@ -41,8 +40,6 @@ def test_planted_feet_stay_where_they_are() -> None:
 
 def test_the_floor_is_left_where_it_is_if_wanted() -> None:
     scene = before_tripod(2.0)
-    found, left = (
-        smooth(scene, replace(QUICK, floor=FloorSettings(find=find))).wearers[0].motion for find in (True, False)
-    )
+    found, left = (smooth(scene, replace(QUICK, floor=one)).wearers[0].motion for one in ("found", "none"))
     shift = found.p_world_pelvis - left.p_world_pelvis
     np.testing.assert_allclose(shift, np.broadcast_to(shift[0], shift.shape), atol=2e-3)

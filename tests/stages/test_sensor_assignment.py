@@ -55,8 +55,8 @@ def test_exchanged_sensors_are_told_and_exchanged_where_wanted() -> None:
     recording = mistaken("left_thigh", "right_thigh")
     told = smooth(recording, Settings(acceleration=False, covariance=False))
     assert [one.kind for one in told.findings].count("sensors exchanged") == 1
-    assert "--assignment.exchange" in str(told.findings[0])
-    settings = replace(Settings(acceleration=False, covariance=False), assignment=AssignmentSettings(exchange=True))
+    assert "--assign " in str(told.findings[0])
+    settings = replace(Settings(acceleration=False, covariance=False), assign=True)
     right, truth = (smooth(one, settings).only_wearer.motion for one in (recording, legs()))
     np.testing.assert_allclose(right.R_parent_child, truth.R_parent_child, atol=1e-9)
 

@@ -21,7 +21,7 @@ from vip_factors.viz.drawn_scene import drawn_scene
 from vip_factors.viz.rerun_body import cut_skin, see_through
 from vip_factors.viz.rerun_camera import log_image_style, log_people
 from vip_factors.viz.rerun_layout import NEAREST_M, abreast, centre_path, eye, forward_of, span_axis, span_of, spread_of
-from vip_factors.viz.summaries import KEPT, finding_lines, live_summary, paragraphs, scene_summary
+from vip_factors.viz.summaries import KEPT, live_summary, paragraphs, scene_summary
 
 
 class Heard(rr.RecordingStream):
@@ -127,24 +127,23 @@ def test_plots_span_the_recording() -> None:
     assert (nanoseconds["start"], nanoseconds["end"]) == (500_000_000, 2_000_000_000)
 
 
-def test_notes_are_a_list_and_lines_stay_lines() -> None:
-    assert finding_lines(["a", "b"]) == ["## Notes", "", "- a", "- b", ""]
-    assert finding_lines([]) == []
+def test_findings_are_a_list_and_lines_stay_lines() -> None:
     assert paragraphs("one\ntwo\n\nthree") == ["one", "", "two", "", "three", ""]
     scene = scene_sample(0.3)
     text = scene_summary(drawn_scene(scene, replace(estimate_of(scene), findings=(bare("odd"),))))
-    assert "\n\n- odd\n\n" in text
+    assert "**CARE, usable with care: Something else was noticed**\n\n- care: odd\n\n" in text
     assert "- **ann** is orange;" in text
     assert "- **bob** is blue;" in text
 
 
 def test_a_streams_text_says_what_is_newest_and_what_is_smoothed() -> None:
     setup = setup_of(live_scene(0.1))
-    text = live_summary(setup, [(float(one), f"finding {one}") for one in range(60)], apart=False)
+    text = live_summary(setup, [(float(one), bare(f"finding {one}")) for one in range(60)], apart=False)
     assert "- **ann**, newest: orange" in text
     assert "Smoothed" in text
     assert text.index("finding 59") < text.index("finding 58")
-    assert text.count("finding") == KEPT
+    assert text.count("finding ") == KEPT
+    assert "**CARE, usable with care" in text
 
 
 def test_the_legend_shows_every_sensors_colour() -> None:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -102,10 +101,15 @@ def start_lines(start: StartChoice | None) -> list[str]:
     return lines
 
 
-def estimate_text(estimate: WearerEstimate) -> str:
-    """How it was made, how the solves went, and how large the residuals are."""
+def verdict_lines(estimate: Estimate) -> list[str]:
+    """Whether to rely on it, and what is odd about it."""
+    return [f"  verdict: {estimate.verdict}", *(f"  {one.severity}: {one}" for one in estimate.all_findings)]
+
+
+def estimate_text(estimate: WearerEstimate, alone: bool = True) -> str:
+    """How it was made, how the solves went, and how large the residuals are; of one of several without the verdict."""
     lines = [f"estimate '{estimate.name}', method {estimate.method}", motion_text(estimate.motion)]
-    lines += [f"  finding: {one}" for one in estimate.findings]
+    lines += verdict_lines(Estimate.of_one(estimate)) if alone else []
     lines += start_lines(estimate.start)
     lines.append(f"  covariance: {'yes' if estimate.covariance is not None else 'no'}")
     lines += [f"  {report_text(report)}" for report in estimate.reports]
@@ -333,7 +337,7 @@ def _truth_lines(truth: SceneTruth, names: list[str]) -> list[str]:
 def scene_estimate_text(estimate: Estimate) -> str:
     """How it went, what was found odd, where the camera was, then every wearer."""
     lines = [f"estimate of scene '{estimate.name}', method {estimate.method}"]
-    lines += [f"  finding: {one}" for one in estimate.findings]
+    lines += verdict_lines(estimate)
     lines += [f"  {report_text(report)}" for report in estimate.reports]
     if estimate.camera is not None:
         lines += _camera_estimate_lines(estimate.camera, [one.motion.name for one in estimate.wearers])
@@ -344,7 +348,7 @@ def scene_estimate_text(estimate: Estimate) -> str:
     lines += [f"  {sentence}" for sentence in estimate.association]
     if estimate.detector is not None:
         lines += [f"  {line}" for line in detector_lines(estimate.detector)]
-    return "\n\n".join(["\n".join(lines), *(estimate_text(replace(one, findings=())) for one in estimate.wearers)])
+    return "\n\n".join(["\n".join(lines), *(estimate_text(one, alone=False) for one in estimate.wearers)])
 
 
 def _camera_estimate_lines(camera: CameraEstimate, names: list[str]) -> list[str]:

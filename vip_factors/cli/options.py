@@ -7,11 +7,12 @@ from dataclasses import MISSING, dataclass, field, fields, is_dataclass, make_da
 from importlib import import_module
 from itertools import combinations
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeVar, cast, get_args, get_type_hints
+from typing import Annotated, Any, Literal, NoReturn, TypeVar, cast, get_args, get_type_hints
 
 import tyro
 
 from vip_factors.errors import InputError
+from vip_factors.findings import Severity, Verdict
 from vip_factors.ranges import RangeError, check_ranges
 
 Options = TypeVar("Options")
@@ -19,6 +20,20 @@ Options = TypeVar("Options")
 
 Flag = tyro.conf.FlagCreatePairsOff[bool]
 """A switch that is off unless named; settings keep both spellings, ``--use`` and ``--no-use``."""
+
+FailOn = Literal["never", "care", "doubt"]
+FAILED = 3
+
+
+def fail_on(limit: FailOn, verdict: Verdict) -> None:
+    """End a command whose verdict is as bad as the user does not want it.
+
+    Raises:
+        SystemExit: 3, then.
+    """
+    if limit != "never" and verdict.severity.reaches(Severity(limit)):
+        raise SystemExit(FAILED)
+
 
 HELP, HELP_ALL = ("-h", "--help"), "--help-all"
 

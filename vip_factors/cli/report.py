@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli.options import Flag, Output, beside, parse
+from vip_factors.cli.options import FailOn, Flag, Output, beside, fail_on, parse
 from vip_factors.errors import InputError
 from vip_factors.report.settings import ReportSettings
 
@@ -32,6 +32,8 @@ class ReportOptions:
     """Where to write the page; beside the estimate if not given."""
     overwrite: Flag = False
     """Replace the file if it exists."""
+    fail_on: FailOn = "never"
+    """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
     settings: Annotated[ReportSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
         default_factory=ReportSettings
     )
@@ -64,3 +66,4 @@ def main(prog: str, arguments: Sequence[str]) -> None:
 
         write_report(estimate, out, scene, truth, options.settings, options.overwrite, tell)
     print(out)
+    fail_on(options.fail_on, estimate.verdict)

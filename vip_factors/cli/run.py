@@ -14,11 +14,12 @@ from typing import Annotated, Any
 import tyro
 
 from vip_factors import __version__
-from vip_factors.cli.options import Flag, Output, parse
+from vip_factors.cli.options import FailOn, Flag, Output, fail_on, parse
 from vip_factors.errors import InputError, VipFactorsError
 
 # Phones that film with their main camera: 60 to 65 degrees along the longer side, a little less when they steady it.
 FIELD_OF_VIEW_DEG = 60.0
+ESTIMATE = "estimate.mcap"
 Words = tuple[str, ...]
 Main = Callable[[str, Sequence[str]], None]
 
@@ -93,6 +94,10 @@ class RunOptions:
     """The same of vip-factors convert, for every log: --convert-options="--stature-m 1.75 --initial-pose n-pose"."""
     smooth_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
     """The same of vip-factors smooth."""
+    assign: Flag = False
+    """Take sensors for one another that are found in each other's places."""
+    fail_on: FailOn = "never"
+    """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
     overwrite: Flag = False
     """Replace files that were there before and are not of an earlier run."""
 
@@ -109,6 +114,10 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     for step in steps(options, folder):
         take(step, folder / "steps", options.overwrite)
     print(f"{time.perf_counter() - began:.1f} s in all, files in {folder}")
+    if options.fail_on != "never":
+        from vip_factors.io.mcap_estimate import read_estimate
+
+        fail_on(options.fail_on, read_estimate(folder / ESTIMATE).verdict)
 
 
 def check(options: RunOptions) -> None:
@@ -137,7 +146,8 @@ def check(options: RunOptions) -> None:
     if options.out is not None and options.out.exists() and not options.out.is_dir():
         raise InputError(f"--out {options.out} is a file: expected a folder for all files")
     for text in (options.detect_options, options.convert_options, options.smooth_options):
-        _words(text)
+        if any(word.startswith("--fail-on") for word in _words(text)):
+            raise InputError(f"{text}: say --fail-on to run itself")
     from vip_factors.atomic import check_target
     from vip_factors.io.export.files import FORMATS
 
@@ -194,9 +204,10 @@ def steps(options: RunOptions, folder: Path) -> Iterator[Step]:
 
 def _results(options: RunOptions, recording: Path, folder: Path) -> Iterator[Step]:
     """What is made of a recording."""
-    estimate, page = folder / "estimate.mcap", folder / "report.html"
+    estimate, page = folder / ESTIMATE, folder / "report.html"
     # How sure it is comes first in the report.
-    words = (str(recording), "--out", str(estimate), "--covariance", *_words(options.smooth_options))
+    assign = ("--assign",) if options.assign else ()
+    words = (str(recording), "--out", str(estimate), "--covariance", *assign, *_words(options.smooth_options))
     yield Step("smooth", "smooth", words, (recording,), (estimate,), tells=True)
     if options.report:
         words = (str(estimate), "--recording", str(recording), "--out", str(page))

@@ -85,6 +85,10 @@ def _value(value: Any, hint: Any, current: Any, where: str) -> Any:
                 return kind(value)
             names = ", ".join(str(member.value) for member in kind)
             raise InputError(f"{where} is {value!r}: expected one of {names}")
+        if isinstance(kind, str):  # one of a Literal
+            if value in kinds:
+                return value
+            raise InputError(f"{where} is {value!r}: expected one of {', '.join(kinds)}")
         if kind is Path and isinstance(value, str):
             return Path(value)
         if kind is float and isinstance(value, int | float) and not isinstance(value, bool):

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli.options import Flag, Output, beside, parse_with_settings
+from vip_factors.cli.options import FailOn, Flag, Output, beside, fail_on, parse_with_settings
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
 from vip_factors.shown_settings import ShownSettings
 
 if TYPE_CHECKING:
-    from vip_factors.estimate import Estimate
+    from vip_factors.estimate import Estimate, SolveReport
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,8 @@ class SmoothOptions:
     """TOML file with settings; a table for each group, such as [solve]."""
     overwrite: Flag = False
     """Replace the estimate if it exists."""
+    fail_on: FailOn = "never"
+    """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
 
 
 def main(prog: str, arguments: Sequence[str]) -> None:
@@ -59,35 +61,33 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     out = options.out or beside(options.recording[0], ".estimate.mcap")
     check_target(out, options.overwrite)
     long_s = settings.windows.above_s if settings.windows.use and not settings.calibration.from_truth else float("inf")
-    source, seconds = open_source(options.recording, long_s), list[float]()
+    source = open_source(options.recording, long_s)
+    reports: list[SolveReport] = []
     with progress_bar() as tell:
         estimate = smooth_chunks(source, settings, tell)
-        timed = replace(estimate, chunks=_timed(estimate.chunks, seconds))
-        write_estimate(timed, out, options.overwrite, start_ns=source.wearers[0].head.start_ns)
+        reported = replace(estimate, chunks=_reporting(estimate.chunks, reports))
+        write_estimate(reported, out, options.overwrite, start_ns=source.wearers[0].head.start_ns)
     head = estimate.head if estimate.closed is None else estimate.closed()
+    head = replace(head, reports=(*head.reports, *reports))
     for wearer, frames in zip(head.wearers, estimate.frames, strict=True):
         rate, count = wearer.motion.rate, len(wearer.sensors)
         print(f"{wearer.method}, {wearer.name}: {frames} frames at {rate:g} Hz from {count} sensors")
     if head.camera is not None:
         given = int((head.wearer_of_detection >= 0).sum())
         print(f"camera: {given} of {len(head.wearer_of_detection)} detections are of wearers")
-    print(f"{_solving(head) + sum(seconds):.1f} s of solving")
-    for finding in head.findings:
-        print(f"note: {finding}")
+    print(f"{sum(report.seconds for report in head.all_reports):.1f} s of solving")
+    print(f"verdict: {head.verdict}")
+    for finding in head.all_findings:
+        print(f"{finding.severity}: {finding}")
     _tell_file(out, options)
+    fail_on(options.fail_on, head.verdict)
 
 
-def _timed(chunks: "Iterator[Estimate]", seconds: list[float]) -> "Iterator[Estimate]":
-    """The chunks, and seconds of the solves that made them."""
+def _reporting(chunks: "Iterator[Estimate]", reports: "list[SolveReport]") -> "Iterator[Estimate]":
+    """The chunks, and the reports of the solves that made them."""
     for chunk in chunks:
-        seconds.append(_solving(chunk))
+        reports += chunk.all_reports
         yield chunk
-
-
-def _solving(estimate: "Estimate") -> float:
-    """Seconds of all its solves."""
-    reports = (*estimate.reports, *(report for wearer in estimate.wearers for report in wearer.reports))
-    return sum(report.seconds for report in reports)
 
 
 def _tell_file(out: Path, options: SmoothOptions) -> None:

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli.options import RERUN_FILE, Flag, Input, Output, parse_with_settings
+from vip_factors.cli.options import RERUN_FILE, FailOn, Flag, Input, Output, fail_on, parse_with_settings
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError, VipFactorsError
+from vip_factors.findings import verdict
 from vip_factors.io.live.settings import LiveSourceSettings, VmcPose
 from vip_factors.ranges import Port
 from vip_factors.shown_settings import ShownLiveSettings
@@ -77,6 +78,8 @@ class StreamOptions:
     """TOML file with settings; a table for each group, such as [walk]."""
     overwrite: Flag = False
     """Replace files that exist."""
+    fail_on: FailOn = "never"
+    """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
     token_file: Path | None = None
     """File with a secret that senders must have in their header; or the environment variable VIP_FACTORS_TOKEN."""
     limits: LiveSourceSettings = field(default_factory=LiveSourceSettings)
@@ -233,6 +236,7 @@ def _conclude(
         print(f"note: {sentence}", file=sys.stderr)
     if session.update_s:
         print(summary(session.update_s, settings.frame_rate), file=place)
+        print(f"verdict: {verdict(session.found.values())}", file=place)
         for path in (options.out, options.rerun_save):
             if path is not None and path.is_file():
                 print(path, file=place)
@@ -245,6 +249,7 @@ def _conclude(
         raise VipFactorsError("; ".join(session.lost))
     if interrupts.asked:
         raise SystemExit(interrupts.exit_code)
+    fail_on(options.fail_on, verdict(session.found.values()))
 
 
 def _tell_partial(*wanted: Path | None) -> None:

@@ -121,6 +121,7 @@ class Session:
     Attributes:
         update_s: what each update took.
         over: nobody reads the JSON lines any more.
+        found: the last finding of each kind.
         lost: a sentence for each output that was wanted and is not there.
     """
 
@@ -129,7 +130,7 @@ class Session:
         self.update_s = array("d")
         self.over = False
         self.lost: list[str] = []
-        self.findings = 0
+        self.found: dict[str, Finding] = {}
         self._recent: deque[float] = deque(maxlen=RECENT)
         self._pending: list[Finding] = []  # findings of the source, for the next answer to carry
         self._looked = -LINE_S
@@ -141,8 +142,8 @@ class Session:
                 self._tracker.note_loss()
                 if item.again:
                     return
-            self.report(item.sentence)
             self._pending.append(bare(item.sentence))
+            self._report(self._pending[-1])
             return
         if isinstance(item, VideoFrame):
             for viewer in self._viewers:
@@ -153,15 +154,14 @@ class Session:
         """What the tracker has left."""
         self._give(self._tracker.finish())
 
-    def report(self, sentence: str) -> None:
-        """A finding, for the user."""
-        self.findings += 1
-        self._line.note(f"note: {sentence}")
+    def _report(self, finding: Finding) -> None:
+        self.found[finding.kind] = finding
+        self._line.note(f"{finding.severity}: {finding}")
 
     def _give(self, estimates: list[LiveEstimate]) -> None:
         for estimate in estimates:
             for finding in estimate.findings:
-                self.report(str(finding))
+                self._report(finding)
             if self._pending:
                 estimate = replace(estimate, findings=(*self._pending, *estimate.findings))
                 self._pending = []
@@ -174,7 +174,7 @@ class Session:
             self._looked = now
             for viewer in self._viewers:
                 for sentence in viewer.findings():
-                    self.report(sentence)
+                    self._line.note(f"note: {sentence}")
             if self._line.shown:
                 self._line.show(status(estimates[-1], np.array(self._recent)))
 

@@ -60,7 +60,7 @@ class Evaluation:
     """How good an estimate is, of one wearer or of a scene; what does not apply is empty.
 
     Attributes:
-        name, method: of the estimate.
+        name, method, verdict: of the estimate; no verdict of one wearer in a scene.
         metrics: by name, in the order of the table; of a scene those of the whole.
         frames: of one wearer: how many were compared.
         joints: per joint: ``position_mm`` and ``orientation_deg`` after the alignment of MPJPE, ``local_deg`` in the
@@ -74,6 +74,7 @@ class Evaluation:
     name: str
     method: str
     metrics: Mapping[str, Metric]
+    verdict: str = ""
     frames: int | None = None
     joints: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     sensors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -153,7 +154,8 @@ def evaluate(
             over_time = heading_error_over_time(estimate.calibration, truth.calibration, motion.time, gauge)
             table["heading_error_over_time"] = Metric(mean_and_95th(np.abs(list(over_time.values())))[0], "deg")
         sensors = sensor_table(error)
-    return Evaluation(estimate.name, estimate.method, table, len(motion), joints, sensors, lengths)
+    told = Estimate.of_one(estimate).verdict.severity
+    return Evaluation(estimate.name, estimate.method, table, told, len(motion), joints, sensors, lengths)
 
 
 def _some(names: Collection[str]) -> str:
@@ -264,7 +266,7 @@ def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:
         )
         for i, j in (combinations(pairs, 2) if tied else ())
     }
-    return Evaluation(estimate.name, estimate.method, table, wearers=wearers, pairs=together)
+    return Evaluation(estimate.name, estimate.method, table, estimate.verdict.severity, wearers=wearers, pairs=together)
 
 
 def _camera_pair(camera: CameraEstimate | None, truth: SceneTruth | None) -> tuple[PathPair | None, np.ndarray]:
@@ -288,4 +290,4 @@ def _wearer(estimate: Estimate, scene: Scene, index: int, pair: MotionPair, gaug
     known = Compared(recording.truth.known_bones).positions(POSITION_JOINTS)
     error = position_error(move_motion(pair[0], gauge), pair[1])[:, known]
     metrics = {**one.metrics, "scene_position_error": Metric(float(CM * error.mean()), "cm")}
-    return replace(one, metrics=metrics)
+    return replace(one, metrics=metrics, verdict="")

@@ -22,10 +22,9 @@ Pair = tuple[int, int]
 
 @dataclass(frozen=True)
 class AssignmentSettings:
-    """How sensors that are on one another's segments are looked for, and what is done."""
+    """How sensors that are on one another's segments are looked for."""
 
     check: bool = True  # off: they are where the placement has them, whatever the motion says
-    exchange: bool = False  # on: sensors that are found exchanged are taken for one another
     # Nats by which an exchange has to be likelier to be told. Of 58 recordings and scenes with all sensors in their
     # places none came near; thighs, shanks or feet exchanged had 15 to 150 wherever legs moved for ten seconds.
     least: float = 10.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from vip_factors.errors import naming_file
 from vip_factors.estimate import PoseCovariance
-from vip_factors.findings import sentences
+from vip_factors.findings import Finding, sentences, verdict
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
@@ -28,6 +28,7 @@ class LiveJsonSink:
 
     def __init__(self, stream: IO[str]) -> None:
         self._stream = stream
+        self._found: dict[str, Finding] = {}  # the last of each kind
         self._headings: dict[str, dict[str, list[float | None]]] = {}  # as last told, by wearer and sensor
 
     def write(self, estimate: LiveEstimate) -> None:
@@ -55,6 +56,8 @@ class LiveJsonSink:
             told["camera"] = {"newest": _camera(estimate.camera), "smoothed": _camera(estimate.smoothed_camera)}
         if estimate.findings:
             told["findings"] = list(sentences(estimate.findings))
+            self._found |= {one.kind: one for one in estimate.findings}
+            told["verdict"] = verdict(self._found.values()).severity
         told["update_ms"] = _rounded(1e3 * estimate.seconds, 3)
         return told
 

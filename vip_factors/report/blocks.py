@@ -2,19 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import ClassVar
 
 from markupsafe import Markup
 
-
-class Weight(StrEnum):
-    """How much a remark bears on the use of the results."""
-
-    GOOD = "good"
-    NOTE = "note"
-    CARE = "care"
-    DOUBT = "doubt"
+from vip_factors.findings import Severity
 
 
 @dataclass(frozen=True)
@@ -55,7 +47,7 @@ class Tiles:
 class Remark:
     """A remark with its weight: a headline, then what it means and what to do."""
 
-    weight: Weight
+    weight: Severity
     headline: str
     meaning: str = ""
     advice: str = ""

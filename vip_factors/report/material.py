@@ -5,7 +5,6 @@ from functools import cached_property
 
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
-from vip_factors.findings import Finding
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.compare import check_frames
@@ -57,12 +56,6 @@ class Material:
     def has_truth(self) -> bool:
         """Whether there is something to compare with."""
         return self.scene is not None and any(one.truth is not None for one in self.scene.wearers)
-
-    @cached_property
-    def findings(self) -> tuple[Finding, ...]:
-        """Sentences on what is odd, of the scene and of its wearers, each once."""
-        own = (finding for one in self.estimate.wearers for finding in one.findings)
-        return tuple(dict.fromkeys((*self.estimate.findings, *own)))
 
 
 def material(estimate: Estimate, scene: Scene | None = None, truth: Scene | None = None) -> Material:

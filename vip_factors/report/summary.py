@@ -6,31 +6,19 @@ import numpy as np
 
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.estimate import SolveReport
-from vip_factors.findings import KINDS, TEXT, Finding, sentences
-from vip_factors.report.blocks import Block, Paragraph, Remark, Remarks, Section, Tile, Tiles, Weight
+from vip_factors.findings import KINDS, TEXT, VERDICTS, Finding, Severity, sentences
+from vip_factors.report.blocks import Block, Paragraph, Remark, Remarks, Section, Tile, Tiles
 from vip_factors.report.material import Material, Wearer
-from vip_factors.report.words import count, joint_words, listed, seconds_words, with_unit
+from vip_factors.report.words import capital, count, joint_words, listed, seconds_words, with_unit
 
-SURE_DEG, ROUGH_DEG = (
-    5.0,
-    10.0,
-)  # what repeated gait analyses of one person differ by; twice that (McGinley et al. 2009)
 # The joints that carry limbs: those of the spine share one bend among them, which is known better than its parts.
 LIMB_JOINTS = tuple(
     index for index, name in enumerate(JOINT_NAMES) if name.endswith(("hip", "knee", "ankle", "shoulder", "elbow"))
 )
-VERDICTS = {
-    Weight.DOUBT: "Do not rely on these results before the points below are settled.",
-    Weight.CARE: "Usable with care: see the points below.",
-    Weight.NOTE: "Nothing speaks against these results; some points are worth knowing.",
-    Weight.GOOD: "Nothing speaks against these results.",
-}
 HELD_WORDS = (
     " How the sensors sit on the body is taken for known in this figure: a constant offset of some degrees, the same "
     "throughout, may come on top. Ranges and changes within the recording suffer little from it."
 )
-ORDER = (Weight.DOUBT, Weight.CARE, Weight.NOTE, Weight.GOOD)
 
 
 def remarks_of(findings: Sequence[Finding]) -> list[Remark]:
@@ -39,18 +27,18 @@ def remarks_of(findings: Sequence[Finding]) -> list[Remark]:
     for one in findings:
         together.setdefault(one.text if one.kind == TEXT else one.kind, []).append(one)
     kinds = [(KINDS[those[0].kind], "; ".join(sentences(those))) for those in together.values()]
-    return [Remark(Weight(kind.severity), kind.headline, kind.means, kind.advice, told) for kind, told in kinds]
+    return [Remark(kind.severity, kind.headline, kind.means, kind.advice, told) for kind, told in kinds]
 
 
 def summary_section(material: Material) -> Section:
     """Figures, verdict, and what it rests on."""
-    remarks = [*remarks_of(material.findings), *_sureness(material)]
-    remarks.sort(key=lambda one: ORDER.index(one.weight))
-    worst = remarks[0].weight if remarks else Weight.GOOD
+    remarks = [*remarks_of(material.estimate.all_findings), *_sureness(material)]
+    remarks.sort(key=lambda one: list(Severity).index(one.weight), reverse=True)
+    worst = material.estimate.verdict.severity
     blocks: list[Block] = [
         Paragraph(_sentence(material)),
         Tiles(_tiles(material)),
-        Remarks((Remark(worst, VERDICTS[worst]), *remarks)),
+        Remarks((Remark(worst, f"{capital(VERDICTS[worst])}."), *remarks)),
     ]
     blocks.append(
         Paragraph(
@@ -134,61 +122,33 @@ def mountings_held(wearers: tuple[Wearer, ...]) -> bool:
 
 def _sureness(material: Material) -> list[Remark]:
     """What the uncertainties say, beside the findings."""
-    remarks = []
     sigma = limb_sigma_deg(material.wearers)
     if sigma is None:
-        remarks.append(
+        return [
             Remark(
-                Weight.NOTE,
+                Severity.NOTE,
                 "How sure the angles are was not computed",
                 "The file holds no uncertainties, so this report cannot say how far the angles may be off.",
                 "Reconstruct with “vip-factors smooth --covariance” to know.",
             )
+        ]
+    named, held = len(material.wearers) > 1, mountings_held(material.wearers)
+    remarks = [
+        Remark(
+            Severity.NOTE,
+            f"Joint angles are known to about ± {sigma:.1f}°",
+            "One standard deviation, by the computation's own reckoning: about two of three values lie within. "
+            "Differences smaller than twice that are within its uncertainty." + (HELD_WORDS if held else ""),
         )
-    elif sigma > ROUGH_DEG:
-        remarks.append(
-            Remark(
-                Weight.CARE,
-                f"Joint angles are known to about ± {sigma:.0f}° only",
-                "Differences smaller than that, between sides or sessions, mean nothing.",
-                "Longer, more varied movement, more sensors or a better view of the body would help.",
-            )
-        )
-    else:
-        held = mountings_held(material.wearers)
-        weight = Weight.GOOD if sigma <= SURE_DEG and not held else Weight.NOTE
-        remarks.append(
-            Remark(
-                weight,
-                f"Joint angles are known to about ± {sigma:.1f}°",
-                "One standard deviation, by the computation's own reckoning: about two of three values lie within. "
-                "Differences smaller than twice that are within its uncertainty." + (HELD_WORDS if held else ""),
-            )
-        )
-    named = len(material.wearers) > 1
+    ]
     doubtful = [
         f"{one.name + ': ' if named else ''}{joint_words(name)}"
         for one in material.wearers
         for name in _worst_joint(one)
     ]
-    if doubtful and sigma is not None:
-        remarks.append(Remark(Weight.NOTE, f"Least certain joint: {', '.join(doubtful)}"))
-    stopped = [report.stage for report in _reports(material) if not report.converged]
-    if stopped:
-        remarks.append(
-            Remark(
-                Weight.CARE,
-                "The computation stopped before it had settled",
-                "The result may still change with more steps.",
-                "Reconstruct again with more iterations.",
-                f"stages: {', '.join(dict.fromkeys(stopped))}",
-            )
-        )
+    if doubtful:
+        remarks.append(Remark(Severity.NOTE, f"Least certain joint: {', '.join(doubtful)}"))
     return remarks
-
-
-def _reports(material: Material) -> list[SolveReport]:
-    return [*material.estimate.reports, *(report for one in material.wearers for report in one.estimate.reports)]
 
 
 def _worst_joint(wearer: Wearer) -> list[str]:

@@ -11,10 +11,10 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.settings import FloorSettings
 
 STILL = 0.12, 0.25  # m/s, of a sole that stands: the slower where it is enough, for pixels make feet tremble
 LEAST_FRAMES = 10  # that tell a height
+UNSURE_M = 0.02  # of standard deviation, from which on it is told
 STANCE_S = 0.5  # frames of one stance share one error
 
 
@@ -53,16 +53,14 @@ def floor_under(models: Sequence[WearerProblem], states: Sequence[WearerState]) 
     return None
 
 
-def on_floor(
-    models: Sequence[WearerProblem], state: SceneState, settings: FloorSettings
-) -> tuple[SceneState, tuple[Finding, ...]]:
+def on_floor(models: Sequence[WearerProblem], state: SceneState) -> tuple[SceneState, tuple[Finding, ...]]:
     """The state of a scene with its floor at z = 0, and what is odd about the floor."""
-    floor = floor_under(models, state.wearers) if settings.find else None
+    floor = floor_under(models, state.wearers)
     if floor is None:
         return state, ()
     shift, poses = np.array([0.0, 0.0, -floor.height]), state.camera.poses
     wearers = tuple(replace(one, p_world_pelvis=one.p_world_pelvis + shift) for one in state.wearers)
     camera = replace(state.camera, poses=replace(poses, p_world_camera=poses.p_world_camera + shift))
-    unsure = floor.sigma > settings.unsure
+    unsure = floor.sigma > UNSURE_M
     findings = (Finding("floor uncertain", numbers={"sigma_cm": 100 * floor.sigma}),) if unsure else ()
     return replace(state, wearers=wearers, camera=camera), findings

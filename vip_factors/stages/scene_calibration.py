@@ -291,8 +291,8 @@ def _solved_stretch(
         return who_is_who(scene, filmed_by)
     initial = start_fusion(associated, inertial, settings)
     solution, associated = fuse_in_rounds(initial, associated, settings, solver)
-    if not any(one.camera.known_path is not None for one in associated):
-        state, about_floor = on_floor(solution.model.wearers, solution.state, settings.floor)
+    if settings.floor == "found" and not any(one.camera.known_path is not None for one in associated):
+        state, about_floor = on_floor(solution.model.wearers, solution.state)
         solution, about_sensors = replace(solution, state=state), (*about_sensors, *about_floor)
     return SolvedStretch(scene, corrections, about_sensors, inertial, initial, solution, associated, solver)
 

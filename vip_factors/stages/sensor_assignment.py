@@ -32,10 +32,10 @@ def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[Scen
         streams = one.between((start + end) / 2 - half, (start + end) / 2 + half)
         head = replace(one.head, imus=dict(streams))
         found = exchanges_of(head, settings)
-        findings += [_finding(head, exchange, settings.assignment.exchange) for exchange in found]
+        findings += [_finding(head, exchange, settings.assign) for exchange in found]
         findings += _on_one_bone(head)
         placements.append(exchanged(head.placement, head.placed, found))
-    if not (findings and settings.assignment.exchange):
+    if not (findings and settings.assign):
         return source, tuple(findings)
     return ReplacedSource(source, tuple(placements)), tuple(findings)
 
@@ -105,11 +105,12 @@ def _finding(recording: Recording, exchange: Exchange, done: bool) -> Finding:
     words = {
         "pair": pair(exchange.sensors),
         "rivals": "".join(f", or {pair(one)}" for one in exchange.rivals),
-        "done": "they are taken for one another" if done else "--assignment.exchange takes them for one another",
+        "done": "the first two are taken for one another" if done else "--assign takes them for one another",
     }
     numbers = {"nats": exchange.nats}
     subject = recording.placed[exchange.sensors[0]]
-    return Finding("sensors exchanged", recording.subject.name, subject=subject, numbers=numbers, words=words)
+    kind = "sensors put right" if done and not exchange.rivals else "sensors exchanged"
+    return Finding(kind, recording.subject.name, subject=subject, numbers=numbers, words=words)
 
 
 def _told(site: SensorSite, recording: Recording) -> str:

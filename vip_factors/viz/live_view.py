@@ -12,7 +12,7 @@ import rerun as rr
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import Colour, Side
-from vip_factors.findings import sentences
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.camera_path import CameraPath
@@ -121,7 +121,7 @@ class LiveView:
         self._series = LiveSeries(stream, setup)
         colours = colours_of(setup.wearers)
         self._bodies = [LiveBody(stream, index, one, rate, colours) for index, one in enumerate(setup.wearers)]
-        self._findings: list[tuple[float, str]] = []
+        self._findings: list[tuple[float, Finding]] = []
         self._apart = setup.camera is None and len(setup.wearers) > 1
         self._pending: VideoFrame | None = None  # waits for the answer that says who is who in it
         self._mounted = -CALIBRATION_S  # when the sensors were drawn
@@ -218,9 +218,9 @@ class LiveView:
             if not one.findings:
                 continue
             self._stream.set_time("time", duration=one.time)
-            for sentence in sentences(one.findings):
-                self._stream.log(FINDINGS, rr.TextLog(sentence, level=rr.TextLogLevel.INFO))
-                self._findings.append((one.time, sentence))
+            for finding in one.findings:
+                self._stream.log(FINDINGS, rr.TextLog(str(finding), level=rr.TextLogLevel.INFO))
+                self._findings.append((one.time, finding))
             self._log_text()
 
     def _log_text(self) -> None:

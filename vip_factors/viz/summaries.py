@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vip_factors.estimate import SolveReport
-from vip_factors.findings import Finding
+from vip_factors.estimate import Estimate, SolveReport
+from vip_factors.findings import Finding, verdict
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.colours import colour_name
@@ -38,7 +38,7 @@ def scene_summary(drawn: DrawnScene) -> str:
             f", {sum(len(one.sensors) for one in estimates)} sensors" if any(one.sensors for one in estimates) else ""
         )
         lines += [f"**{method}**{count}, {len(motion)} frames at {motion.rate:g} Hz{sensors}", ""]
-        lines += finding_lines((drawn.estimate or estimates[0]).findings)
+        lines += finding_lines(drawn.estimate or Estimate.of_one(estimates[0]))
     lines += [*_wearer_table(drawn), *_colour_lines(drawn), *_camera_lines(drawn)]
     for wearer in drawn.wearers:
         lines += [*_recording_lines(wearer, drawn.one_alone), *_body_table(wearer), *_sensor_table(wearer)]
@@ -46,11 +46,9 @@ def scene_summary(drawn: DrawnScene) -> str:
     return "\n".join([*lines, *solve_lines(reports)])
 
 
-def finding_lines(findings: Sequence[Finding]) -> list[str]:
-    """What is odd, a point of a list each; nothing where nothing is."""
-    if not findings:
-        return []
-    return ["## Notes", "", *(f"- {one}" for one in findings), ""]
+def finding_lines(estimate: Estimate) -> list[str]:
+    """The verdict, and what is odd, a point of a list each."""
+    return [f"**{estimate.verdict}**", "", *(f"- {one.severity}: {one}" for one in estimate.all_findings), ""]
 
 
 def _colour_lines(drawn: DrawnScene) -> list[str]:
@@ -170,18 +168,18 @@ def solve_lines(reports: Sequence[SolveReport]) -> list[str]:
     return [*lines, ""]
 
 
-def live_summary(setup: Scene, findings: Sequence[tuple[float, str]], apart: bool) -> str:
+def live_summary(setup: Scene, findings: Sequence[tuple[float, Finding]], apart: bool) -> str:
     """The text.
 
     Args:
         setup: of what is streamed.
-        findings: times in seconds, and sentences, in their order.
+        findings: and the seconds at which they were made, in their order.
         apart: whether the wearers are set apart.
     """
     lines = [f"# {setup.name}", ""]
     if findings:
-        lines += ["## Findings", ""]
-        lines += [f"- **{time:.1f} s** {sentence}" for time, sentence in reversed(findings[-KEPT:])]
+        lines += ["## Findings", "", f"**{verdict(one for _, one in findings)}**", ""]
+        lines += [f"- **{time:.1f} s** {one}" for time, one in reversed(findings[-KEPT:])]
         lines.append("")
     colours = [f"- **{name}**, newest: {colour_name(index)}, solid; {LIMBS}." for index, name in enumerate(setup.names)]
     colours.append("- Smoothed, a moment earlier: dark grey, see-through.")

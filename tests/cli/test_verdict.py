@@ -1,0 +1,83 @@
+"""The verdict on an estimate is one: in the terminal, the report, JSON and the exit code."""
+
+import io
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from scene_sample import estimate_of, scene_sample
+
+from vip_factors.estimate import SolveReport
+from vip_factors.findings import Finding, verdict
+from vip_factors.io.live_json import LiveJsonSink
+from vip_factors.io.mcap_estimate import read_estimate
+from vip_factors.io.mcap_estimate_writer import write_estimate
+from vip_factors.io.mcap_recording import write_scene
+
+NOTE, CARE = Finding("apart"), Finding("not in the video")
+DOUBT = Finding("legs crossed", "ann", numbers={"percent": 40.0})
+SCENE = scene_sample(0.2)
+
+
+@pytest.mark.parametrize(
+    ("findings", "word", "codes"),
+    [((), "good", (0, 0)), ((NOTE,), "good", (0, 0)), ((NOTE, CARE), "care", (3, 0)), ((CARE, DOUBT), "doubt", (3, 3))],
+)
+def test_everything_tells_the_same(run: Callable, tmp_path: Path, findings, word: str, codes) -> None:
+    """Terminal, page, JSON, codes of ``--fail-on care`` and ``doubt``."""
+    estimate, scene, made = estimate_of(SCENE), tmp_path / "scene.mcap", tmp_path / "e.mcap"
+    write_scene(SCENE, scene)
+    write_estimate(replace(estimate, findings=findings), made)
+    told = re.search(r"verdict: (\w+), (.*)", run("info", made).out)
+    assert told[1].lower() == word
+    page, table = tmp_path / "e.html", tmp_path / "e.json"
+    limits = ("care", "doubt")
+    given = [run("report", made, "--moments", 0, "--overwrite", "--fail-on", one).code for one in limits]
+    assert tuple(given) == codes
+    assert run("report", made, "--moments", 0, "--overwrite").code == 0
+    weights = re.findall(r'<li class="(\w+)">', page.read_text())
+    assert weights[0] == word
+    assert "good" not in weights[1:]
+    assert run("evaluate", made, "--truth", scene, "--json", table).code == 0
+    assert json.loads(table.read_text())["verdict"] == word
+
+
+def test_what_smooth_prints_is_in_the_file_which_is_written_whatever_the_verdict(
+    run: Callable, files, tmp_path: Path
+) -> None:
+    few = ("--frame-rate", 20, "--solve.max-iterations", 1)
+    told = run("smooth", files.recording, "--out", tmp_path / "e.mcap", *few, "--fail-on", "care")
+    assert told.code == 3
+    verdicts = [re.search("verdict: (.*)", text)[1] for text in (told.out, run("info", tmp_path / "e.mcap").out)]
+    assert verdicts == [str(read_estimate(tmp_path / "e.mcap").verdict)] * 2
+    assert "stopped before it had settled" in verdicts[0]
+
+
+def test_only_the_last_solve_has_to_settle() -> None:
+    estimate = estimate_of(SCENE)
+    first, last = (SolveReport(stage, (), {}, {}, stage == "last", 0.0) for stage in ("first", "last, window 2"))
+    kinds = [
+        [one.kind for one in replace(estimate, reports=reports).all_findings]
+        for reports in ((first, replace(last, converged=True)), (replace(first, converged=True), last))
+    ]
+    assert kinds == [[], ["not converged"]]
+
+
+def test_the_verdict_names_what_decides_once() -> None:
+    told = verdict((NOTE, DOUBT, CARE, replace(DOUBT, wearer="bob")))
+    assert str(told) == "DOUBT, do not rely on these results before this is settled: " + told.deciding[0]
+    assert len(told.deciding) == 1
+
+
+def test_of_a_stream_it_is_the_worst_so_far() -> None:
+    lines = io.StringIO()
+    sink = LiveJsonSink(lines)
+    for found in ((CARE,), (), (DOUBT,), (NOTE,)):
+        sink.write(SimpleNamespace(frame=0, time=0.0, wearers=(), camera=None, smoothed_camera=None, findings=found,
+                                   seconds=0.0))  # fmt: skip
+    verdicts = [json.loads(line).get("verdict") for line in lines.getvalue().splitlines()]
+    assert verdicts == ["care", None, "doubt", "doubt"]

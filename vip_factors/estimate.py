@@ -8,12 +8,15 @@ import numpy as np
 
 from vip_factors.body.hinges import HingeEstimate
 from vip_factors.body.kinematics import Motion
+from vip_factors.body.model_errors import LENGTH
 from vip_factors.errors import InputError
 from vip_factors.findings import Finding, Verdict, verdict
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.camera_model import CameraModel, VideoClock
 from vip_factors.sensors.camera_path import CameraPath
+
+KEPT = 0.8  # of the prior's standard deviation: what is no surer than this was hardly measured
 
 
 @dataclass(frozen=True)
@@ -91,13 +94,18 @@ class BodyEstimate:
 
     @property
     def prior_sigma(self) -> Array:
-        """Standard deviation of each length beforehand, ``(B,)`` metres."""
-        return np.sqrt(np.diag(self.prior_covariance))
+        """Standard deviation of each length beforehand, ``(B,)`` metres, with the models' share."""
+        return np.sqrt(np.diag(self.prior_covariance) + LENGTH**2)
 
     @property
     def sigma(self) -> Array:
-        """Standard deviation of each length as found, ``(B,)`` metres, NaN if not known."""
-        return np.sqrt(np.diag(self.covariance))
+        """Standard deviation of each length as found, ``(B,)`` metres, with the models' share; NaN if not known."""
+        return np.sqrt(np.diag(self.covariance) + LENGTH**2)
+
+    @property
+    def keeps_prior(self) -> np.ndarray:
+        """Which lengths the data hardly told, ``(B,)``."""
+        return np.diag(self.covariance) > KEPT**2 * np.diag(self.prior_covariance)
 
 
 @dataclass(frozen=True)
@@ -362,12 +370,15 @@ class EstimateChunks:
 
     def with_findings(self, findings: tuple[Finding, ...]) -> "EstimateChunks":
         """The same, with findings of the whole before its own."""
+        return self._changed(lambda one: replace(one, findings=(*findings, *one.findings)))
+
+    def changed(self, change: Callable[[Estimate], Estimate]) -> "EstimateChunks":
+        """The same with a change of the head and of every chunk."""
+        return replace(self._changed(change), chunks=map(change, self.chunks))
+
+    def _changed(self, change: Callable[[Estimate], Estimate]) -> "EstimateChunks":
         closed = self.closed
-        return replace(
-            self,
-            head=_preceded(self.head, findings),
-            closed=None if closed is None else lambda: _preceded(closed(), findings),
-        )
+        return replace(self, head=change(self.head), closed=None if closed is None else lambda: change(closed()))
 
     def whole(self) -> Estimate:
         """All chunks together, in memory."""
@@ -382,10 +393,6 @@ class EstimateChunks:
             camera=None if head.camera is None else _joined_camera(head.camera, cameras),
             reports=(*head.reports, *(report for one in chunks for report in one.reports)),
         )
-
-
-def _preceded(estimate: Estimate, findings: tuple[Finding, ...]) -> Estimate:
-    return replace(estimate, findings=(*findings, *estimate.findings))
 
 
 def _joined_wearer(head: WearerEstimate, *chunks: WearerEstimate) -> WearerEstimate:

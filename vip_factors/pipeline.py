@@ -29,6 +29,7 @@ from vip_factors.stages.fusion_start import start_fusion
 from vip_factors.stages.inertial import inertial_trackers
 from vip_factors.stages.inertial_model import with_contacts
 from vip_factors.stages.inertial_windows import smooth_wearer
+from vip_factors.stages.reporting import with_model_errors
 from vip_factors.stages.sensor_assignment import with_sensors_assigned
 from vip_factors.stages.solver import Progress, Solver
 from vip_factors.stages.windows import scene_plan
@@ -78,7 +79,13 @@ def smooth_chunks(
     Raises:
         InputError, RecordingError, SolveError: as :func:`smooth`; also as chunks are asked for.
     """
-    on_progress = progress or (lambda stage, fraction: None)
+    found = _solved_chunks(source, settings, progress or (lambda stage, fraction: None), extra_factors)
+    return found.changed(lambda one: with_model_errors(one, settings)) if settings.model_errors else found
+
+
+def _solved_chunks(
+    source: SceneSource, settings: Settings, on_progress: Progress, extra_factors: ExtraFactors | None
+) -> EstimateChunks:
     extra = None if extra_factors is None else UserTerms(extra_factors)
     with _one_blas_thread():
         source, findings = with_sensors_assigned(source, settings)

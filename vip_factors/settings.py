@@ -129,6 +129,8 @@ class CommonSettings(ShownOfBoth):
 class Settings(CommonSettings, ShownSettings):
     """All settings of the pipeline."""
 
+    # Standard deviations are told with what models leave out (body/model_errors.py). Off: those of the solution alone.
+    model_errors: bool = True
     accelerometers: AccelerometerSettings = field(default_factory=AccelerometerSettings)
     sensor_clocks: SensorClockSettings = field(default_factory=SensorClockSettings)
     assignment: AssignmentSettings = field(default_factory=AssignmentSettings)

@@ -11,6 +11,7 @@ from vip_factors.body.anthropometry import likely_body
 from vip_factors.body.hinges import HINGES, HingePrior
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS, lengths_of
+from vip_factors.body.model_errors import LENGTH
 from vip_factors.body.skeleton import joint_index
 from vip_factors.estimate import BodyEstimate, WearerEstimate
 from vip_factors.evaluate.body import knee_flexion_deg, knee_flexion_of, rmse, rmse_without_offset, true_axis
@@ -53,7 +54,7 @@ def test_the_pose_is_judged_apart_from_the_body(truth: Motion) -> None:
 
 def test_honest_lengths_have_a_nees_of_one(truth: Motion) -> None:
     names = ("thigh", "shank", "upper arm", "forearm", "hip width", "shoulder width")
-    found = evaluate(with_body(truth, dict.fromkeys(names, 0.01)), Truth(truth))
+    found = evaluate(with_body(truth, dict.fromkeys(names, float(np.hypot(0.01, LENGTH)))), Truth(truth))
     assert found["nees_lengths"] == pytest.approx(1.0, rel=1e-6)
     assert found["coverage_95_lengths"] == 1.0
 

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vip_factors.body.model_errors import UNFILMED
+from vip_factors.body.skeleton import joint_index
 from vip_factors.evaluate.evaluation import evaluate
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
@@ -37,6 +39,28 @@ def test_they_are_told_and_hold_the_truth(recording: Recording, in_windows: bool
     evaluation = evaluate(estimate, recording.truth)
     assert evaluation["nees_heading"] < 4.0
     assert evaluation["nees_mounting"] < 4.0
+
+
+@pytest.mark.parametrize("in_windows", [False, True])
+def test_what_models_leave_out_is_told_as_well(recording: Recording, in_windows: bool) -> None:
+    """But what defines the world has the sigma of a convention, and poses are as they were."""
+    windows = replace(SMALL.windows, above_s=2.0, window_s=2.0, overlap_s=0.5) if in_windows else SMALL.windows
+    settings = replace(SMALL, windows=windows, covariance=True)
+    told = smooth(recording, settings).only_wearer
+    alone = smooth(recording, replace(settings, model_errors=False)).only_wearer
+    assert told.covariance is not None
+    assert alone.covariance is not None
+    for name, one in alone.calibration.items():
+        added = 0.0 if one.heading_sigma < np.deg2rad(0.15) else UNFILMED.heading
+        mounting = UNFILMED.mounting[joint_index(one.bone)]
+        assert told.calibration[name].heading_sigma == pytest.approx(np.hypot(one.heading_sigma, added))
+        assert told.calibration[name].mounting_sigma == pytest.approx(np.hypot(one.mounting_sigma, mounting))
+    knee = joint_index("left_knee")
+    assert told.covariance.joints[:, knee] == pytest.approx(
+        UNFILMED.joint[knee] ** 2 * alone.covariance.joints[:, knee]
+    )
+    assert told.covariance.root == pytest.approx(UNFILMED.root**2 * alone.covariance.root)
+    assert np.array_equal(told.motion.R_parent_child, alone.motion.R_parent_child)
 
 
 def test_what_is_no_variable_has_none(recording: Recording) -> None:

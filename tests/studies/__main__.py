@@ -31,6 +31,7 @@ STUDIES = {
     "golden": "golden:Golden",
     "population": "population:Population",
     "weights": "weights:Weights",
+    "coverage": "coverage:Coverage",
     "real": "real:Real",
     "catalogue": "catalogue:Catalogue",
     "walk": "walk:Walk",

@@ -167,17 +167,16 @@ def heading_text(calibration: SensorCalibration) -> str:
     return f"{np.rad2deg(calibration.heading):.1f}{f' ± {np.rad2deg(sigma):.1f}' if np.isfinite(sigma) else ''}°{drift}"
 
 
-KEPT = 0.8  # of the prior's sigma: what is no surer than this keeps its prior
-
-
 def body_lines(body: BodyEstimate) -> list[str]:
     """A table of lengths, before and after, in millimetres, then the hinges in degrees."""
     lines = []
     if body.names:
         rows = [("length (mm)", "prior", "found", "")]
-        values = zip(body.names, body.prior, body.prior_sigma, body.posterior, body.sigma, strict=True)
-        for name, prior, prior_sigma, found, sigma in values:
-            kept = "keeps its prior" if sigma > KEPT * prior_sigma else ""
+        values = zip(
+            body.names, body.prior, body.prior_sigma, body.posterior, body.sigma, body.keeps_prior, strict=True
+        )
+        for name, prior, prior_sigma, found, sigma, keeps in values:
+            kept = "keeps its prior" if keeps else ""
             rows.append((name, with_sigma(1e3 * prior, 1e3 * prior_sigma), with_sigma(1e3 * found, 1e3 * sigma), kept))
         lines += aligned(rows, left=1)
     before = {one.joint: one for one in body.prior_hinges}

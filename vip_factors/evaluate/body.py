@@ -91,7 +91,7 @@ def length_nees(body: BodyEstimate, truth: Skeleton, lengths: Collection[str] = 
     true = {name: length for name, length in true_lengths(truth).items() if name in sure}
     places = [body.names.index(name) for name in true]
     error = np.array(list(true.values())) - body.posterior[places]
-    return nees(error[:, None], np.diag(body.covariance)[places][:, None, None])
+    return nees(error[:, None], body.sigma[places, None, None] ** 2)
 
 
 def hinge_errors(body: BodyEstimate, truth: Motion) -> dict[str, float]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from vip_factors.body.joint_angles import JointAngles, joint_angle_sigmas, joint_angles
 from vip_factors.body.mannequin import Side
+from vip_factors.body.model_errors import shape_factor
 from vip_factors.geometry.rotations import Array
 from vip_factors.report.blocks import Block, Charts, Heading, Paragraph, Section, Table, Tile, Tiles
 from vip_factors.report.charts import SIDE_COLOURS, Line, time_chart
@@ -110,10 +111,11 @@ def _sigmas(angles: JointAngles, wearer: Wearer) -> Sigmas:
 
 def _ranges(angles: JointAngles, sigmas: Sigmas, measured: Mapping[str, bool]) -> list[Block]:
     """Range of motion of each angle, and what lies between the sides."""
-    rows = []
+    rows, joint = [], {one.name: one.joint for one in angles.definitions}
     for name in (one for one in PAIRED if measured[one]):
         left, right = (_range(angles.of(f"{side}_{name}")) for side, _ in SIDES)
-        both = [_median(sigmas[f"{side}_{name}"]) for side, _ in SIDES if sigmas]
+        whole = [f"{side}_{name}" for side, _ in SIDES]
+        both = [shape_factor(joint[one]) * _median(sigmas[one]) for one in whole if sigmas]
         rows.append(
             (
                 capital(joint_words(name)), *_words(left), *_words(right),

@@ -11,7 +11,6 @@ from vip_factors.report.material import Material, Wearer
 from vip_factors.report.words import UNKNOWN, bone_words, joint_words, number, plus_minus, with_unit
 from vip_factors.terms.heading_prior import HeadingPriorSettings
 
-KEPT = 0.8  # of the prior's sigma: what is no surer than this was hardly measured
 HELD = 1.5 * HeadingPriorSettings().gauge_sigma  # a heading as sure as this is the one that defines the world's
 MM = 1e3
 
@@ -57,10 +56,10 @@ def _body(wearer: Wearer) -> list[Block]:
         rows = [
             (
                 name, plus_minus(MM * prior, MM * prior_sigma), plus_minus(MM * found, MM * sigma),
-                number(MM * (found - prior), 0), "keeps what was likely" if sigma > KEPT * prior_sigma else "measured",
+                number(MM * (found - prior), 0), "keeps what was likely" if keeps else "measured",
             )
-            for name, prior, prior_sigma, found, sigma in zip(
-                body.names, body.prior, body.prior_sigma, body.posterior, body.sigma, strict=True
+            for name, prior, prior_sigma, found, sigma, keeps in zip(
+                body.names, body.prior, body.prior_sigma, body.posterior, body.sigma, body.keeps_prior, strict=True
             )
         ]  # fmt: skip
         blocks.append(Paragraph(f"Body: {skeleton.source}."))

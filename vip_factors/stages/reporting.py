@@ -10,13 +10,23 @@ from vip_factors.associate.associate import Association
 from vip_factors.body.hinges import HingeEstimate, hinge_estimates
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.lengths import LENGTHS, lengths_of
-from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.body.model_errors import FILMED, UNFILMED, ModelErrors
+from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import SolveError
-from vip_factors.estimate import BodyEstimate, DetectorEstimate, Estimate, SensorPlaceEstimate, SolveReport
+from vip_factors.estimate import (
+    BodyEstimate,
+    DetectorEstimate,
+    Estimate,
+    PoseCovariance,
+    SensorPlaceEstimate,
+    SolveReport,
+    WearerEstimate,
+)
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.variables import DETECTOR
+from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings, flatten
 from vip_factors.solve.elimination import chain_marginals, last_marginals
@@ -92,6 +102,28 @@ def association_cues(names: Sequence[str], association: Association) -> tuple[st
         + clothes
         for name, own in zip(names, found, strict=True)
     )
+
+
+def with_model_errors(estimate: Estimate, settings: Settings) -> Estimate:
+    """The estimate as it is told: with the models' share of standard deviations, which nothing before this sees."""
+    errors = UNFILMED if estimate.camera is None else FILMED
+    by_convention = 1.5 * settings.factors.heading_prior.gauge_sigma
+    wearers = tuple(_with_model_errors(one, errors, by_convention) for one in estimate.wearers)
+    return replace(estimate, wearers=wearers)
+
+
+def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors, by_convention: float) -> WearerEstimate:
+    def told(one: SensorCalibration) -> SensorCalibration:
+        heading = 0.0 if one.heading_sigma <= by_convention else errors.heading
+        mounting = np.hypot(one.mounting_sigma, errors.mounting[joint_index(one.bone)])
+        return replace(one, heading_sigma=float(np.hypot(one.heading_sigma, heading)), mounting_sigma=mounting)
+
+    covariance = wearer.covariance
+    if covariance is not None:
+        joints = errors.joint[:, None, None] ** 2 * covariance.joints
+        covariance = PoseCovariance(joints, errors.root**2 * covariance.root)
+    calibration = {name: told(one) for name, one in wearer.calibration.items()}
+    return replace(wearer, calibration=calibration, covariance=covariance)
 
 
 def full_rate_covariance(coarse: FusionSolution, fine: FusionSolution) -> SceneCovariance:

@@ -107,10 +107,10 @@ def body_findings(wearer: str, body: BodyEstimate, stature_m: float | None) -> I
         yield Finding("body size", wearer, numbers={"percent": abs(100 * scale)}, words=words)
     else:
         scale = 0.0
-    expected = (1 + scale) * body.prior
+    expected, sigmas = (1 + scale) * body.prior, np.sqrt(np.diag(body.prior_covariance))
     unlikely = [
         f"{name} {1e3 * found:.0f} mm (expected {1e3 * prior:.0f} ± {1e3 * sigma:.0f})"
-        for name, found, prior, sigma in zip(body.names, body.posterior, expected, body.prior_sigma, strict=True)
+        for name, found, prior, sigma in zip(body.names, body.posterior, expected, sigmas, strict=True)
         if abs(found - prior) > UNLIKELY * sigma
     ]
     if unlikely:  # a wrong stature or zoom changes all lengths alike

@@ -19,6 +19,7 @@ from tests.studies.gait import opensim_angles
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.joint_angles import R_WORLD_ISB, joint_angles, segment_axes, segment_orientations
 from vip_factors.body.kinematics import Motion, local_rotations
+from vip_factors.body.model_errors import UNFILMED, shape_factor
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, joint_index
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
@@ -56,10 +57,14 @@ def test_the_name_tells_which_table(tmp_path: Path, name: str, joints: int, angl
 
 def test_standard_deviations_follow_where_they_are_known(tmp_path: Path) -> None:
     table = read(export(sample_scene(covariance=True), tmp_path / "walk.csv")[0])
-    assert table["pelvis_z_sd_m"] == pytest.approx(0.01)
+    assert table["pelvis_z_sd_m"] == pytest.approx(np.hypot(0.01, UNFILMED.position[0]), abs=1e-6)
+    assert np.all(table["left_ankle_x_sd_m"] > table["left_hip_x_sd_m"])
     # Of an error that is alike about all axes the flexion's is as large, and larger where the shank is abducted.
     assert np.all(table["left_knee_flexion_sd_deg"] >= np.degrees(0.02) - 1e-4)
     assert np.all(table["left_knee_flexion_sd_deg"] < 1.2 * np.degrees(0.02))
+    shape, whole = table["left_knee_flexion_shape_sd_deg"], table["left_knee_flexion_sd_deg"]
+    assert shape == pytest.approx(shape_factor("left_knee") * whole, abs=1e-3)
+    assert 0.3 < shape_factor("left_knee") < 1
     assert "left_shoulder_elevation_sd_deg" not in table.dtype.names
 
 

@@ -68,8 +68,10 @@ class CatalogueRow:
         return any(severity != Severity.NOTE for _, severity, _ in self.findings)
 
     def _tells(self, kind: str, _: str, sentence: str) -> bool:
-        kinds = next(one.kinds for one in FAULTS if one.name == self.fault)
-        return kind == REFUSED or (kind in kinds and all(name in sentence for name in self.names))
+        fault = next(one for one in FAULTS if one.name == self.fault)
+        if kind == REFUSED:
+            return fault.refusal in sentence
+        return kind in fault.kinds and all(name in sentence for name in self.names)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,12 +26,14 @@ class Fault:
     Attributes:
         name: of its row.
         put: it into a scene; given another scene to take from, too. None where the scene has no place for it.
-        kinds: of findings that tell what is the matter; a recording that is refused is told as well.
+        kinds: of findings that tell what is the matter.
+        refusal: what the sentence holds that the recording is rightly refused with.
     """
 
     name: str
     put: Callable[[Scene, Scene], Faulty | None]
     kinds: tuple[str, ...]
+    refusal: str = "nothing but the cause"
 
 
 def _wearer(scene: Scene, change: Callable[[Recording], Recording]) -> Scene:
@@ -248,13 +250,7 @@ def _zoom(scene: Scene, _: Scene) -> Faulty | None:
     return replace(scene, camera=replace(scene.camera, model=model), truth=None), ()
 
 
-UNLIKE_POSE = (
-    "turned since the start",
-    "two calibrations",
-    "impossible site",
-    "turned on the body",
-    "far from declared",
-)
+UNLIKE_POSE = ("turned since the start", "two calibrations", "impossible site", "turned on the body")
 NOT_OF_IT = ("not recognised", "scatter", "no common time", "leap", "not in the video")
 FAULTS = (
     Fault("thighs exchanged", _exchanged("left_hip", "right_hip"), ("sensors exchanged",)),
@@ -270,9 +266,7 @@ FAULTS = (
     Fault("heading jumps by 50°", _stream(_heading_jumps), ("sensor turned", "heading drift")),
     Fault("axis reversed", _stream(_with_force(np.array([1, 1, -1]))), ("accelerometer scale",)),
     Fault("g for m/s²", _streams(_with_force(np.array(1 / 9.81))), ("accelerometer scale",)),
-    Fault("gravity left out", _streams(_without_gravity), ("accelerometer scale",)),
-    Fault("°/s for rad/s", _streams(lambda one: one if one.angular_rate is None or one.specific_force is None else
-          replace(one, R_inertial_sensor=None, angular_rate=np.rad2deg(one.angular_rate))), ()),
+    Fault("gravity left out", _streams(_without_gravity), ("accelerometer scale",), "gravity"),
     Fault("orientations inverted", _streams(lambda one: one if one.R_inertial_sensor is None else
           replace(one, R_inertial_sensor=transpose(one.R_inertial_sensor))), (*UNLIKE_POSE, "accelerometer scale")),
     Fault("stuck", _stream(_stuck), ("sensor stuck",)),

@@ -114,10 +114,7 @@ def _order_finding(detections: Detections, context: Context, motions: Sequence[M
     if len(usable) < 5:
         return []
     sample = usable[np.linspace(0, len(usable) - 1, min(SAMPLE, len(usable))).astype(int)]
-    costs = {
-        name: _best_costs(detections, context, motions, sample, keypoints, mirrored)
-        for name, keypoints, mirrored in _orders(given)
-    }
+    costs = {name: _best_costs(detections, context, motions, sample, *order) for name, *order in _orders(given)}
     reference = costs[given.name]
     found = []
     for name, cost in costs.items():
@@ -129,10 +126,12 @@ def _order_finding(detections: Detections, context: Context, motions: Sequence[M
     return [Finding("keypoint order", words={"given": given.name, "better": min(found)[1]})]
 
 
-def _orders(given: KeypointSet) -> list[tuple[str, KeypointSet, bool]]:
+def _orders(given: KeypointSet) -> list[tuple[str, KeypointSet, bool, float]]:
+    """Names, sets, whether their sides are exchanged, and −1 for a picture that is mirrored as well."""
     same = [given, *(one for one in KEYPOINT_SETS.values() if len(one) == len(given) and one.name != given.name)]
-    plain = [(one.name, one, False) for one in same]
-    return plain + [(f"{one.name} with left and right exchanged", one, True) for one in same]
+    plain = [(one.name, one, False, 1.0) for one in same]
+    exchanged = [(f"{one.name} with left and right exchanged", one, True, 1.0) for one in same]
+    return [*plain, *exchanged, (f"{given.name} in a mirrored picture", given, True, -1.0)]
 
 
 def _best_costs(
@@ -142,6 +141,7 @@ def _best_costs(
     sample: np.ndarray,
     keypoints: KeypointSet,
     mirrored: bool,
+    across: float,
 ) -> Array:
     """Least cost ``(S,)`` over the wearers of some detections read in another order; a high one where none fits."""
     order = keypoints.mirrored if mirrored else np.arange(len(keypoints))
@@ -151,6 +151,8 @@ def _best_costs(
         points = wearer_points(motion, keypoints, time)
         local = (points.p_world_keypoint - points.p_world_pelvis[:, None])[:, order]
         known = np.all(np.isfinite(local), axis=-1)
-        fit = fit_cameras(local, context.rays[sample], np.where(known, context.weight[sample], 0.0), sigma)
+        fit = fit_cameras(
+            local, context.rays[sample] * [across, 1.0], np.where(known, context.weight[sample], 0.0), sigma
+        )
         best = np.fmin(best, fit.cost)
     return best

@@ -75,11 +75,11 @@ def _wearer_findings(
         yield Finding("headings not determined", wearer, numbers=unsure, words=words)
     if estimate.body is not None:
         yield from body_findings(wearer, estimate.body, recording.subject.stature_m)
+    bones, frames = estimate.motion.state.R_world_bone, fine.model.wearers[number].frames
+    yield from leap_findings(wearer, recording, frames, bones, estimate.calibration)
     start = fine.model.wearers[number].prior_R_bone_sensor
     yield from posture_findings(wearer, recording, estimate.motion, estimate.calibration, start)
     yield from drift_findings(wearer, estimate.calibration)
-    bones, frames = estimate.motion.state.R_world_bone, fine.model.wearers[number].frames
-    yield from leap_findings(wearer, recording, frames, bones, estimate.calibration)
     spreads = fine.measured_spreads()
     for index, each in enumerate(associated):
         if views[index].seen.any():

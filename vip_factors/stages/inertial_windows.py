@@ -117,10 +117,10 @@ def _with_findings(
     state = shared.state
     bones = forward_kinematics(shared.model.skeleton, state.R_parent_child, state.p_world_pelvis).R_world_bone
     findings = (
+        *leap_findings(wearer, head, shared.model.frames, bones, estimate.calibration),
         *start_findings(wearer, sensors, shared.starts),
         *posture_findings(wearer, head, motion, estimate.calibration, mountings),
         *drift_findings(wearer, estimate.calibration),
-        *leap_findings(wearer, head, shared.model.frames, bones, estimate.calibration),
     )
     return replace(estimate, findings=findings, start=start_choice(sensors, shared.starts))
 

@@ -62,8 +62,7 @@ def stacked(frames: Sequence[FrameState], static: SceneState) -> SceneState:
 
 def without_frames(state: SceneState) -> SceneState:
     """What all frames share, as a scene without any; the pose of a camera that stands still is among it."""
-    none = slice(0, 0)
-    return state.window(none)
+    return state.window(slice(0, 0))
 
 
 @dataclass
@@ -94,17 +93,9 @@ class LagFrame:
 
 def lag_frame(measured: FrameMeasurement, views: list[tuple[KeypointView, ...] | None]) -> LagFrame:
     """The newest frame: its accelerations are measured by the next one."""
-    nothing = np.zeros(len(measured.orientation_valid), bool)
-    force = np.zeros((len(nothing), 3))
-    return LagFrame(
-        measured.frame,
-        measured.time,
-        measured.R_inertial_sensor,
-        measured.orientation_valid.copy(),
-        force,
-        nothing,
-        views,
-    )
+    seen = measured.orientation_valid.copy()
+    force, whole = np.zeros((len(seen), 3)), np.zeros(len(seen), bool)
+    return LagFrame(measured.frame, measured.time, measured.R_inertial_sensor, seen, force, whole, views)
 
 
 class LagProblem:

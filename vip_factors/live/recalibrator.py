@@ -1,4 +1,8 @@
-"""When a stream's calibration is found anew: the data of it, the process that does it, the answer.
+"""A stream's calibration found anew: when, from what data, how, in which process, and the answer.
+
+A start of a second shows neither where every sensor points nor how long a limb is. The batch stages find headings,
+mountings, the body, the axes of its hinges, the sensors' places, the detector's offsets and a standing camera out of
+everything since the start, and tracking goes on from there.
 
 The process is a program of its own behind two pipes, and no ``multiprocessing``: that would run a user's script or
 notebook again to start with, and a script that tracks at its top level would never end.
@@ -11,20 +15,93 @@ import subprocess
 import sys
 import threading
 import time
-import time as clock
 import weakref
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from vip_factors.assembly.objective import SceneObjective
 from vip_factors.errors import SolveError, VipFactorsError
 from vip_factors.findings import Finding
+from vip_factors.geometry.rotations import Array
 from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, PlacedVideoFrame
 from vip_factors.live.problem import FrameState
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.start import EarlierCalibration, TrackingStart
+from vip_factors.live.start import EarlierCalibration, TrackingStart, solve_stretch, tracking_start, unsettled_starts
+from vip_factors.problem.layout import Layout
+from vip_factors.problem.state import WearerState
+from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.scene import Scene
+from vip_factors.solve.elimination import last_covariance
+from vip_factors.stages.fusion import FusionSolution
+
+NO_PRIOR = np.pi  # radians, of headings and mountings: what is known of them, the information says
+
+
+def recalibrate(
+    stretch: MeasuredStretch, settings: LiveSettings, earlier: EarlierCalibration | None = None
+) -> TrackingStart:
+    """The last frames of a stretch, with all that the whole of it teaches of what frames share.
+
+    Args:
+        stretch: all that is to be learnt from.
+        settings: of all.
+        earlier: from before a pause.
+
+    Raises:
+        RecordingError: if the sensors say too little.
+        SolveError: if the problem is not determined.
+    """
+    own = settings.recalibration
+    batch = replace(settings, calibration=own.calibration)
+    with threadpool_limits(limits=1, user_api="blas"):
+        coarse, end = solve_stretch(stretch, batch, earlier), stretch.tail(own.frames)
+        model, state, spreads = coarse.at_full_rate(end, batch)
+        wearers = tuple(_freed(*each, settings) for each in zip(model.wearers, state.wearers, strict=True))
+        found = tracking_start(end, coarse, replace(model, wearers=wearers), state, spreads, settings)
+        information = information_of(coarse.fused, found.problem.layout, own.inflation)
+        return replace(found, information=information, findings=tuple(unsettled_starts(coarse)))
+
+
+def information_of(fused: FusionSolution, layout: Layout, inflation: float) -> Array:
+    """What a solved scene knows of the static variables of a layout: information ``(s, s)`` about its solution.
+
+    Standard deviations are taken ``inflation`` times as large.
+
+    Raises:
+        SolveError: if the scene does not determine them.
+    """
+    objective = SceneObjective(fused.model)
+    covariance = last_covariance(objective.linearise(fused.state), objective.static_keys)
+    own, theirs = list[int](), list[int]()
+    for owner, block, columns in layout.placed():
+        found = objective.layout.columns(owner, block.name)
+        if block.free and len(found) == block.width:
+            own += range(columns.start, columns.stop)
+            theirs += found.tolist()
+    information = np.zeros((layout.static_width, layout.static_width))
+    information[np.ix_(own, own)] = np.linalg.inv(covariance[np.ix_(theirs, theirs)]) / inflation**2
+    return information
+
+
+def _freed(model: WearerProblem, state: WearerState, settings: LiveSettings) -> WearerProblem:
+    """A wearer's problem with calibration free, about what was found and without any other prior."""
+    S = len(model.sensors)
+    return replace(
+        model,
+        free_headings=settings.calibration.estimate_headings,
+        free_mountings=settings.calibration.estimate_mountings,
+        prior_headings=state.headings,
+        heading_sigma=np.full(S, NO_PRIOR),
+        prior_R_bone_sensor=state.R_bone_sensor,
+        mounting_sigma=np.full(S, NO_PRIOR),
+        p_world_start=state.p_world_pelvis[0],
+    )
+
 
 LOOK_S = 1.0  # seconds between looks whether the program that tracks is still there
 POLITE = 10  # of niceness: the tracker's updates come first where both want a core
@@ -91,8 +168,6 @@ def _end_with(parent: int) -> None:
 
 def main() -> None:
     """Solve what comes through standard input until it ends."""
-    from vip_factors.live.recalibration import recalibrate
-
     if hasattr(os, "nice"):
         os.nice(POLITE)
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
@@ -245,14 +320,14 @@ class Recalibrator:
         if self._real_time and not job.answer.done():
             return None
         self._job = None
-        begin = clock.perf_counter()
+        begin = time.perf_counter()
         try:
             start = job.answer.result()
         except SolveError as error:
             finding = Finding("calibration not renewed", words={"reason": str(error)})
             return None if self._is_stale else finding
         finally:
-            self.waited_s += clock.perf_counter() - begin
+            self.waited_s += time.perf_counter() - begin
         if self._is_stale:
             return None
         video = job.stretch.tail(own.frames).video

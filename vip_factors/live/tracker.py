@@ -103,7 +103,8 @@ class FixedLagTracker:
             self._lose(Finding("stream paused"))
             self._recent.clear()
             self._recalibrator.restart(self._earlier)
-        self._remember(measured)
+        self._recalibrator.remember(measured)
+        self._recent.append(measured)
         if self._tracking is None:
             return self._begin(begin)
         tracking, waited = self._tracking, self._recalibrator.waited_s
@@ -161,10 +162,6 @@ class FixedLagTracker:
         tracking.let_go(recalibration.moved)
         return tracking
 
-    def _remember(self, measured: FrameMeasurement) -> None:
-        self._recalibrator.remember(measured)
-        self._recent.append(measured)
-
     def _learnt(self, tracking: Tracking, p_world_pelvis: Array) -> EarlierCalibration:
         """What tracking has taught, of wearers at ``(W, 3)`` metres."""
         problem = tracking.smoother.problem
@@ -188,8 +185,7 @@ class FixedLagTracker:
         if len(self._recent) < self._start_frames or newest < self._next_try:
             return []
         try:
-            start = start_tracking(self._stretch(), self.settings, self._earlier)
-            tracking = self._track(start)
+            start, tracking = self._fresh_tracking(self._earlier)
         except (RecordingError, SolveError) as error:
             self._estimates.add_findings(_failed("no start", self._recent[-1].time, error))
             self._next_try = newest + self._lag
@@ -210,26 +206,22 @@ class FixedLagTracker:
             self._estimates.add_findings(*start.findings)
             self._has_told_of_doubts = bool(start.findings)
 
-    def _stretch(self) -> MeasuredStretch:
-        return MeasuredStretch(self.head, self._recent)
-
-    def _track(self, start: TrackingStart) -> Tracking:
-        return Tracking(self.head, self.settings, start, video_of(self._recent), self._extra)
+    def _fresh_tracking(self, earlier: EarlierCalibration | None) -> tuple[TrackingStart, Tracking]:
+        """Tracking with nothing but the last second and what was known earlier."""
+        start = start_tracking(MeasuredStretch(self.head, self._recent), self.settings, earlier)
+        return start, Tracking(self.head, self.settings, start, video_of(self._recent), self._extra)
 
     def _is_worth_another_start(self, tracking: Tracking, newest: int) -> bool:
         """Whether a sensor has come, or a camera shows people and no wearer has been found by it yet."""
         if newest < self._next_try or len(self._paths) < self._start_frames - self._lag:
             return False
         problem = tracking.smoother.problem
-        wanted = self.settings.fusion.use_camera
-        unseen = wanted and not problem.has_views and self._frames_with_people() > SOME_VIDEO
+        with_people = sum(len(one.video.pixels) > 0 for one in video_of(self._recent))
+        unseen = self.settings.fusion.use_camera and not problem.has_views and with_people > SOME_VIDEO
         used = {column for columns in problem.sensors for column in columns}
         seen = np.stack([one.orientation_valid for one in self._recent]).mean(axis=0)
         come = any(share > MEASURES and column not in used for column, share in enumerate(seen[: self._worn]))
         return unseen or come
-
-    def _frames_with_people(self) -> int:
-        return sum(len(one.video.pixels) > 0 for one in video_of(self._recent))
 
     def _started_again(self, tracking: Tracking) -> Tracking:
         """Tracking anew with the last second and all that is known; as it was, if that brings nothing."""
@@ -239,9 +231,8 @@ class FixedLagTracker:
         path = dict(self._paths).get(self._recent[0].frame)
         if path is None:
             return tracking
-        earlier = self._learnt(tracking, path)
         try:
-            again = self._track(start_tracking(self._stretch(), self.settings, earlier))
+            _, again = self._fresh_tracking(self._learnt(tracking, path))
         except (RecordingError, SolveError):
             return tracking
         problem = again.smoother.problem

@@ -41,7 +41,7 @@ def answer(scene: Scene, frame: int, covariance: bool = True, lag: int = LAG) ->
     camera = camera_pose(scene, time) if scene.camera is not None else None
     late = camera_pose(scene, time - lag / 60) if scene.camera is not None and frame >= lag else None
     findings = (bare("the stream has begun"),) if frame == 0 else ()
-    return LiveEstimate(frame, time, tuple(wearers), camera, late, findings, 0.005)
+    return LiveEstimate(frame, time, tuple(wearers), camera, late, findings, 0.005, preliminary=frame < 3)
 
 
 def truth_of(scene: Scene, index: int) -> Motion:

@@ -69,6 +69,8 @@ class LiveEstimate:
         camera, smoothed_camera: the first camera's pose at the newest frame and one lag earlier; None without one.
         findings: for the user, about what has happened since the frame before.
         seconds: what this update took.
+        preliminary: whether the calibration is still that of the start's one second: bones may be turned wrong, and
+            will be corrected.
     """
 
     frame: int
@@ -78,3 +80,4 @@ class LiveEstimate:
     smoothed_camera: LiveCameraPose | None = None
     findings: tuple[Finding, ...] = ()
     seconds: float = 0.0
+    preliminary: bool = False

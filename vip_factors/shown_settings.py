@@ -84,6 +84,9 @@ class ShownOfBoth:
     calibration: ShownCalibration = field(default_factory=ShownCalibration)
     factors: ShownFactors = field(default_factory=ShownFactors)
     fusion: ShownFusion = field(default_factory=ShownFusion)
+    floor: Literal["found", "none"] = "found"
+    """Where z = 0 is, unless a camera of known pose says so: under the soles, or where the camera was put at the
+    start."""
 
 
 @dataclass(frozen=True)
@@ -95,9 +98,6 @@ class ShownSettings(ShownOfBoth):
     """Also say how sure every joint of every frame is."""
     assign: bool = False
     """Take sensors for one another that are found in each other's places."""
-    floor: Literal["found", "none"] = "found"
-    """Where z = 0 is, unless a camera of known pose says so: under the soles, or where the camera was put at the
-    start."""
     windows: ShownWindows = field(default_factory=ShownWindows)
 
 

@@ -42,6 +42,7 @@ def test_there_is_a_line_a_frame_with_the_poses_in_it() -> None:
         R = matrix_from_quaternion(np.array(line["camera"]["smoothed"]["rotation"]), Order.WXYZ)
         np.testing.assert_allclose(R, estimate.smoothed_camera.R_world_camera, atol=5e-5)
         assert line["update_ms"] == 5.0
+    assert [line.get("preliminary", False) for line in lines] == [one.preliminary for one in given]
 
 
 def test_headings_are_told_when_they_change() -> None:

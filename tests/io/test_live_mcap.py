@@ -75,6 +75,7 @@ def test_newest_poses_and_updates_stand_beside_them(tmp_path: Path) -> None:
     assert list(updates[0].findings) == ["the stream has begun"]
     assert list(updates[9].detection_of_wearer) == [0, 1]
     assert updates[9].update_s == 0.005
+    assert [one.preliminary for one in updates] == [one.preliminary for one in given]
     assert contents.damage == []
 
 

@@ -48,6 +48,12 @@ def test_the_body_changes_once_it_is_found(anew: Tracked) -> None:
     assert np.abs(last.p_parent_joint - first.p_parent_joint).max() > 1e-3
 
 
+def test_answers_are_preliminary_until_then(anew: Tracked) -> None:
+    begun = [one.preliminary for one in anew.answers]
+    assert begun == sorted(begun, reverse=True)
+    assert 2.9 <= next(one.time for one in anew.answers if not one.preliminary) < 3.2
+
+
 def test_answers_stay_near_the_truth(anew: Tracked) -> None:
     assert anew.error_mm("smoothed", after=3.2) < 60
 

@@ -190,6 +190,8 @@ def status(estimate: LiveEstimate, update_s: np.ndarray) -> str:
     """One line: where the stream is, what updates take, who is seen, how sure the headings are."""
     median, late = 1e3 * np.percentile(update_s, [50, 99])
     parts = [f"frame {estimate.frame}", f"{estimate.time:.1f} s", f"update {median:.1f} ms, 99 % {late:.1f} ms"]
+    if estimate.preliminary:
+        parts.append("preliminary")
     if estimate.camera is not None:
         seen = [one.name for one in estimate.wearers if one.detection is not None]
         parts.append(f"seen: {', '.join(seen) or 'nobody'}")

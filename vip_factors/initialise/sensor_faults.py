@@ -94,7 +94,7 @@ def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] |
 
 
 def joint_misfit(one: JointSignal, other: JointSignal) -> tuple[float, float] | None:
-    """Of a joint's acceleration the share (in squares) by which two sensors disagree, and seconds that tell it.
+    """Of a joint's acceleration the share (in squares) by which two sensors disagree, and seconds of motion.
 
     Heading and arms are those that fit best; clocks agree. None where the two share no time.
     """
@@ -102,9 +102,11 @@ def joint_misfit(one: JointSignal, other: JointSignal) -> tuple[float, float] | 
     time = time[_complete(one, time, STEP) & _complete(other, time, STEP)] if len(time) else time
     if len(time) * STEP < LEAST_SHARED:
         return None
-    above = one.spline(time)
-    _, _, heading = _start(above, other.spline(time), 0.0)
-    return _refined(above, other.spline, time, 0.0, heading, delay=False)[2], len(time) * STEP
+    above, below = one.spline(time), other.spline(time)
+    _, _, heading = _start(above, below, 0.0)
+    moving = np.sum(above[:, :, 0] ** 2 + below[:, :, 0] ** 2, axis=1) > MISFIT**2  # rest tells of noise alone
+    share = _refined(above, other.spline, time, 0.0, heading, delay=False)[2]
+    return share, np.count_nonzero(moving) * STEP
 
 
 def _complete(signal: JointSignal, time: Array, reach: float) -> np.ndarray:

@@ -58,6 +58,8 @@ class LiveJsonSink:
             told["findings"] = list(sentences(estimate.findings))
             self._found |= {one.kind: one for one in estimate.findings}
             told["verdict"] = verdict(self._found.values()).severity
+        if estimate.preliminary:
+            told["preliminary"] = True
         told["update_ms"] = _rounded(1e3 * estimate.seconds, 3)
         return told
 

@@ -210,8 +210,9 @@ class LiveMcapSink:
         for one in estimates:
             seen = [-1 if wearer.detection is None else wearer.detection for wearer in one.wearers]
             message = LiveUpdate(
-                frame=one.frame, update_s=one.seconds, detection_of_wearer=seen, findings=sentences(one.findings)
-            )
+                frame=one.frame, update_s=one.seconds, detection_of_wearer=seen, findings=sentences(one.findings),
+                preliminary=one.preliminary,
+            )  # fmt: skip
             time_ns = nanoseconds_of(one.time, self._setup.start_ns)
             set_timestamp(message.timestamp, time_ns)
             messages.append((time_ns, channel, message.SerializeToString()))

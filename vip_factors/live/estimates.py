@@ -28,9 +28,11 @@ class AnswerFilter:
 
     Attributes:
         share: of the difference to what is believed that each frame makes up for, in (0, 1]; 1 tells what is believed.
+        most: radians of it at most: what a calibration found anew corrects is no leap.
     """
 
     share: float
+    most: float = np.pi
     _told: FrameState | None = None
 
     def filtered(self, before: FrameState | None, now: FrameState) -> FrameState:
@@ -45,7 +47,9 @@ class AnswerFilter:
             self._told = now
             return now
         believed, last, old = _rotations(now), _rotations(before), _rotations(filtered)
-        R = believed @ exp((1 - self.share) * log(transpose(last) @ old))
+        off = log(transpose(last) @ old)
+        angle = np.linalg.norm(off, axis=1, keepdims=True)
+        R = believed @ exp(off * np.maximum(1 - self.share, 1 - self.most / np.maximum(angle, self.most)))
         p = [
             new_p + (1 - self.share) * (old_p - last_p)
             for old_p, last_p, new_p in zip(_positions(filtered), _positions(before), _positions(now), strict=True)
@@ -63,6 +67,7 @@ def _positions(state: FrameState) -> tuple[Array, Array]:
     return state.p_world_pelvis, state.p_world_camera
 
 
+CORRECTED_DEG_S = 180.0  # a limb's brisk turn
 UNKNOWN_ROOT = 0.25 * np.eye(3)  # m², as long as no covariance has been computed
 
 
@@ -146,7 +151,8 @@ class EstimateBuilder:
 
     def _filters(self) -> tuple[AnswerFilter, AnswerFilter]:
         share = min(1.0, 1 / (self._settings.answer_filter_s * self._settings.frame_rate + 1e-9))
-        return AnswerFilter(share), AnswerFilter(share)
+        most = np.deg2rad(CORRECTED_DEG_S) / self._settings.frame_rate
+        return AnswerFilter(share, most), AnswerFilter(share, most)
 
     def _estimate(self, tracking: Tracking, number: int, back: int, seconds: float) -> LiveEstimate:
         smoother = tracking.smoother

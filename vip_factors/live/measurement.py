@@ -67,6 +67,11 @@ class MeasuredStretch:
         self.time = np.array([one.time for one in self.measurements])
 
     @property
+    def seconds(self) -> float:
+        """From its first frame to its last."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
     def first(self) -> int:
         """Number of its first frame."""
         return self.measurements[0].frame

@@ -17,7 +17,7 @@ import threading
 import time
 import weakref
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
@@ -31,14 +31,24 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, PlacedVideoFrame
 from vip_factors.live.problem import FrameState
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.start import EarlierCalibration, TrackingStart, solve_stretch, tracking_start, unsettled_starts
+from vip_factors.live.start import (
+    EarlierCalibration,
+    StretchSolution,
+    TrackingStart,
+    solve_stretch,
+    tracking_start,
+    unsettled_starts,
+)
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import Settings
 from vip_factors.solve.elimination import last_covariance
 from vip_factors.stages.fusion import FusionSolution
+from vip_factors.stages.sensor_assignment import exchange_finding, exchanges_of
 
+EXCHANGE_S = 9.0  # of data in which sensors in each other's places are looked for
 NO_PRIOR = np.pi  # radians, of headings and mountings: what is known of them, the information says
 
 
@@ -64,7 +74,15 @@ def recalibrate(
         wearers = tuple(_freed(*each, settings) for each in zip(model.wearers, state.wearers, strict=True))
         found = tracking_start(end, coarse, replace(model, wearers=wearers), state, spreads, settings)
         information = information_of(coarse.fused, found.problem.layout, own.inflation)
-        return replace(found, information=information, findings=tuple(unsettled_starts(coarse)))
+        findings = [*unsettled_starts(coarse), *(_exchanges(coarse, settings) if stretch.seconds >= EXCHANGE_S else ())]
+        return replace(found, information=information, findings=tuple(findings))
+
+
+def _exchanges(coarse: StretchSolution, settings: LiveSettings) -> Iterator[Finding]:
+    """About sensors in each other's places."""
+    for recording in coarse.scene.wearers:
+        for exchange in exchanges_of(recording, Settings(calibration=settings.calibration)):
+            yield exchange_finding(recording, exchange, False, "exchange them in the placement")
 
 
 def information_of(fused: FusionSolution, layout: Layout, inflation: float) -> Array:
@@ -331,8 +349,7 @@ class Recalibrator:
         if self._is_stale:
             return None
         video = job.stretch.tail(own.frames).video
-        seconds = float(job.stretch.time[-1] - job.stretch.time[0])
-        return Recalibration(start, job.at_find, seconds, video, tuple(self._moved))
+        return Recalibration(start, job.at_find, job.stretch.seconds, video, tuple(self._moved))
 
     def close(self) -> None:
         """Nothing is collected or solved from here on."""

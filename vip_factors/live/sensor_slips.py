@@ -112,6 +112,7 @@ class SlipTest:
 
     def __init__(self, columns: np.ndarray, wander: Array, settings: SlipSettings, rate: float, begin: int) -> None:
         self._columns, self._wander, self._settings, self._rate = columns, np.diag(wander**2), settings, rate
+        self._model = np.deg2rad(settings.model_deg) ** 2 * np.eye(4)
         self._past: deque[_Estimate] = deque()
         self._suspects: dict[int, tuple[int, _Estimate]] = {}  # by sensor: since which frame; what was known by then
         self._since = np.full(len(columns), begin)
@@ -140,26 +141,31 @@ class SlipTest:
             del self._suspects[sensor]
             turn, both = now.value[sensor] - before.value[sensor], now.covariance[sensor] + before.covariance[sensor]
             angle = max(abs(turn[0]), float(np.linalg.norm(turn[1:])))
-            evidence = turn @ np.linalg.solve(both, turn)
+            evidence = turn @ np.linalg.solve(both + self._model, turn)
             if angle > np.deg2rad(self._settings.angle_deg) and evidence > self._settings.confirming:
                 found.append(sensor)
         return found
 
     def slipped(self, number: int, shared: Array, covariance: Array) -> int | None:
-        """The sensor that has slipped, if there is one: the surest of them. Arguments as above."""
+        """The sensor that seems to have slipped, if there is one, a suspect now: the surest. Arguments as above."""
         newest = self._estimate(number, shared, covariance)
-        evidence = np.zeros(len(self._columns))
+        evidence, before = np.zeros(len(self._columns)), [newest] * len(self._columns)
         for seconds in self._settings.windows_s:
             begin = number - round(seconds * self._rate)
             past = next((one for one in reversed(self._past) if one.number <= begin), None)
             if past is not None:
                 judged = self._since <= past.number
-                evidence = np.maximum(evidence, np.where(judged, self._evidence(past, newest), 0.0))
+                own = np.where(judged, self._evidence(past, newest), 0.0)
+                before = [past if more else one for more, one in zip(own > evidence, before, strict=True)]
+                evidence = np.maximum(evidence, own)
         self._past.append(newest)
         while self._past[0].number < number - (max(self._settings.windows_s) + 1.0) * self._rate:
             self._past.popleft()
         surest = int(np.argmax(evidence))
-        return surest if evidence[surest] > self._settings.evidence else None
+        if evidence[surest] <= self._settings.evidence:
+            return None
+        self._suspects.setdefault(surest, (number, before[surest]))
+        return surest
 
     def _estimate(self, number: int, shared: Array, covariance: Array) -> _Estimate:
         blocks = covariance[self._columns[:, :, None], self._columns[:, None, :]]
@@ -172,8 +178,11 @@ class SlipTest:
         step = np.linalg.solve(root, (newest.value - past.value)[..., None])[..., 0]
         left = np.linalg.solve(root, np.linalg.solve(root, newest.covariance).swapaxes(1, 2))
         learnt, axes = np.linalg.eigh(np.eye(root.shape[1]) - (left + left.swapaxes(1, 2)) / 2)
-        told = np.where(learnt > self._settings.share, np.einsum("nij,ni->nj", axes, step), 0.0)
         share = np.maximum(learnt, self._settings.share)
-        turn = np.einsum("nij,njk,nk->ni", root, axes, told / share)
+        alone = np.where(learnt > self._settings.share, np.einsum("nij,ni->nj", axes, step) / share, 0.0)
+        axes = root @ axes
+        turn = np.einsum("nij,nj->ni", axes, alone)
+        noise = (axes / share[:, None, :]) @ axes.swapaxes(1, 2)
         angle = np.maximum(np.abs(turn[:, 0]), np.linalg.norm(turn[:, 1:], axis=1))
-        return np.where(angle > np.deg2rad(self._settings.angle_deg), np.sum(told**2 / share, axis=1), 0.0)
+        sure = np.einsum("ni,ni->n", turn, np.linalg.solve(noise + self._model, turn[..., None])[..., 0])
+        return np.where(angle > np.deg2rad(self._settings.angle_deg), sure, 0.0)

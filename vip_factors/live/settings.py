@@ -133,6 +133,7 @@ class RecalibrationSettings:
     use: bool = True
     # s of data: a start of one second is 60–120 mm off on foreign scenes, and with two it is half as wrong.
     first_s: float = 2.5
+    settled_s: NotNegative = 2.0  # of data: poses by a calibration from less are marked as preliminary
     growth: float = 2.0  # each time with so many times as much data: what is left to learn halves with it
     # of data, the most recent: headings of a minute ago are no longer today's. So often it is found anew from then on.
     longest_s: float = 40.0
@@ -174,11 +175,11 @@ class SlipSettings:
     windows_s: tuple[float, ...] = (1.0, 2.0, 4.0)  # a gesture shows a slip within one; a slow one takes longer
     # Directions in which the last seconds say less than this share of what is known by now are not judged.
     share: Share = 0.2
-    # Squared standard deviations: four are expected of independent errors; those of limbs and cameras last for seconds.
-    # Without a slip up to 36 were seen of turns as large; after one of 40°, 43 where little was known, else 400.
-    evidence: float = 40.0
+    # By which models err for as long as somebody moves in one way: soft tissue turns sensors by 4 to 7°.
+    model_deg: float = 7.0
+    evidence: float = 20.0  # squared standard deviations, with that: a turn of 31° at least
     angle_deg: float = 20.0  # of the mounting or heading, by the last seconds alone
-    # A sensor that was knocked is estimated anew at once, and has moved if it is elsewhere by then.
+    # A sensor that was knocked or seems to slip is estimated anew at once, and has moved if it is elsewhere by then.
     confirmed_s: NotNegative = 1.0
     confirming: float = 16.0  # squared standard deviations: it was suspected already; steps of feet reach 4
     rest_s: NotNegative = 1.0  # after which a sensor that is estimated anew can be judged again
@@ -208,8 +209,9 @@ class LiveSettings(CommonSettings, ShownLiveSettings):
             estimate_keypoints=False,
         )
     )
-    # The second of a start does not tell how clocks differ, and a stream takes its video's as it comes.
-    fusion: FusionSettings = field(default_factory=lambda: FusionSettings(estimate_clock=False))
+    # The second of a start does not tell how clocks differ, and a stream takes its video's as it comes. Which feet
+    # stand it tells from the last frames alone: held as hard as in batch they cost 14 mm of 34 (MPJPE).
+    fusion: FusionSettings = field(default_factory=lambda: FusionSettings(estimate_clock=False, contact_tightening=1.0))
     camera_retry_s: float = 0.5  # until the first camera is looked for again that showed no wearer; then ever rarer
     spread_share: NotNegative = (
         0.02  # of what one video frame says of how detections scatter: two seconds of them count

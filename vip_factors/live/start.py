@@ -22,6 +22,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.stages.association import AssociatedCamera, first_association, usable_cameras
 from vip_factors.stages.calibration_start import start_findings
+from vip_factors.stages.floor import on_floor
 from vip_factors.stages.fusion import FusionSolution, at_full_rate, fuse_in_rounds
 from vip_factors.stages.fusion_start import FusionStart, start_fusion
 from vip_factors.stages.inertial import InertialSolution, at_frames, first_calibration, inertial_tracker
@@ -61,6 +62,7 @@ class StretchSolution:
         fused: all together.
         fusion_start: where the fusion with the cameras started from; None where no camera shows a wearer.
         associated: of the cameras that are of use: who is who in each of their video frames.
+        about_floor: what is odd about it.
     """
 
     scene: Scene
@@ -68,6 +70,12 @@ class StretchSolution:
     fused: FusionSolution
     fusion_start: FusionStart | None = None
     associated: tuple[AssociatedCamera, ...] = ()
+    about_floor: tuple[Finding, ...] = ()
+
+    @property
+    def is_world_known(self) -> bool:
+        """Whether the pose of a camera was given: the floor is at z = 0 then."""
+        return any(one.camera.known_path is not None for one in self.associated)
 
     def at_full_rate(
         self, stretch: MeasuredStretch, settings: LiveSettings
@@ -127,7 +135,11 @@ def _solve_before_cameras(
         return None
     fusion_start = start_fusion(associated, wearers, settings)
     fused, associated = fuse_in_rounds(fusion_start, associated, settings, solver)
-    return StretchSolution(scene, tuple(wearers), fused, fusion_start, tuple(associated))
+    solution = StretchSolution(scene, tuple(wearers), fused, fusion_start, tuple(associated))
+    if solution.is_world_known or settings.floor != "found":
+        return solution
+    state, about_floor = on_floor(fused.model.wearers, fused.state)
+    return replace(solution, fused=replace(fused, state=state), about_floor=about_floor)
 
 
 def _tracked(
@@ -205,9 +217,9 @@ def start_tracking(
         raise RecordingError(f"no sensor of '{silent[0]}' has measured in the last {len(stretch.time)} frames")
     coarse = solve_stretch(stretch, settings, earlier)
     model, state, spreads = coarse.at_full_rate(stretch, settings)
-    associated = coarse.associated
-    if earlier is not None and ((associated and associated[0].camera.known_path is None) or not associated):
-        state = _shifted(state, earlier.p_world_pelvis[0] - state.wearers[0].p_world_pelvis[0])
+    if earlier is not None and not coarse.is_world_known:
+        shift = earlier.p_world_pelvis[0] - state.wearers[0].p_world_pelvis[0]
+        state = _shifted(state, shift * [1, 1, 0] if coarse.associated and settings.floor == "found" else shift)
     freed = tuple(
         _freed(one, tracked.model, settings, own.p_world_pelvis[0])
         for one, tracked, own in zip(model.wearers, coarse.wearers, state.wearers, strict=True)
@@ -217,7 +229,8 @@ def start_tracking(
 
 
 def unsettled_starts(coarse: StretchSolution) -> Iterator[Finding]:
-    """About starts that the data does not settle."""
+    """About starts and floors that the data does not settle."""
+    yield from coarse.about_floor
     for recording, one in zip(coarse.scene.wearers, coarse.wearers, strict=True):
         yield from start_findings(recording.subject.name, one.model.frames.sensors, one.starts)
 

@@ -61,7 +61,8 @@ class FixedLagTracker:
         self._estimates = EstimateBuilder(head, settings, self._lag)
         self._answered = -1  # number of the last frame with an answer
         self._next_try, self._patience = 0, settings.camera_retry_s  # frame, seconds
-        self._has_told_of_doubts = False  # about how sensors sit
+        self._doubts: set[tuple[str, ...]] = set()  # of the last calibration found anew
+        self._doubts_told: set[tuple[str, ...]] = set()
         self._found: Recalibration | None = None  # a calibration to go on with as soon as the wearers are seen
         self._next_continuation = 0  # frame
         self._learnt_s = 0.0  # of data that calibration and bodies were found from
@@ -93,7 +94,8 @@ class FixedLagTracker:
             for measured in measurements:
                 begin = clock.perf_counter()
                 self._estimates.add_findings(*self._assembler.take_findings())
-                answers += self._take(measured, begin)
+                taken = self._take(measured, begin)
+                answers += [replace(one, preliminary=self._is_preliminary) for one in taken]
         if answers:
             self._answered = answers[-1].frame
         return answers
@@ -140,7 +142,8 @@ class FixedLagTracker:
             self._next_continuation = newest + self._lag
             if again is not None:
                 self._estimates.reset()
-                self._estimates.add_findings(*corrections(smoother, again.smoother, self._found.seconds))
+                if not self._is_preliminary:
+                    self._estimates.add_findings(*corrections(smoother, again.smoother, self._found.seconds))
                 if self._found.seconds >= self.settings.slip.learnt_s:
                     self._tell_of_doubts(self._found.start)
                 self._learnt_s = max(self._learnt_s, self._found.seconds)
@@ -161,6 +164,11 @@ class FixedLagTracker:
             return None
         tracking.let_go(recalibration.moved)
         return tracking
+
+    @property
+    def _is_preliminary(self) -> bool:
+        """Whether the calibration is that of so little data that it will be corrected."""
+        return self.settings.recalibration.use and self._learnt_s < self.settings.recalibration.settled_s
 
     def _learnt(self, tracking: Tracking, p_world_pelvis: Array) -> EarlierCalibration:
         """What tracking has taught, of wearers at ``(W, 3)`` metres."""
@@ -192,7 +200,7 @@ class FixedLagTracker:
             return []
         self._tracking = tracking
         if not self.settings.recalibration.use:
-            self._tell_of_doubts(start)
+            self._estimates.add_findings(*start.findings)
         gc.freeze()  # what is there stays: the collector need not look at it again in the midst of an update
         answers = self._estimates.initial_estimates(tracking, begin, self._answered + 1)
         self._paths.clear()
@@ -201,10 +209,11 @@ class FixedLagTracker:
         return answers
 
     def _tell_of_doubts(self, start: TrackingStart) -> None:
-        """Tell, once, of a calibration that is not settled; of seconds of standing still that goes without saying."""
-        if not self._has_told_of_doubts:
-            self._estimates.add_findings(*start.findings)
-            self._has_told_of_doubts = bool(start.findings)
+        """Tell, once, of a calibration that twice as much data has not settled; of exchanged sensors at once."""
+        persisting = [one for one in start.findings if one.about in self._doubts or one.kind == "sensors exchanged"]
+        self._doubts = {one.about for one in start.findings}
+        self._estimates.add_findings(*(one for one in persisting if one.about not in self._doubts_told))
+        self._doubts_told |= {one.about for one in persisting}
 
     def _fresh_tracking(self, earlier: EarlierCalibration | None) -> tuple[TrackingStart, Tracking]:
         """Tracking with nothing but the last second and what was known earlier."""

@@ -305,8 +305,7 @@ class Tracking:
             wearer, sensor = self._sensors[slipped]
             self._slips.restart([at for at, (owner, _) in enumerate(self._sensors) if owner == wearer], newest)
             self._estimate_sensor_anew(wearer, sensor)  # and what it taught of the others may be wrong as well
-            found.append(self._sensors[slipped])
-        return [self._moved_finding(*one) for one in dict.fromkeys(found)]
+        return [self._moved_finding(*one) for one in found]
 
     def _learn(self) -> None:
         """What the smoothed frame teaches of the detectors."""

@@ -32,7 +32,7 @@ def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[Scen
         streams = one.between((start + end) / 2 - half, (start + end) / 2 + half)
         head = replace(one.head, imus=dict(streams))
         found = exchanges_of(head, settings)
-        findings += [_finding(head, exchange, settings.assign) for exchange in found]
+        findings += [exchange_finding(head, exchange, settings.assign) for exchange in found]
         findings += _on_one_bone(head)
         placements.append(exchanged(head.placement, head.placed, found))
     if not (findings and settings.assign):
@@ -97,7 +97,11 @@ def exchanged(placement: Placement, names: Sequence[str], exchanges: Sequence[Ex
     return replace(placement, sites=tuple(sites.values()))
 
 
-def _finding(recording: Recording, exchange: Exchange, done: bool) -> Finding:
+def exchange_finding(
+    recording: Recording, exchange: Exchange, done: bool, advice: str = "--assign takes them for one another"
+) -> Finding:
+    """Two sensors in each other's places; whether they are exchanged, and what to do if not."""
+
     def pair(numbers: tuple[int, int]) -> str:
         one, other = (recording.placement.site(recording.placed[number]) for number in numbers)
         return f"{_told(one, recording)} and {_told(other, recording)}"
@@ -105,7 +109,7 @@ def _finding(recording: Recording, exchange: Exchange, done: bool) -> Finding:
     words = {
         "pair": pair(exchange.sensors),
         "rivals": "".join(f", or {pair(one)}" for one in exchange.rivals),
-        "done": "the first two are taken for one another" if done else "--assign takes them for one another",
+        "done": "the first two are taken for one another" if done else advice,
     }
     numbers = {"nats": exchange.nats}
     subject = recording.placed[exchange.sensors[0]]

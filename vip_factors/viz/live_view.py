@@ -74,12 +74,14 @@ class LiveBody:
         self._skeleton, self._colours = wearer.subject.body(), body_colours(index)
         below = f"world/{rr.escape_entity_path_part(wearer.subject.name)}"
         self.newest, self._smoothed = f"{below}/newest", f"{below}/smoothed"
+        self._is_preliminary = False
         self._log_shape()
         log_joints_style(stream, f"{self.newest}/joints", index)
 
     def _log_shape(self) -> None:
         ghost = dict.fromkeys(Side, GHOST_COLOUR)
-        log_shape(self._stream, self.newest, self._skeleton, self._colours)
+        colours = ghost if self._is_preliminary else self._colours
+        log_shape(self._stream, self.newest, self._skeleton, colours)
         log_shape(self._stream, self._smoothed, self._skeleton, ghost, ghost=True)
 
     def motion(self, poses: Sequence[LivePose]) -> Motion:
@@ -88,11 +90,13 @@ class LiveBody:
         p = np.array([one.p_world_pelvis for one in poses])
         return Motion(self._skeleton, R, p, self._rate, poses[0].time, self._wearer.subject.name)
 
-    def log(self, estimates: list[LiveWearerEstimate]) -> Motion:
-        """Log the poses; returns the newest ones."""
-        body = estimates[-1].skeleton
-        if body is not None and not np.array_equal(body.p_parent_joint, self._skeleton.p_parent_joint):
-            self._skeleton = body
+    def log(self, estimates: list[LiveWearerEstimate], is_preliminary: bool) -> Motion:
+        """Log the poses; returns the newest ones. A body of which little is known yet is grey."""
+        body = estimates[-1].skeleton or self._skeleton
+        if is_preliminary != self._is_preliminary or not np.array_equal(
+            body.p_parent_joint, self._skeleton.p_parent_joint
+        ):
+            self._skeleton, self._is_preliminary = body, is_preliminary
             self._log_shape()
         newest = self.motion([one.newest for one in estimates])
         log_poses(self._stream, self.newest, moved(newest, self.shift))
@@ -143,7 +147,10 @@ class LiveView:
         if not self._laid_out:
             self._lay_out(estimates[0])
         for run in _runs(estimates):
-            motions = [body.log([one.wearers[index] for one in run]) for index, body in enumerate(self._bodies)]
+            motions = [
+                body.log([one.wearers[index] for one in run], run[-1].preliminary)
+                for index, body in enumerate(self._bodies)
+            ]
             for index, motion in enumerate(motions):
                 self._log_projected(index, motion, run)
             self._log_centre(motions)

@@ -182,5 +182,6 @@ def live_summary(setup: Scene, findings: Sequence[tuple[float, Finding]], apart:
         lines += [f"- **{time:.1f} s** {one}" for time, one in reversed(findings[-KEPT:])]
         lines.append("")
     colours = [f"- **{name}**, newest: {colour_name(index)}, solid; {LIMBS}." for index, name in enumerate(setup.names)]
+    colours.append("- Newest, preliminary (the first seconds, from little data): dark grey, solid.")
     colours.append("- Smoothed, a moment earlier: dark grey, see-through.")
     return "\n".join([*lines, *_legend(colours, setup.camera is not None, apart)])

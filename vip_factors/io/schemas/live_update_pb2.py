@@ -25,7 +25,7 @@ _sym_db = _symbol_database.Default()
 from google.protobuf import timestamp_pb2 as google_dot_protobuf_dot_timestamp__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1dvip_factors/live_update.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\"\x8b\x01\n\nLiveUpdate\x12-\n\ttimestamp\x18\x01 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\r\n\x05\x66rame\x18\x02 \x01(\x04\x12\x10\n\x08update_s\x18\x03 \x01(\x01\x12\x1b\n\x13\x64\x65tection_of_wearer\x18\x04 \x03(\x11\x12\x10\n\x08\x66indings\x18\x05 \x03(\tb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1dvip_factors/live_update.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\"\xa0\x01\n\nLiveUpdate\x12-\n\ttimestamp\x18\x01 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\r\n\x05\x66rame\x18\x02 \x01(\x04\x12\x10\n\x08update_s\x18\x03 \x01(\x01\x12\x1b\n\x13\x64\x65tection_of_wearer\x18\x04 \x03(\x11\x12\x10\n\x08\x66indings\x18\x05 \x03(\t\x12\x13\n\x0bpreliminary\x18\x06 \x01(\x08\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -33,5 +33,5 @@ _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'vip_factors.live_update_pb2
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
   _globals['_LIVEUPDATE']._serialized_start=80
-  _globals['_LIVEUPDATE']._serialized_end=219
+  _globals['_LIVEUPDATE']._serialized_end=240
 # @@protoc_insertion_point(module_scope)

@@ -528,7 +528,7 @@ ASSOCIATION_KINDS = {
         "look like; name the right keypoint set when reading the detections",
         "The body points seem to be named wrongly",
         "Left and right, or whole joints, may be exchanged: do not use the result.",
-        "Name the right set of keypoints when converting, and reconstruct again.",
+        "Name the right set of keypoints when converting, give the video unmirrored, and reconstruct again.",
     ),
 }
 

@@ -114,6 +114,15 @@ def test_exchanged_sides_are_told(sample: Sample) -> None:
     assert any("left and right exchanged" in one for one in sentences(result.findings))
 
 
+def test_a_mirrored_picture_is_told(sample: Sample) -> None:
+    d = sample.detections
+    order = d.keypoints.mirrored
+    pixels = d.pixels[:, order] * [-1.0, 1.0] + [2 * MODEL.centre[0], 0.0]
+    mirrored = replace(d, pixels=pixels, confidence=d.confidence[:, order]).select(sample.wearer >= 0)
+    result = associate(mirrored, MODEL, sample.motions)
+    assert any("in a mirrored picture" in one for one in sentences(result.findings))
+
+
 def test_another_order_of_keypoints_is_named() -> None:
     sample = scene(keypoints="body25b")
     d = sample.detections.select(sample.wearer >= 0)

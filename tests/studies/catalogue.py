@@ -16,7 +16,6 @@ from tests.studies.real import converted
 from tests.studies.real_recordings import real_recordings
 from tests.studies.study import NAN, Study, Tell, bullets, group, table
 from vip_factors.body.kinematics import Motion
-from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate import metrics
@@ -92,8 +91,6 @@ class Catalogue(Study):
     """Only those whose names contain one of these; the recordings without fault always."""
     frame_rate: float = 60.0
     """Hz of the estimates."""
-    again: Flag = False
-    """Make all rows anew."""
 
     def rows(self, tell: Tell) -> Iterator[CatalogueRow]:
         real = () if self.data is None else self._real(self.data)
@@ -101,8 +98,6 @@ class Catalogue(Study):
         if not scenes:
             raise InputError("no recording to put faults into: name data, or scenes")
         kept = self.folder / "catalogue.jsonl"
-        if self.again:
-            kept.unlink(missing_ok=True)
         lines = kept.read_text(encoding="utf-8").splitlines() if kept.exists() else []
         known = {(row["recording"], row["fault"]): row for row in map(json.loads, lines)}
         for done, scene in enumerate(scenes):
@@ -188,7 +183,8 @@ class Catalogue(Study):
 def _line(fault: str, rows: Sequence[CatalogueRow]) -> list[object]:
     costly = [row for row in rows if row.is_costly]
     missed = [row for row in rows if not row.is_told]
-    cost = [float(np.nanmedian([getattr(row, name) for row in rows])) for name in ("degrees", "mm")]
+    known = np.array([(row.degrees, row.mm) for row in rows if np.isfinite(row.degrees)]).reshape(-1, 2)
+    cost = np.median(known, axis=0) if len(known) else (NAN, NAN)
     return [fault, len(rows), *cost, len(rows) - len(missed), len(costly), sum(row.is_told for row in costly),
             sum(row.warns for row in missed), sum(not row.warns for row in missed)]  # fmt: skip
 

@@ -1,5 +1,6 @@
 """Tables of any make: what is written comes back, and each mistake is told in one sentence."""
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vip_factors.errors import InputError
+from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp, transpose
 from vip_factors.io.convert import ImportOptions, import_recording, read_log
@@ -325,6 +326,27 @@ def test_files_of_one_sensor_that_do_not_belong_together(tmp_path: Path) -> None
     path.write_text("\n".join(path.read_text().splitlines()[:20]) + "\n")
     with pytest.raises(InputError, match="are not those of the sensor's other file"):
         read_log(folder)
+
+
+@pytest.mark.parametrize("quaternion", [True, False])
+def test_jumps_are_no_fault_and_left_out_gravity_is(tmp_path: Path, quaternion: bool) -> None:
+    """Jumping wrists feel 24 m/s² on the median; what is added to gravity cancels out over time."""
+    time = np.arange(600) / 100
+    R = exp(np.sin(2 * np.pi * time)[:, None] * [0.3, 0.9, 0.2])
+    rate = 2 * np.pi * np.cos(2 * np.pi * time)[:, None] * [0.3, 0.9, 0.2]
+    jumping = 30 * np.stack([np.sin(4 * np.pi * time), np.cos(4 * np.pi * time), np.sin(8 * np.pi * time)], axis=1)
+
+    def reading(up: float) -> None:
+        force = np.einsum("nji,nj->ni", R, jumping + [0, 0, up])
+        stream = ImuStream("pelvis", time, force, R, rate)
+        log, columns = write_log(tmp_path, {"pelvis": stream}, Layout())
+        if not quaternion:
+            columns.write_text(re.sub("quaternion = .*", "", columns.read_text(encoding="utf-8")), encoding="utf-8")
+        assert np.median(np.linalg.norm(read_log(log, columns=columns).imus["pelvis"].specific_force, axis=1)) > 22
+
+    reading(9.81)
+    with pytest.raises(FileFormatError, match="is gravity left out"):
+        reading(0.0)
 
 
 def test_a_table_needs_its_map(log: tuple[Path, Path]) -> None:

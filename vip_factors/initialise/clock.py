@@ -218,7 +218,7 @@ def _limb_scatter(curve: CorrelationCurve, best: int, seconds: float) -> tuple[f
     reach = round(LIMB_S / (curve.offset[1] - curve.offset[0]))
     first = max(best - reach, 0)
     shift, weight, names = [], [], set()
-    for limb in curve.limbs_at(best):
+    for limb in (one for one in curve.limbs_at(best) if one.gain[best] > 0):
         own = first + int(np.argmax(limb.gain[first : best + reach + 1]))
         top, curvature = peak_vertex(curve.offset, limb.gain, own, FIT_S)
         shift.append(top - seconds)

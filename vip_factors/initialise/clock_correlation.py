@@ -37,11 +37,12 @@ MOST_EXPLAINED = 0.98  # a limb that fits better by chance must not outvote the 
 
 @dataclass(frozen=True)
 class LimbCurve:
-    """Agreement of one limb of one wearer with one track: log-likelihood gain ``(L,)`` over the offsets."""
+    """Agreement of one limb of one wearer with one track over ``L`` offsets: log-likelihood gain, independent instants."""
 
     wearer: int
     sensor: str
     gain: Array
+    instants: Array
 
 
 @dataclass(frozen=True)
@@ -70,14 +71,15 @@ class CorrelationCurve:
     pairs: tuple[Pair, ...] = ()
 
     def limbs_at(self, index: int) -> list[LimbCurve]:
-        """The limbs that agree at an offset, of all tracks that were given to a wearer there."""
-        return [
-            one
-            for pair in self.pairs
-            if pair.chosen[index]
-            for one in self.tracks[pair.track]
-            if one.wearer == pair.wearer and one.gain[index] > 0
-        ]
+        """The limbs at an offset, of all tracks that were given to a wearer there."""
+        pairs = [pair for pair in self.pairs if pair.chosen[index]]
+        return [one for pair in pairs for one in self.tracks[pair.track] if one.wearer == pair.wearer]
+
+    def explained(self, index: int) -> float:
+        """The share of the limbs' motion in the image that their sensors explain at an offset: a mean R²."""
+        limbs = self.limbs_at(index)
+        instants = sum(one.instants[index] for one in limbs)
+        return float(1 - np.exp(-max(sum(one.gain[index] for one in limbs), 0.0) / instants)) if instants else 0.0
 
 
 def peak_vertex(offset: Array, gain: Array, index: int, reach_s: float) -> tuple[float, float]:
@@ -176,7 +178,7 @@ def _limb_curves(
             if image.valid.sum() < LEAST_SECONDS * smoothing.rate:
                 continue
             features = _features(direction, turned, smoothing)
-            curves.append(LimbCurve(number, sensor, _gain(image, features, independent_hz / smoothing.rate)))
+            curves.append(LimbCurve(number, sensor, *_gain(image, features, independent_hz / smoothing.rate)))
     return curves
 
 
@@ -203,11 +205,14 @@ def _camera_curve(
     rate = interpolate_points(stream.time, camera.mount.imu.angular_rate, imu)
     turn = smoothed(rate, (imu >= stream.time[0]) & (imu <= stream.time[-1]), smoothing)
     image = middle_in_image(track, camera.model.focal, video, smoothing)
-    return np.maximum(_gain(image, [turn], independent_hz / smoothing.rate), 0.0) if np.any(image.valid) else none
+    return np.maximum(_gain(image, [turn], independent_hz / smoothing.rate)[0], 0.0) if np.any(image.valid) else none
 
 
-def _gain(image: Signal, features: Sequence[Signal], independent: float) -> Array:
-    """Log-likelihood gain ``(L,)`` of image motion ``(T, 2)`` as a linear map of features ``(T + L − 1, 3)``."""
+def _gain(image: Signal, features: Sequence[Signal], independent: float) -> tuple[Array, Array]:
+    """Log-likelihood gain ``(L,)`` of image motion ``(T, 2)`` as a linear map of features ``(T + L − 1, 3)``.
+
+    And of how many independent instants ``(L,)`` it is.
+    """
     size = next_fast_len(len(features[0].values), real=True)
     lags = len(features[0].values) - len(image.values) + 1
 
@@ -236,4 +241,5 @@ def _gain(image: Signal, features: Sequence[Signal], independent: float) -> Arra
     share = np.where(enough & (power > 0), explained / np.where(power > 0, power, 1.0), 0.0)
     share = np.clip(share, 0.0, MOST_EXPLAINED)
     parameters = 3 * len(cross)
-    return np.where(enough, -independent * common * np.log1p(-share) - parameters, 0.0)
+    instants = np.where(enough, independent * common, 0.0)
+    return np.where(enough, -instants * np.log1p(-share) - parameters, 0.0), instants

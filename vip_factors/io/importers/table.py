@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.errors import FileFormatError, InputError
+from vip_factors.errors import FileFormatError, InputError, RecordingError
 from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.io.importers.column_map import (
@@ -35,7 +35,7 @@ from vip_factors.io.importers.shared import (
 )
 from vip_factors.io.importers.text_table import SUFFIXES, TextTable, read_text_table
 from vip_factors.io.toml_values import nearest
-from vip_factors.sensors.imu_stream import RATE_LIMIT, ImuStream
+from vip_factors.sensors.imu_stream import RATE_LIMIT, ImuStream, with_orientation
 
 FORMAT = "table"
 # A worn sensor's specific force is 9.8 m/s² on the median, within the worst scale errors seen (22 %) and brisk motion.
@@ -221,7 +221,6 @@ def _stream(
     force, rate, quaternion = (values.get(key) for key in QUANTITIES)
     if force is not None:
         force = ACCELERATION_UNITS[entry.acceleration_unit] * force
-        _check_force(where, entry, force)
     if rate is not None:
         rate = ANGULAR_RATE_UNITS[entry.angular_rate_unit] * rate
         _check_rate(where, entry, rate)
@@ -230,10 +229,12 @@ def _stream(
         _check_length(where, entry, quaternion)
         up = "z" if entry.world_up == UP_OR_DOWN else entry.world_up
         R = upright_rotations(quaternion, entry.quaternion_order, entry.quaternion_sense, up, where, notes)
-        if force is not None and entry.world_up == UP_OR_DOWN:
+    if force is not None:
+        _check_force(where, entry, time, force, rate, R)
+        if R is not None and entry.world_up == UP_OR_DOWN:
             R, turned = z_up(name, R, force)
             notes += turned
-        elif force is not None:
+        elif R is not None:
             _check_tilt(where, entry, quaternion, R, force, notes)
     stream = ImuStream.from_samples(name, time, force, R, rate)
     if lost := len(time) - len(stream):
@@ -253,20 +254,40 @@ def upright_rotations(
     return R_UP[up] @ (R if sense == SENSES[0] else transpose(R))
 
 
-def _check_force(where: str, entry: SensorColumns, force: Array) -> None:
+def _check_force(
+    where: str, entry: SensorColumns, time: Array, force: Array, rate: Array | None, R: Array | None
+) -> None:
     known = np.all(np.isfinite(force), axis=1)
     if not np.any(known):
         raise FileFormatError(f"{where}: acceleration holds no sample without a blank: expected numbers in its columns")
     usual = float(np.median(np.linalg.norm(force[known], axis=1)))
-    if GRAVITY_RANGE[0] <= usual <= GRAVITY_RANGE[1]:
+    if _is_gravity(usual) or _is_gravity(_mean_force(time, force, rate, R)):
         return
     raw = usual / ACCELERATION_UNITS[entry.acceleration_unit]
-    fits = [one for one, factor in ACCELERATION_UNITS.items() if GRAVITY_RANGE[0] <= raw * factor <= GRAVITY_RANGE[1]]
+    fits = [one for one, factor in ACCELERATION_UNITS.items() if _is_gravity(raw * factor)]
     hint = f"acceleration_unit '{fits[0]}' would fit" if fits else "is gravity left out, or is this no acceleration?"
     raise FileFormatError(
         f"{where}: acceleration is {raw:.3g} {entry.acceleration_unit} long on the median: expected about "
         f"{GRAVITY / ACCELERATION_UNITS[entry.acceleration_unit]:.3g}, gravity included; {hint}"
     )
+
+
+def _is_gravity(size: float) -> bool:
+    return GRAVITY_RANGE[0] <= size <= GRAVITY_RANGE[1]
+
+
+def _mean_force(time: Array, force: Array, rate: Array | None, R: Array | None) -> float:
+    """Length of the mean specific force in an inertial frame, where what jumps and throws add cancels out.
+
+    By angular rates, where there are any: how quaternions are to be read is not settled yet. 0 if nothing tells.
+    """
+    try:
+        stream = with_orientation(ImuStream.from_samples("", time, force, R if rate is None else None, rate))
+    except RecordingError:
+        return 0.0
+    assert stream.R_inertial_sensor is not None
+    assert stream.specific_force is not None
+    return float(np.linalg.norm(np.einsum("nij,nj->i", stream.R_inertial_sensor, stream.specific_force)) / len(stream))
 
 
 def _check_rate(where: str, entry: SensorColumns, rate: Array) -> None:

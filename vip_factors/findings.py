@@ -448,6 +448,23 @@ VIDEO_KINDS = {
         "The video was likely analysed at another resolution than the camera's calibration; positions are wrong.",
         "Give the calibration of the resolution that was analysed, and reconstruct again.",
     ),
+    "video rate": Kind(
+        DOUBT,
+        "the video has about {better:.3g} frames a second, not {stated:.4g}: so its people move as their sensors say "
+        "({nats:.0f} nats likelier): convert again with the rate that it was filmed at (--video-rate)",
+        "The video's frame rate is wrong",
+        "What the video shows is taken for other instants than it was filmed at: positions and turns are wrong.",
+        "Convert again with the frame rate at which the video was filmed (--video-rate).",
+    ),
+    "another film": Kind(
+        DOUBT,
+        "the video seems to be of another session: at its best offset ({seconds:+.2f} s) the sensors explain "
+        "{percent:.0f} % of how limbs move in the picture, where 35 to 60 are usual, and its halves do not agree: "
+        "check the file, and which sensor sits where",
+        "The video does not fit the sensors",
+        "It is likely of another session or another person: nothing that rests on it is to be used.",
+        "Check that video and sensor files belong together, and the list of sensors.",
+    ),
     "video clock off": Kind(
         NOTE,
         "the video's clock is {off_ms:+.0f} ± {sigma_ms:.0f} ms off what the scene says, and was put right; if it is "

@@ -8,6 +8,7 @@ import pytest
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.initialise.clock import ClockOffset, ClockSettings, find_clock_offset
+from vip_factors.initialise.clock_correlation import CorrelationCurve, LimbCurve, Pair
 from vip_factors.initialise.clock_drift import DriftSettings
 from vip_factors.initialise.clock_signals import simple_tracks
 from vip_factors.sensors.calibration import preset
@@ -230,3 +231,22 @@ def test_clocks_that_run_alike_are_left_alone(drifting_scene: Scene) -> None:
     told = found(drifting_scene, 0.0)
     assert told.clock.drift == 0.0
     assert "drift" not in told.sentence
+
+
+@pytest.mark.parametrize("stretch", [0.5, 1.2, 2.0])
+def test_a_wrong_frame_rate_is_told(stretch: float) -> None:
+    scene = filmed(SceneSettings(camera="fixed"), first=0.0, last=20.0)
+    seen = scene.camera.detections
+    stretched = replace(seen, time=seen.time[0] + stretch * (seen.time - seen.time[0]))
+    found = find_clock_offset(replace(scene, camera=replace(scene.camera, detections=stretched)))
+    assert not found.determined
+    assert [one.kind for one in found.findings] == ["video rate"]
+    assert found.findings[0].numbers["better"] == pytest.approx(seen.rate, rel=0.05)
+    assert "--video-rate" in found.sentence
+
+
+def test_the_best_track_tells_how_much_sensors_explain() -> None:
+    limbs = [[LimbCurve(0, "a", np.array([gain]), np.array([100.0]))] for gain in (50.0, 2.0)]
+    pairs = tuple(Pair(track, 0, np.array([True])) for track in (0, 1))
+    curve = CorrelationCurve(np.zeros(1), np.array([52.0]), limbs, pairs)
+    assert curve.explained(0) == pytest.approx(1 - np.exp(-0.5))

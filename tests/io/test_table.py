@@ -337,7 +337,7 @@ def test_jumps_are_no_fault_and_left_out_gravity_is(tmp_path: Path, quaternion: 
     jumping = 30 * np.stack([np.sin(4 * np.pi * time), np.cos(4 * np.pi * time), np.sin(8 * np.pi * time)], axis=1)
 
     def reading(up: float) -> None:
-        force = np.einsum("nji,nj->ni", R, jumping + [0, 0, up])
+        force = np.einsum("nji,nj->ni", R, jumping + np.array([0, 0, up]))
         stream = ImuStream("pelvis", time, force, R, rate)
         log, columns = write_log(tmp_path, {"pelvis": stream}, Layout())
         if not quaternion:

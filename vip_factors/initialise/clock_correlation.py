@@ -37,7 +37,7 @@ MOST_EXPLAINED = 0.98  # a limb that fits better by chance must not outvote the 
 
 @dataclass(frozen=True)
 class LimbCurve:
-    """Agreement of one limb of one wearer with one track over ``L`` offsets: log-likelihood gain, independent instants."""
+    """Agreement of a limb of a wearer with a track: log-likelihood gain and independent instants ``(L,)``."""
 
     wearer: int
     sensor: str
@@ -71,15 +71,18 @@ class CorrelationCurve:
     pairs: tuple[Pair, ...] = ()
 
     def limbs_at(self, index: int) -> list[LimbCurve]:
-        """The limbs at an offset, of all tracks that were given to a wearer there."""
-        pairs = [pair for pair in self.pairs if pair.chosen[index]]
-        return [one for pair in pairs for one in self.tracks[pair.track] if one.wearer == pair.wearer]
+        """The limbs that agree at an offset, of all tracks that were given to a wearer there."""
+        return [one for pair in self.pairs if pair.chosen[index] for one in self._of(pair) if one.gain[index] > 0]
 
     def explained(self, index: int) -> float:
-        """The share of the limbs' motion in the image that their sensors explain at an offset: a mean R²."""
-        limbs = self.limbs_at(index)
-        instants = sum(one.instants[index] for one in limbs)
-        return float(1 - np.exp(-max(sum(one.gain[index] for one in limbs), 0.0) / instants)) if instants else 0.0
+        """The share of limbs' motion in the image that sensors explain at an offset: a mean R², of the best track."""
+        pairs = [self._of(pair) for pair in self.pairs if pair.chosen[index]]
+        sums = [(sum(one.gain[index] for one in limbs), sum(one.instants[index] for one in limbs)) for limbs in pairs]
+        gain, instants = max(sums, default=(0.0, 1.0))
+        return float(1 - np.exp(-max(gain, 0.0) / max(instants, 1.0)))
+
+    def _of(self, pair: Pair) -> list[LimbCurve]:
+        return [one for one in self.tracks[pair.track] if one.wearer == pair.wearer]
 
 
 def peak_vertex(offset: Array, gain: Array, index: int, reach_s: float) -> tuple[float, float]:

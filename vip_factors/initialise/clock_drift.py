@@ -92,7 +92,7 @@ def find_drift(
     reach = OFFSETS_S + settings.most * (end - start) / 2
     when, curves, offset = [], [], np.zeros(0)
     for first, last in pairwise(edges.tolist()):
-        cut = [part for track in tracks if (part := _between(track, first, last, seconds)) is not None]
+        cut = [part for track in tracks if (part := between(track, first, last, seconds)) is not None]
         if cut:
             curve = correlation_curve(scene, camera, cut, reach, independent_hz, smoothing)
             when.append((first + last) / 2 - middle)
@@ -109,7 +109,7 @@ def find_drift(
     return ClockDrift(drift, sigma, float(middle), seconds + own, float(end - start), used)
 
 
-def _between(track: ImageTrack, first: float, last: float, seconds: float) -> ImageTrack | None:
+def between(track: ImageTrack, first: float, last: float, seconds: float) -> ImageTrack | None:
     """What of a track lies in a stretch, its times put forward; None for hardly anything."""
     inside = (track.time >= first) & (track.time <= last)
     if inside.sum() < 2:

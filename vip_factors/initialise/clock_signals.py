@@ -14,7 +14,7 @@ they belong to.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from scipy.optimize import linear_sum_assignment
 
 from vip_factors.body.keypoints import KeypointSet
@@ -248,8 +248,8 @@ def rate_of(values: Array, valid: np.ndarray, smoothing: Smoothing) -> Signal:
     sigma = smoothing.width * smoothing.rate
     rate = gaussian_filter1d(values, sigma, axis=0, order=1, mode="nearest") * smoothing.rate
     # The kernel's ends count little: what is missing within one and a half widths would be seen.
-    reach = np.ones(2 * round(1.5 * sigma) + 1)
-    whole = np.convolve(~valid, reach, mode="same") < 0.5
+    missing = maximum_filter1d((~valid).astype(np.uint8), 2 * round(1.5 * sigma) + 1, mode="constant")
+    whole = missing == 0
     return Signal(np.where(whole[:, None], rate, 0.0), whole)
 
 

@@ -7,10 +7,13 @@ import numpy as np
 
 from vip_factors.associate.hypothesis import hypotheses, wearer_points
 from vip_factors.body.kinematics import Motion
+from vip_factors.errors import RecordingError
 from vip_factors.estimate import WearerEstimate
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.camera import LEAP_WINDOW, Sightings, leaps
+from vip_factors.initialise.clock import ClockSettings, find_clock_offset
+from vip_factors.initialise.clock_drift import DriftSettings
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.association import AssociatedCamera
@@ -29,6 +32,8 @@ CORNER, OUTSIDE, FEW = 0.55, 0.1, 0.02  # of the image's sides; of its sides; of
 # aims a camera so.
 LARGER_CORNER, OFF_MIDDLE = 0.68, 0.42
 
+FITS_BADLY = ("not recognised", "never seen", "shortly seen", "scatter", "leap", "body size", "video clock off")
+
 
 def quality_checks(
     scene: Scene, associated: Sequence[AssociatedCamera], fine: FusionSolution, wearers: Sequence[WearerEstimate]
@@ -42,6 +47,24 @@ def quality_checks(
     for each in associated:
         for one in _image_findings(each.camera):
             yield in_picture_of(each.camera, scene, one)
+
+
+def film_findings(scene: Scene, told: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Whether the first camera's film has another frame rate or is another session's, where it fits badly.
+
+    Args:
+        scene: or a stretch of it.
+        told: what was found; without a kind of :data:`FITS_BADLY` in it the film is not looked at again.
+    """
+    if scene.camera is None or not any(one.kind in FITS_BADLY for one in told):
+        return ()
+    camera = replace(scene.camera, detections=scene.camera.timed_detections)
+    settings = ClockSettings(method="motion", drift=DriftSettings(use=False))
+    try:
+        found = find_clock_offset(replace(scene, camera=camera, truth=None), settings).findings
+    except RecordingError:
+        return ()
+    return tuple(in_picture_of(camera, scene, one) for one in found)
 
 
 def in_picture_of(camera: Camera, scene: Scene, finding: Finding) -> Finding:

@@ -28,6 +28,7 @@ from vip_factors.stages.association import AssociatedCamera, first_association, 
 from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.decode import decode_camera, decode_wearers
 from vip_factors.stages.drift import found_clock
+from vip_factors.stages.findings import film_findings
 from vip_factors.stages.floor import on_floor
 from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds
 from vip_factors.stages.fusion_start import FusionStart, start_fusion
@@ -233,7 +234,8 @@ class SolvedStretch:
             for recording, own, inertial in zip(self.scene.wearers, sensors, self.inertial, strict=True)
             for finding in start_findings(recording.subject.name, own, inertial.starts)
         )
-        return replace(estimate, wearers=wearers, findings=(*self.about_sensors, *estimate.findings, *about_starts))
+        findings = (*self.about_sensors, *estimate.findings, *about_starts)
+        return replace(estimate, wearers=wearers, findings=(*film_findings(self.scene, findings), *findings))
 
     def windows(self, plan: WindowPlan, settings: Settings) -> Iterator[SolvedWindow]:
         """Windows at the full rate, which start from the solution of all coarse frames and are in its world."""
@@ -288,7 +290,8 @@ def _solved_stretch(
     inertial, filmed_by = first_association(scene, inertial, settings, solver)
     associated = usable_cameras(filmed_by)
     if not associated:
-        return who_is_who(scene, filmed_by)
+        findings = who_is_who(scene, filmed_by)
+        return *film_findings(scene, findings), *findings
     initial = start_fusion(associated, inertial, settings)
     solution, associated = fuse_in_rounds(initial, associated, settings, solver)
     if settings.floor == "found" and not any(one.camera.known_path is not None for one in associated):

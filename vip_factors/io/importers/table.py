@@ -234,7 +234,7 @@ def _stream(
         if R is not None and entry.world_up == UP_OR_DOWN:
             R, turned = z_up(name, R, force)
             notes += turned
-        elif R is not None:
+        elif R is not None and quaternion is not None:
             _check_tilt(where, entry, quaternion, R, force, notes)
     stream = ImuStream.from_samples(name, time, force, R, rate)
     if lost := len(time) - len(stream):

@@ -60,6 +60,11 @@ def test_the_wearer_is_seen_by_the_camera() -> None:
     assert one.answers[-1].smoothed_camera is not None
 
 
+def test_toes_are_just_above_the_floor_before_a_camera_of_unknown_pose() -> None:
+    toes = tracked().motion("smoothed").state.p_world_joint[:, [10, 11], 2].min(axis=1)
+    assert 0.0 < np.median(toes) < 0.08
+
+
 def test_smoothed_poses_are_near_the_batch() -> None:
     batch = smooth(filmed(), Settings(frame_rate=RATE)).wearers[0].motion
     ours = tracked().motion("smoothed")

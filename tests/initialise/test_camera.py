@@ -122,3 +122,12 @@ def test_a_camera_that_stands_still_gets_a_pair_that_fits() -> None:
     camera, imu = exp(np.array([[-1.5, 0.2, 0.1]])), exp(np.array([[0.3, 1.0, -0.4]]))
     mounting, heading = camera_mounting(camera, imu)
     np.testing.assert_allclose(camera @ mounting @ transpose(imu), rotation_z(heading)[None], atol=0.01)
+
+
+@pytest.mark.parametrize("frames", [8, 60])
+def test_only_what_lasts_is_a_leap(frames: int) -> None:
+    """A detector that takes left for right turns the camera for a quarter of a second; a cut turns it for good."""
+    time = np.arange(120) / 30
+    turned = (time >= 2) & (np.arange(120) < 60 + frames)
+    found = leaps(Sightings(time, rotation_z(np.where(turned, 1.0, 0.0)), np.tile([0.0, 0.0, 4.0], (120, 1))))
+    assert len(found) == (1 if frames == 60 else 0)

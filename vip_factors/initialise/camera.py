@@ -34,7 +34,7 @@ LEAP_M, LEAP_OF_DEPTH = 0.5, 0.15
 LEAP_TURN = np.deg2rad(30.0)
 LEAP_SCATTER = 1 / 3  # of the turn, at most, on either side: hypotheses that flip to and fro scatter by more
 # s on either side, over which most sightings have to have leapt, too: a detector that takes left for right turns PnP
-# by 45 degrees for a fifth of a second, and turns it back. Without this, 20 leaps in twelve minutes of gestures, now none;
+# by 45 degrees for a fifth of a second, and back. Without this 20 leaps in twelve minutes of gestures, now none;
 # 48 films with a cut or another zoom in the middle are all told, as before.
 LEAP_LASTS = 1.5
 SMOOTHING = 0.5  # s, window of the median over single hypotheses

@@ -83,7 +83,10 @@ def associate_cameras_again(
             each.camera.known_path if number else path, gravity_in_camera(each.camera, detections.time),
             _share_of_progress(on_progress, number, len(associated)),
         )  # fmt: skip
-        again.append(replace(each, association=association))
+        # Bodies have given way to keypoints in a wrong order by now: it is the first association that tells.
+        order = [one for one in each.association.findings if one.kind == "keypoint order"]
+        findings = tuple(dict.fromkeys((*order, *association.findings)))
+        again.append(replace(each, association=replace(association, findings=findings)))
     return tuple(again)
 
 

@@ -139,7 +139,7 @@ def test_lengths_stand_beside_what_was_likely() -> None:
     motion, square = gestures(0.5), np.diag([1e-4, 4e-4])
     body = BodyEstimate(("thigh", "shank"), np.array([0.42, 0.41]), np.array([0.4, 0.43]), 4 * square, square)
     for found, lines in (
-        (body, ["| thigh | 420.0 | 20.0 | 400.0 | 10.0 |", "| shank | 410.0 | 40.0 | 430.0 | 20.0 |"]),
+        (body, ["| thigh | 420.0 | 24.4 | 400.0 | 17.2 |", "| shank | 410.0 | 42.4 | 430.0 | 24.4 |"]),
         (None, []),
     ):
         estimate = WearerEstimate("walk", "VIP", motion, {}, body=found)

@@ -153,11 +153,11 @@ class MergedFindings:
     """Findings of windows, each told once: as in the first window that has it, and in how many more there were.
 
     Args:
-        known: what is told of the whole already: windows need not say it again.
+        of_the_whole: what is told of the whole already: windows need not say it again.
     """
 
-    def __init__(self, known: Sequence[Finding] = ()) -> None:
-        self._known = {one.about: one for one in known}
+    def __init__(self, of_the_whole: Sequence[Finding] = ()) -> None:
+        self._known = {one.about: one for one in of_the_whole}
         self._found: dict[tuple[str, ...], Finding] = {}
         self._more: dict[tuple[str, ...], int] = {}
 

@@ -70,7 +70,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
             check_target(target, options.overwrite)
     with progress_bar() as tell:
         began = time.perf_counter()
-        poses = _found(options, lambda fraction: tell("looking for people", fraction))
+        poses = _detected(options, lambda fraction: tell("looking for people", fraction))
         seconds = time.perf_counter() - began
         about = _about(options, poses)
         write_mmpose(out, poses.keypoints, poses.frames, poses.facts.time, about, options.overwrite)
@@ -84,7 +84,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
             print(path)
 
 
-def _found(options: DetectOptions, tell: Any) -> "VideoPoses":
+def _detected(options: DetectOptions, on_progress: Any) -> "VideoPoses":
     from vip_factors.cli.terminal import note
     from vip_factors.detect.blazepose import check_interpreter
     from vip_factors.detect.model_files import blazepose_files
@@ -97,7 +97,7 @@ def _found(options: DetectOptions, tell: Any) -> "VideoPoses":
     check_interpreter()
     tracker = blazepose_tracker(blazepose_files(options.blazepose, note), options.settings, threads)
     stretch = Stretch(options.start_s, options.end_s, options.every)
-    return detect_video(options.video, tracker, options.settings, stretch, model, tell)
+    return detect_video(options.video, tracker, options.settings, stretch, model, on_progress)
 
 
 def _about(options: DetectOptions, poses: "VideoPoses") -> dict[str, Any]:

@@ -106,10 +106,10 @@ def verdict_lines(estimate: Estimate) -> list[str]:
     return [f"  verdict: {estimate.verdict}", *(f"  {one.severity}: {one}" for one in estimate.all_findings)]
 
 
-def estimate_text(estimate: WearerEstimate, alone: bool = True) -> str:
+def estimate_text(estimate: WearerEstimate, only_estimate: bool = True) -> str:
     """How it was made, how the solves went, and how large the residuals are; of one of several without the verdict."""
     lines = [f"estimate '{estimate.name}', method {estimate.method}", motion_text(estimate.motion)]
-    lines += verdict_lines(Estimate.of_one(estimate)) if alone else []
+    lines += verdict_lines(Estimate.of_one(estimate)) if only_estimate else []
     lines += start_lines(estimate.start)
     lines.append(f"  covariance: {'yes' if estimate.covariance is not None else 'no'}")
     lines += [f"  {report_text(report)}" for report in estimate.reports]
@@ -226,9 +226,9 @@ def detector_lines(detector: DetectorEstimate) -> list[str]:
     return aligned(rows, left=1)
 
 
-def _cells(found: tuple[Array, Array], prior: tuple[Array, Array], axes: tuple[int, ...]) -> list[str]:
+def _cells(posterior: tuple[Array, Array], prior: tuple[Array, Array], axes: tuple[int, ...]) -> list[str]:
     """Text for each axis of values and standard deviations, both ``(3,)`` metres."""
-    values, before = (MM * np.array(one) for one in (found, prior))
+    values, before = (MM * np.array(one) for one in (posterior, prior))
     return [
         f"{with_sigma(*values[:, axis])} ({with_sigma(before[0, axis], before[1, axis], sigma_decimals=0)})"
         for axis in axes
@@ -347,7 +347,7 @@ def scene_estimate_text(estimate: Estimate) -> str:
     lines += [f"  {sentence}" for sentence in estimate.association]
     if estimate.detector is not None:
         lines += [f"  {line}" for line in detector_lines(estimate.detector)]
-    return "\n\n".join(["\n".join(lines), *(estimate_text(one, alone=False) for one in estimate.wearers)])
+    return "\n\n".join(["\n".join(lines), *(estimate_text(one, only_estimate=False) for one in estimate.wearers)])
 
 
 def _camera_estimate_lines(camera: CameraEstimate, names: list[str]) -> list[str]:

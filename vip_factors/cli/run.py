@@ -183,7 +183,7 @@ def steps(options: RunOptions, folder: Path) -> Iterator[Step]:
         if options.detections is None:
             yield _detect(options, options.video, folder)
         poses, camera = options.detections or folder / "poses.json", options.camera or folder / "camera.toml"
-        filmed, seen = _filmed(options, options.video, poses, camera), (options.video, poses, camera)
+        filmed, seen = _has_camera(options, options.video, poses, camera), (options.video, poses, camera)
     if len(each) == 1:
         words, inputs = each[0]
         yield Step("convert", "convert", _put(words, recording, *more, *filmed), (*inputs, *seen), (recording,))
@@ -235,7 +235,7 @@ def _put(words: Words, recording: Path, *more: str) -> Words:
     return (words[0], str(recording), *words[1:], *more)
 
 
-def _filmed(options: RunOptions, video: Path, poses: Path, camera: Path) -> Words:
+def _has_camera(options: RunOptions, video: Path, poses: Path, camera: Path) -> Words:
     words = ("--video", str(video), "--detections", str(poses), "--camera", str(camera))
     still = ("--static-camera",) if options.static_camera else ()
     known = () if options.time_offset_s is None else ("--time-offset-s", str(options.time_offset_s))
@@ -295,7 +295,7 @@ def take(step: Step, folder: Path, overwrite: bool = False, main: Main | None = 
     record = folder / f"{step.name.replace(' ', '_')}.json"
     before = _read(record)
     if _is_fresh(step, before):
-        _tell(step, before, "as before")
+        _print_steps(step, before, "as before")
         return False
     began = time.perf_counter()
     told = _run(step, overwrite or bool(before), main)
@@ -303,7 +303,7 @@ def take(step: Step, folder: Path, overwrite: bool = False, main: Main | None = 
     folder.mkdir(parents=True, exist_ok=True)
     now = {"command": step.line, "version": __version__, "inputs": _stamps(step), "outputs": files, "told": told}
     record.write_text(json.dumps(now, indent=1) + "\n", encoding="utf-8")
-    _tell(step, now, f"{time.perf_counter() - began:.1f} s")
+    _print_steps(step, now, f"{time.perf_counter() - began:.1f} s")
     return True
 
 
@@ -325,7 +325,7 @@ def _run(step: Step, overwrite: bool, main: Main | None) -> list[str]:
     return printed.getvalue().splitlines()
 
 
-def _tell(step: Step, record: dict[str, Any], when: str) -> None:
+def _print_steps(step: Step, record: dict[str, Any], when: str) -> None:
     print(f"{step.name:<16} {when:>9}  {'  '.join(record['outputs'])}", flush=True)
     for line in record["told"]:
         if line.startswith("note:") or (step.tells and line not in record["outputs"]):

@@ -220,7 +220,7 @@ def _conclude(
     options: StreamOptions,
     settings: "LiveSettings",
     session: "Session",
-    told: Sequence[str],
+    findings: Sequence[str],
     interrupts: "Interrupts",
 ) -> None:
     """The summary; beside lines of JSON on stderr, where it is no part of them.
@@ -232,7 +232,7 @@ def _conclude(
     from vip_factors.cli.stream_session import summary
 
     place = sys.stderr if options.json else sys.stdout
-    for sentence in told:
+    for sentence in findings:
         print(f"note: {sentence}", file=sys.stderr)
     if session.update_s:
         print(summary(session.update_s, settings.frame_rate), file=place)

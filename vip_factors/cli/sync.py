@@ -83,19 +83,19 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     print(out)
 
 
-def offset_text(found: "ClockOffset", before: float = 0.0) -> str:
+def offset_text(offset: "ClockOffset", before: float = 0.0) -> str:
     """What was found, as a small table with the other offsets that were considered."""
-    lines = [found.sentence] if found.determined else []
-    if found.determined and before:
+    lines = [offset.sentence] if offset.determined else []
+    if offset.determined and before:
         lines.append(f"the scene said {before:+.3f} s before")
     lines.append(f"  {'offset':>10}  agreement")
-    sigma = f"± {1e3 * found.sigma:.0f} ms, {found.method}" if found.determined else found.method
-    lines.append(f"  {found.seconds:+8.3f} s  {100:7.0f} %  {sigma}")
-    lines += [f"  {seconds:+8.3f} s  {100 * share:7.0f} %" for seconds, share in found.alternatives[:4]]
+    sigma = f"± {1e3 * offset.sigma:.0f} ms, {offset.method}" if offset.determined else offset.method
+    lines.append(f"  {offset.seconds:+8.3f} s  {100:7.0f} %  {sigma}")
+    lines += [f"  {seconds:+8.3f} s  {100 * share:7.0f} %" for seconds, share in offset.alternatives[:4]]
     return "\n".join(lines)
 
 
-def draw_offset(found: "ClockOffset", path: Path, overwrite: bool = False) -> None:
+def draw_offset(offset: "ClockOffset", path: Path, overwrite: bool = False) -> None:
     """A picture of the agreement over all offsets, the best marked.
 
     Raises:
@@ -104,9 +104,11 @@ def draw_offset(found: "ClockOffset", path: Path, overwrite: bool = False) -> No
     from vip_factors.errors import InputError
     from vip_factors.viz.charts import Curve, curve_chart
 
-    if found.curve is None:
+    if offset.curve is None:
         raise InputError(f"{path}: there is no curve to draw: events only were compared; choose method auto or motion")
-    title = f"video {found.seconds:+.3f} s" + (f" ± {1e3 * found.sigma:.0f} ms" if found.determined else ": not clear")
+    title = f"video {offset.seconds:+.3f} s" + (
+        f" ± {1e3 * offset.sigma:.0f} ms" if offset.determined else ": not clear"
+    )
     above = "agreement of limbs in the image and sensors on them (log-likelihood)"
-    curve = Curve("", found.curve.offset, found.curve.gain)
-    curve_chart(path, title, curve, (above, "seconds to add to the video's times"), found.seconds, overwrite)
+    curve = Curve("", offset.curve.offset, offset.curve.gain)
+    curve_chart(path, title, curve, (above, "seconds to add to the video's times"), offset.seconds, overwrite)

@@ -72,11 +72,11 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     write_keypoint_offsets(options.out, content, options.overwrite)
     for name, pooled in sets.items():
         print(f"{name}: {pooled.people} {'person' if pooled.people == 1 else 'people'}")
-        _tell(pooled.offsets.mean, pooled.offsets.sigma)
+        _print_result(pooled.offsets.mean, pooled.offsets.sigma)
     print(options.out)
 
 
-def _tell(mean: "Array", sigma: "Array") -> None:
+def _print_result(mean: "Array", sigma: "Array") -> None:
     from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 
     print("  mm           left       up  forward")

@@ -33,7 +33,7 @@ class AnswerFilter:
 
     share: float
     most: float = np.pi
-    _told: FrameState | None = None
+    _last: FrameState | None = None
 
     def filtered(self, before: FrameState | None, now: FrameState) -> FrameState:
         """The next frame to tell.
@@ -42,9 +42,9 @@ class AnswerFilter:
             before: what is believed by now of the frame told last; None to begin anew.
             now: what is believed of the next one.
         """
-        filtered = self._told
+        filtered = self._last
         if filtered is None or before is None or self.share >= 1:
-            self._told = now
+            self._last = now
             return now
         believed, last, old = _rotations(now), _rotations(before), _rotations(filtered)
         off = log(transpose(last) @ old)
@@ -55,8 +55,8 @@ class AnswerFilter:
             for old_p, last_p, new_p in zip(_positions(filtered), _positions(before), _positions(now), strict=True)
         ]
         joints = R[:-1].reshape(now.R_parent_child.shape)
-        self._told = FrameState(joints, p[0], R[-1], p[1])
-        return self._told
+        self._last = FrameState(joints, p[0], R[-1], p[1])
+        return self._last
 
 
 def _rotations(state: FrameState) -> Array:

@@ -48,7 +48,7 @@ class FindingLog:
         tally.count += 1
         tally.finding = finding
         if now - tally.told >= self._repeat_after or not math.isfinite(tally.told):
-            self._tell(tally, now)
+            self._add(tally, now)
 
     def gather(self, key: Hashable, now: float, finding: Finding) -> None:
         """Tell this a moment later, together with what others of the kind ``key`` do by then.
@@ -72,18 +72,18 @@ class FindingLog:
         """Tell the counts that were still held back."""
         for tally in self._tallies.values():
             if tally.count:
-                self._tell(tally, tally.told)
+                self._add(tally, tally.told)
 
     def take(self, now: float = -math.inf) -> tuple[Finding, ...]:
         """All findings since the last time, in order; and what has been gathered for long enough."""
         for tally in self._tallies.values():
             if now >= tally.due:
-                self._tell(tally, now)
+                self._add(tally, now)
         taken = tuple(self._waiting)
         self._waiting.clear()
         return taken
 
-    def _tell(self, tally: _Tally, now: float) -> None:
+    def _add(self, tally: _Tally, now: float) -> None:
         self.add(tally.finding(tally.count))
         tally.count, tally.told, tally.due = 0, now, math.inf
         tally.tellings += 1

@@ -294,11 +294,11 @@ def _placed(
     return [replace(state, p_world_pelvis=p) for state, p in zip(states, p_world_pelvis, strict=True)]
 
 
-def _camera(yaw: float, state: FrameState, at_find: FrameState, tracked: FrameState) -> tuple[Array, Array]:
+def _camera(yaw: float, state: FrameState, at_find: FrameState, since: FrameState) -> tuple[Array, Array]:
     """The camera, moved in the first wearer's new world as it was in the old one; a standing one stays."""
     turn = rotation_z(yaw)
-    step = tracked.p_world_camera - at_find.p_world_camera
-    R = turn @ tracked.R_world_camera @ at_find.R_world_camera.T @ turn.T @ state.R_world_camera
+    step = since.p_world_camera - at_find.p_world_camera
+    R = turn @ since.R_world_camera @ at_find.R_world_camera.T @ turn.T @ state.R_world_camera
     return np.asarray(R), np.asarray(state.p_world_camera + turn @ step)
 
 

@@ -85,7 +85,7 @@ def _exchanges(coarse: StretchSolution, settings: LiveSettings) -> Iterator[Find
             yield exchange_finding(recording, exchange, False, "exchange them in the placement")
 
 
-def information_of(fused: FusionSolution, layout: Layout, inflation: float) -> Array:
+def information_of(solution: FusionSolution, layout: Layout, inflation: float) -> Array:
     """What a solved scene knows of the static variables of a layout: information ``(s, s)`` about its solution.
 
     Standard deviations are taken ``inflation`` times as large.
@@ -93,8 +93,8 @@ def information_of(fused: FusionSolution, layout: Layout, inflation: float) -> A
     Raises:
         SolveError: if the scene does not determine them.
     """
-    objective = SceneObjective(fused.model)
-    covariance = last_covariance(objective.linearise(fused.state), objective.static_keys)
+    objective = SceneObjective(solution.model)
+    covariance = last_covariance(objective.linearise(solution.state), objective.static_keys)
     own, theirs = list[int](), list[int]()
     for owner, block, columns in layout.placed():
         found = objective.layout.columns(owner, block.name)

@@ -264,7 +264,7 @@ class SensorBuffer:
         size = self._time.shape[1]
         for sensor, count in enumerate(self._count):
             needed = int((self._time[sensor, :count] <= self.needed_from).sum()) - 1
-            self._forget(sensor, max(min(needed, count - RATE_SAMPLES), 0))
+            self._drop_before(sensor, max(min(needed, count - RATE_SAMPLES), 0))
         if self._count.max() <= size // 2:
             return
         if size < MOST:
@@ -274,9 +274,9 @@ class SensorBuffer:
             self._force = np.concatenate([self._force, np.zeros_like(self._force)], axis=1)
             return
         for sensor, count in enumerate(self._count):
-            self._forget(sensor, max(int(count) - size // 2, 0))
+            self._drop_before(sensor, max(int(count) - size // 2, 0))
 
-    def _forget(self, sensor: int, oldest: int) -> None:
+    def _drop_before(self, sensor: int, oldest: int) -> None:
         count = int(self._count[sensor])
         kept = count - oldest
         for values in (self._time[sensor], self._R[sensor], self._force[sensor]):

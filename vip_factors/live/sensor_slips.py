@@ -104,14 +104,16 @@ class SlipTest:
 
     Args:
         columns: of each sensor in the vector that all frames share, heading first, then its mounting: ``(n, 4)``.
-        wander: ``(4,)`` how far each of them may wander, per √second.
+        process_noise: ``(4,)`` how far each of them may wander, per √second.
         settings: of the test.
         rate: frames per second.
         begin: number of the first frame whose estimates can be trusted.
     """
 
-    def __init__(self, columns: np.ndarray, wander: Array, settings: SlipSettings, rate: float, begin: int) -> None:
-        self._columns, self._wander, self._settings, self._rate = columns, np.diag(wander**2), settings, rate
+    def __init__(
+        self, columns: np.ndarray, process_noise: Array, settings: SlipSettings, rate: float, begin: int
+    ) -> None:
+        self._columns, self._wander, self._settings, self._rate = columns, np.diag(process_noise**2), settings, rate
         self._model = np.deg2rad(settings.model_deg) ** 2 * np.eye(4)
         self._past: deque[_Estimate] = deque()
         self._suspects: dict[int, tuple[int, _Estimate]] = {}  # by sensor: since which frame; what was known by then

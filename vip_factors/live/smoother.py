@@ -186,15 +186,15 @@ class LagSmoother:
 
     # Inside
 
-    def _hold(self, slices: Slices, kept: Sequence[_LagEntry]) -> None:
+    def _hold(self, slices: Slices, entries: Sequence[_LagEntry]) -> None:
         """Frames that are estimated each by itself stay where they were predicted in what nothing tells of them."""
         for number, wearer in enumerate(self.problem.wearers):
             if not wearer.use_acceleration:
                 columns = self._layout.chain_columns[number]
                 own = np.arange(columns.start, columns.stop)
-                slices.hessian[: len(kept), own, own] += 1 / PREDICTED_SIGMA**2
-                slices.gradient[: len(kept), own] += (
-                    np.stack([one.coordinates[own] for one in kept]) / PREDICTED_SIGMA**2
+                slices.hessian[: len(entries), own, own] += 1 / PREDICTED_SIGMA**2
+                slices.gradient[: len(entries), own] += (
+                    np.stack([one.coordinates[own] for one in entries]) / PREDICTED_SIGMA**2
                 )
 
     def _newest_shared(self) -> int | None:

@@ -112,7 +112,7 @@ def solve_stretch(
     scene, solver = stretch.scene(), Solver(settings.solve, lambda stage, fraction: None)
     if earlier is not None:
         scene = replace(scene, wearers=tuple(earlier.embodied(one) for one in scene.wearers))
-    wearers = tuple(_tracked(stretch, one, settings, solver, earlier) for one in scene.wearers)
+    wearers = tuple(_inertial(stretch, one, settings, solver, earlier) for one in scene.wearers)
     if scene.cameras and settings.fusion.use_camera:
         solution = _solve_before_cameras(scene, wearers, settings, solver)
         if solution is not None:
@@ -142,7 +142,7 @@ def _solve_before_cameras(
     return replace(solution, fused=replace(fused, state=state), about_floor=about_floor)
 
 
-def _tracked(
+def _inertial(
     stretch: MeasuredStretch,
     recording: Recording,
     settings: LiveSettings,
@@ -235,15 +235,15 @@ def unsettled_starts(coarse: StretchSolution) -> Iterator[Finding]:
         yield from start_findings(recording.subject.name, one.model.frames.sensors, one.starts)
 
 
-def _freed(model: WearerProblem, tracked: WearerProblem, settings: LiveSettings, p_start: Array) -> WearerProblem:
+def _freed(model: WearerProblem, inertial: WearerProblem, settings: LiveSettings, p_start: Array) -> WearerProblem:
     """A wearer's problem with the calibration free."""
-    pose = tracked.initial_pose
+    pose = inertial.initial_pose
     if pose is not None:
         pose = replace(pose, frames=pose.frames * settings.coarse_factor)
     return replace(
         model,
-        free_headings=tracked.free_headings,
-        free_mountings=tracked.free_mountings,
+        free_headings=inertial.free_headings,
+        free_mountings=inertial.free_mountings,
         initial_pose=pose,
         p_world_start=p_start,
     )

@@ -263,9 +263,9 @@ class Tracking:
         pose = self._fixed_pose(camera)
         if pose is None:
             pose = window.R_world_camera[at], window.p_world_camera[at]
-        return FrameBelief(bodies, pose, root_covariance, self._standing(camera, window, number))
+        return FrameBelief(bodies, pose, root_covariance, self._stance_confidence(camera, window, number))
 
-    def _standing(self, camera: int, window: _Window, number: int) -> list[Array | None]:
+    def _stance_confidence(self, camera: int, window: _Window, number: int) -> list[Array | None]:
         """How surely each wearer's feet stand in a frame; None of wearers whose feet this camera has nothing to do."""
         problem, at = self.smoother.problem, number - window.first
         recent = slice(max(0, at + 1 - CONTACT_FRAMES), at + CONTACT_FRAMES)

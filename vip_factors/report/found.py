@@ -164,9 +164,9 @@ def _places(wearer: Wearer) -> list[Block]:
     return [Table(head, rows, caption, words=2, folded=True)] if rows else []
 
 
-def _axis_words(found: np.ndarray, prior: np.ndarray, sigma: np.ndarray, axis: int) -> str:
-    moved = MM * (found[axis] - prior[axis])
-    return f"{plus_minus(MM * found[axis], MM * sigma[axis])} ({moved:+z.0f})"
+def _axis_words(posterior: np.ndarray, prior: np.ndarray, sigma: np.ndarray, axis: int) -> str:
+    moved = MM * (posterior[axis] - prior[axis])
+    return f"{plus_minus(MM * posterior[axis], MM * sigma[axis])} ({moved:+z.0f})"
 
 
 def _camera(camera: CameraEstimate) -> list[Block]:

@@ -185,13 +185,13 @@ def _calibrated(inertial: InertialSolution, settings: CommonSettings, solver: So
 
 
 def _starting(
-    associated: Sequence[AssociatedCamera], number: int, found: InertialSolution, before: InertialSolution
+    associated: Sequence[AssociatedCamera], number: int, calibrated_one: InertialSolution, before: InertialSolution
 ) -> tuple[tuple[AssociatedCamera, ...], InertialSolution]:
     """A wearer as calibrated or as before, with what the cameras then saw of him."""
-    looks = [[_look(each, number, one) for each in associated] for one in (found, before)]
+    looks = [[_look(each, number, one) for each in associated] for one in (calibrated_one, before)]
     as_found, as_before = (np.concatenate([look.cost for look in each]) for each in looks)
     if not len(as_before) or np.median(as_found) <= np.median(as_before):
-        return tuple(associated), found
+        return tuple(associated), calibrated_one
     changed = []
     for each, look in zip(associated, looks[1], strict=True):
         seen = list(each.seen)

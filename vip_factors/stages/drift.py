@@ -109,25 +109,25 @@ def found_clock(state: CameraState, middle: float, supposed: VideoClock | None =
 
 
 def clock_findings(
-    camera: Camera, found: CameraEstimate, video: tuple[float, float] | None = None
+    camera: Camera, clock: CameraEstimate, video: tuple[float, float] | None = None
 ) -> Iterator[Finding]:
     """Of a video whose clock is off the sensors', or drifts from them, further than the scene said.
 
     Args:
         camera: as the scene has it.
-        found: as it was estimated.
+        clock: as it was estimated.
         video: its seconds from and until, if the camera does not have all of its frames.
     """
     time = camera.detections.time if video is None else np.array(video)
-    if not len(time) or found.clock_sigma is None:
+    if not len(time) or clock.clock_sigma is None:
         return
     middle = float(time[0] + time[-1]) / 2
-    off = found.clock.late(middle) - camera.clock.late(middle)
-    if abs(off) > max(OFF_S, SURE * found.clock_sigma[0]):
-        numbers = {"off_ms": 1e3 * off, "sigma_ms": 1e3 * found.clock_sigma[0]}
+    off = clock.clock.late(middle) - camera.clock.late(middle)
+    if abs(off) > max(OFF_S, SURE * clock.clock_sigma[0]):
+        numbers = {"off_ms": 1e3 * off, "sigma_ms": 1e3 * clock.clock_sigma[0]}
         yield Finding("video clock off", numbers=numbers)
-    drift = found.time_drift - camera.time_drift
+    drift = clock.time_drift - camera.time_drift
     seconds = drift * float(time[-1] - time[0])
-    if abs(seconds) > TOLD_S and abs(drift) > SURE * found.clock_sigma[1]:
-        numbers = {"drifted_ms": 1e3 * seconds, "ppm": 1e6 * drift, "sigma_ppm": 1e6 * found.clock_sigma[1]}
+    if abs(seconds) > TOLD_S and abs(drift) > SURE * clock.clock_sigma[1]:
+        numbers = {"drifted_ms": 1e3 * seconds, "ppm": 1e6 * drift, "sigma_ppm": 1e6 * clock.clock_sigma[1]}
         yield Finding("video clock drift", numbers=numbers)

@@ -172,7 +172,7 @@ def _findings(
 
 
 def track_from_start(
-    recording: Recording, sensors: Sequence[str], known: WearerCalibration, begin: WindowStart, time: Array,
+    recording: Recording, sensors: Sequence[str], shared: WearerCalibration, begin: WindowStart, time: Array,
     settings: Settings, solver: Solver,
 ) -> InertialSolution:  # fmt: skip
     """A wearer at a window's coarse frames by the sensors alone, where the window before has had him at first.
@@ -180,7 +180,7 @@ def track_from_start(
     Args:
         recording: of the window, with what is known declared.
         sensors: all that are used; some may be silent now.
-        known: about the wearer.
+        shared: about the wearer.
         begin: of the window.
         time: ``(T,)`` of the coarse frames.
         settings: of windows.
@@ -195,10 +195,10 @@ def track_from_start(
     else:
         inertial = inertial_tracker(recording, frames, settings, solver, calibration)
     model, state = inertial.model, inertial.state
-    factors = replace(model.settings, sole=replace(model.settings.sole, thickness=known.sole))
+    factors = replace(model.settings, sole=replace(model.settings.sole, thickness=shared.sole))
     model = replace(model, settings=factors, prior_headings=begin.headings.at(float(time[0])))
-    if model.headings_walk and len(known.drift_deg):
-        model = replace(model, heading_drift_deg=known.drift_deg)
+    if model.headings_walk and len(shared.drift_deg):
+        model = replace(model, heading_drift_deg=shared.drift_deg)
     if begin.p_world_pelvis is not None:
         shift = begin.p_world_pelvis - state.p_world_pelvis[0]
         state = replace(state, p_world_pelvis=state.p_world_pelvis + shift)

@@ -149,7 +149,7 @@ def at_frames(state: WearerState, time: Array, wanted: Array) -> WearerState:
 
 
 def with_calibration_sigmas(
-    estimate: WearerEstimate, found: InertialSolution, settings: CalibrationSettings, extra: ExtraTerms | None = None
+    estimate: WearerEstimate, solution: InertialSolution, settings: CalibrationSettings, extra: ExtraTerms | None = None
 ) -> WearerEstimate:
     """The estimate with standard deviations of headings and mountings; with a finding, if they are not determined.
 
@@ -157,16 +157,16 @@ def with_calibration_sigmas(
     rate headings and mountings are kept, as if they were known. That costs as much as one of its iterations.
 
     Args:
-        estimate: whose calibration is that of ``found``.
-        found: as :func:`~vip_factors.stages.inertial.calibrated` returns it.
+        estimate: whose calibration is that of ``solution``.
+        solution: as :func:`~vip_factors.stages.inertial.calibrated` returns it.
         settings, extra: with which it was found.
     """
-    model = with_contacts(with_inflated_contact_sigma(found.model, settings), found.state)
+    model = with_contacts(with_inflated_contact_sigma(solution.model, settings), solution.state)
     objective = SceneObjective(SceneProblem.unfilmed([model], extra))
     if not objective.static_keys:
         return estimate
     try:
-        marginals = last_marginals(objective.linearise(SceneState.unfilmed([found.state])), objective.static_keys)
+        marginals = last_marginals(objective.linearise(SceneState.unfilmed([solution.state])), objective.static_keys)
     except SolveError:
         return replace(estimate, findings=(*estimate.findings, UNDETERMINED))
     return with_sigmas(estimate, objective.problem, 0, marginals)

@@ -71,7 +71,7 @@ def _on_one_bone(recording: Recording) -> Iterator[Finding]:
             continue
         spread, rate = spread_between(R[:, 0], R[:, 1], STEP)
         if spread < LEAST_BEND and rate > LEAST_RATE:
-            pair = f"{_told(above, recording)} and {_told(below, recording)}"
+            pair = f"{_named(above, recording)} and {_named(below, recording)}"
             yield Finding(
                 "two on one bone", recording.subject.name, subject=below.sensor,
                 numbers={"spread": float(np.rad2deg(spread))}, words={"pair": pair},
@@ -104,7 +104,7 @@ def exchange_finding(
 
     def pair(numbers: tuple[int, int]) -> str:
         one, other = (recording.placement.site(recording.placed[number]) for number in numbers)
-        return f"{_told(one, recording)} and {_told(other, recording)}"
+        return f"{_named(one, recording)} and {_named(other, recording)}"
 
     words = {
         "pair": pair(exchange.sensors),
@@ -117,7 +117,7 @@ def exchange_finding(
     return Finding(kind, recording.subject.name, subject=subject, numbers=numbers, words=words)
 
 
-def _told(site: SensorSite, recording: Recording) -> str:
+def _named(site: SensorSite, recording: Recording) -> str:
     where = (site_name(site, recording.subject.body()) or site.bone).replace("_", " ")
     return f"'{site.sensor}' ({where})"
 

@@ -25,7 +25,7 @@ def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[Scen
     """The source with its sensors in each other's places where that is wanted, and what was found."""
     if not settings.assignment.check:
         return source, ()
-    placements, findings = list[Placement](), list[Finding]()
+    placements, findings, exchanges = list[Placement](), list[Finding](), 0
     for one in source.wearers:
         start, end = one.interval
         half = min(end - start, settings.assignment.seconds) / 2
@@ -35,9 +35,10 @@ def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[Scen
         findings += [exchange_finding(head, exchange, settings.assign) for exchange in found]
         findings += _on_one_bone(head)
         placements.append(exchanged(head.placement, head.placed, found))
-    if not (findings and settings.assign):
-        return source, tuple(findings)
-    return ReplacedSource(source, tuple(placements)), tuple(findings)
+        exchanges += len(found)
+    if exchanges and settings.assign:
+        source = ReplacedSource(source, tuple(placements))
+    return source, tuple(findings)
 
 
 def exchanges_of(recording: Recording, settings: Settings) -> tuple[Exchange, ...]:

@@ -61,13 +61,13 @@ class ExportFormat:
         writer: ``module:function`` in this folder, imported when asked for; a :data:`Writer`.
         holds: what of an estimate, in words.
         several: whether one file holds several wearers.
-        library: that must be installed for it, of the extra ``export``.
+        package: that must be installed for it, of the extra ``export``.
     """
 
     writer: str
     holds: str
     several: bool = False
-    library: str = ""
+    package: str = ""
 
     def load(self) -> Writer:
         """The writer, its module imported now."""
@@ -83,7 +83,7 @@ FORMATS: dict[str, ExportFormat] = {
     ".trc": ExportFormat("tables:write_trc", "joint centres and keypoints as markers, for OpenSim"),
     ".mot": ExportFormat("tables:write_mot", "coordinates of OpenSim's model Rajagopal2016"),
     ".sto": ExportFormat("tables:write_opensense", "orientations of segments, for OpenSense"),
-    ".c3d": ExportFormat("tables:write_c3d", "joint centres, keypoints and joint angles as points", library="ezc3d"),
+    ".c3d": ExportFormat("tables:write_c3d", "joint centres, keypoints and joint angles as points", package="ezc3d"),
     ".pkl": ExportFormat("smpl:write_three_dpw", "poses, camera and 2D poses, as 3DPW has them", several=True),
 }
 
@@ -92,14 +92,14 @@ def export_format(path: Path) -> ExportFormat:
     """The format that the suffix of a file names, which can be written here.
 
     Raises:
-        InputError: for an unknown suffix, or without the format's library.
+        InputError: for an unknown suffix, or without the format's package.
     """
     known = FORMATS.get(path.suffix.lower())
     if known is None:
         raise InputError(f"{path}: expected a file that ends in {', '.join(FORMATS)}")
-    if known.library and find_spec(known.library) is None:
+    if known.package and find_spec(known.package) is None:
         raise InputError(
-            f"{path}: this needs {known.library}, which is not installed: pip install 'vip-factors[export]'"
+            f"{path}: this needs {known.package}, which is not installed: pip install 'vip-factors[export]'"
         )
     return known
 

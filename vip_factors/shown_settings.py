@@ -84,9 +84,9 @@ class ShownOfBoth:
     calibration: ShownCalibration = field(default_factory=ShownCalibration)
     factors: ShownFactors = field(default_factory=ShownFactors)
     fusion: ShownFusion = field(default_factory=ShownFusion)
-    floor: Literal["found", "none"] = "found"
-    """Where z = 0 is, unless a camera of known pose says so: under the soles, or where the camera was put at the
-    start."""
+    floor: Literal["found", "none"] | float = "found"
+    """Where z = 0 is: under the soles, or where a known camera pose has it (found); where the camera was put at the
+    start (none); at this height in metres in the world of a known camera pose (-0.74: its board lay on a table)."""
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,19 @@
-"""The world's zero is under the soles that stand, wherever a camera of unknown pose was put at the start."""
+"""The world's zero is under the soles that stand, or where a camera of known pose says; what is odd of it is told."""
 
 from dataclasses import replace
 
 import numpy as np
-from filmed_gestures import QUICK, camera_of, filmed_gestures
+import pytest
+from filmed_gestures import HASTY, QUICK, camera_of, filmed_gestures
 
 from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.skeleton import contact_points
+from vip_factors.errors import InputError
+from vip_factors.geometry.rotations import Array
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.scene import Scene
+from vip_factors.stages.floor import Floor, with_declared_floor
+from vip_factors.stages.floor import _plane as plane
 
 SOLE_M = 0.018
 
@@ -43,3 +48,59 @@ def test_the_floor_is_left_where_it_is_if_wanted() -> None:
     found, left = (smooth(scene, replace(QUICK, floor=one)).wearers[0].motion for one in ("found", "none"))
     shift = found.p_world_pelvis - left.p_world_pelvis
     np.testing.assert_allclose(shift, np.broadcast_to(shift[0], shift.shape), atol=2e-3)
+
+
+def filmed_from_a_known_pose(metres: float) -> Scene:
+    """A scene whose camera's pose is known, told in a world whose zero is so far under the floor."""
+    scene = filmed_gestures("fixed", seconds=2.0)
+    assert scene.truth is not None
+    path = scene.truth.camera
+    path = replace(path, p_world_camera=path.p_world_camera + np.array([0.0, 0.0, metres]))
+    return replace(scene, camera=replace(camera_of(scene), known_path=path))
+
+
+def test_a_declared_floor_is_where_zero_is() -> None:
+    plain = smooth(filmed_from_a_known_pose(0.0), HASTY)
+    board_lay_on_a_table = smooth(filmed_from_a_known_pose(-0.74), replace(HASTY, floor=-0.74))
+    for one, other in zip(plain.wearers, board_lay_on_a_table.wearers, strict=True):
+        np.testing.assert_allclose(one.motion.p_world_pelvis, other.motion.p_world_pelvis, atol=1e-6)
+    assert "floor elsewhere" not in [one.kind for one in plain.findings]
+
+
+@pytest.mark.parametrize("metres", [-0.1, 0.1])
+def test_soles_that_stand_beside_the_declared_floor_are_told(metres: float) -> None:
+    estimate = smooth(filmed_from_a_known_pose(metres), QUICK)
+    (height,) = (one.numbers["height_cm"] for one in estimate.findings if one.kind == "floor elsewhere")
+    assert 0.4 < height / (100 * metres) < 1.1  # bodies and weak contacts give way a little
+
+
+def test_a_height_needs_a_camera_of_known_pose() -> None:
+    with pytest.raises(InputError, match="known pose"):
+        with_declared_floor(before_tripod(0.5), 0.3)
+
+
+def soles_at(heights: Array, seed: int = 0) -> Array:
+    """Points ``(N, 3)`` of soles along a way of four metres, a centimetre uneven."""
+    noise = np.random.default_rng(seed).normal(0, [0.1, 0.1, 0.01], (len(heights), 3))
+    return noise + np.stack([np.linspace(0, 4, len(heights)), np.zeros(len(heights)), heights], axis=1)
+
+
+def told(floor: Floor, is_declared: bool = False) -> list[str]:
+    return [one.kind for one in floor.findings(is_declared)]
+
+
+def test_level_floors_are_not_remarked_on_and_slopes_are() -> None:
+    way = np.linspace(0, 4, 400)
+    assert not any(told(plane(soles_at(0 * way, seed), 20.0)) for seed in range(50))
+    ramp = plane(soles_at(np.tan(np.deg2rad(5.0)) * way), 20.0)
+    assert np.rad2deg(ramp.slope) == pytest.approx(5.0, abs=1.0)
+    assert told(ramp) == ["floor uncertain", "floor not level"]
+
+
+def test_stairs_have_no_floor_that_is_certain() -> None:
+    assert told(plane(soles_at(0.17 * np.repeat(np.arange(4.0), 100)), 12.0)) == ["floor uncertain", "floor not level"]
+
+
+def test_a_declared_floor_is_believed_within_two_centimetres() -> None:
+    for height, kinds in ((0.015, []), (0.04, ["floor elsewhere"]), (-0.04, ["floor elsewhere"])):
+        assert told(plane(soles_at(np.full(400, height)), 20.0), is_declared=True) == kinds

@@ -136,9 +136,7 @@ def _solve_before_cameras(
     fusion_start = start_fusion(associated, wearers, settings)
     fused, associated = fuse_in_rounds(fusion_start, associated, settings, solver)
     solution = StretchSolution(scene, tuple(wearers), fused, fusion_start, tuple(associated))
-    if solution.is_world_known or settings.floor != "found":
-        return solution
-    state, about_floor = on_floor(fused.model.wearers, fused.state)
+    state, about_floor = on_floor(fused.model.wearers, fused.state, settings.floor, solution.is_world_known)
     return replace(solution, fused=replace(fused, state=state), about_floor=about_floor)
 
 

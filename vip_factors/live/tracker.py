@@ -23,6 +23,7 @@ from vip_factors.live.tracking import Tracking
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveSample, checked_head, sensor_columns
 from vip_factors.sensors.scene import Scene
+from vip_factors.stages.floor import with_declared_floor
 
 DEFAULT = LiveSettings()
 SOME_VIDEO = 10  # frames with people in them, within the time that tracking begins with
@@ -48,7 +49,8 @@ class FixedLagTracker:
         self, head: Scene, settings: LiveSettings = DEFAULT, extra_factors: ExtraFactors | None = None,
         real_time: bool = False,
     ) -> None:  # fmt: skip
-        self.head, self.settings, self._extra = checked_head(head), settings, extra_factors
+        self.head = head = with_declared_floor(checked_head(head), settings.floor)
+        self.settings, self._extra = settings, extra_factors
         self._worn = sum(len(wearer.placement.sites) for wearer in head.wearers)  # columns; the rest is on cameras
         rate = settings.frame_rate
         self._lag = max(1, round(settings.lag_s * rate))

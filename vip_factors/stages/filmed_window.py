@@ -23,6 +23,7 @@ from vip_factors.settings import Settings
 from vip_factors.stages.association import AssociatedCamera, associate_cameras, usable_cameras
 from vip_factors.stages.decode import SceneCovariance, decode_camera, decode_wearers
 from vip_factors.stages.findings import quality_checks
+from vip_factors.stages.floor import with_declared_floor
 from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds
 from vip_factors.stages.fusion_start import FusionStart, camera_problem, inertial_orientations, start_fusion
 from vip_factors.stages.inertial import InertialSolution, inertial_tracker, start_state
@@ -71,7 +72,7 @@ def solve_scene_window(
         SolveError: if its problem is not determined.
     """
     settings, time = calibration.settings(settings), plan.time(span)
-    measured = source.between(float(time[0]), float(time[-1]))
+    measured = with_declared_floor(source.between(float(time[0]), float(time[-1])), settings.floor)
     clock = calibration.clock if before is None or before.camera is None else before.camera.clock
     scene, about_sensors = calibration.declared(measured, span.start == 0, clock, settings)
     coarse = time[:: plan.factor]

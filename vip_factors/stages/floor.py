@@ -1,29 +1,58 @@
-"""Where the floor is: a camera that was found knows of none, so the world's zero goes under the soles that stand."""
+"""Where the floor is: a camera that was found knows of none, so the world's zero goes under the soles that stand.
 
-from collections.abc import Sequence
+Before a camera of known pose it is declared, and soles that stand elsewhere are told.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import contact_points
+from vip_factors.errors import InputError
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
+from vip_factors.sensors.scene import Camera, Scene
 
 STILL = 0.12, 0.25  # m/s, of a sole that stands: the slower where it is enough, for pixels make feet tremble
 LEAST_FRAMES = 10  # that tell a height
-UNSURE_M = 0.02  # of standard deviation, from which on it is told
+UNSURE_M = 0.02  # from which on it is told: of standard deviation, or from where the floor is declared
 STANCE_S = 0.5  # frames of one stance share one error
+LEVEL = np.deg2rad(1.0)  # how level floors of rooms are, and what the world's own tilt may be
+ROUNDS = 5  # of the slope, with the scatter that it leaves
+SLOPED, UNEVEN_M = np.deg2rad(3.0), 0.05  # from which on it is told: 5 cm to the metre, or about the median
 
 
 @dataclass(frozen=True)
 class Floor:
-    """A level floor: its height in metres, and the standard deviation of that."""
+    """Where soles rest.
+
+    Attributes:
+        height, sigma: the median in metres, and its standard deviation.
+        uneven: half of the range in metres that two of three resting soles are in.
+        slope, slope_sigma: how steep a plane through them is, radians, and the standard deviation of that.
+    """
 
     height: float
     sigma: float
+    uneven: float
+    slope: float
+    slope_sigma: float
+
+    def findings(self, is_declared: bool) -> Iterator[Finding]:
+        """What is odd about it, where z = 0 is declared to be the floor, and where it is put under the soles."""
+        numbers = {"height_cm": 100 * self.height, "sigma_cm": 100 * self.sigma}
+        if is_declared and abs(self.height) > max(UNSURE_M, 2 * self.sigma):
+            yield Finding("floor elsewhere", numbers=numbers)
+        if not is_declared and self.sigma > UNSURE_M:
+            yield Finding("floor uncertain", numbers=numbers)
+        if self.uneven > UNEVEN_M or self.slope > max(SLOPED, 3 * self.slope_sigma):
+            slope, sigma = np.rad2deg([self.slope, self.slope_sigma]).tolist()
+            numbers = {"uneven_cm": 100 * self.uneven, "slope_deg": slope, "sigma_deg": sigma}
+            yield Finding("floor not level", numbers=numbers)
 
 
 def floor_under(models: Sequence[WearerProblem], states: Sequence[WearerState]) -> Floor | None:
@@ -31,7 +60,7 @@ def floor_under(models: Sequence[WearerProblem], states: Sequence[WearerState]) 
 
     None where nothing rests for long enough to tell. Of the steps of stairs it is the middle one.
     """
-    heights, speeds, seconds = list[Array](), list[Array](), 0.0
+    lows, speeds, seconds = list[Array](), list[Array](), 0.0
     for model, state in zip(models, states, strict=True):
         body = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis)
         soles = contact_points(model.skeleton, model.settings.sole.of(state.sole))
@@ -39,28 +68,79 @@ def floor_under(models: Sequence[WearerProblem], states: Sequence[WearerState]) 
         if len(points) < LEAST_FRAMES:
             continue
         lowest = np.arange(len(points)), np.argmin(points[..., 2], axis=1)
-        heights.append(points[..., 2][lowest])
+        lows.append(points[lowest])
         speeds.append(np.linalg.norm(np.gradient(points, model.frames.step, axis=0), axis=2)[lowest])
         seconds += len(points) * model.frames.step
-    height, speed = np.concatenate([np.zeros(0), *heights]), np.concatenate([np.zeros(0), *speeds])
+    low, speed = np.concatenate([np.zeros((0, 3)), *lows]), np.concatenate([np.zeros(0), *speeds])
     for limit in STILL:
-        resting = height[speed < limit]
+        resting = low[speed < limit]
         if len(resting) >= LEAST_FRAMES:
-            middle = float(np.median(resting))
-            spread = 1.4826 * float(np.median(np.abs(resting - middle)))
-            stances = max(seconds / STANCE_S * len(resting) / len(height), 1.0)
-            return Floor(middle, spread / float(np.sqrt(stances)))
+            return _plane(resting, max(seconds / STANCE_S * len(resting) / len(low), 1.0))
     return None
 
 
-def on_floor(models: Sequence[WearerProblem], state: SceneState) -> tuple[SceneState, tuple[Finding, ...]]:
-    """The state of a scene with its floor at z = 0, and what is odd about the floor."""
-    floor = floor_under(models, state.wearers)
-    if floor is None:
+def _plane(points: Array, stances: float) -> Floor:
+    """Through points ``(N, 3)`` of so many stances; the slope by regression, with the prior that it is level."""
+    height = float(np.median(points[:, 2]))
+    sigma = _spread(points[:, 2] - height) / float(np.sqrt(stances))
+    place, over = points[:, :2] - points[:, :2].mean(axis=0), points[:, 2] - points[:, 2].mean()
+    gradient, covariance = np.zeros(2), np.eye(2)
+    for _ in range(ROUNDS):
+        weight = stances / len(points) / max(_spread(over - place @ gradient), UNSURE_M / 2) ** 2
+        covariance = np.linalg.inv(weight * place.T @ place + np.eye(2) / LEVEL**2)
+        gradient = covariance @ (weight * place.T @ over)
+    slope = float(np.linalg.norm(gradient))
+    along = gradient / max(slope, np.finfo(float).tiny)
+    uneven = float(np.diff(np.quantile(points[:, 2], [1 / 6, 5 / 6]))[0]) / 2
+    return Floor(height, sigma, uneven, float(np.arctan(slope)), float(np.sqrt(along @ covariance @ along)))
+
+
+def _spread(values: Array) -> float:
+    """Standard deviation about the median, whatever a few say."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def with_declared_floor(scene: Scene, floor: str | float) -> Scene:
+    """The scene with the zero of its cameras' known poses on the floor, whose height in their world may be declared.
+
+    Raises:
+        InputError: for a height where no camera's pose is known.
+    """
+    if isinstance(floor, str):
+        return scene
+    if not any(camera.known_path is not None for camera in scene.cameras):
+        raise InputError(
+            f"floor is {floor:g}: a height counts in the world of a camera of known pose, and there is none: expected "
+            "found or none"
+        )
+
+    def lifted(camera: Camera) -> Camera:
+        path = camera.known_path
+        if path is None:
+            return camera
+        return replace(camera, known_path=replace(path, p_world_camera=path.p_world_camera - np.array([0, 0, floor])))
+
+    first, *others = map(lifted, scene.cameras)
+    return replace(scene, camera=first, further_cameras=tuple(others))
+
+
+def on_floor(
+    models: Sequence[WearerProblem], state: SceneState, floor: str | float, is_declared: bool
+) -> tuple[SceneState, tuple[Finding, ...]]:
+    """The state of a scene with its floor at z = 0, and what is odd about the floor.
+
+    Args:
+        models, state: of the scene.
+        floor: as the settings have it; ``"none"`` leaves everything where it is.
+        is_declared: whether a camera's pose is known: the floor is at z = 0 then, and stays there.
+    """
+    found = None if floor == "none" else floor_under(models, state.wearers)
+    if found is None:
         return state, ()
-    shift, poses = np.array([0.0, 0.0, -floor.height]), state.camera.poses
+    findings = tuple(found.findings(is_declared))
+    if is_declared:
+        return state, findings
+    shift, poses = np.array([0.0, 0.0, -found.height]), state.camera.poses
     wearers = tuple(replace(one, p_world_pelvis=one.p_world_pelvis + shift) for one in state.wearers)
     camera = replace(state.camera, poses=replace(poses, p_world_camera=poses.p_world_camera + shift))
-    unsure = floor.sigma > UNSURE_M
-    findings = (Finding("floor uncertain", numbers={"sigma_cm": 100 * floor.sigma}),) if unsure else ()
     return replace(state, wearers=wearers, camera=camera), findings

@@ -29,7 +29,7 @@ from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.decode import decode_camera, decode_wearers
 from vip_factors.stages.drift import found_clock
 from vip_factors.stages.findings import film_findings
-from vip_factors.stages.floor import on_floor
+from vip_factors.stages.floor import on_floor, with_declared_floor
 from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds
 from vip_factors.stages.fusion_start import FusionStart, start_fusion
 from vip_factors.stages.inertial import InertialSolution, inertial_trackers
@@ -283,6 +283,7 @@ def _solved_stretch(
     """One stretch; or why nobody was recognised in it."""
     time = plan.coarse_time(stretch)
     scene = source.between() if plan.all_calibrate else source.between(float(time[0]), float(time[-1]))
+    scene = with_declared_floor(scene, settings.floor)
     if stretch.start:
         scene = replace(scene, wearers=tuple(replace(one, initial_pose="none") for one in scene.wearers))
     scene, corrections, about_sensors = checked_scene(scene, settings)
@@ -294,9 +295,9 @@ def _solved_stretch(
         return *film_findings(scene, findings), *findings
     initial = start_fusion(associated, inertial, settings)
     solution, associated = fuse_in_rounds(initial, associated, settings, solver)
-    if settings.floor == "found" and not any(one.camera.known_path is not None for one in associated):
-        state, about_floor = on_floor(solution.model.wearers, solution.state)
-        solution, about_sensors = replace(solution, state=state), (*about_sensors, *about_floor)
+    known = any(one.camera.known_path is not None for one in associated)
+    state, about_floor = on_floor(solution.model.wearers, solution.state, settings.floor, known)
+    solution, about_sensors = replace(solution, state=state), (*about_sensors, *about_floor)
     return SolvedStretch(scene, corrections, about_sensors, inertial, initial, solution, associated, solver)
 
 

@@ -1,6 +1,8 @@
 """The world's zero is under the soles that stand, or where a camera of known pose says; what is odd of it is told."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,9 +13,12 @@ from vip_factors.body.skeleton import contact_points
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.pipeline import smooth
+from vip_factors.problem.state import CameraPoses, CameraState, SceneState
 from vip_factors.sensors.scene import Scene
-from vip_factors.stages.floor import Floor, with_declared_floor
+from vip_factors.simulate.gestures import gestures
+from vip_factors.stages.floor import Floor, distance_findings, with_declared_floor
 from vip_factors.stages.floor import _plane as plane
+from vip_factors.terms.registry import FactorSettings
 
 SOLE_M = 0.018
 
@@ -104,3 +109,32 @@ def test_stairs_have_no_floor_that_is_certain() -> None:
 def test_a_declared_floor_is_believed_within_two_centimetres() -> None:
     for height, kinds in ((0.015, []), (0.04, ["floor elsewhere"]), (-0.04, ["floor elsewhere"])):
         assert told(plane(soles_at(np.full(400, height)), 20.0), is_declared=True) == kinds
+
+
+def two_walkers(raised_m: float) -> tuple[list[Any], SceneState]:
+    """Two in one place, four metres before a camera two metres high; the first is so far above the floor."""
+    motion = gestures(6.0, rate=30.0)
+    problem = SimpleNamespace(skeleton=motion.skeleton, settings=FactorSettings(), frames=SimpleNamespace(step=1 / 30))
+    own = [
+        SimpleNamespace(R_parent_child=motion.R_parent_child, p_world_pelvis=motion.p_world_pelvis + up, sole=0.0)
+        for up in np.array([[0.0, 0.0, raised_m], [0.0, 0.0, 0.0]])
+    ]
+    middle = motion.p_world_pelvis.mean(axis=0)
+    camera = CameraState(CameraPoses(np.eye(3)[None], np.array([[middle[0] - 4.0, middle[1], 2.0]])))
+    problems: list[Any] = [SimpleNamespace(**vars(problem), name=name) for name in ("anna", "ben")]
+    return problems, SceneState(cast(Any, tuple(own)), camera)
+
+
+def test_people_on_one_floor_are_not_remarked_on_and_one_too_near_is() -> None:
+    assert not list(distance_findings(*two_walkers(0.02)))
+    (found,) = distance_findings(*two_walkers(0.2))
+    assert (found.wearer, found.subject) == ("anna", "ben")
+    assert found.numbers["metres"] == pytest.approx(0.2 * 4 / 2, abs=0.12)
+    assert "farther from the camera" in str(found)
+
+
+def test_a_camera_on_the_floor_does_not_tell_who_is_nearer() -> None:
+    problems, state = two_walkers(0.0)
+    low = replace(state.camera.poses, p_world_camera=state.camera.poses.p_world_camera * [1, 1, 0])
+    (found,) = distance_findings(problems, replace(state, camera=replace(state.camera, poses=low)))
+    assert found.numbers["sigma"] > abs(found.numbers["metres"])

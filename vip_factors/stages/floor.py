@@ -22,6 +22,9 @@ LEAST_FRAMES = 10  # that tell a height
 UNSURE_M = 0.02  # from which on it is told: of standard deviation, or from where the floor is declared
 STANCE_S = 0.5  # frames of one stance share one error
 LEVEL = np.deg2rad(1.0)  # how level floors of rooms are, and what the world's own tilt may be
+UNSURE_DISTANCE_M = 0.15  # between two wearers, from which on it is told: half a step
+SOLE_M = 0.01  # how well a wearer's soles and height are known, as long as they stand: of the floor under one alone
+LEAST_HEIGHT_M = 0.1  # of a camera over the floor, below which its rays hardly fall
 ROUNDS = 5  # of the slope, with the scatter that it leaves
 SLOPED, UNEVEN_M = np.deg2rad(3.0), 0.05  # from which on it is told: 5 cm to the metre, or about the median
 
@@ -137,10 +140,37 @@ def on_floor(
     found = None if floor == "none" else floor_under(models, state.wearers)
     if found is None:
         return state, ()
-    findings = tuple(found.findings(is_declared))
-    if is_declared:
-        return state, findings
-    shift, poses = np.array([0.0, 0.0, -found.height]), state.camera.poses
-    wearers = tuple(replace(one, p_world_pelvis=one.p_world_pelvis + shift) for one in state.wearers)
-    camera = replace(state.camera, poses=replace(poses, p_world_camera=poses.p_world_camera + shift))
-    return replace(state, wearers=wearers, camera=camera), findings
+    if not is_declared:
+        shift, poses = np.array([0.0, 0.0, -found.height]), state.camera.poses
+        wearers = tuple(replace(one, p_world_pelvis=one.p_world_pelvis + shift) for one in state.wearers)
+        camera = replace(state.camera, poses=replace(poses, p_world_camera=poses.p_world_camera + shift))
+        state = replace(state, wearers=wearers, camera=camera)
+    return state, (*found.findings(is_declared), *distance_findings(models, state))
+
+
+def distance_findings(models: Sequence[WearerProblem], state: SceneState) -> Iterator[Finding]:
+    """Wearers whose distance from the first one is contradicted, or left open, by the floor that they share.
+
+    Who is taken to be nearer to the camera than true stands higher: feet and pixels lie on one ray, which falls by the
+    camera's height over the distance between the two.
+    """
+    first, *others = (_on_its_ray(model, state, number) for number, model in enumerate(models))
+    for model, other in zip(models[1:], others, strict=True):
+        if first is None or other is None:
+            continue
+        nearer, sigma = first[0] - other[0], float(np.hypot(first[1], other[1]))
+        if max(abs(nearer) - 2 * sigma, sigma) > UNSURE_DISTANCE_M:
+            numbers = {"metres": nearer, "sigma": sigma}
+            yield Finding("distance of wearers", models[0].name, subject=model.name, numbers=numbers)
+
+
+def _on_its_ray(model: WearerProblem, state: SceneState, number: int) -> tuple[float, float] | None:
+    """How much nearer to the camera one wearer stands than soles on z = 0 would, in metres, and how sure that is."""
+    own = state.wearers[number]
+    floor = floor_under([model], [own])
+    if floor is None:
+        return None
+    p_camera_world = state.camera.poses.p_world_camera
+    away = float(np.median(np.linalg.norm((own.p_world_pelvis - p_camera_world)[:, :2], axis=1)))
+    slope = away / max(abs(float(np.median(p_camera_world[:, 2])) - floor.height), LEAST_HEIGHT_M)
+    return slope * floor.height, slope * float(np.hypot(floor.sigma, SOLE_M))

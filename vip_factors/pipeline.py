@@ -30,6 +30,7 @@ from vip_factors.stages.inertial import inertial_trackers
 from vip_factors.stages.inertial_model import with_contacts
 from vip_factors.stages.inertial_windows import smooth_wearer
 from vip_factors.stages.reporting import with_model_errors
+from vip_factors.stages.restarts import in_own_frames, with_restarts
 from vip_factors.stages.sensor_assignment import with_sensors_assigned
 from vip_factors.stages.solver import Progress, Solver
 from vip_factors.stages.windows import scene_plan
@@ -86,7 +87,18 @@ def smooth_chunks(
 def _solved_chunks(
     source: SceneSource, settings: Settings, on_progress: Progress, extra_factors: ExtraFactors | None
 ) -> EstimateChunks:
-    extra = None if extra_factors is None else UserTerms(extra_factors)
+    with _one_blas_thread():
+        extra = None if extra_factors is None else UserTerms(extra_factors)
+        source, pauses, about_pauses = with_restarts(source, settings)
+        found = _each_solved(source, settings, on_progress, extra)
+        if not about_pauses:
+            return found
+    return found.with_findings(about_pauses).changed(lambda one: in_own_frames(one, pauses))
+
+
+def _each_solved(
+    source: SceneSource, settings: Settings, on_progress: Progress, extra: UserTerms | None
+) -> EstimateChunks:
     with _one_blas_thread():
         source, findings = with_sensors_assigned(source, settings)
         if source.head.camera is not None and settings.fusion.use_camera:

@@ -50,6 +50,18 @@ def test_bad_input_is_refused_in_a_sentence(make: Callable[[], ImuStream], sente
         make()
 
 
+def test_single_samples_beyond_any_accelerometer_are_not_measured() -> None:
+    time, force = np.arange(200) / 100, np.tile([0.0, 9.81, 0.0], (200, 1))
+    blow = force.copy()
+    blow[[50, 120], 0] = 461.0, -900.0
+    stream = ImuStream("s", time, blow)
+    np.testing.assert_array_equal(np.flatnonzero(~stream.force_measured_mask), [50, 120])
+    np.testing.assert_allclose(stream.specific_force, force)
+    np.testing.assert_array_equal(np.flatnonzero(~stream.cut(1.0, 2.0).force_measured_mask), [20])
+    with pytest.raises(RecordingError, match="900 m/s² at sample 120: expected at most 400"):
+        ImuStream("s", time[:130], blow[:130])
+
+
 def test_samples_that_are_not_finite_become_gaps() -> None:
     stream = ImuStream.from_samples("s", TIME, changed(FORCE, 2, np.nan), changed(R, 3, np.nan))
     np.testing.assert_allclose(stream.time, [0, 0.1, 0.4, 0.5])

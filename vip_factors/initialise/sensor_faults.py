@@ -84,7 +84,7 @@ def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] |
     time = np.arange(
         max(parent.time[0], child.time[0]) + margin, min(parent.time[-1], child.time[-1]) - margin, STEP
     )  # fmt: skip
-    time = time[_complete(parent, time, STEP) & _complete(child, time, margin)] if len(time) else time
+    time = time[complete(parent, time, STEP) & complete(child, time, margin)] if len(time) else time
     if len(time) * STEP < LEAST_BLOCKS * BLOCK:
         return None
     above = parent.spline(time)
@@ -99,7 +99,7 @@ def joint_misfit(one: JointSignal, other: JointSignal) -> tuple[float, float] | 
     Heading and arms are those that fit best; clocks agree. None where the two share no time.
     """
     time = np.arange(max(one.time[0], other.time[0]) + STEP, min(one.time[-1], other.time[-1]) - STEP, STEP)
-    time = time[_complete(one, time, STEP) & _complete(other, time, STEP)] if len(time) else time
+    time = time[complete(one, time, STEP) & complete(other, time, STEP)] if len(time) else time
     if len(time) * STEP < LEAST_SHARED:
         return None
     above, below = one.spline(time), other.spline(time)
@@ -109,7 +109,7 @@ def joint_misfit(one: JointSignal, other: JointSignal) -> tuple[float, float] | 
     return share, np.count_nonzero(moving) * STEP
 
 
-def _complete(signal: JointSignal, time: Array, reach: float) -> np.ndarray:
+def complete(signal: JointSignal, time: Array, reach: float) -> np.ndarray:
     """Whether nothing is missing within the reach of each of the times."""
     missing = np.r_[0, np.cumsum(~signal.valid)]
     first, last = (np.searchsorted(signal.time, time + sign * reach) for sign in (-1, 1))

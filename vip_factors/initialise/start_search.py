@@ -129,6 +129,10 @@ class StartSearch:
         own = minima.get(best.hypothesis) or min(minima.values(), key=lambda one: one.cost)
         return self._compared(best, starts, grid, own)
 
+    def cost(self, calibration: InitialCalibration) -> float:
+        """Nats of headings and mountings as they are, under the hypothesis that suits them best."""
+        return self._refined(Start("", replace(calibration, R_world_bone=None), 0.0), np.zeros(1)).cost
+
     def _undeclared(self, usual: InitialCalibration, others: Sequence[InitialCalibration]) -> Starts:
         root, up = self._root, self._up_sensor()
         facing = float(usual.headings[root])

@@ -15,7 +15,7 @@ from vip_factors.geometry.rotations import Array, mean_rotation
 from vip_factors.io.importers.shared import GRAVITY, UP, ImportedLog
 from vip_factors.io.toml_values import nearest
 from vip_factors.sensors.calibration import Placement
-from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.imu_stream import FORCE_LIMIT, ImuStream
 from vip_factors.sensors.parts import joined_in_memory
 from vip_factors.sensors.recording import Recording, Subject
 
@@ -129,6 +129,8 @@ def coverage_notes(imus: Mapping[str, ImuStream]) -> list[str]:
             notes.append(f"sensor '{name}' starts {start - first:.1f} s after the first one")
         if last - end > MISSING_END_S:
             notes.append(f"sensor '{name}' stops at {end:.1f} s, {last - end:.1f} s before the last one")
+        if spikes := int(np.count_nonzero(~stream.force_measured_mask)) if stream.specific_force is not None else 0:
+            notes.append(f"sensor '{name}' gives more than {FORCE_LIMIT:g} m/s² in {spikes} samples: interpolated")
         gaps = stream.gaps
         long = gaps[gaps[:, 1] - gaps[:, 0] > LONG_GAP_S]
         if len(long):

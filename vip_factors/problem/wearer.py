@@ -113,6 +113,7 @@ class WearerProblem:
         free_sole: whether the sole's thickness is a variable.
         heading_knots: ``(K,)`` seconds at which headings are variables, linear in between; one or none: constant.
         heading_drift_deg: ``(S,)`` degrees per √minute by which headings walk; empty before anything shows it.
+        restarts: ``(P, 2)`` seconds of pauses over which they may walk anywhere; knots stand at both ends of each.
     """
 
     skeleton: Skeleton
@@ -138,6 +139,7 @@ class WearerProblem:
     is_beginning: bool = True
     heading_knots: Array = field(default_factory=lambda: np.zeros(0))
     heading_drift_deg: Array = field(default_factory=lambda: np.zeros(0))
+    restarts: Array = field(default_factory=lambda: np.zeros((0, 2)))
     variation: BodyVariation | None = None
     free_body: bool = False
     free_hinges: bool = False
@@ -217,6 +219,11 @@ class WearerProblem:
     def headings_walk(self) -> bool:
         """Whether headings change with time."""
         return len(self.heading_knots) > 1
+
+    @property
+    def walks_on(self) -> np.ndarray:
+        """``(K − 1,)`` whether headings walk on to the next knot as they do, and do not begin anew there."""
+        return ~np.isin(self.heading_knots[:-1], self.restarts[:, 0])
 
     def knot_weights(self, frames: slice = slice(None)) -> Array | None:
         """What each knot counts in a stretch of frames ``(t, K)``; None where headings are constant."""

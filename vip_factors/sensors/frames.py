@@ -1,7 +1,7 @@
 """All IMU streams resampled onto the estimator's evenly spaced frames."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording, nothing_placed
 
 LEAP = 1.5  # steps: what is further apart are frames of two stretches
+SILENCE_S = 0.5  # without a sample of any sensor, nothing ties what comes after to what was before: nobody saw it
 LONGEST_S = 86_400.0  # more is no recording of a person, but the time of a sample that was damaged
 
 
@@ -30,6 +31,8 @@ class ImuFrames:
             the triangular window of half-width one frame; zero where not valid.
         acceleration_valid: ``(T, S)`` whether the whole window was measured.
         period: seconds between frames; 0: as many as between the first two.
+        begins: ``(T,)`` whether the frame is the first one of a stretch, after a leap in time or a silence of all
+            sensors (which belongs to the stretch before it); found if not given.
     """
 
     sensors: tuple[str, ...]
@@ -39,6 +42,18 @@ class ImuFrames:
     specific_force_inertial: Array
     acceleration_valid: np.ndarray
     period: float = 0.0
+    begins: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+
+    def __post_init__(self) -> None:
+        if len(self.begins) != len(self.time):
+            object.__setattr__(self, "begins", self._beginning())
+
+    def _beginning(self) -> np.ndarray:
+        seen, frames = self.orientation_valid.any(axis=1), np.arange(len(self))
+        last = np.maximum.accumulate(np.where(seen, frames, -1))
+        silent = frames - np.concatenate([[-1], last])[: len(self)] - 1
+        leaps = np.diff(self.time, prepend=-np.inf) > LEAP * self.step
+        return np.asarray(leaps | (seen & (silent * self.step >= SILENCE_S)))
 
     def __len__(self) -> int:
         return len(self.time)
@@ -53,11 +68,11 @@ class ImuFrames:
     @cached_property
     def follows(self) -> np.ndarray:
         """``(T − 1,)`` whether the next frame is the next step, and not the first one of another stretch."""
-        return np.asarray(np.diff(self.time) < LEAP * self.step)
+        return ~self.begins[1:]
 
     @cached_property
     def beginnings(self) -> np.ndarray:
-        """The first frame of each stretch; of evenly spaced frames 0 alone."""
+        """The first frame of each stretch; of evenly spaced frames without a silence 0 alone."""
         return np.concatenate([[0], np.flatnonzero(~self.follows) + 1])
 
     def window(self, selection: slice) -> "ImuFrames":

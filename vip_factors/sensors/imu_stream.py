@@ -14,6 +14,7 @@ from vip_factors.geometry.rotations import Array
 GAP_FACTOR = 1.5  # a step longer than this many sample periods is a gap: half a period of jitter is common
 ROTATION_TOLERANCE = 1e-3  # of RᵀR from the identity: beyond it the matrix was never a rotation
 FORCE_LIMIT = 400.0  # m/s²: above the ±16 g (157 m/s²) or even ±32 g range of body-worn IMUs
+SPIKES = 0.01  # of the samples: fewer beyond that limit are blows or broken packets, more another unit
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,8 @@ class ImuStream:
     Attributes:
         name: of the sensor, unique in its recording.
         time: ``(N,)`` seconds from the recording's start, strictly increasing; lost samples are simply absent.
-        specific_force: ``(N, 3)`` m/s² in the sensor frame, gravity included (a resting sensor reads +9.81 up).
+        specific_force: ``(N, 3)`` m/s² in the sensor frame, gravity included (a resting sensor reads +9.81 up). Single
+            samples beyond :data:`FORCE_LIMIT` are not measured: what stands there is interpolated.
         R_inertial_sensor: ``(N, 3, 3)`` orientation in this sensor's own inertial frame, whose z is up.
         angular_rate: ``(N, 3)`` rad/s in the sensor frame.
         force_measured: ``(N,)`` whether specific force was measured, or was beyond the accelerometer's range say; None
@@ -66,11 +68,16 @@ class ImuStream:
 
     def _check_values(self) -> None:
         if self.specific_force is not None and np.max(np.abs(self.specific_force)) > FORCE_LIMIT:
-            row = int(np.argmax(np.max(np.abs(self.specific_force), axis=1)))
-            raise RecordingError(
-                f"sensor '{self.name}': specific force of {np.max(np.abs(self.specific_force)):.3g} m/s² at sample "
-                f"{row}: expected at most {FORCE_LIMIT:g}; check the unit (m/s², not g or mg)"
-            )
+            most = np.max(np.abs(self.specific_force), axis=1)
+            beyond = most > FORCE_LIMIT
+            if np.mean(beyond) > SPIKES:
+                raise RecordingError(
+                    f"sensor '{self.name}': specific force of {most.max():.3g} m/s² at sample {int(most.argmax())}: "
+                    f"expected at most {FORCE_LIMIT:g}; check the unit (m/s², not g or mg)"
+                )
+            force = interpolate_points(self.time[~beyond], self.specific_force[~beyond], self.time)
+            object.__setattr__(self, "specific_force", force)
+            object.__setattr__(self, "force_measured", self.force_measured_mask & ~beyond)
         if self.R_inertial_sensor is not None:
             R = self.R_inertial_sensor
             error = np.abs(np.einsum("nji,njk->nik", R, R) - np.eye(3)).max(axis=(1, 2))

@@ -106,6 +106,7 @@ class Recording:
         truth: reference motion and calibration, if known.
         notes: free text, such as the origin of the file.
         start_ns: absolute time of t = 0 in nanoseconds, 0 if unknown.
+        restarts: seconds from and until of pauses after which headings are others, as far as is not known.
     """
 
     name: str
@@ -116,6 +117,7 @@ class Recording:
     truth: Truth | None = None
     notes: str = ""
     start_ns: int = 0
+    restarts: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         for name, stream in self.imus.items():

@@ -39,7 +39,27 @@ def search_start(
     """
     if len(frames.sensors) < 2:
         return None
-    sites = [recording.placement.site(name) for name in frames.sensors]
+    start = settings.calibration.start
+    stretch = _brisk_stretch(recording, frames, start.stretch_s, start.rate)
+    search = start_search(recording, stretch, settings, not settings.calibration.estimate_mountings)
+    declared = settings.factors.initial_pose
+    R_inertial_sensor = orientation_at_start(frames, declared.seconds)
+    if recording.initial_pose != "none" or search.known_mountings or not _still(frames, declared.seconds):
+        return search.best(usual, R_inertial_sensor)
+    bones = [recording.placement.site(name).bone_index for name in frames.sensors]
+    standing = initial_calibration(
+        frames, recording.placement, recording.subject.body(), declared.pose("n-pose"), declared.seconds,
+        gauge_sensor(bones),
+    )  # fmt: skip
+    as_standing = search.best(standing, R_inertial_sensor).best.calibration
+    return search.best(usual, R_inertial_sensor, (as_standing,))
+
+
+def start_search(
+    recording: Recording, stretch: ImuFrames, settings: CommonSettings, known_mountings: bool
+) -> StartSearch:  # fmt: skip
+    """The search over the frames of a stretch, evenly spaced, of a recording's placed sensors."""
+    sites = [recording.placement.site(name) for name in stretch.sensors]
     bones, body, start = [site.bone_index for site in sites], recording.subject.body(), settings.calibration.start
     stated = settings.factors.agreeing_headings.sigma_deg
     if stated is not None:
@@ -55,17 +75,7 @@ def search_start(
         np.stack([_along(body, bone) for bone in bones]),
         np.isin(bones, UPRIGHT),
     )
-    stretch = _brisk_stretch(recording, frames, start.stretch_s, start.rate)
-    search = StartSearch(stretch, prior, start, not settings.calibration.estimate_mountings)
-    declared = settings.factors.initial_pose
-    R_inertial_sensor = orientation_at_start(frames, declared.seconds)
-    if recording.initial_pose != "none" or search.known_mountings or not _still(frames, declared.seconds):
-        return search.best(usual, R_inertial_sensor)
-    standing = initial_calibration(
-        frames, recording.placement, body, declared.pose("n-pose"), declared.seconds, gauge_sensor(bones)
-    )
-    as_standing = search.best(standing, R_inertial_sensor).best.calibration
-    return search.best(usual, R_inertial_sensor, (as_standing,))
+    return StartSearch(stretch, prior, start, known_mountings)
 
 
 def _along(body: Skeleton, bone: int) -> Array:

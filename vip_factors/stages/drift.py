@@ -1,6 +1,6 @@
 """What drifts or leaps, as it was found and told: headings, mountings, and the video's clock against the sensors'."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,24 +31,27 @@ def with_found_drift(model: WearerProblem, state: WearerState) -> WearerProblem:
     """
     if not model.headings_walk:
         return model
-    minutes = np.diff(model.heading_knots)[:, None] / 60
-    squares = np.sum(np.rad2deg(np.diff(state.heading_knots, axis=0)) ** 2, axis=0)
+    on = model.walks_on
+    minutes = np.diff(model.heading_knots)[on] / 60
+    squares = np.sum(np.rad2deg(np.diff(state.heading_knots, axis=0)[on]) ** 2, axis=0)
     usual = model.settings.heading_walk.drift_deg
     drift = np.sqrt((usual**2 * USUAL_MINUTES + squares) / (USUAL_MINUTES + float(minutes.sum())))
     return replace(model, heading_drift_deg=drift)
 
 
-def drift_findings(wearer: str, calibration: Calibration) -> Iterator[Finding]:
-    """The headings that drifted far."""
-    far = {
-        name: drifted for name, one in calibration.items() if abs(drifted := _drifted_deg(one.heading_path)) > TOLD_DEG
+def drift_findings(
+    wearer: str, calibration: Calibration, restarts: Sequence[tuple[float, float]] = ()
+) -> Iterator[Finding]:
+    """The headings that drifted far, but for what they did over pauses from and until some seconds."""
+    pauses = [start for start, _ in restarts]
+    drifted = {
+        name: float(np.rad2deg(np.diff(one.heading_path)[~np.isin(one.heading_time[:-1], pauses)].sum()))
+        for name, one in calibration.items()
+        if len(one.heading_path)
     }
+    far = {name: degrees for name, degrees in drifted.items() if abs(degrees) > TOLD_DEG}
     if far:
         yield Finding("heading drift", wearer, numbers=far)
-
-
-def _drifted_deg(path: Array) -> float:
-    return float(np.rad2deg(path[-1] - path[0])) if len(path) else 0.0
 
 
 # Degrees by which a sensor's mean turn against its bone differs before and after an instant: up to 5.4 in 13 foreign

@@ -57,6 +57,7 @@ def inertial_model(
         use_acceleration=settings.acceleration,
         variation=_variation(recording.subject, factors.length_scale),
         gauge_sensor=gauge_sensor([site.bone_index for site in sites]),
+        restarts=np.array(recording.restarts).reshape(-1, 2),
         name=recording.subject.name,
     )
 
@@ -89,6 +90,8 @@ def with_fixed_calibration(model: WearerProblem) -> WearerProblem:
 def with_heading_knots(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:
     """The model with knots for its headings, evenly spaced over its frames; as it is, if they are to be constant.
 
+    Where they begin anew after pauses, each stretch between these has its own, one at either end.
+
     Raises:
         InputError: for knots that are too close.
     """
@@ -97,8 +100,11 @@ def with_heading_knots(model: WearerProblem, calibration: CalibrationSettings) -
         return model
     if not every >= LEAST_KNOT:
         raise InputError(f"calibration.heading_knot_s is {every:g}: expected {LEAST_KNOT:g} s or more, or none")
-    pieces = round(float(time[-1] - time[0]) / every)
-    return replace(model, heading_knots=np.linspace(time[0], time[-1], pieces + 1)) if pieces else model
+    ends = np.concatenate([time[:1], model.restarts.ravel(), time[-1:]]).reshape(-1, 2)
+    least = min(len(model.restarts), 1)
+    pieces = [max(round(float(end - start) / every), least) for start, end in ends]
+    knots = [np.linspace(start, end, count + 1) for (start, end), count in zip(ends, pieces, strict=True)]
+    return replace(model, heading_knots=np.concatenate(knots)) if any(pieces) else model
 
 
 def with_inflated_contact_sigma(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:

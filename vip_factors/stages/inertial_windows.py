@@ -120,7 +120,7 @@ def _with_findings(
         *leap_findings(wearer, head, shared.model.frames, bones, estimate.calibration),
         *start_findings(wearer, sensors, shared.starts),
         *posture_findings(wearer, head, motion, estimate.calibration, mountings),
-        *drift_findings(wearer, estimate.calibration),
+        *drift_findings(wearer, estimate.calibration, head.restarts),
     )
     return replace(estimate, findings=findings, start=start_choice(sensors, shared.starts))
 

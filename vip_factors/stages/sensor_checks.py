@@ -17,7 +17,7 @@ from vip_factors.initialise.sensor_faults import (
     range_ends,
     sensor_delays,
 )
-from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.imu_stream import FORCE_LIMIT, ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource
@@ -163,6 +163,9 @@ def _accelerometer(
         count = np.count_nonzero(clipped_samples(stream, correction.ends, settings))
         numbers = {"largest": largest, "samples": float(count)}
         findings.append(Finding("accelerometer range", wearer, subject=stream.name, numbers=numbers))
+    if spikes := np.count_nonzero(~stream.force_measured_mask):
+        numbers = {"limit": FORCE_LIMIT, "samples": float(spikes)}
+        findings.append(Finding("impossible acceleration", wearer, subject=stream.name, numbers=numbers))
     measured = accelerometer_scale(stream, settings)
     if measured is None or abs(measured[0] - 1) <= max(settings.scale_error, settings.deviations * measured[1]):
         return correction, findings

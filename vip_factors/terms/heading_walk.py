@@ -26,6 +26,8 @@ class HeadingWalkSettings:
     # Degrees per √minute, before the first solution shows how each sensor drifts: too small a number would hold back
     # one that drifts by tens of degrees in minutes, as gyroscopes do that were never calibrated.
     unknown_drift_deg: float = 10.0
+    # Degrees over a pause after which headings are others: what a few seconds of motion told of them is good to that.
+    restart_deg: float = 20.0
 
     def sigma(self, seconds: Array, drift_deg: Array) -> Array:
         """Radians added in ``seconds`` to a heading that drifts by ``drift_deg`` per √minute; shapes broadcast."""
@@ -43,7 +45,9 @@ def equations(at: WearerEvaluation) -> Iterator[KnotEquations]:
     """One factor for each sensor, from each knot to the next."""
     problem, knots = at.problem, at.state.heading_knots
     if problem.free_headings and problem.headings_walk:
-        root = 1 / walk_sigma(problem, np.diff(problem.heading_knots)[:, None])
+        settings: HeadingWalkSettings = problem.settings.heading_walk
+        walked = walk_sigma(problem, np.diff(problem.heading_knots)[:, None])
+        root = 1 / np.where(problem.walks_on[:, None], walked, np.deg2rad(settings.restart_deg))
         residual = root * np.diff(knots, axis=0)
         yield KnotEquations(0, residual[..., None], 1.0, SQUARE, at.owner, "headings", root)
 

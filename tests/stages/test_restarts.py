@@ -20,9 +20,7 @@ from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.restarts import headings_after_pauses, pauses_of
 
-SETTINGS = Settings(
-    frame_rate=15.0, calibration=CalibrationSettings(passes=1), solve=SolveSettings(max_iterations=12)
-)
+SETTINGS = Settings(frame_rate=15.0, calibration=CalibrationSettings(passes=1), solve=SolveSettings(max_iterations=12))
 JUMPS = np.deg2rad([70.0, -120.0, 35.0, 150.0, -60.0, 100.0, -40.0, 170.0, 80.0, -90.0])
 
 

@@ -12,7 +12,7 @@ from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.sources import RecordingInMemory
+from vip_factors.sensors.sources import RecordingInMemory, one_stream
 from vip_factors.settings import Settings, WindowSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
@@ -26,7 +26,7 @@ LEG = ("pelvis", "left_thigh", "left_shank", "left_foot")
 
 @cache
 def leg(rigid: bool = False) -> Recording:
-    motion = gestures(12.0)
+    motion = gestures(18.0)
     whole = preset("totalcapture13", motion.skeleton)
     placement = replace(whole, sites=tuple(site for site in whole.sites if site.sensor in LEG))
     settings = SimulateSettings.noise_free() if rigid else SimulateSettings()
@@ -168,3 +168,17 @@ def test_long_recordings_are_put_right_by_time() -> None:
     )
     assert nothing == ()
     assert isinstance(sound, RecordingInMemory)
+
+
+def test_a_sensor_that_lost_samples_and_moved_up_what_came_after_is_told() -> None:
+    """These strides are all alike, so a shift of one more is as good."""
+    name = "left_shank"
+    sound = leg().imus[name]
+    middle, lost = len(sound) // 2, round(0.6 * sound.rate)
+    late = sound.cut(float(sound.time[middle + lost]), np.inf)
+    early = replace(late, time=late.time - (late.time[0] - sound.time[middle]))
+    recording, findings = checked(
+        with_stream(name, one_stream([sound.cut(-np.inf, float(sound.time[middle - 1])), early])), Settings()
+    )
+    assert [(one.kind, one.subject) for one in findings] == [("sensor clock jumped", name)]
+    assert recording.imus[name].time[-1] == early.time[-1]

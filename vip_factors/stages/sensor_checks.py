@@ -7,6 +7,7 @@ import numpy as np
 
 from vip_factors.errors import RecordingError
 from vip_factors.findings import Finding
+from vip_factors.initialise.sensor_clock_steps import ClockStep, clock_step
 from vip_factors.initialise.sensor_faults import (
     AccelerometerSettings,
     SensorClockSettings,
@@ -145,12 +146,14 @@ def sensor_corrections(
             findings += found
     if settings.sensor_clocks.check:
         right = {name: corrections[name].of(one) if name in corrections else one for name, one in clocks.imus.items()}
-        delays = _delays(replace(clocks, imus=right), settings)
+        delays, step = _delays(replace(clocks, imus=right), settings)
         for one in delays:
             name = clocks.placed[one.sensor]
             if settings.sensor_clocks.correct and one.rival is None:
                 corrections[name] = replace(corrections.get(name, SensorCorrection()), late=one.seconds)
         findings += _about_clocks(wearer, clocks.placed, delays, settings.sensor_clocks)
+        if step is not None:
+            findings.append(_clock_jumped(wearer, clocks.placed[step.sensor], step.seconds))
     return corrections, tuple(findings)
 
 
@@ -183,13 +186,18 @@ def _accelerometer(
     return replace(correction, scale=scale), findings
 
 
-def _delays(recording: Recording, settings: Settings) -> tuple[SensorDelay, ...]:
+def _delays(recording: Recording, settings: Settings) -> tuple[tuple[SensorDelay, ...], ClockStep | None]:
     names = recording.placed
     if len(names) < 2:
-        return ()
+        return (), None
     bones = [recording.placement.site(name).bone_index for name in names]
-    links = placed_links(recording, settings)
-    return sensor_delays([recording.imus[name] for name in names], bones, links, settings.sensor_clocks)
+    links, streams = placed_links(recording, settings), [recording.imus[name] for name in names]
+    return sensor_delays(streams, bones, links, settings.sensor_clocks), clock_step(streams, links)
+
+
+def _clock_jumped(wearer: str, name: str, late: float) -> Finding:
+    numbers, words = {"seconds": abs(late)}, {"late": "late" if late > 0 else "early"}
+    return Finding("sensor clock jumped", wearer, subject=name, numbers=numbers, words=words)
 
 
 def _about_clocks(

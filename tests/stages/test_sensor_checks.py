@@ -57,6 +57,19 @@ def test_a_sensor_whose_clock_is_off_is_found_and_put_right(late: str, seconds: 
     np.testing.assert_allclose(recording.imus[late].time, sound.time, atol=0.005 if rigid else 0.015)
 
 
+def test_samples_that_are_impossible_are_told_but_not_where_no_accelerometer_is() -> None:
+    sound = leg().imus["left_foot"]
+    assert sound.specific_force is not None
+    blow = sound.specific_force.copy()
+    blow[300] = 461.0
+    _, findings = checked(with_stream("left_foot", replace(sound, specific_force=blow)), Settings())
+    assert [(one.kind, one.subject, one.numbers["samples"]) for one in findings] == [
+        ("impossible acceleration", "left_foot", 1.0)
+    ]
+    _, findings = checked(with_stream("left_foot", replace(sound, specific_force=None)), Settings())
+    assert findings == ()
+
+
 def test_clocks_are_only_told_of_where_asked() -> None:
     sound = leg().imus["left_foot"]
     late = with_stream("left_foot", replace(sound, time=sound.time + 0.05))

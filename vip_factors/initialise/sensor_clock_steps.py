@@ -30,7 +30,7 @@ LONGEST_S = 2.5  # that are looked for
 END_S = 15.0  # of a recording's end that are looked at, its last third if that is less
 LEAST_THERE = 0.6  # of the instants, with any shift: packets are lost
 NEAR_S = 0.15  # smaller shifts are delays
-SURE = 10.0  # nats by which a shift explains more than none: 43 sound recordings and scenes have 5 at most
+SURE = 10.0  # nats by which a shift explains more than none: 43 sound recordings and scenes have 7 at most
 
 
 @dataclass(frozen=True)

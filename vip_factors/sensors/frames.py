@@ -15,6 +15,7 @@ from vip_factors.sensors.recording import Recording, nothing_placed
 
 LEAP = 1.5  # steps: what is further apart are frames of two stretches
 SILENCE_S = 0.5  # without a sample of any sensor, nothing ties what comes after to what was before: nobody saw it
+POSE_S = 4.0  # from the start: what is silent sooner comes after a pose that was held before, and is tied to it
 LONGEST_S = 86_400.0  # more is no recording of a person, but the time of a sample that was damaged
 
 
@@ -53,7 +54,8 @@ class ImuFrames:
         last = np.maximum.accumulate(np.where(seen, frames, -1))
         silent = frames - np.concatenate([[-1], last])[: len(self)] - 1
         leaps = np.diff(self.time, prepend=-np.inf) > LEAP * self.step
-        return np.asarray(leaps | (seen & (silent * self.step >= SILENCE_S)))
+        silences = (silent * self.step >= SILENCE_S) & (self.time >= self.time[:1] + POSE_S)
+        return np.asarray(leaps | (seen & silences))
 
     def __len__(self) -> int:
         return len(self.time)

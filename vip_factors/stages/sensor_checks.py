@@ -166,7 +166,7 @@ def _accelerometer(
         count = np.count_nonzero(clipped_samples(stream, correction.ends, settings))
         numbers = {"largest": largest, "samples": float(count)}
         findings.append(Finding("accelerometer range", wearer, subject=stream.name, numbers=numbers))
-    if spikes := np.count_nonzero(~stream.force_measured_mask):
+    if stream.specific_force is not None and (spikes := np.count_nonzero(~stream.force_measured_mask)):
         numbers = {"limit": FORCE_LIMIT, "samples": float(spikes)}
         findings.append(Finding("impossible acceleration", wearer, subject=stream.name, numbers=numbers))
     measured = accelerometer_scale(stream, settings)

@@ -5,19 +5,22 @@ from functools import cache
 
 import numpy as np
 import pytest
+from filmed_gestures import filmed_gestures
 
+from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import exp, rotation_z
-from vip_factors.initialise.sensor_assignment import AssignmentSettings, Exchange, exchanged_sensors
+from vip_factors.initialise.sensor_assignment import AssignmentSettings, Exchange, exchanged, exchanged_sensors
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.stages.sensor_assignment import exchanged, exchanges_of, with_sensors_assigned
+from vip_factors.simulate.staging import with_initial_pose
+from vip_factors.stages.sensor_assignment import exchanges_of, with_sensors_assigned
 
 LEGS = ("pelvis", "left_thigh", "left_shank", "left_foot", "right_thigh", "right_shank", "right_foot")
 
@@ -66,6 +69,54 @@ def test_what_tells_nothing_accuses_nobody() -> None:
     assert exchanged_sensors([None] * 4, [(0, 1), (1, 2)], AssignmentSettings()) == ()
     still = replace(legs(), imus={name: replace(one, specific_force=None) for name, one in legs().imus.items()})
     assert exchanges_of(still, Settings()) == ()
+
+
+@cache
+def whole_body() -> Recording:
+    motion = with_initial_pose(gestures(8.0), "t-pose")
+    placement = preset("totalcapture13", motion.skeleton)
+    return simulate_recording(motion, placement, SimulateSettings(), seed=1, initial_pose="t-pose")
+
+
+def left_for_right(recording: Recording) -> Recording:
+    at = {recording.placement.site(name).bone: number for number, name in enumerate(recording.placed)}
+    pairs = [(own, at[f"right_{bone[5:]}"]) for bone, own in at.items() if bone.startswith("left_")]
+    exchanges = [Exchange(pair, 0.0) for pair in pairs]
+    return replace(recording, placement=exchanged(recording.placement, recording.placed, exchanges))
+
+
+def told_of(recording: Recording, camera: Camera | None = None) -> list[Finding]:
+    scene = Scene("whole body", (recording,), camera)
+    return list(with_sensors_assigned(SceneInMemory(scene), Settings())[1])
+
+
+def test_left_for_right_is_told_by_how_the_body_bends() -> None:
+    recording = whole_body()
+    assert told_of(recording) == []
+    (found,) = told_of(left_for_right(recording))
+    assert found.kind == "sides exchanged"
+    assert all(f"'{name}'" in str(found) for name in recording.placed if name.startswith(("left", "right")))
+    _, (right,) = with_sensors_assigned(
+        SceneInMemory(Scene("whole body", (left_for_right(recording),))), replace(Settings(), assign=True)
+    )
+    assert right.kind == "sensors put right"
+
+
+def test_left_for_right_is_told_by_the_picture_where_nothing_else_tells() -> None:
+    scene = filmed_gestures(azimuth_deg=20.0)
+    (wearer,) = scene.wearers
+    six = ("pelvis", "left_knee", "right_knee")
+    sites = tuple(site for site in wearer.placement.sites if site.bone in six)
+    few = replace(wearer, placement=replace(wearer.placement, sites=sites), truth=None)
+    assert told_of(few, scene.camera) == []
+    assert [one.kind for one in told_of(left_for_right(few), scene.camera)] == ["sides exchanged"]
+
+
+def test_another_pose_than_the_declared_one_is_told() -> None:
+    recording = whole_body()
+    (found,) = told_of(replace(recording, initial_pose="n-pose"))
+    assert found.kind == "other pose"
+    assert "from the t-pose" in str(found)
 
 
 def test_two_sensors_on_one_bone_are_told() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from vip_factors.errors import RecordingError
+from vip_factors.geometry.rotations import transpose
 from vip_factors.initialise.sensor_faults import SensorClockSettings, fewest_delays
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams
@@ -68,6 +69,28 @@ def test_samples_that_are_impossible_are_told_but_not_where_no_accelerometer_is(
     ]
     _, findings = checked(with_stream("left_foot", replace(sound, specific_force=None)), Settings())
     assert findings == ()
+
+
+def test_a_reversed_axis_is_told_and_put_right() -> None:
+    sound = leg().imus["left_foot"]
+    force = sound.specific_force
+    assert force is not None
+    axis = int(np.argmax(np.abs(force.mean(axis=0))))
+    flipped = replace(sound, specific_force=force * np.where(np.arange(3) == axis, -1.0, 1.0))
+    recording, findings = checked(with_stream("left_foot", flipped), Settings())
+    assert [one.kind for one in findings] == ["accelerometer axis"]
+    assert f"the {'xyz'[axis]} axis of the accelerometer of 'left_foot'" in str(findings[0])
+    np.testing.assert_array_equal(recording.imus["left_foot"].specific_force, force)
+
+
+def test_inverted_orientations_are_refused_by_name() -> None:
+    imus = {
+        name: replace(one, R_inertial_sensor=transpose(one.R_inertial_sensor))
+        for name, one in leg().imus.items()
+        if one.R_inertial_sensor is not None
+    }
+    with pytest.raises(RecordingError, match=r"are inverted: .* conjugate of each quaternion"):
+        checked(replace(leg(), imus=imus), Settings())
 
 
 def test_clocks_are_only_told_of_where_asked() -> None:

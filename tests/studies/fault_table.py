@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, exp, rotation_z, transpose
-from vip_factors.initialise.sensor_assignment import Exchange
+from vip_factors.initialise.sensor_assignment import Exchange, exchanged
 from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import FORCE_LIMIT, ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.stages.sensor_assignment import exchanged
 
 SEED = 7
 Faulty = tuple[Scene, tuple[str, ...]]
@@ -53,6 +52,18 @@ def _exchanged(one: str, other: str) -> Callable[[Scene, Scene], Faulty | None]:
         )
 
     return put
+
+
+def _sides_for_each_other(scene: Scene, _: Scene) -> Faulty | None:
+    """Whoever put the sensors on took the wearer's left for his right."""
+    own = scene.wearers[0]
+    numbers = {own.placement.site(name).bone: n for n, name in enumerate(own.placed)}
+    pairs = [(numbers[bone], numbers[f"right{bone[4:]}"]) for bone in numbers
+             if bone.startswith("left") and f"right{bone[4:]}" in numbers]  # fmt: skip
+    if not pairs:
+        return None
+    placement = exchanged(own.placement, own.placed, [Exchange(pair, 0.0) for pair in pairs])
+    return _wearer(scene, lambda one: replace(one, placement=placement)), ()
 
 
 def _stream(
@@ -104,6 +115,13 @@ def _turned(by: Array, late: bool = False) -> Callable[[ImuStream], ImuStream]:
 def _heading_jumps(stream: ImuStream) -> ImuStream:
     assert stream.R_inertial_sensor is not None
     by = rotation_z(np.deg2rad(50.0) * (stream.time > np.mean(stream.time[[0, -1]])))
+    return replace(stream, R_inertial_sensor=by @ stream.R_inertial_sensor)
+
+
+def _heading_drifts(stream: ImuStream) -> ImuStream:
+    if stream.R_inertial_sensor is None:
+        return stream
+    by = rotation_z(np.deg2rad(60.0) * (stream.time - stream.time[0]) / (stream.time[-1] - stream.time[0]))
     return replace(stream, R_inertial_sensor=by @ stream.R_inertial_sensor)
 
 
@@ -251,24 +269,28 @@ def _zoom(scene: Scene, _: Scene) -> Faulty | None:
 
 
 UNLIKE_POSE = ("turned since the start", "two calibrations", "impossible site", "turned on the body")
+EXCHANGED = ("sensors exchanged", "sides exchanged")
 NOT_OF_IT = ("not recognised", "scatter", "no common time", "leap", "not in the video")
 FAULTS = (
-    Fault("thighs exchanged", _exchanged("left_hip", "right_hip"), ("sensors exchanged",)),
-    Fault("shanks exchanged", _exchanged("left_knee", "right_knee"), ("sensors exchanged",)),
-    Fault("feet exchanged", _exchanged("left_ankle", "right_ankle"), ("sensors exchanged",)),
-    Fault("forearms exchanged", _exchanged("left_elbow", "right_elbow"), ("sensors exchanged",)),
-    Fault("upper arms exchanged", _exchanged("left_shoulder", "right_shoulder"), ("sensors exchanged",)),
+    Fault("thighs exchanged", _exchanged("left_hip", "right_hip"), EXCHANGED),
+    Fault("shanks exchanged", _exchanged("left_knee", "right_knee"), EXCHANGED),
+    Fault("feet exchanged", _exchanged("left_ankle", "right_ankle"), EXCHANGED),
+    Fault("forearms exchanged", _exchanged("left_elbow", "right_elbow"), EXCHANGED),
+    Fault("upper arms exchanged", _exchanged("left_shoulder", "right_shoulder"), EXCHANGED),
     Fault("thigh and shank exchanged", _exchanged("left_hip", "left_knee"), ("sensors exchanged",)),
     Fault("shank and foot exchanged", _exchanged("right_knee", "right_ankle"), ("sensors exchanged",)),
+    Fault("left side for right", _sides_for_each_other, EXCHANGED),
     Fault("two on one bone", _one_bone, ("two on one bone", "sensors exchanged")),
     Fault("upside down", _stream(_turned(np.array([0, 0, np.pi]))), UNLIKE_POSE),
     Fault("turned midway by 50°", _stream(_turned(np.array([0, 0.87, 0]), late=True)), ("sensor turned",)),
     Fault("heading jumps by 50°", _stream(_heading_jumps), ("sensor turned", "heading drift")),
-    Fault("axis reversed", _stream(_with_force(np.array([1, 1, -1]))), ("accelerometer scale",)),
+    Fault("heading drifts by 60°", _stream(_heading_drifts, "left_hip"), ("heading drift", "sensor turned")),
+    Fault("axis reversed", _stream(_with_force(np.array([1, 1, -1]))), ("accelerometer axis", "accelerometer scale")),
     Fault("g for m/s²", _streams(_with_force(np.array(1 / 9.81))), ("accelerometer scale",)),
     Fault("gravity left out", _streams(_without_gravity), ("accelerometer scale",), "gravity"),
     Fault("orientations inverted", _streams(lambda one: one if one.R_inertial_sensor is None else
-          replace(one, R_inertial_sensor=transpose(one.R_inertial_sensor))), (*UNLIKE_POSE, "accelerometer scale")),
+          replace(one, R_inertial_sensor=transpose(one.R_inertial_sensor))), (*UNLIKE_POSE, "accelerometer scale"),
+          "inverted"),
     Fault("stuck", _stream(_stuck), ("sensor stuck",)),
     Fault("a fifth lost", _stream(_samples_lost), ()),
     Fault("a second dropped", _stream(_second_dropped),
@@ -277,7 +299,7 @@ FAULTS = (
           ("sensor clock", "sensor clocks disagree")),
     Fault("stature +15 cm", _stature(0.15), ("body size", "body lengths")),
     Fault("stature -15 cm", _stature(-0.15), ("body size", "body lengths")),
-    Fault("other pose declared", _other_pose, (*UNLIKE_POSE, "joint limit")),
+    Fault("other pose declared", _other_pose, (*UNLIKE_POSE, "other pose", "joint limit")),
     Fault("pose not held", _without_start, UNLIKE_POSE),
     Fault("video mirrored", _video(_mirrored), ("keypoint order", "not recognised")),
     Fault("keypoints' sides exchanged", _video(_sides_exchanged), ("keypoint order",)),

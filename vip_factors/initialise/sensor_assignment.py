@@ -8,7 +8,7 @@ recording; the sum is compared with that of every exchange of two sensors.
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from vip_factors.geometry.rotations import Array, angle_between, log, mean_rotation, nearest_rotation, transpose
 from vip_factors.initialise.sensor_faults import JointSignal, joint_misfit
 from vip_factors.initialise.sensor_tree import MOST_LOOKS, SWINGS_PER_SECOND
+from vip_factors.sensors.calibration import Placement
 
 Pair = tuple[int, int]
 
@@ -41,11 +42,15 @@ class Exchange:
         sensors: their numbers.
         nats: by which the recording is likelier with them exchanged.
         rivals: other exchanges that explain it as well, of which one is right.
+        others: pairs that are exchanged as well, where whole limbs or sides are.
+        evidence: in words, where it is not neighbours' accelerations.
     """
 
     sensors: Pair
     nats: float
     rivals: tuple[Pair, ...] = ()
+    others: tuple[Pair, ...] = ()
+    evidence: str = ""
 
 
 ALIKE = 3.0  # nats between exchanges of which neither is told for the other: 20 to 1
@@ -106,6 +111,15 @@ def _gains(
         then = sum(cost(of[swap.get(a, a)], of[swap.get(b, b)]) for a, b in own)
         found[one, other] = now - then
     return found
+
+
+def exchanged(placement: Placement, names: Sequence[str], exchanges: Sequence[Exchange]) -> Placement:
+    """A placement with sensors in each other's sites."""
+    sites = {site.sensor: site for site in placement.sites}
+    for pair in (pair for exchange in exchanges for pair in (exchange.sensors, *exchange.others)):
+        one, other = (names[number] for number in pair)
+        sites[one], sites[other] = replace(sites[other], sensor=one), replace(sites[one], sensor=other)
+    return replace(placement, sites=tuple(sites.values()))
 
 
 TURN_FRAMES, WINDOW_FRAMES = 2, 100  # over which turns are compared; in which headings hardly drift

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.geometry.rotations import Array, rotation_z
+from vip_factors.geometry.rotations import Array, rotation_z, transpose
 from vip_factors.initialise.sensor_tree import Link
 from vip_factors.ranges import NotNegative, NotNegativeInt
 from vip_factors.sensors.frames import coarser, resample_streams
@@ -322,6 +322,38 @@ def accelerometer_scale(stream: ImuStream, settings: AccelerometerSettings) -> t
     mean = float(np.sum((step * (vertical[1:] + vertical[:-1]) / 2)[measured]) / seconds)
     sigma = np.hypot(settings.speed_change / (seconds * STANDARD_GRAVITY), settings.least_sigma)
     return mean / STANDARD_GRAVITY, float(sigma)
+
+
+# Of the mean force to the vertical: what is wrong, and what is right. Fifteen sound recordings have up to 2.8°.
+LEANING, UPRIGHT = np.deg2rad(10.0), np.deg2rad(4.0)
+INVERTED = "inverted"
+
+
+def force_in_wrong_axes(stream: ImuStream) -> str | None:
+    """The axis, ``"x"``, ``"y"`` or ``"z"``, whose specific force has the wrong sign; :data:`INVERTED` where
+    orientations turn the inertial frame into the sensor's.
+
+    The mean force is upright in the inertial frame, over a long time. None where it is, and where none of this makes
+    it so.
+    """
+    if stream.specific_force is None or stream.R_inertial_sensor is None or len(stream) < 2:
+        return None
+    known = stream.force_measured_mask
+    R, force = stream.R_inertial_sensor[known], stream.specific_force[known]
+    if _leaning(R, force) < LEANING:
+        return None
+    found = {
+        axis: _leaning(R, force * np.where(np.arange(3) == number, -1.0, 1.0)) for number, axis in enumerate("xyz")
+    }
+    found[INVERTED] = _leaning(transpose(R), force)
+    best = min(found, key=lambda one: found[one])
+    return best if found[best] < UPRIGHT else None
+
+
+def _leaning(R: Array, force: Array) -> float:
+    """Angle of the mean force to the vertical."""
+    mean = np.einsum("nij,nj->i", R, force)
+    return float(np.arctan2(np.hypot(mean[0], mean[1]), mean[2]))
 
 
 def range_ends(stream: ImuStream, settings: AccelerometerSettings) -> tuple[tuple[int, float], ...]:

@@ -1,6 +1,6 @@
 """Sensors that are on one another's segments: told, and exchanged if that is wanted, before anything is estimated."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,7 +9,13 @@ import numpy as np
 from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.findings import Finding
-from vip_factors.initialise.sensor_assignment import TURN_FRAMES, Exchange, exchanged_sensors, spread_between
+from vip_factors.initialise.sensor_assignment import (
+    TURN_FRAMES,
+    Exchange,
+    exchanged,
+    exchanged_sensors,
+    spread_between,
+)
 from vip_factors.initialise.sensor_faults import joint_signal
 from vip_factors.initialise.sensor_tree import Link, sensor_tree
 from vip_factors.sensors.calibration import Placement, SensorSite, site_name
@@ -19,6 +25,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource, SceneSource
 from vip_factors.settings import Settings
+from vip_factors.stages.declared_checks import against_declared
 
 
 def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[SceneSource, tuple[Finding, ...]]:
@@ -32,6 +39,12 @@ def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[Scen
         streams = one.between((start + end) / 2 - half, (start + end) / 2 + half)
         head = replace(one.head, imus=dict(streams))
         found = exchanges_of(head, settings)
+        placement = exchanged(head.placement, head.placed, found)
+        pose, sides = _against_declared(source, one, placement, settings)
+        if pose is not None:
+            findings.append(pose)
+        if sides is not None:
+            found = (*found, sides)
         findings += [exchange_finding(head, exchange, settings.assign) for exchange in found]
         findings += _on_one_bone(head)
         placements.append(exchanged(head.placement, head.placed, found))
@@ -39,6 +52,19 @@ def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[Scen
     if exchanges and settings.assign:
         source = ReplacedSource(source, tuple(placements))
     return source, tuple(findings)
+
+
+def _against_declared(
+    source: SceneSource, wearer: RecordingSource, placement: Placement, settings: Settings
+) -> tuple[Finding | None, Exchange | None]:
+    """Another pose than was declared, and left sensors on the right: in the beginning, which holds the pose."""
+    start, end = wearer.interval
+    end = min(end, start + settings.assignment.seconds)
+    recording = replace(wearer.head, imus=dict(wearer.between(start, end)), placement=placement)
+    if any(one.R_inertial_sensor is None for one in recording.imus.values()):
+        return None, None
+    camera = source.between(start, end).camera if settings.fusion.use_camera else None
+    return against_declared(recording, camera, settings)
 
 
 def exchanges_of(recording: Recording, settings: Settings) -> tuple[Exchange, ...]:
@@ -89,15 +115,6 @@ def placed_links(recording: Recording, settings: Settings) -> tuple[Link, ...]:
     )  # fmt: skip
 
 
-def exchanged(placement: Placement, names: Sequence[str], exchanges: Sequence[Exchange]) -> Placement:
-    """A placement with sensors in each other's sites."""
-    sites = {site.sensor: site for site in placement.sites}
-    for exchange in exchanges:
-        one, other = (names[number] for number in exchange.sensors)
-        sites[one], sites[other] = replace(sites[other], sensor=one), replace(sites[one], sensor=other)
-    return replace(placement, sites=tuple(sites.values()))
-
-
 def exchange_finding(
     recording: Recording, exchange: Exchange, done: bool, advice: str = "--assign takes them for one another"
 ) -> Finding:
@@ -112,9 +129,12 @@ def exchange_finding(
         "rivals": "".join(f", or {pair(one)}" for one in exchange.rivals),
         "done": "the first two are taken for one another" if done else advice,
     }
+    words["pair"] += "".join(f", {pair(one)}" for one in exchange.others)
+    words["evidence"] = exchange.evidence or f"{exchange.nats:.0f} nats likelier"
     numbers = {"nats": exchange.nats}
     subject = recording.placed[exchange.sensors[0]]
-    kind = "sensors put right" if done and not exchange.rivals else "sensors exchanged"
+    kind = "sides exchanged" if exchange.evidence else "sensors exchanged"
+    kind = "sensors put right" if done and not exchange.rivals else kind
     return Finding(kind, recording.subject.name, subject=subject, numbers=numbers, words=words)
 
 

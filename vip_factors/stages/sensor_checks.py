@@ -9,11 +9,13 @@ from vip_factors.errors import RecordingError
 from vip_factors.findings import Finding
 from vip_factors.initialise.sensor_clock_steps import ClockStep, clock_step
 from vip_factors.initialise.sensor_faults import (
+    INVERTED,
     AccelerometerSettings,
     SensorClockSettings,
     SensorDelay,
     accelerometer_scale,
     clipped_samples,
+    force_in_wrong_axes,
     longest_repeat,
     range_ends,
     sensor_delays,
@@ -71,12 +73,14 @@ class SensorCorrection:
     Attributes:
         ends: axes and values of specific force at the ends of its range: such samples measured none.
         scale: that its specific force has too much.
+        reversed_axis: whose specific force has the wrong sign, if one has.
         late: seconds that its times are late.
         settings: of the look at accelerometers.
     """
 
     ends: tuple[tuple[int, float], ...] = ()
     scale: float = 1.0
+    reversed_axis: str = ""
     late: float = 0.0
     settings: AccelerometerSettings = field(default_factory=AccelerometerSettings)
 
@@ -85,6 +89,9 @@ class SensorCorrection:
         if self.ends:
             clipped = clipped_samples(stream, self.ends, self.settings)
             stream = replace(stream, force_measured=stream.force_measured_mask & ~clipped)
+        if self.reversed_axis and stream.specific_force is not None:
+            signs = np.where(np.array(list("xyz")) == self.reversed_axis, -1.0, 1.0)
+            stream = replace(stream, specific_force=stream.specific_force * signs)
         if self.scale != 1.0 and stream.specific_force is not None:
             stream = replace(stream, specific_force=stream.specific_force / self.scale)
         return replace(stream, time=stream.time - self.late) if self.late else stream
@@ -137,6 +144,7 @@ def sensor_corrections(
     corrections: dict[str, SensorCorrection] = {}
     findings: list[Finding] = []
     if settings.accelerometers.check:
+        _refuse_inverted(recording)
         for name in recording.placed:
             if (seconds := longest_repeat(recording.imus[name])) > STUCK_S:
                 findings.append(Finding("sensor stuck", wearer, subject=name, numbers={"seconds": seconds}))
@@ -157,6 +165,17 @@ def sensor_corrections(
     return corrections, tuple(findings)
 
 
+def _refuse_inverted(recording: Recording) -> None:
+    """Of one sensor it may be chance, of half of them it is the file's convention."""
+    names = [name for name in recording.placed if force_in_wrong_axes(recording.imus[name]) == INVERTED]
+    if len(names) > len(recording.placed) / 2:
+        raise RecordingError(
+            f"wearer '{recording.subject.name}': orientations of {len(names)} of {len(recording.placed)} sensors are "
+            "inverted: gravity is upright if they turn the inertial frame into the sensor's; expected the sensor's "
+            "into the inertial one; invert them (the conjugate of each quaternion) and convert again"
+        )
+
+
 def _accelerometer(
     wearer: str, stream: ImuStream, settings: AccelerometerSettings
 ) -> tuple[SensorCorrection, list[Finding]]:
@@ -169,6 +188,11 @@ def _accelerometer(
     if stream.specific_force is not None and (spikes := np.count_nonzero(~stream.force_measured_mask)):
         numbers = {"limit": FORCE_LIMIT, "samples": float(spikes)}
         findings.append(Finding("impossible acceleration", wearer, subject=stream.name, numbers=numbers))
+    axis = force_in_wrong_axes(stream)
+    if axis is not None and axis != INVERTED:
+        findings.append(Finding("accelerometer axis", wearer, subject=stream.name, words={"axis": axis}))
+        correction = replace(correction, reversed_axis=axis)
+        stream = replace(correction, ends=()).of(stream)
     measured = accelerometer_scale(stream, settings)
     if measured is None or abs(measured[0] - 1) <= max(settings.scale_error, settings.deviations * measured[1]):
         return correction, findings

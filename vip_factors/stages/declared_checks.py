@@ -1,0 +1,210 @@
+"""Whether what was declared fits the recording: the pose held at the start, and which side sensors are on.
+
+Bodies are symmetric: with all left sensors on the right every joint is as smooth as before, and six sensors have no
+neighbours, so that neighbours' accelerations tell nothing. Two things do. How joints bend, and from where limbs are
+accelerated: the start of headings and mountings is searched for with sides exchanged, or from the other pose, too, and
+what it costs is compared. And the picture: the inertial tracker's limbs, with sides exchanged and as placed, are held
+against the keypoints.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vip_factors.associate.hypothesis import CAUCHY, hypotheses, keypoint_sigma, used_confidence, wearer_points
+from vip_factors.body.calibration_pose import POSES
+from vip_factors.body.keypoints import KeypointSet
+from vip_factors.findings import Finding
+from vip_factors.geometry.rotations import Array
+from vip_factors.initialise.sensor_assignment import Exchange, Pair, exchanged
+from vip_factors.initialise.start_search import Start
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.frames import ImuFrames, resample_streams
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Camera
+from vip_factors.settings import Settings
+from vip_factors.stages.decode import motion_of
+from vip_factors.stages.inertial import find_start, inertial_tracker
+from vip_factors.stages.solver import Solver
+
+LIMBS = {"legs": ("hip", "knee", "ankle", "foot"), "arms": ("collar", "shoulder", "elbow", "wrist", "hand")}  # bones
+SHOWN = {"legs": ("knee", "ankle", "heel", "toe"), "arms": ("elbow", "wrist")}  # keypoints that their sensors move
+LEAST_FRAMES = 15  # of the recording, and of the video
+SAMPLE = 300  # video frames looked at
+# Median misfit of the limbs' keypoints with sides exchanged, of what it is as placed, and share of the frames in which
+# it is less: of six sound scenes none is below 1.3 or above 0.3, so that exchanged ones are below 0.77 and above 0.7.
+BETTER, SHARE = 0.8, 0.7
+TELLING = np.log(1.3)  # ratio of misfits
+REFUSED = 20.0  # squared sigmas, of a detection that no camera explains
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """Left and right sensors that may be exchanged together.
+
+    Attributes:
+        limbs: that they are on, as :data:`SHOWN` names them.
+        pairs: their numbers.
+        recording: with them exchanged.
+        start: the likeliest one of that.
+        gain: nats by which it is likelier than the one as placed.
+    """
+
+    limbs: str
+    pairs: tuple[Pair, ...]
+    recording: Recording
+    start: Start
+    gain: float
+
+
+def against_declared(
+    recording: Recording, camera: Camera | None, settings: Settings
+) -> tuple[Finding | None, Exchange | None]:
+    """Another pose that the recording starts from; and limbs whose left and right sensors are in each other's places.
+
+    Args:
+        recording: from its start on, with a declared pose if there is one.
+        camera: that films the wearer, if one does.
+        settings: of all rooms.
+    """
+    pairs, time = dict(_pairs(recording)), _times(recording, settings)
+    if not pairs or len(time) < LEAST_FRAMES:
+        return None, None
+    frames = resample_streams([recording.imus[name] for name in recording.placed], time)
+    as_declared = _start(recording, frames, settings)
+    if not np.isfinite(as_declared.cost):
+        return None, None
+    least = settings.assignment.least
+    likeliest = [_likeliest(recording, limbs, own, frames, as_declared, settings) for limbs, own in pairs.items()]
+    together = sum(one.gain for one in likeliest)
+    found = [one for one in likeliest if one.gain >= least] or (likeliest if together >= least else [])
+    nats = sum(one.gain for one in found)
+    if "arms" in pairs and recording.initial_pose in POSES:
+        other = next(pose for pose in POSES if pose != recording.initial_pose)
+        gain = as_declared.cost - _start(replace(recording, initial_pose=other), frames, settings).cost
+        if gain >= max(least, nats):  # arms that hang where they were to be held out, or the other way round
+            words = {"declared": recording.initial_pose, "better": other}
+            return Finding("other pose", recording.subject.name, numbers={"nats": gain}, words=words), None
+    if found:
+        return None, _exchange(found, f"{nats:.0f} nats likelier", nats)
+    doubtful = [one for one in likeliest if one.gain > -least]
+    if camera is None or not doubtful:
+        return None, None
+    return None, _seen_exchange(recording, as_declared, doubtful, frames, camera, settings)
+
+
+def _likeliest(
+    recording: Recording, limbs: str, pairs: Sequence[Pair], frames: ImuFrames, as_placed: Start, settings: Settings
+) -> _Sides:
+    """All pairs of a limb exchanged, or one of them where no accelerations of neighbours tell that."""
+    choices = [tuple(pairs)]
+    if len(pairs) > 1 and all(recording.imus[name].specific_force is None for name in recording.placed):
+        choices += [(pair,) for pair in pairs]
+    found = []
+    for own in choices:
+        other = _with(recording, own)
+        start = _start(other, frames, settings)
+        found.append(_Sides(limbs, own, other, start, as_placed.cost - start.cost))
+    return max(found, key=lambda one: one.gain)
+
+
+def _exchange(found: Sequence[_Sides], evidence: str, nats: float = 0.0) -> Exchange:
+    first, *others = (pair for one in found for pair in one.pairs)
+    return Exchange(first, nats, (), tuple(others), evidence)
+
+
+def _pairs(recording: Recording) -> Iterator[tuple[str, list[Pair]]]:
+    """By limbs, numbers of the sensors of left and right bones."""
+    at = {recording.placement.site(name).bone: number for number, name in enumerate(recording.placed)}
+    for limbs, bones in LIMBS.items():
+        own = [
+            (at[f"left_{bone}"], at[f"right_{bone}"]) for bone in bones if {f"left_{bone}", f"right_{bone}"} <= set(at)
+        ]
+        if len(own) == 1 or (own and recording.initial_pose != "none"):  # without a pose the search takes seconds
+            yield limbs, own
+
+
+def _with(recording: Recording, pairs: Sequence[Pair]) -> Recording:
+    placement = exchanged(recording.placement, recording.placed, [Exchange(pair, 0.0) for pair in pairs])
+    return replace(recording, placement=placement)
+
+
+def _times(recording: Recording, settings: Settings) -> Array:
+    start, end = recording.interval
+    seconds = min(end - start, settings.assignment.seconds)
+    return start + np.arange(int(seconds * settings.calibration_rate)) / settings.calibration_rate
+
+
+def _start(recording: Recording, frames: ImuFrames, settings: Settings) -> Start:
+    """The likeliest start; of infinite cost where none is searched for."""
+    calibration, starts = find_start(recording, frames, settings, lambda done: None)
+    return Start("", calibration, np.inf) if starts is None else starts.best
+
+
+def _seen_exchange(
+    recording: Recording, as_placed: Start, doubtful: Sequence[_Sides], frames: ImuFrames, camera: Camera,
+    settings: Settings,
+) -> Exchange | None:  # fmt: skip
+    """The limbs that lie much better on the keypoints with their sides exchanged."""
+    detections = _sampled(camera.timed_detections, frames.time)
+    if len(np.unique(detections.frame)) < LEAST_FRAMES:
+        return None
+    before = _misfits(recording, as_placed, frames, detections, camera, settings)
+    found, ratios = [], []
+    for one in doubtful:
+        now, then = (
+            before[one.limbs],
+            _misfits(one.recording, one.start, frames, detections, camera, settings)[one.limbs],
+        )
+        rows = _best_rows(detections.frame, np.minimum(now, then))  # of several people the one whom either fits best
+        now, then = now[rows], then[rows]
+        telling = np.abs(np.log(then / now)) > TELLING  # who stands still looks the same
+        if telling.sum() < LEAST_FRAMES:
+            continue
+        ratio = float(np.median(then) / np.median(now))
+        if ratio < BETTER and np.mean(then[telling] < now[telling]) > SHARE:
+            found.append(one)
+            ratios.append(100 * ratio)
+    missed = " and ".join(f"{ratio:.0f} %" for ratio in ratios)
+    return _exchange(found, f"they miss the picture by {missed} of what they miss it by as placed") if found else None
+
+
+def _sampled(detections: Detections, time: Array) -> Detections:
+    """The detections of some video frames within the time looked at."""
+    own = detections.time[detections.frame]
+    frames = np.unique(detections.frame[(own > time[0]) & (own < time[-1])])
+    if len(frames) > SAMPLE:
+        frames = frames[np.linspace(0, len(frames) - 1, SAMPLE).astype(int)]
+    return detections.select(np.isin(detections.frame, frames))
+
+
+def _best_rows(frame: np.ndarray, cost: Array) -> np.ndarray:
+    """Of each video frame the row of least cost."""
+    order = np.lexsort((cost, frame))
+    return order[np.r_[True, np.diff(frame[order]) > 0]]
+
+
+def _misfits(
+    recording: Recording, start: Start, frames: ImuFrames, detections: Detections, camera: Camera, settings: Settings
+) -> Mapping[str, Array]:
+    """By limbs, how far ``(N,)`` their keypoints lie off the inertial tracker's, in squared sigmas, robustly."""
+    solver = Solver(settings.solve, lambda stage, done: None, name=settings.solver)
+    tracked = inertial_tracker(recording, frames, settings, solver, start.calibration)
+    points = wearer_points(motion_of(tracked.model, tracked.state), detections.keypoints, detections.time)
+    found = hypotheses(detections, camera.model.normalise(detections.pixels), [points])
+    sigma, weight = keypoint_sigma(detections.keypoints), used_confidence(detections)[found.detection]
+    square = np.sum(found.error**2, axis=-1) / sigma**2
+    misfits = {}
+    for limbs, names in SHOWN.items():
+        own = _of(detections.keypoints, names) & np.isfinite(square)
+        off = np.sum(np.where(own, weight * np.log1p(np.where(own, square, 0.0) / CAUCHY**2), 0.0), axis=1)
+        misfit = np.full(len(detections), REFUSED)
+        seen = np.where(own, weight, 0.0).sum(axis=1)
+        misfit[found.detection[seen > 0]] = off[seen > 0] / seen[seen > 0]
+        misfits[limbs] = misfit
+    return misfits
+
+
+def _of(keypoints: KeypointSet, names: Sequence[str]) -> np.ndarray:
+    return np.array([any(name in one for name in names) for one in keypoints.keypoints])

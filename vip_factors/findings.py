@@ -38,6 +38,7 @@ class Kind:
         means: for the use of the results.
         advice: what to do.
         each: how one of the numbers is told in that list, by its ``name`` and ``value``.
+        is_fault: whether something may be wrong; else nothing is, but the set-up cannot tell more.
     """
 
     severity: Severity
@@ -46,6 +47,7 @@ class Kind:
     means: str
     advice: str
     each: str = "{name}"
+    is_fault: bool = True
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,14 +11,17 @@ from filmed_gestures import HASTY, QUICK, camera_of, enlarged, filmed_gestures, 
 
 from vip_factors.associate.associate import Association
 from vip_factors.associate.hypothesis import hypotheses, wearer_points
+from vip_factors.body.model_errors import FILMED, UNFILMED
 from vip_factors.estimate import CameraEstimate, Estimate
-from vip_factors.findings import sentences
+from vip_factors.findings import KINDS, Severity, sentences, verdict
 from vip_factors.initialise.camera import Sightings, leaps
 from vip_factors.pipeline import smooth
+from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.scene_settings import CameraKind
 from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.findings import confirmed_leaps
+from vip_factors.stages.reporting import precision_findings
 
 
 @cache
@@ -45,6 +50,29 @@ def assert_imus_alone(estimate: Estimate) -> None:
 @pytest.mark.parametrize("camera", ["fixed", "hand-held"])
 def test_nothing_is_odd_about_a_good_scene(camera: CameraKind) -> None:
     assert smooth(good(camera), QUICK).findings == ()
+
+
+@pytest.mark.parametrize(
+    ("joints", "filmed", "told"),
+    [
+        (("hip", "knee", "shoulder", "elbow"), True, ""),
+        (("hip", "knee", "shoulder", "elbow"), False, "8 sensors and no camera tell where joints are to ± 56 mm"),
+        (("hip", "knee"), True, "4 sensors and a camera tell where joints are to ± 34 mm only"),
+        (("knee", "elbow"), True, "how knees bend without a sensor on the thighs only"),
+    ],
+)
+def test_a_set_up_that_cannot_tell_as_much_as_is_promised_is_told(
+    joints: tuple[str, ...], filmed: bool, told: str
+) -> None:
+    bones = [f"{side}_{joint}" for joint in joints for side in ("left", "right")]
+    calibration = {one: SensorCalibration(0.0, np.eye(3), bone=one) for one in bones}
+    wearer: Any = SimpleNamespace(name="Ada", calibration=calibration)
+    found = list(precision_findings(wearer, FILMED if filmed else UNFILMED, filmed))
+    assert len(found) == bool(told)
+    for one in found:
+        assert told in str(one)
+        assert verdict(found).severity is Severity.CARE
+        assert not KINDS[one.kind].is_fault
 
 
 @pytest.mark.parametrize("factor", [2 / 3, 2.0])

@@ -113,6 +113,11 @@ def test_crossed_legs() -> None:
     assert "crossed" in one
 
 
+def test_ankles_past_one_another_are_what_people_do() -> None:
+    motion = bent(bent(gestures(3.0), "left_hip", np.array([0, 0, -12])), "right_hip", np.array([0, 0, 12]))
+    assert told(motion) == []
+
+
 def test_an_ankle_bent_too_far() -> None:
     (one,) = told(bent(gestures(3.0), "left_ankle", np.array([0, 0, 60])))
     assert "left ankle" in one

@@ -20,7 +20,7 @@ from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate import metrics
 from vip_factors.evaluate.metrics import Compared, common_frames
-from vip_factors.findings import Finding, Severity
+from vip_factors.findings import KINDS, Finding, Severity
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.scene import Scene
@@ -63,8 +63,13 @@ class CatalogueRow:
 
     @property
     def warns(self) -> bool:
-        """Whether anything is told that is more than a note."""
-        return any(severity != Severity.NOTE for _, severity, _ in self.findings)
+        """Whether anything is told that is more than a note and says that something may be wrong."""
+        return any(severity != Severity.NOTE and _is_fault(kind) for kind, severity, _ in self.findings)
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether it is told that the set-up cannot tell more."""
+        return any(not _is_fault(kind) for kind, *_ in self.findings)
 
     def _tells(self, kind: str, _: str, sentence: str) -> bool:
         fault = next(one for one in FAULTS if one.name == self.fault)
@@ -169,7 +174,10 @@ class Catalogue(Study):
             + [_line("all", [one for those in whole.values() for one in those])],
         )
         without = [row for row in rows if row.fault == SOUND]
-        yield f"{sum(row.warns for row in without)} of {len(without)} recordings without a fault have a warning"
+        yield (
+            f"{sum(row.warns for row in without)} of {len(without)} recordings without a fault have a warning that "
+            f"names one; of {sum(row.is_limited for row in without)} it is told that the set-up cannot tell more"
+        )
         yield bullets(
             "", (f"{row.recording}: {' / '.join(kind for kind, *_ in row.findings)}" for row in without if row.warns)
         )
@@ -189,8 +197,13 @@ def _line(fault: str, rows: Sequence[CatalogueRow]) -> list[object]:
             sum(row.warns for row in missed), sum(not row.warns for row in missed)]  # fmt: skip
 
 
-def _weight(finding: Finding) -> int:
-    return [Severity.DOUBT, Severity.CARE, Severity.NOTE].index(finding.severity)
+def _weight(finding: Finding) -> tuple[int, bool]:
+    order = [Severity.DOUBT, Severity.CARE, Severity.NOTE]
+    return order.index(finding.severity), not KINDS[finding.kind].is_fault
+
+
+def _is_fault(kind: str) -> bool:
+    return kind not in KINDS or KINDS[kind].is_fault
 
 
 def _cost(motion: Motion, sound: Motion, scene: Scene) -> tuple[float, float]:

@@ -49,6 +49,12 @@ def test_the_cause_has_to_be_among_the_first_two_and_to_name_the_sensor() -> Non
     assert not other.is_told
 
 
+def test_that_a_set_up_tells_no_more_is_no_false_warning() -> None:
+    assert row(SOUND, "precision", severity="care").is_limited
+    assert not row(SOUND, "precision", severity="care").warns
+    assert row(SOUND, "precision", "lying", severity="care").warns
+
+
 def test_rows_that_are_kept_are_not_made_again(tmp_path: Path) -> None:
     file, refused = tmp_path / "scene.mcap", row("stuck", REFUSED)
     write_scene(scene(), file)

@@ -79,6 +79,7 @@ class Starts:
         doubtful: numbers of the sensors that starts turn which are less likely by ``settled`` nats at most.
         tilted: numbers of the sensors that cannot sit as placed, nor by a quarter turn otherwise: their bones would
             not be upright.
+        rivals: the likeliest starts that turn doubtful sensors, so many that each of these is turned by one.
     """
 
     best: Start
@@ -86,6 +87,7 @@ class Starts:
     margin: float
     doubtful: tuple[int, ...]
     tilted: tuple[int, ...] = ()
+    rivals: tuple[Start, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -121,13 +123,13 @@ class StartSearch:
         else:
             return self._undeclared(usual, others)
         pairs = self._pairs(grid)
-        found = [(one.name, self._minimum(grid, pairs, one)) for one in HYPOTHESES]
-        starts = [Start(name, _chosen(grid, one, usual), one.cost) for name, one in found]
+        minima = {one: self._minimum(grid, pairs, one) for one in HYPOTHESES}
+        starts = [Start(one.name, _chosen(grid, found, usual), found.cost) for one, found in minima.items()]
         starts = [self._refined(one) for one in starts] + [self._refined(one) for one in self._usual(usual)]
         best = min(starts, key=lambda start: start.cost)
-        minima = dict(found)
-        own = minima.get(best.hypothesis) or min(minima.values(), key=lambda one: one.cost)
-        return self._compared(best, starts, grid, own)
+        named = [one for one in HYPOTHESES if one.name == best.hypothesis]
+        hypothesis = min(named or HYPOTHESES, key=lambda one: minima[one].cost)
+        return self._compared(best, starts, grid, pairs, hypothesis, minima[hypothesis])
 
     def cost(self, calibration: InitialCalibration) -> float:
         """Nats of headings and mountings as they are, under the hypothesis that suits them best."""
@@ -142,11 +144,12 @@ class StartSearch:
         particles = refined_candidates(particles, self._least, root)
         candidates = about_best(likely_candidates(particles, self._least(particles)), root)
         pairs = self._pairs(candidates)
-        found = {one.name: self._minimum(candidates, pairs, one) for one in HYPOTHESES}
-        name, own = min(found.items(), key=lambda one: one[1].cost)
-        best = Start(name, replace(_chosen(candidates, own, usual), R_world_bone=None), own.cost)
-        rivals = [Start(other, _chosen(candidates, one, usual), one.cost) for other, one in found.items()]
-        return replace(self._compared(best, rivals, candidates, own), tilted=tilted)
+        usual = replace(usual, R_world_bone=None)
+        found = {one: self._minimum(candidates, pairs, one) for one in HYPOTHESES}
+        hypothesis, own = min(found.items(), key=lambda one: one[1].cost)
+        best = Start(hypothesis.name, _chosen(candidates, own, usual), own.cost)
+        rivals = [Start(other.name, _chosen(candidates, one, usual), one.cost) for other, one in found.items()]
+        return replace(self._compared(best, rivals, candidates, pairs, hypothesis, own), tilted=tilted)
 
     def _least(self, candidates: Candidates) -> list[Array]:
         """By sensor ``(K, M)``, the least cost with each candidate, whatever is hypothesis."""
@@ -173,9 +176,14 @@ class StartSearch:
         }
 
     def _minimum(
-        self, candidates: Candidates, pairs: dict[int, Array], hypothesis: InitialisationHypothesis
-    ) -> TreeMinimum:
+        self, candidates: Candidates, pairs: dict[int, Array], hypothesis: InitialisationHypothesis,
+        given: tuple[int, np.ndarray] | None = None,
+    ) -> TreeMinimum:  # fmt: skip
+        """The likeliest choice; ``given`` a sensor of which only some candidates ``(K, M)`` are allowed."""
         unaries = self._unaries(candidates, hypothesis)
+        if given is not None:
+            sensor, allowed = given
+            unaries[sensor] = np.where(allowed, unaries[sensor], np.inf)
         some = max(AT_ONCE // max((one.size for one in pairs.values()), default=1), 1)
         found = [
             least_cost([one[begin : begin + some] for one in unaries], self.prior.links, pairs)
@@ -229,26 +237,33 @@ class StartSearch:
         best = min((self._minimum(candidates, pairs, one) for one in HYPOTHESES), key=lambda one: one.cost)
         return replace(start, calibration=_chosen(candidates, best, own), cost=best.cost)
 
-    def _compared(self, best: Start, starts: Sequence[Start], grid: Candidates, own: TreeMinimum) -> Starts:
+    def _compared(
+        self, best: Start, starts: Sequence[Start], grid: Candidates, pairs: dict[int, Array],
+        hypothesis: InitialisationHypothesis, own: TreeMinimum,
+    ) -> Starts:  # fmt: skip
         """The best start and what is nearly as likely: another hypothesis's, or its own with some sensors turned."""
-        doubtful: set[int] = set()
-        rival, margin = "", np.inf
+        settled, rival, margin = self.settings.settled, "", np.inf
+        near: list[tuple[Start, set[int]]] = []
         for other in starts:
-            turned = np.flatnonzero(_differences(best.calibration, other.calibration) > DIFFERENT)
-            if len(turned):
-                behind = other.cost - best.cost
-                doubtful |= set(turned.tolist()) if behind < self.settings.settled else set()
+            turned = set(np.flatnonzero(_differences(best.calibration, other.calibration) > DIFFERENT).tolist())
+            behind = other.cost - best.cost
+            if turned:
+                near += [(other, turned)] if behind < settled else []
                 rival, margin = (other.hypothesis, behind) if behind < margin else (rival, margin)
         for s, costs in enumerate(own.marginals):
-            heading, mounting = own.choice[s]
-            off = _turned(grid, s, heading, mounting)
-            behind = float(np.min(costs[off > DIFFERENT], initial=np.inf)) - own.cost
-            if behind < self.settings.settled:
-                doubtful.add(s)
+            off = _turned(grid, s, *own.choice[s]) > DIFFERENT
+            behind = float(np.min(costs[off], initial=np.inf)) - own.cost
+            if behind < settled:
+                found = self._minimum(grid, pairs, hypothesis, (s, off))
+                other = Start(best.hypothesis, _chosen(grid, found, best.calibration), best.cost + behind)
+                near.append((other, {s}))
             rival, margin = (best.hypothesis, behind) if behind < margin else (rival, margin)
-        sure = replace(best.calibration, heading_sigma=_heading_sigma(grid, own))
-        best = replace(best, calibration=sure)
-        return Starts(best, rival, float(max(margin, 0.0)), tuple(sorted(doubtful)))
+        doubtful, rivals = set[int](), list[Start]()
+        for other, turned in sorted(near, key=lambda one: one[0].cost):
+            rivals += [other] if turned - doubtful else []
+            doubtful |= turned
+        best = replace(best, calibration=replace(best.calibration, heading_sigma=_heading_sigma(grid, own)))
+        return Starts(best, rival, float(max(margin, 0.0)), tuple(sorted(doubtful)), rivals=tuple(rivals))
 
 
 def _chosen(candidates: Candidates, minimum: TreeMinimum, like: InitialCalibration) -> InitialCalibration:

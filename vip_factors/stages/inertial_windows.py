@@ -46,7 +46,9 @@ from vip_factors.stages.inertial_model import (
     placed_on_floor,
     with_contacts,
     with_fixed_calibration,
+    with_inflated_contact_sigma,
 )
+from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.sensor_checks import CorrectedSamples, sensor_corrections
 from vip_factors.stages.solver import Progress, Solver
 from vip_factors.stages.wearer_findings import posture_findings
@@ -180,6 +182,9 @@ def calibrate(recording: RecordingSource, plan: WindowPlan, settings: Settings, 
     inertial = inertial_tracker(together, frames, settings, solver, calibration)
     if settings.acceleration:
         inertial = calibrated(inertial, settings, solver, solver.extra)
+        free = with_contacts(with_inflated_contact_sigma(inertial.model, settings.calibration), inertial.state)
+        problem, state = SceneProblem.unfilmed([free], solver.extra), SceneState.unfilmed([inertial.state])
+        starts = with_rivals_solved(starts, problem, state, 0, together, settings, solver)
     # Without a camera an estimate has its recording's name.
     return replace(inertial, model=replace(inertial.model, name=recording.head.name), starts=starts)
 

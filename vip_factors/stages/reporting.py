@@ -1,6 +1,6 @@
 """The last stage: the estimate of a scene, with how sure it is and what is odd about it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -106,10 +106,38 @@ def association_cues(names: Sequence[str], association: Association) -> tuple[st
 
 def with_model_errors(estimate: Estimate, settings: Settings) -> Estimate:
     """The estimate as it is told: with the models' share of standard deviations, which nothing before this sees."""
-    errors = UNFILMED if estimate.camera is None else FILMED
+    filmed = estimate.camera is not None
+    errors = FILMED if filmed else UNFILMED
     by_convention = 1.5 * settings.factors.heading_prior.gauge_sigma
-    wearers = tuple(_with_model_errors(one, errors, by_convention) for one in estimate.wearers)
-    return replace(estimate, wearers=wearers)
+    wearers, findings = list[WearerEstimate](), list(estimate.findings)
+    for wearer in estimate.wearers:
+        limits = tuple(precision_findings(wearer, errors, filmed))
+        wearer = replace(wearer, findings=(*wearer.findings, *limits))
+        wearers.append(_with_model_errors(wearer, errors, by_convention))
+        findings += limits
+    return replace(estimate, wearers=tuple(wearers), findings=tuple(findings))
+
+
+GOOD_JOINTS = 0.03  # m, what GOOD promises of where joints are: on the mean over those of the limbs, along each axis
+LIMB_JOINTS = [
+    joint_index(f"{side}_{name}")
+    for name in ("knee", "ankle", "shoulder", "elbow", "wrist")
+    for side in ("left", "right")
+]
+LEG_BONES = {"hip": "thighs", "knee": "shanks"}  # by the joint above
+
+
+def precision_findings(wearer: WearerEstimate, errors: ModelErrors, filmed: bool) -> Iterator[Finding]:
+    """Of sensors and cameras that cannot tell as much as GOOD promises, were nothing wrong at all."""
+    bones = {one.bone for one in wearer.calibration.values()}
+    off = float(errors.positions(bones)[LIMB_JOINTS].mean())
+    unmeasured = [name for joint, name in LEG_BONES.items() if not {f"left_{joint}", f"right_{joint}"} <= bones]
+    told = [f"where joints are to ± {1e3 * off:.0f} mm"] if off > GOOD_JOINTS else []
+    told += [f"how knees bend without a sensor on the {' and the '.join(unmeasured)}"] if unmeasured else []
+    if told:
+        better = ["a camera"] * (not filmed) + ["a sensor on every limb's bone"] * (filmed or bool(unmeasured))
+        words = {"camera": "a" if filmed else "no", "told": " and ".join(told), "better": " and ".join(better)}
+        yield Finding("precision", wearer.name, numbers={"sensors": len(wearer.calibration)}, words=words)
 
 
 def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors, by_convention: float) -> WearerEstimate:

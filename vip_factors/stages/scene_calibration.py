@@ -34,6 +34,7 @@ from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_round
 from vip_factors.stages.fusion_start import FusionStart, start_fusion
 from vip_factors.stages.inertial import InertialSolution, inertial_trackers
 from vip_factors.stages.reporting import at_nearest, coarse_covariance, scene_estimate, who_is_who
+from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.sensor_checks import Corrections, checked_scene, corrected_elsewhere
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.window_join import Headings, SolvedWindow
@@ -295,6 +296,12 @@ def _solved_stretch(
         return *film_findings(scene, findings), *findings
     initial = start_fusion(associated, inertial, settings)
     solution, associated = fuse_in_rounds(initial, associated, settings, solver)
+    inertial = tuple(
+        replace(one, starts=with_rivals_solved(
+            one.starts, solution.model, solution.state, number, recording, settings, solver
+        ))
+        for number, (recording, one) in enumerate(zip(scene.wearers, inertial, strict=True))
+    )  # fmt: skip
     known = any(one.camera.known_path is not None for one in associated)
     state, about_floor = on_floor(solution.model.wearers, solution.state, settings.floor, known)
     solution, about_sensors = replace(solution, state=state), (*about_sensors, *about_floor)

@@ -17,6 +17,7 @@ from vip_factors.sensors.recording import Recording
 LYING = np.deg2rad(60.0)  # from the vertical, of the chest
 AT_LIMIT = np.deg2rad(3.0)  # beyond what joints do: those of people who stand and walk stay well within
 TURNED = np.deg2rad(60.0)  # on the bone, against the placement
+CROSSED = 0.05  # m, of knees past one another: hips whose zeros are 7° off make as much of thighs side by side
 MOST, MUCH = 0.5, 0.3  # of the frames, or of the sensors
 LEAST_SENSORS = 3  # of which half are odd: of two sensors one is no majority
 
@@ -55,11 +56,11 @@ def lying_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
 
 
 def crossed_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
-    """Legs that are crossed through much of a motion."""
+    """Thighs that are crossed through much of a motion: ankles are by people who stand at ease, dance or sit."""
     body = forward_kinematics(motion.skeleton, motion.R_parent_child, motion.p_world_pelvis)
-    left, right = (body.p_world_joint[:, joint_index(f"{side}_ankle")] for side in ("left", "right"))
+    left, right = (body.p_world_joint[:, joint_index(f"{side}_knee")] for side in ("left", "right"))
     across = np.einsum("ti,ti->t", left - right, body.R_world_bone[:, 0, :, 0])
-    share = float(np.mean(across < 0))
+    share = float(np.mean(across < -CROSSED))
     if share > MUCH:
         yield Finding("legs crossed", wearer, numbers={"percent": 100 * share})
 

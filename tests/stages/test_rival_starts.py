@@ -1,0 +1,88 @@
+"""Starts that the search cannot tell apart: solved from each, they are told only where two motions both stand."""
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vip_factors.geometry.rotations import rotation_y
+from vip_factors.initialise.start_search import Start, Starts
+from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.state import SceneState
+from vip_factors.sensors.calibration import preset
+from vip_factors.sensors.frames import resample
+from vip_factors.sensors.recording import Recording, Subject
+from vip_factors.settings import Settings
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.recording import simulate_recording
+from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.simulate.staging import with_initial_pose
+from vip_factors.stages import rival_starts
+from vip_factors.stages.inertial import InertialSolution, calibrated, find_start, inertial_tracker
+from vip_factors.stages.inertial_model import with_contacts
+from vip_factors.stages.rival_starts import with_rivals_solved
+from vip_factors.stages.solver import Solver
+
+SETTINGS = Settings()
+SENSOR = 2
+
+
+@cache
+def recorded() -> Recording:
+    motion = with_initial_pose(gestures(4.0), "n-pose", hold_s=1.0)
+    sensors = replace(SimulateSettings.noise_free(), imu_rate=30.0)
+    made = simulate_recording(motion, preset("tnt10", motion.skeleton), sensors, seed=4, initial_pose="n-pose")
+    return replace(made, subject=Subject(skeleton=motion.skeleton))
+
+
+def solver() -> Solver:
+    return Solver(SETTINGS.solve, lambda stage, fraction: None)
+
+
+@cache
+def solved() -> tuple[InertialSolution, Starts]:
+    frames = resample(recorded(), 10.0)
+    start, starts = find_start(recorded(), frames, SETTINGS, lambda fraction: None)
+    assert starts is not None
+    return calibrated(inertial_tracker(recorded(), frames, SETTINGS, solver(), start), SETTINGS, solver()), starts
+
+
+def decided(turn_deg: float = 40.0) -> Starts:
+    """What is left of a start whose rival turns one sensor on its limb."""
+    solution, starts = solved()
+    turned = starts.best.calibration.R_bone_sensor.copy()
+    turned[SENSOR] = rotation_y(np.deg2rad(turn_deg)) @ turned[SENSOR]
+    rival = Start("a rival", replace(starts.best.calibration, R_bone_sensor=turned), starts.best.cost + 1.0)
+    starts = replace(starts, margin=1.0, doubtful=(SENSOR,), rivals=(rival,))
+    problem = SceneProblem.unfilmed([with_contacts(solution.model, solution.state)])
+    state = SceneState.unfilmed([solution.state])
+    found = with_rivals_solved(starts, problem, state, 0, recorded(), SETTINGS, solver())
+    assert found is not None
+    return found
+
+
+def test_a_rival_that_ends_in_the_same_motion_is_not_told() -> None:
+    assert decided().doubtful == ()
+
+
+@pytest.mark.parametrize(
+    ("apart_deg", "behind", "doubtful"),
+    [(4.0, 0.0, ()), (40.0, 10.0, ()), (40.0, 1.0, (SENSOR,)), (40.0, -9.0, (SENSOR,))],
+)
+def test_a_rival_is_told_if_its_solution_differs_and_is_hardly_less_likely(
+    monkeypatch: pytest.MonkeyPatch, apart_deg: float, behind: float, doubtful: tuple[int, ...]
+) -> None:
+    def cost(problem: Any, state: Any) -> float:
+        return behind if problem == "rival" else 0.0
+
+    apart = np.zeros(len(solved()[0].model.frames.sensors))
+    apart[SENSOR] = np.deg2rad(apart_deg)
+    monkeypatch.setattr(rival_starts, "_solved_from", lambda *arguments: ("rival", None))
+    monkeypatch.setattr(rival_starts, "_bones_apart", lambda *arguments: apart)
+    monkeypatch.setattr(rival_starts, "_cost", cost)
+    found = decided()
+    assert found.doubtful == doubtful
+    if doubtful:
+        assert (found.rival, found.margin) == ("a rival", max(behind, 0.0))

@@ -2,8 +2,8 @@
 
 The search looks at pairs of sensors: what it does not settle need not matter. From a rival start the same problem is
 solved once more, coarsely. Either both end in one motion, and only what no motion shows differs: of a bone that is
-upright throughout the sensor may be turned about the vertical if its heading is too. Or they end apart, and their costs
-say which stands, or that both do.
+upright throughout the sensor may be turned about the vertical if its heading is too. Or they end apart, and that is
+told. Costs do not decide then: of sensors worn anyhow a start 67° wrong ended five nats likelier than its rival.
 """
 
 from dataclasses import replace
@@ -47,25 +47,24 @@ def with_rivals_solved(
     for rival in starts.rivals:
         own = replace(solver, reports=[])
         try:
-            other, end = _solved_from(rival, problem, state, number, recording, settings, own)
+            end = _solved_from(rival, problem, state, number, recording, settings, own)
         except SolveError:  # then it explains nothing
             continue
         apart = np.flatnonzero(_bones_apart(problem, number, state, end) > APART)
-        behind = _cost(other, end) - _cost(problem, state)
-        if len(apart) and behind < settings.calibration.start.settled:
+        if len(apart):
             doubtful |= set(apart.tolist())
-            margins[max(behind, 0.0)] = rival.hypothesis
+            margins[rival.cost - starts.best.cost] = rival.hypothesis
     if not doubtful:
         return replace(starts, doubtful=(), rivals=())
     margin = min(margins)
-    return replace(starts, rival=margins[margin], margin=margin, doubtful=tuple(sorted(doubtful)))
+    return replace(starts, rival=margins[margin], margin=max(margin, 0.0), doubtful=tuple(sorted(doubtful)))
 
 
 def _solved_from(
     rival: Start, problem: SceneProblem, state: SceneState, number: int, recording: Recording,
     settings: CommonSettings, solver: Solver,
-) -> tuple[SceneProblem, SceneState]:  # fmt: skip
-    """The problem with one wearer starting as a rival start has him, in the solution's world, and where it ends."""
+) -> SceneState:  # fmt: skip
+    """Where the problem ends if one wearer starts as a rival start has him, in the solution's world."""
     model, found = problem.wearers[number], state.wearers[number]
     start = rival.calibration
     turn = robust_mean_angle(wrap_angle(found.headings - start.headings))
@@ -78,7 +77,7 @@ def _solved_from(
     wearers, states = list(problem.wearers), list(state.wearers)
     wearers[number], states[number] = model, begins
     problem, state = replace(problem, wearers=tuple(wearers)), replace(state, wearers=tuple(states))
-    return problem, solver.solve(SceneObjective(problem), state, "start")
+    return solver.solve(SceneObjective(problem), state, "start")
 
 
 def _bones_apart(problem: SceneProblem, number: int, one: SceneState, other: SceneState) -> Array:
@@ -88,7 +87,3 @@ def _bones_apart(problem: SceneProblem, number: int, one: SceneState, other: Sce
     R, S = (motion_of(model, each.wearers[number]).state.R_world_bone[:, bones] for each in (one, other))
     turns = np.array([robust_mean_angle(each) for each in yaw_of(S @ transpose(R)).T])
     return np.asarray(angle_between(rotation_z(robust_mean_angle(turns)) @ R, S).mean(axis=0))
-
-
-def _cost(problem: SceneProblem, state: SceneState) -> float:
-    return sum(SceneObjective(problem).cost(state).values())

@@ -28,7 +28,7 @@ from vip_factors.stages.windows import is_long
 PAUSE_S = 1.0  # packets lost by radio come back sooner
 LEAST_S = 4.0  # of a stretch that tells its headings: some steps; a shorter one has those of before
 JUMP = np.deg2rad(20.0)  # a heading found this near is the one of before: mountings and posture leave as much open
-SURE = 10.0  # nats by which other headings explain a stretch better
+SURE = 20.0  # nats by which other headings explain a stretch better: up to 13 where none had jumped
 
 
 @dataclass(frozen=True)
@@ -134,9 +134,10 @@ def _headings_in(
     )  # fmt: skip
     search = start_search(stretch, frames, settings, known_mountings=True)
     kept = InitialCalibration(np.zeros(len(names)), np.full(len(names), np.inf), known.R_bone_sensor)
-    best = search.best(kept, kept.R_bone_sensor).best
-    sure = search.cost(kept) - best.cost > SURE
-    return known.headings + sure * wrap_angle(best.calibration.headings)
+    turned = wrap_angle(search.best(kept, kept.R_bone_sensor).best.calibration.headings)
+    jumped = replace(kept, headings=np.where(np.abs(turned) > JUMP, turned, 0.0))
+    sure = search.cost(kept) - search.cost(jumped) > SURE
+    return known.headings + sure * turned
 
 
 def _with_jumps(pause: Pause, names: Sequence[str], jumped: Array) -> Pause:

@@ -10,6 +10,8 @@ import pytest
 from filmed_gestures import filmed_gestures
 from tracked import SETTINGS, Tracked, filmed, track
 
+from vip_factors.body.model_errors import FILMED
+from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.live.measurement import MeasuredStretch
@@ -72,6 +74,7 @@ def test_what_is_known_is_not_forgotten(anew: Tracked) -> None:
     for name in before:
         assert 0 < after[name].heading_sigma < 0.6
         assert np.all(after[name].mounting_sigma < 1.0)
+        assert np.all(after[name].mounting_sigma > FILMED.mounting[joint_index(after[name].bone)])  # models err too
         assert np.rad2deg(abs(wrap_angle(after[name].heading - before[name].heading))) < 40
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.body.model_errors import FILMED, UNFILMED, ModelErrors
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp, log, transpose, wrap_angle
@@ -17,6 +18,7 @@ from vip_factors.problem.layout import FRAME, ROOT, Owner, OwnerId
 from vip_factors.problem.variables import CAMERA
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.scene import Scene
+from vip_factors.stages.reporting import told_calibration
 
 
 @dataclass
@@ -72,7 +74,10 @@ UNKNOWN_ROOT = 0.25 * np.eye(3)  # m², as long as no covariance has been comput
 
 
 class EstimateBuilder:
-    """Makes the answers, and keeps what is computed now and then only: covariances, findings."""
+    """Makes the answers, and keeps what is computed now and then only: covariances, findings.
+
+    Standard deviations are told with the models' share, as those of a recording are; the tracker's own are without.
+    """
 
     def __init__(self, head: Scene, settings: LiveSettings, lag: int) -> None:
         self._head, self._settings, self._lag = head, settings, lag
@@ -164,14 +169,16 @@ class EstimateBuilder:
         newest = filtered(self._newest_told, number)
         smoothed = filtered(self._smoothed_told, back) if back in numbers else None
         late = smoother.frame(back).time if smoothed is not None else 0.0
-        calibrations = self.calibrations(smoother)
+        calibrations, errors = self.calibrations(smoother), UNFILMED
+        if self._head.cameras and smoother.problem.has_views:
+            errors = FILMED
         chosen = tracking.observers[0].chosen if tracking.observers and number == numbers[-1] else None
         wearers = tuple(
             LiveWearerEstimate(
                 wearer.subject.name,
-                _pose(newest, w, time, self._newest),
-                None if smoothed is None else _pose(smoothed, w, late, self._smoothed),
-                calibrations[wearer.subject.name],
+                _pose(newest, w, time, self._newest, errors),
+                None if smoothed is None else _pose(smoothed, w, late, self._smoothed, errors),
+                told_calibration(calibrations[wearer.subject.name], errors, self._settings),
                 int(chosen[w]) if chosen is not None and chosen[w] >= 0 else None,
                 smoother.problem.wearers[w].skeleton,
             )
@@ -199,11 +206,15 @@ class EstimateBuilder:
         return LiveCameraPose(time, poses.R_world_camera[0], poses.p_world_camera[0], own)
 
 
-def _pose(state: FrameState, wearer: int, time: float, covariance: Array | None) -> LivePose:
+def _pose(
+    state: FrameState, wearer: int, time: float, covariance: Array | None, errors: ModelErrors
+) -> LivePose:  # fmt: skip
     R, p = state.R_parent_child[wearer], state.p_world_pelvis[wearer]
     if covariance is None:
         return LivePose(time, R, p)
     own = covariance[FRAME * wearer : FRAME * (wearer + 1), FRAME * wearer : FRAME * (wearer + 1)]
     joints = own[:ROOT, :ROOT].reshape(JOINT_COUNT, 3, JOINT_COUNT, 3)
     number = np.arange(JOINT_COUNT)
-    return LivePose(time, R, p, joints[number, :, number], own[ROOT:, ROOT:])
+    factor = np.maximum(errors.joint, 1)  # a smoother of a quarter of a second is nowhere as careful as batch
+    told = factor[:, None, None] ** 2 * joints[number, :, number]
+    return LivePose(time, R, p, told, errors.root**2 * own[ROOT:, ROOT:])

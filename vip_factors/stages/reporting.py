@@ -26,9 +26,9 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.variables import DETECTOR
-from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import Settings, flatten
+from vip_factors.settings import CommonSettings, Settings, flatten
 from vip_factors.solve.elimination import chain_marginals, last_marginals
 from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.decode import (
@@ -108,12 +108,11 @@ def with_model_errors(estimate: Estimate, settings: Settings) -> Estimate:
     """The estimate as it is told: with the models' share of standard deviations, which nothing before this sees."""
     filmed = estimate.camera is not None
     errors = FILMED if filmed else UNFILMED
-    by_convention = 1.5 * settings.factors.heading_prior.gauge_sigma
     wearers, findings = list[WearerEstimate](), list(estimate.findings)
     for wearer in estimate.wearers:
         limits = tuple(precision_findings(wearer, errors, filmed))
         wearer = replace(wearer, findings=(*wearer.findings, *limits))
-        wearers.append(_with_model_errors(wearer, errors, by_convention))
+        wearers.append(_with_model_errors(wearer, errors, settings))
         findings += limits
     return replace(estimate, wearers=tuple(wearers), findings=tuple(findings))
 
@@ -140,18 +139,24 @@ def precision_findings(wearer: WearerEstimate, errors: ModelErrors, filmed: bool
         yield Finding("precision", wearer.name, numbers={"sensors": len(wearer.calibration)}, words=words)
 
 
-def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors, by_convention: float) -> WearerEstimate:
+def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors, settings: Settings) -> WearerEstimate:
+    covariance = wearer.covariance
+    if covariance is not None:
+        joints = errors.joint[:, None, None] ** 2 * covariance.joints
+        covariance = PoseCovariance(joints, errors.root**2 * covariance.root)
+    return replace(wearer, calibration=told_calibration(wearer.calibration, errors, settings), covariance=covariance)
+
+
+def told_calibration(calibration: Calibration, errors: ModelErrors, settings: CommonSettings) -> Calibration:
+    """Headings and mountings as they are told: with the models' share of their standard deviations."""
+    by_convention = 1.5 * settings.factors.heading_prior.gauge_sigma  # as sure is only the world's own
+
     def told(one: SensorCalibration) -> SensorCalibration:
         heading = 0.0 if one.heading_sigma <= by_convention else errors.heading
         mounting = np.hypot(one.mounting_sigma, errors.mounting[joint_index(one.bone)])
         return replace(one, heading_sigma=float(np.hypot(one.heading_sigma, heading)), mounting_sigma=mounting)
 
-    covariance = wearer.covariance
-    if covariance is not None:
-        joints = errors.joint[:, None, None] ** 2 * covariance.joints
-        covariance = PoseCovariance(joints, errors.root**2 * covariance.root)
-    calibration = {name: told(one) for name, one in wearer.calibration.items()}
-    return replace(wearer, calibration=calibration, covariance=covariance)
+    return {name: told(one) for name, one in calibration.items()}
 
 
 def full_rate_covariance(coarse: FusionSolution, fine: FusionSolution) -> SceneCovariance:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 import pytest
 from linear import dense
@@ -14,7 +13,7 @@ from vip_factors.assembly.objective import SceneObjective, scene_slices
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
-from vip_factors.solve.slices import Slices, shared_key, slice_key
+from vip_factors.solve.slices import Slices
 
 
 def slices_of(model: SceneProblem, state: SceneState, charts: Charts | None = None) -> Slices:
@@ -28,19 +27,17 @@ def batched(model: SceneProblem, state: SceneState) -> tuple[np.ndarray, np.ndar
 
 
 def summed(slices: Slices, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of all slices' factors together, for coordinates ``value`` of frames and of what they share."""
-    w, s = slices.frame, slices.static
-    graph, order = gtsam.GaussianFactorGraph(), gtsam.Ordering()
+    """Of all slices together, for coordinates ``value`` of frames and of what they share."""
+    w, s, n = slices.frame, slices.static, len(value)
+    H, g = np.zeros((n + 2 * w, n + 2 * w)), np.zeros(n + 2 * w)  # two frames more, which no factor sees
     for t in range(T):
-        own = np.zeros(slices.width)
-        reach = value[w * t : w * min(t + 3, T)]
-        own[: len(reach)] = reach
-        own[3 * w :] = value[w * T : w * T + s]
-        keys = [slice_key(t + ahead) for ahead in range(3)]
-        graph.push_back(slices.factors(t, keys, shared_key(0), own))
-        order.push_back(keys[0])
-    order.push_back(shared_key(0))
-    return graph.hessian(order)
+        columns = np.concatenate([np.arange(w * t, w * (t + 3)), n + 2 * w - s + np.arange(s)])
+        padded = np.concatenate([value[: w * T], np.zeros(2 * w), value[w * T :]])
+        information, vector = slices.in_coordinates(t, padded[columns])
+        H[np.ix_(columns, columns)] += np.triu(information) + np.triu(information, 1).T
+        g[columns] += vector
+    used = np.delete(np.arange(n + 2 * w), np.arange(w * T, w * (T + 2)))
+    return H[np.ix_(used, used)], g[used]
 
 
 def hessian_of_slices(model: SceneProblem, state: SceneState, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -64,7 +61,7 @@ def assert_slices_add_up(model: SceneProblem, state: SceneState) -> None:
     np.testing.assert_allclose(g, expected_g, atol=1e-9 * np.abs(expected_g).max())
 
 
-def test_factors_are_in_coordinates_not_in_steps() -> None:
+def test_slices_are_in_coordinates_not_in_steps() -> None:
     model, state = small_scene("moving")
     H, g = hessian_of_slices(model, state, np.zeros(len(batched(model, state)[1])))
     value = 0.1 * np.random.default_rng(0).standard_normal(len(g))

@@ -43,46 +43,63 @@ def whole(graphs: list[gtsam.GaussianFactorGraph]) -> gtsam.GaussianFactorGraph:
     return graph
 
 
+def dense(t: int, graph: gtsam.GaussianFactorGraph, shared: int = Z) -> tuple[np.ndarray, np.ndarray]:
+    """A frame's factors in the columns of a slice; nothing below the diagonal, which does not count."""
+    order = gtsam.Ordering()
+    for key in (*(frame_key(t + ahead) for ahead in range(3)), shared):
+        order.push_back(key)
+        width = SHARED if key == shared else WIDTH
+        graph.push_back(gtsam.HessianFactor(key, np.zeros((width, width)), np.zeros(width), 0.0))
+    information, vector = graph.hessian(order)
+    return np.triu(information), vector
+
+
 def run(graphs: list[gtsam.GaussianFactorGraph], lag: int = LAG) -> FixedLagChain:
-    chain = FixedLagChain()
+    chain = FixedLagChain(WIDTH, SHARED)
     for t, graph in enumerate(graphs):
-        chain.eliminate(t, [frame_key(t)], graph)
+        chain.eliminate(t, *dense(t, _copy(graph)))
         chain.marginalise_before(t - lag)
     return chain
+
+
+def _copy(graph: gtsam.GaussianFactorGraph) -> gtsam.GaussianFactorGraph:
+    copy = gtsam.GaussianFactorGraph()
+    copy.push_back(graph)
+    return copy
 
 
 def test_the_lag_equals_the_whole_problem() -> None:
     graphs = slices()
     chain, expected = run(graphs), whole(graphs).optimize()
-    solution = chain.solution(Z)
+    solution = chain.solution()
     assert chain.numbers == range(FRAMES - 1 - LAG, FRAMES)
     for t in chain.numbers:
-        np.testing.assert_allclose(solution.at(frame_key(t)), expected.at(frame_key(t)), atol=1e-10)
-    np.testing.assert_allclose(solution.at(Z), expected.at(Z), atol=1e-10)
+        np.testing.assert_allclose(solution.frames[t], expected.at(frame_key(t)), atol=1e-10)
+    np.testing.assert_allclose(solution.shared, expected.at(Z), atol=1e-10)
 
 
 def test_covariances_are_those_of_the_whole_problem() -> None:
     graphs = slices(seed=1)
-    solution, tree = run(graphs).solution(Z), whole(graphs).eliminateMultifrontal()
-    for key in (frame_key(FRAMES - 1), frame_key(FRAMES - 1 - LAG), Z):
-        np.testing.assert_allclose(solution.covariance(key), tree.marginalCovariance(key), atol=1e-10)
+    solution, tree = run(graphs).solution(), whole(graphs).eliminateMultifrontal()
+    for t in (FRAMES - 1, FRAMES - 1 - LAG):
+        np.testing.assert_allclose(solution.covariance(t), tree.marginalCovariance(frame_key(t)), atol=1e-10)
+    np.testing.assert_allclose(solution.shared_covariance(), tree.marginalCovariance(Z), atol=1e-10)
 
 
 def test_a_frame_within_the_lag_can_be_replaced() -> None:
     graphs, other = slices(), slices(seed=7)
     chain = run(graphs)
     for t in range(FRAMES - 3, FRAMES):
-        chain.eliminate(t, [frame_key(t)], other[t])
+        chain.eliminate(t, *dense(t, _copy(other[t])))
     expected = whole([*graphs[: FRAMES - 3], *other[FRAMES - 3 :]]).optimize()
-    np.testing.assert_allclose(
-        chain.solution(Z).at(frame_key(FRAMES - 1)), expected.at(frame_key(FRAMES - 1)), atol=1e-9
-    )
+    np.testing.assert_allclose(chain.solution().frames[FRAMES - 1], expected.at(frame_key(FRAMES - 1)), atol=1e-9)
 
 
 def test_what_is_shared_may_wander() -> None:
     graphs, later = slices(), int(gtsam.symbol("z", 1))
-    half, unit = FRAMES // 2, gtsam.noiseModel.Unit.Create(SHARED)
-    step = gtsam.JacobianFactor(Z, -np.eye(SHARED), later, np.eye(SHARED), np.zeros(SHARED), unit)
+    half, sigmas = FRAMES // 2, np.array([0.5, 1.0, 2.0])
+    noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+    step = gtsam.JacobianFactor(Z, -np.eye(SHARED), later, np.eye(SHARED), np.zeros(SHARED), noise)
     renamed = []
     for t, graph in enumerate(graphs):
         copy = gtsam.GaussianFactorGraph()
@@ -91,11 +108,14 @@ def test_what_is_shared_may_wander() -> None:
         if t == half:
             copy.add(step)
         renamed.append(copy)
-    chain = FixedLagChain()
-    for t, graph in enumerate(renamed):
-        chain.eliminate(t, [frame_key(t), Z] if t == half else [frame_key(t)], graph)
-    expected = whole(renamed).optimize()
-    np.testing.assert_allclose(chain.solution(later).at(later), expected.at(later), atol=1e-9)
+    chain = FixedLagChain(WIDTH, SHARED)
+    for t, graph in enumerate(graphs):
+        chain.eliminate(t, *dense(t, _copy(graph)), sigmas if t == half else None)
+    solution, expected, tree = chain.solution(), whole(renamed).optimize(), whole(renamed).eliminateMultifrontal()
+    np.testing.assert_allclose(solution.shared, expected.at(later), atol=1e-9)
+    for t in (0, half, FRAMES - 1):
+        np.testing.assert_allclose(solution.frames[t], expected.at(frame_key(t)), atol=1e-9)
+        np.testing.assert_allclose(solution.covariance(t), tree.marginalCovariance(frame_key(t)), atol=1e-9)
 
 
 def _with_key(factor: gtsam.GaussianFactor, old: int, new: int) -> gtsam.GaussianFactor:
@@ -126,10 +146,10 @@ def test_gtsams_batch_fixed_lag_smoother_says_the_same() -> None:
         for factor in ready:
             factors.push_back(gtsam.LinearContainerFactor(factor, _zeros(factor)))
         reference.update(factors, values, dict(stamps))
-    found, solution = reference.calculateEstimate(), run(graphs).solution(Z)
+    found, solution = reference.calculateEstimate(), run(graphs).solution()
     for t in range(FRAMES - LAG, FRAMES):
-        np.testing.assert_allclose(solution.at(frame_key(t)), found.atVector(frame_key(t)), atol=1e-6)
-    np.testing.assert_allclose(solution.at(Z), found.atVector(Z), atol=1e-6)
+        np.testing.assert_allclose(solution.frames[t], found.atVector(frame_key(t)), atol=1e-6)
+    np.testing.assert_allclose(solution.shared, found.atVector(Z), atol=1e-6)
 
 
 def _zeros(factor: gtsam.GaussianFactor) -> gtsam.Values:
@@ -146,11 +166,9 @@ def _own(graph: gtsam.GaussianFactorGraph, frames: int) -> list[gtsam.GaussianFa
 
 
 def test_an_undetermined_frame_and_a_gap_are_said() -> None:
-    chain = FixedLagChain()
-    graph = gtsam.GaussianFactorGraph()
-    graph.add(gtsam.JacobianFactor(frame_key(0), np.zeros((1, WIDTH)), np.zeros(1), gtsam.noiseModel.Unit.Create(1)))
+    n = 3 * WIDTH + SHARED
     with pytest.raises(SolveError, match="not determined"):
-        chain.eliminate(0, [frame_key(0)], graph)
+        FixedLagChain(WIDTH, SHARED).eliminate(0, np.zeros((n, n)), np.zeros(n))
     chain = run(slices())
     with pytest.raises(SolveError, match="does not follow"):
-        chain.eliminate(FRAMES + 3, [frame_key(FRAMES + 3)], slices()[0])
+        chain.eliminate(FRAMES + 3, *dense(0, slices()[0]))

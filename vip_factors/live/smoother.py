@@ -16,7 +16,7 @@ from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.solve.fixed_lag import FixedLagChain, LagSolution
-from vip_factors.solve.slices import REACH, Slices, information_factor, shared_key, slice_key, step_factor
+from vip_factors.solve.slices import REACH, Slices
 
 PREDICTED_SIGMA = 10.0  # rad or m: far less than the least that a measurement says
 LEAST_STEP = 1e-5  # of shared variables that do not step: no information is infinite
@@ -52,7 +52,7 @@ class LagSmoother:
         self.shared = self._origin = shared
         self._coordinates = np.zeros(problem.layout.static_width)
         self._frames: deque[_LagEntry] = deque()
-        self._chain = FixedLagChain()
+        self._chain = FixedLagChain(problem.layout.frame_width, problem.layout.static_width)
         self._solution: LagSolution | None = None
         self._beginning = 0  # number of the very first frame
         self._walks: dict[int, Array] = {}  # by frame behind which shared variables step, their sigmas
@@ -139,24 +139,18 @@ class LagSmoother:
         if self._extra is not None:
             self._extra.add_to(slices, state, start, charts)
         self._hold(slices, kept)
-        w, width = slices.frame, slices.width
+        if self._information is not None and start == self._beginning:
+            shared = slice((REACH + 1) * slices.frame, None)
+            slices.hessian[0, shared, shared] += self._information
+            slices.gradient[0, shared] += self._information @ self._coordinates
+        ahead = np.zeros((REACH, slices.frame))
+        coordinates = np.concatenate([*(one.coordinates[None] for one in kept), ahead])
         for t, one in enumerate(kept):
-            number, value = one.frame.number, np.zeros(width)
-            for ahead, other in enumerate(kept[t : t + REACH + 1]):
-                value[w * ahead : w * (ahead + 1)] = other.coordinates
-            value[3 * w :] = self._coordinates
-            shared, eliminated = shared_key(self._epoch[number]), [slice_key(number)]
-            keys = [slice_key(number + ahead) for ahead in range(REACH + 1)]
-            factors = slices.factors(t, keys, shared, value)
-            if self._information is not None and number == self._beginning:
-                factors.push_back(information_factor(shared, self._information))
-            if number in self._walks:
-                later = shared_key(self._epoch[number] + 1)
-                factors.push_back(step_factor(shared, later, self._walks[number]))
-                eliminated.append(shared)
-            self._chain.eliminate(number, eliminated, factors)
+            value = np.concatenate([coordinates[t : t + REACH + 1].ravel(), self._coordinates])
+            number = one.frame.number
+            self._chain.eliminate(number, *slices.in_coordinates(t, value), self._walks.get(number))
             one.linearised, one.shared = one.coordinates, self._coordinates
-        self._take(newest)
+        self._take()
 
     def marginalise_before(self, before: int) -> None:
         """Marginalise frames with smaller numbers."""
@@ -171,7 +165,7 @@ class LagSmoother:
     def covariance(self, number: int) -> Array:
         """Marginal covariance ``(w, w)`` of a frame's coordinates."""
         assert self._solution is not None
-        return self._solution.covariance(slice_key(number))
+        return self._solution.covariance(number)
 
     @property
     def shared_coordinates(self) -> Array:
@@ -181,8 +175,7 @@ class LagSmoother:
     def shared_covariance(self) -> Array:
         """Marginal covariance ``(s, s)`` of what all frames share."""
         assert self._solution is not None
-        shared = self._newest_shared()
-        return np.zeros((0, 0)) if shared is None else self._solution.covariance(shared)
+        return self._solution.shared_covariance()
 
     # Inside
 
@@ -197,23 +190,15 @@ class LagSmoother:
                     np.stack([one.coordinates[own] for one in entries]) / PREDICTED_SIGMA**2
                 )
 
-    def _newest_shared(self) -> int | None:
-        """Key of what frames to come will share with the newest one; None where nothing is shared."""
-        if not self._layout.static_width:
-            return None
-        newest = self.numbers[-1]
-        return shared_key(self._epoch[newest] + (newest in self._walks))
-
-    def _take(self, newest: int) -> None:
-        shared = self._newest_shared()
-        self._solution = self._chain.solution(shared)
-        coordinates = [self._solution.at(slice_key(one.frame.number)) for one in self._frames]
+    def _take(self) -> None:
+        self._solution = found = self._chain.solution()
+        coordinates = [found.frames[one.frame.number] for one in self._frames]
         origins = [one.origin for one in self._frames]
         states = moved_frames(self._layout, origins, self.shared, np.stack(coordinates))
         for one, own, state in zip(self._frames, coordinates, states, strict=True):
             one.coordinates, one.state = own, state
-        if shared is not None:
-            self._coordinates = self._solution.at(shared)
+        if self._layout.static_width:
+            self._coordinates = found.shared
             self.shared = self._origin.retract_static(self._layout, self._coordinates)
 
     def _first_moved(self) -> int:

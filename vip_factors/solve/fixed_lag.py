@@ -1,50 +1,98 @@
 """A fixed-lag smoother of a chain: frames are eliminated in time order, what all frames share last.
 
 It is the elimination that iSAM2 does with keys constrained to time order and leaves marginalised, kept as a list
-instead of a tree: for a chain the tree is one. What the list brings: what is left behind a frame can be taken up again
-at any of them (a frame that moved is linearised anew, a late measurement put in), what all frames share may wander,
-and covariances of the newest and of the oldest frame cost a few products. It knows nothing of bodies.
+instead of a tree: for a chain the tree is one, and each of its cliques is a dense block, which LAPACK eliminates in
+three calls. What the list brings: what is left behind a frame can be taken up again at any of them (a frame that moved
+is linearised anew, a late measurement put in), what all frames share may wander, and covariances of the newest and of
+the oldest frame cost a few products. It knows nothing of bodies.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.blas import dtrsm, dtrsv
+from scipy.linalg.lapack import dpotrf
 
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.elimination import eliminate_part
+from vip_factors.solve.slices import REACH
+
+
+@dataclass(frozen=True)
+class _Conditional:
+    """``R x + S y = d`` of some variables ``x`` and all that are eliminated after them, ``y``."""
+
+    R: Array
+    S: Array
+    d: Array
+
+    def given(self, later: Array) -> Array:
+        """The variables, of the values of the later ones."""
+        solved: Array = dtrsv(self.R, self.d - self.S @ later)
+        return solved
+
+
+@dataclass(frozen=True)
+class _Quadratic:
+    """``½ xᵀ information x − vectorᵀ x``, of which only what lies on and above the diagonal counts."""
+
+    information: Array
+    vector: Array
+
+    def without(self, width: int) -> tuple[_Conditional, "_Quadratic"]:
+        """Its first variables, given all others, and what it says of those.
+
+        Raises:
+            SolveError: if they are not determined.
+        """
+        own, H = slice(0, width), self.information
+        R, failed = dpotrf(H[own, own])
+        if failed:
+            raise SolveError("the linear system is not determined")
+        S = dtrsm(1.0, R, H[own, width:], trans_a=1)
+        d = dtrsv(R, self.vector[own], trans=1)
+        known = S.T @ S
+        np.subtract(H[width:, width:], known, out=known)
+        return _Conditional(R, S, d), _Quadratic(known, self.vector[width:] - S.T @ d)
 
 
 @dataclass(frozen=True)
 class _Eliminated:
-    """A frame's conditionals, and what is known of the later ones from it and all before."""
+    """A frame given those after it; shared variables given those that frames to come share, where they wandered; and
+    what is known from it and all before of the two frames after it and what frames to come share.
+    """
 
-    conditionals: tuple[gtsam.GaussianConditional, ...]
-    rest: gtsam.GaussianFactorGraph
+    frame: _Conditional
+    shared: _Conditional | None
+    rest: _Quadratic
 
 
 class FixedLagChain:
-    """The eliminated frames of the lag. Of marginalised ones later frames hold all that they said."""
+    """The eliminated frames of the lag. Of marginalised ones later frames hold all that they said.
 
-    def __init__(self) -> None:
+    Args:
+        frame, static: widths of a frame, and of what all frames share.
+    """
+
+    def __init__(self, frame: int, static: int) -> None:
+        self._width, self._static = frame, static
         self._frames: dict[int, _Eliminated] = {}
-        self._past: gtsam.GaussianFactorGraph | None = None  # what is known from the frames that were marginalised
+        self._past: _Quadratic | None = None  # what is known from the frames that were marginalised
 
     @property
     def numbers(self) -> range:
         """Numbers of the frames that are kept."""
         return range(min(self._frames), max(self._frames) + 1) if self._frames else range(0)
 
-    def eliminate(self, number: int, keys: Sequence[int], factors: gtsam.GaussianFactorGraph) -> None:
+    def eliminate(self, number: int, information: Array, vector: Array, sigmas: Array | None = None) -> None:
         """Put in a frame, behind the one before it; what was kept of this and of later ones is replaced.
 
         Args:
             number: of the frame: one of those that are kept, or the next.
-            keys: to eliminate, in this order: its own, and of shared variables that no later frame has.
-            factors: all whose first frame this is.
+            information, vector: ``(n, n)`` and ``(n,)`` of all factors whose first frame this is, in the columns of a
+                slice; both are changed.
+            sigmas: ``(s,)`` by which what is shared wanders behind the frame.
 
         Raises:
             SolveError: if a variable is not determined, or for another number.
@@ -55,75 +103,101 @@ class FixedLagChain:
         before = self._frames[number - 1].rest if number - 1 in self._frames else self._past
         for later in range(number, kept.stop):
             del self._frames[later]
-        graph = gtsam.GaussianFactorGraph()
         if before is not None:
-            graph.push_back(before)
-        graph.push_back(factors)
-        net, rest = _eliminated(graph, keys)
-        self._frames[number] = _Eliminated(tuple(net.at(index) for index in range(net.size())), rest)
+            ahead = REACH * self._width
+            for here, there in self._places(ahead):
+                vector[there] += before.vector[here]
+                for here_too, there_too in self._places(ahead):
+                    information[there, there_too] += before.information[here, here_too]
+        frame, rest = _Quadratic(information, vector).without(self._width)
+        shared = None
+        if sigmas is not None:
+            shared, rest = self._wandered(rest, sigmas)
+        self._frames[number] = _Eliminated(frame, shared, rest)
+
+    def _places(self, ahead: int) -> Iterator[tuple[slice, slice]]:
+        """Where frames and what is shared are in what is left of a slice, and in the next slice."""
+        yield slice(0, ahead), slice(0, ahead)
+        yield slice(ahead, None), slice(ahead + self._width, None)
+
+    def _wandered(self, rest: _Quadratic, sigmas: Array) -> tuple[_Conditional, _Quadratic]:
+        """The shared variables eliminated, and what is known of those that stepped on from them."""
+        s, weight = self._static, np.diag(sigmas**-2.0)
+        frames, old = slice(s, -s), slice(-s, None)  # of the shared ones first, then the frames, then their successors
+        n = len(rest.vector)
+        H, vector = np.zeros((n + s, n + s)), np.zeros(n + s)
+        H[frames, frames], vector[frames] = rest.information[:-s, :-s], rest.vector[:-s]
+        H[:s, frames] = rest.information[:-s, old].T
+        H[:s, :s], vector[:s] = rest.information[old, old] + weight, rest.vector[old]
+        H[:s, old], H[old, old] = -weight, weight
+        return _Quadratic(H, vector).without(s)
 
     def marginalise_before(self, number: int) -> None:
         """Marginalise the frames with a smaller number: what is known from them stays."""
         for kept in [one for one in self._frames if one < number]:
             self._past = self._frames.pop(kept).rest
 
-    def solution(self, shared: int | None) -> "LagSolution":
-        """All variables of the lag; ``shared`` is the key of what the newest frame shares with those to come, if any.
+    def solution(self) -> "LagSolution":
+        """All variables of the lag.
 
         Raises:
-            SolveError: if it is not determined.
+            SolveError: if what the newest frame shares with those to come is not determined.
         """
-        conditionals = [one for number in self.numbers for one in self._frames[number].conditionals]
-        if shared is not None:
-            last, _ = _eliminated(self._frames[max(self._frames)].rest, [shared])
-            conditionals.append(last.at(0))
-        return LagSolution(conditionals)
+        rest, ahead = self._frames[max(self._frames)].rest, REACH * self._width
+        last, _ = _Quadratic(rest.information[ahead:, ahead:], rest.vector[ahead:]).without(self._static)
+        return LagSolution(self._frames, last, self._width)
 
 
 class LagSolution:
-    """The minimum over the lag, and how sure it is."""
+    """The minimum over the lag, and how sure it is.
 
-    def __init__(self, conditionals: Sequence[gtsam.GaussianConditional]) -> None:
-        net = gtsam.GaussianBayesNet()
-        for conditional in conditionals:
-            net.push_back(conditional)
-        self._conditionals = conditionals
-        self._values = net.optimize()
+    Attributes:
+        frames: ``(w,)`` by number.
+        shared: ``(s,)``, what the newest frame shares with those to come.
+    """
 
-    def at(self, key: int) -> Array:
-        """A variable."""
-        return np.asarray(self._values.at(key))
+    def __init__(self, eliminated: dict[int, _Eliminated], last: _Conditional, width: int) -> None:
+        self._eliminated, self._last, self._width = dict(eliminated), last, width
+        self.frames = dict[int, Array]()
+        self.shared = shared = last.given(np.zeros(0))
+        ahead = np.zeros(REACH * width)
+        for number, one in sorted(eliminated.items(), reverse=True):
+            if one.shared is not None:
+                shared = one.shared.given(np.concatenate([ahead, shared]))
+            own = self.frames[number] = one.frame.given(np.concatenate([ahead, shared]))
+            ahead = np.concatenate([own, ahead[:-width]])
 
-    def covariance(self, key: int) -> Array:
-        """Marginal covariance of a variable; the later it was eliminated, the less it costs.
+    def shared_covariance(self) -> Array:
+        """Marginal covariance ``(s, s)`` of what the newest frame shares with those to come."""
+        half = _forward(self._last, np.eye(len(self.shared)))
+        return np.asarray(half.T @ half)
+
+    def covariance(self, number: int) -> Array:
+        """Marginal covariance ``(w, w)`` of a frame; the later it is, the less it costs.
 
         With ``R`` the triangular factor of all, it is ``YᵀY`` for ``RᵀY = E``, with ``E`` the variable's columns: one
         substitution forwards. No information matrix is inverted, so an accelerometer's double integration costs no
         digits.
         """
-        places = [int(one.keys()[0]) for one in self._conditionals]
-        start = places.index(key)
-        width = len(self._conditionals[start].d())
-        owed: dict[int, Array] = {key: -np.eye(width)}  # what earlier rows leave on the right-hand side
-        total = np.zeros((width, width))
-        for place, conditional in zip(places[start:], self._conditionals[start:], strict=True):
-            if place not in owed:
-                continue
-            Y = solve_triangular(conditional.R(), -owed.pop(place), trans="T", check_finite=False)
+        w, ahead = self._width, REACH * self._width
+        total, later = np.zeros((w, w)), np.zeros((ahead + len(self.shared), w))
+        own = np.eye(w)
+        for at in range(number, max(self._eliminated) + 1):
+            one = self._eliminated[at]
+            Y = _forward(one.frame, own)
             total += Y.T @ Y
-            keys, S, column = conditional.keys(), conditional.S(), 0
-            for parent in (int(keys[index]) for index in range(1, len(keys))):
-                block = S[:, column : column + self._values.at(parent).shape[0]]
-                column += block.shape[1]
-                left = block.T @ Y
-                owed[parent] = owed[parent] + left if parent in owed else left
-        return total
+            later -= one.frame.S.T @ Y
+            if one.shared is not None:
+                Y = _forward(one.shared, later[ahead:])
+                total += Y.T @ Y
+                later[ahead:] = 0.0
+                later -= one.shared.S.T @ Y
+            own, later = later[:w].copy(), np.concatenate([later[w:ahead], np.zeros((w, w)), later[ahead:]])
+        Y = _forward(self._last, later[ahead:])
+        return np.asarray(total + Y.T @ Y)
 
 
-def _eliminated(
-    graph: gtsam.GaussianFactorGraph, keys: Sequence[int]
-) -> tuple[gtsam.GaussianBayesNet, gtsam.GaussianFactorGraph]:
-    ordering = gtsam.Ordering()
-    for key in keys:
-        ordering.push_back(key)
-    return eliminate_part(graph, ordering)
+def _forward(conditional: _Conditional, right: Array) -> Array:
+    """``Y`` of ``Rᵀ Y = right``."""
+    found: Array = dtrsm(1.0, conditional.R, right, trans_a=1)
+    return found

@@ -8,7 +8,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "vip_factors"
 
 ROWS = [
-    {"errors", "ranges", "geometry", "atomic", "findings"},
+    {"errors", "ranges", "geometry", "atomic", "findings", "compiled"},
     {"shown_settings", "body"},
     {"sensors"},
     {"estimate", "live_estimate"},
@@ -26,8 +26,8 @@ ROWS = [
     {"__main__"},
 ]
 ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}
-# Within row 0, all may raise the package's errors.
-NEIGHBOURS = {("geometry", "errors"), ("ranges", "errors"), ("atomic", "errors")}
+# Within row 0, all may raise the package's errors, and rotations are compiled.
+NEIGHBOURS = {("geometry", "errors"), ("geometry", "compiled"), ("ranges", "errors"), ("atomic", "errors")}
 # Third parties that only some rooms may see.
 FENCED = {
     "gtsam": {"solve", "factor_graph"},

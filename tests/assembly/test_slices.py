@@ -29,15 +29,13 @@ def batched(model: SceneProblem, state: SceneState) -> tuple[np.ndarray, np.ndar
 def summed(slices: Slices, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of all slices together, for coordinates ``value`` of frames and of what they share."""
     w, s, n = slices.frame, slices.static, len(value)
-    H, g = np.zeros((n + 2 * w, n + 2 * w)), np.zeros(n + 2 * w)  # two frames more, which no factor sees
+    H, g = np.zeros((n, n)), np.zeros(n)
     for t in range(T):
-        columns = np.concatenate([np.arange(w * t, w * (t + 3)), n + 2 * w - s + np.arange(s)])
-        padded = np.concatenate([value[: w * T], np.zeros(2 * w), value[w * T :]])
-        information, vector = slices.in_coordinates(t, padded[columns])
+        columns = np.concatenate([np.arange(w * t, w * min(t + 3, T)), np.arange(n - s, n)])
+        information, vector = slices.in_coordinates(t, value[columns])
         H[np.ix_(columns, columns)] += np.triu(information) + np.triu(information, 1).T
         g[columns] += vector
-    used = np.delete(np.arange(n + 2 * w), np.arange(w * T, w * (T + 2)))
-    return H[np.ix_(used, used)], g[used]
+    return H, g
 
 
 def hessian_of_slices(model: SceneProblem, state: SceneState, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -43,12 +43,12 @@ def whole(graphs: list[gtsam.GaussianFactorGraph]) -> gtsam.GaussianFactorGraph:
     return graph
 
 
-def dense(t: int, graph: gtsam.GaussianFactorGraph, shared: int = Z) -> tuple[np.ndarray, np.ndarray]:
+def dense(t: int, graph: gtsam.GaussianFactorGraph) -> tuple[np.ndarray, np.ndarray]:
     """A frame's factors in the columns of a slice; nothing below the diagonal, which does not count."""
     order = gtsam.Ordering()
-    for key in (*(frame_key(t + ahead) for ahead in range(3)), shared):
+    for key in (*(frame_key(t + ahead) for ahead in range(min(3, FRAMES - t))), Z):
         order.push_back(key)
-        width = SHARED if key == shared else WIDTH
+        width = SHARED if key == Z else WIDTH
         graph.push_back(gtsam.HessianFactor(key, np.zeros((width, width)), np.zeros(width), 0.0))
     information, vector = graph.hessian(order)
     return np.triu(information), vector

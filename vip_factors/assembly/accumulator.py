@@ -126,7 +126,7 @@ def _add_separate(sums: Scatter, eq: JointEquations, chain: int, D: Array) -> No
 def _add_together(sums: Scatter, eq: JointEquations, chain: int, by_joints: list[Array]) -> None:
     """All coordinates at once: ``P`` between block-diagonal ``D``."""
     assert eq.whitening is not None
-    P, force, weight = eq.information, eq.weight * (eq.residual[:, 0] @ eq.whitening), eq.weight[..., None, None]
+    P, force, weight = eq.information, force_of(eq), eq.weight[..., None, None]
     assert P is not None
     for i, D in enumerate(by_joints):
         (a, _), shift = sums.slot(i, i)
@@ -140,10 +140,16 @@ def _add_together(sums: Scatter, eq: JointEquations, chain: int, by_joints: list
             block = transpose(_blocks_times(transpose(by_joints[j][source]), transpose(half)))
             sums.frame_frame(chain, slot[0], chain, slot[1])[target, JOINTS, JOINTS] += block
         if eq.mean is not None:
-            _add_mean(sums, eq, chain, i, D, force)
+            add_mean(sums, eq, chain, i, D, force)
 
 
-def _add_mean(sums: Scatter, eq: JointEquations, chain: int, i: int, D: Array, force: Array) -> None:
+def force_of(eq: JointEquations) -> Array:
+    """What pulls at the coordinates ``(t, 69)`` of all joints together."""
+    assert eq.whitening is not None
+    return eq.weight * (eq.residual[:, 0] @ eq.whitening)
+
+
+def add_mean(sums: Scatter, eq: JointEquations, chain: int, i: int, D: Array, force: Array) -> None:
     """The block that coordinates are compared with: its derivative is theirs, turned round."""
     assert eq.mean is not None
     mean, P = sums.layout.columns_of(eq.owner, eq.mean), eq.information

@@ -10,7 +10,9 @@ import numpy as np
 from vip_factors.assembly.accumulator import Accumulator
 from vip_factors.assembly.chain import ChainAccumulator
 from vip_factors.assembly.charts import Charts
+from vip_factors.assembly.compiled_slices import CompiledSliceAccumulator
 from vip_factors.assembly.slices import SliceAccumulator
+from vip_factors.compiled import kernels
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
@@ -205,7 +207,8 @@ def scene_slices(
 ) -> Slices:
     """The slices of a scene's problem at a state, in the memory of earlier ``slices`` if that is enough."""
     slices = slices.emptied(problem.frames)
-    sums, evaluation = SliceAccumulator(layout, slices, problem.frames, charts), SceneEvaluation(problem, state)
+    kind = SliceAccumulator if kernels is None else CompiledSliceAccumulator
+    sums, evaluation = kind(layout, slices, problem.frames, charts), SceneEvaluation(problem, state)
     evaluation.add_camera_to(sums)
     evaluation.add_bodies_to(sums)
     return slices

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton, ancestors
+from vip_factors.compiled import kernels
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
 from vip_factors.geometry.rotations import Array, hat, transpose
@@ -33,6 +34,7 @@ def _generations() -> Iterator[tuple[slice, np.ndarray]]:
 
 
 GENERATIONS = tuple(_generations())
+_PARENTS = np.array(PARENTS)
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,10 @@ class BodyState:
         last of the 25 is the root's translation.
         """
         R = self.R_world_bone
+        if kernels is not None:
+            screws = np.empty((len(R), JOINT_COUNT + 1, 6, 3))
+            kernels.screws(R, self.p_world_joint, screws)
+            return screws
         screws = np.zeros((len(R), JOINT_COUNT + 1, 6, 3))
         screws[:, :-1, :3] = R
         screws[:, :-1, 3:] = hat(self.p_world_joint - self.p_world_joint[:, :1]) @ R
@@ -92,6 +98,12 @@ def forward_kinematics(skeleton: Skeleton, R_parent_child: Array, p_world_pelvis
     """World poses of all bones, of joint rotations ``(T, 24, 3, 3)`` (joint 0 is ``R_world_pelvis``) and roots ``(T,
     3)``, m.
     """
+    if kernels is not None:
+        R_world_bone, p_world_joint = np.empty(R_parent_child.shape), np.empty(R_parent_child.shape[:-1])
+        kernels.forward_kinematics(
+            R_parent_child, skeleton.p_parent_joint, p_world_pelvis, _PARENTS, R_world_bone, p_world_joint
+        )
+        return BodyState(R_world_bone, p_world_joint)
     R_world_bone = np.empty_like(R_parent_child)
     R_world_bone[:, 0] = R_parent_child[:, 0]
     for joints, parents in GENERATIONS:

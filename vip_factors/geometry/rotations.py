@@ -8,6 +8,7 @@ theory for state estimation in robotics", eqs. 132–146.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vip_factors.compiled import compiled
 from vip_factors.errors import InputError
 
 Array = NDArray[np.float64]
@@ -25,6 +26,7 @@ _TRACE_AND_SKEW = np.column_stack([np.eye(3).ravel(), _HAT.T])
 _EYE = np.eye(3).ravel()
 
 
+@compiled((3,), (3, 3))
 def hat(v: ArrayLike) -> Array:
     """Skew-symmetric matrices ``(..., 3, 3)`` with ``hat(v) @ w == cross(v, w)``, from vectors ``(..., 3)``."""
     v = np.asarray(v, dtype=float)
@@ -55,6 +57,7 @@ def _sine_terms(square: Array) -> tuple[Array, Array, Array]:
     return a, b, c
 
 
+@compiled((3,), (3, 3))
 def exp(rotation_vector: ArrayLike) -> Array:
     """Rotation matrices ``(..., 3, 3)`` of rotation vectors ``(..., 3)`` in radians (Rodrigues; thesis eq. 2.13)."""
     v = np.asarray(rotation_vector, dtype=float)
@@ -63,6 +66,7 @@ def exp(rotation_vector: ArrayLike) -> Array:
     return _combined(v, 1 - b * square, a, b)  # for hat(v)² = v vᵀ − θ² I
 
 
+@compiled((3, 3), (3,))
 def log(R: ArrayLike) -> Array:
     """Rotation vectors ``(..., 3)`` of angle in [0, π] radians, of rotation matrices ``(..., 3, 3)``.
 
@@ -94,6 +98,7 @@ def _axis_of_large(R: Array, trace: Array, skew: Array) -> Array:
     return axis
 
 
+@compiled((3,), (3, 3))
 def right_jacobian(rotation_vector: ArrayLike) -> Array:
     """``J_r`` with ``Exp(v + dv) ≈ Exp(v) Exp(J_r dv)``, ``(..., 3, 3)``; Solà et al. eq. 143."""
     v = np.asarray(rotation_vector, dtype=float)
@@ -102,6 +107,7 @@ def right_jacobian(rotation_vector: ArrayLike) -> Array:
     return _combined(v, 1 - c * square, -b, c)
 
 
+@compiled((3,), (3, 3))
 def inverse_right_jacobian(rotation_vector: ArrayLike) -> Array:
     """``J_r⁻¹`` with ``Log(R Exp(δ)) ≈ Log(R) + J_r⁻¹ δ``, ``(..., 3, 3)``; Solà et al. eq. 144."""
     v = np.asarray(rotation_vector, dtype=float)

@@ -143,10 +143,9 @@ class LagSmoother:
             shared = slice((REACH + 1) * slices.frame, None)
             slices.hessian[0, shared, shared] += self._information
             slices.gradient[0, shared] += self._information @ self._coordinates
-        ahead = np.zeros((REACH, slices.frame))
-        coordinates = np.concatenate([*(one.coordinates[None] for one in kept), ahead])
+        coordinates = [one.coordinates for one in kept]
         for t, one in enumerate(kept):
-            value = np.concatenate([coordinates[t : t + REACH + 1].ravel(), self._coordinates])
+            value = np.concatenate([*coordinates[t : t + REACH + 1], self._coordinates])
             number = one.frame.number
             self._chain.eliminate(number, *slices.in_coordinates(t, value), self._walks.get(number))
             one.linearised, one.shared = one.coordinates, self._coordinates

@@ -7,7 +7,6 @@ is linearised anew, a late measurement put in), what all frames share may wander
 the oldest frame cost a few products. It knows nothing of bodies.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,8 +89,8 @@ class FixedLagChain:
 
         Args:
             number: of the frame: one of those that are kept, or the next.
-            information, vector: ``(n, n)`` and ``(n,)`` of all factors whose first frame this is, in the columns of a
-                slice; both are changed.
+            information, vector: ``(n, n)`` and ``(n,)`` of all factors whose first frame this is: columns of the frame,
+                of those of the next two that are there, and of what is shared; both are changed.
             sigmas: ``(s,)`` by which what is shared wanders behind the frame.
 
         Raises:
@@ -104,21 +103,22 @@ class FixedLagChain:
         for later in range(number, kept.stop):
             del self._frames[later]
         if before is not None:
-            ahead = REACH * self._width
-            for here, there in self._places(ahead):
-                vector[there] += before.vector[here]
-                for here_too, there_too in self._places(ahead):
-                    information[there, there_too] += before.information[here, here_too]
+            self._add(before, information, vector)
         frame, rest = _Quadratic(information, vector).without(self._width)
         shared = None
         if sigmas is not None:
             shared, rest = self._wandered(rest, sigmas)
         self._frames[number] = _Eliminated(frame, shared, rest)
 
-    def _places(self, ahead: int) -> Iterator[tuple[slice, slice]]:
-        """Where frames and what is shared are in what is left of a slice, and in the next slice."""
-        yield slice(0, ahead), slice(0, ahead)
-        yield slice(ahead, None), slice(ahead + self._width, None)
+    def _add(self, before: _Quadratic, information: Array, vector: Array) -> None:
+        """What the frames before say of the first ones of a slice, and of what is shared."""
+        ahead, start = len(before.vector) - self._static, len(vector) - self._static
+        frames, shared = slice(0, ahead), slice(start, None)
+        vector[frames] += before.vector[:ahead]
+        vector[shared] += before.vector[ahead:]
+        information[frames, frames] += before.information[:ahead, :ahead]
+        information[frames, shared] += before.information[:ahead, ahead:]
+        information[shared, shared] += before.information[ahead:, ahead:]
 
     def _wandered(self, rest: _Quadratic, sigmas: Array) -> tuple[_Conditional, _Quadratic]:
         """The shared variables eliminated, and what is known of those that stepped on from them."""
@@ -143,7 +143,8 @@ class FixedLagChain:
         Raises:
             SolveError: if what the newest frame shares with those to come is not determined.
         """
-        rest, ahead = self._frames[max(self._frames)].rest, REACH * self._width
+        rest = self._frames[max(self._frames)].rest
+        ahead = len(rest.vector) - self._static
         last, _ = _Quadratic(rest.information[ahead:, ahead:], rest.vector[ahead:]).without(self._static)
         return LagSolution(self._frames, last, self._width)
 
@@ -160,12 +161,12 @@ class LagSolution:
         self._eliminated, self._last, self._width = dict(eliminated), last, width
         self.frames = dict[int, Array]()
         self.shared = shared = last.given(np.zeros(0))
-        ahead = np.zeros(REACH * width)
+        ahead = np.zeros(0)  # of the frames there are
         for number, one in sorted(eliminated.items(), reverse=True):
             if one.shared is not None:
                 shared = one.shared.given(np.concatenate([ahead, shared]))
             own = self.frames[number] = one.frame.given(np.concatenate([ahead, shared]))
-            ahead = np.concatenate([own, ahead[:-width]])
+            ahead = np.concatenate([own, ahead])[: REACH * width]
 
     def shared_covariance(self) -> Array:
         """Marginal covariance ``(s, s)`` of what the newest frame shares with those to come."""
@@ -179,21 +180,24 @@ class LagSolution:
         substitution forwards. No information matrix is inverted, so an accelerometer's double integration costs no
         digits.
         """
-        w, ahead = self._width, REACH * self._width
-        total, later = np.zeros((w, w)), np.zeros((ahead + len(self.shared), w))
-        own = np.eye(w)
-        for at in range(number, max(self._eliminated) + 1):
-            one = self._eliminated[at]
+        w, newest = self._width, max(self._eliminated)
+        total, own = np.zeros((w, w)), np.eye(w)
+        later, shared = np.zeros((REACH * w, w)), np.zeros((len(self.shared), w))
+        for at in range(number, newest + 1):
+            one, ahead = self._eliminated[at], min(REACH, newest - at) * w
             Y = _forward(one.frame, own)
             total += Y.T @ Y
-            later -= one.frame.S.T @ Y
+            owed = one.frame.S.T @ Y
+            later[:ahead] -= owed[:ahead]
+            shared -= owed[ahead:]
             if one.shared is not None:
-                Y = _forward(one.shared, later[ahead:])
+                Y = _forward(one.shared, shared)
                 total += Y.T @ Y
-                later[ahead:] = 0.0
-                later -= one.shared.S.T @ Y
-            own, later = later[:w].copy(), np.concatenate([later[w:ahead], np.zeros((w, w)), later[ahead:]])
-        Y = _forward(self._last, later[ahead:])
+                owed = one.shared.S.T @ Y
+                later[:ahead] -= owed[:ahead]
+                shared = -owed[ahead:]
+            own, later = later[:w], np.concatenate([later[w:], np.zeros((w, w))])
+        Y = _forward(self._last, shared)
         return np.asarray(total + Y.T @ Y)
 
 

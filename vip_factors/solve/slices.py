@@ -37,13 +37,19 @@ class Slices:
         """Of so many frames, all zero; in the same memory, if it is enough: new pages cost more than zeros."""
         if frames > len(self.hessian):
             return Slices(self.frame, self.static, frames)
-        self.hessian[:frames], self.gradient[:frames] = 0.0, 0.0
+        for start in range(0, self.width, self.frame):  # below the diagonal nothing counts
+            self.hessian[:frames, start : start + self.frame, start:] = 0.0
+        self.gradient[:frames] = 0.0
         return self
 
     def in_coordinates(self, t: int, value: Array) -> tuple[Array, Array]:
-        """One slice as ``½ xᵀ H x − vectorᵀ x`` of coordinates: ``H`` ``(n, n)`` itself, and ``vector`` ``(n,)``.
+        """One slice as ``½ xᵀ H x − vectorᵀ x`` of coordinates: ``H`` ``(n, n)`` and ``vector`` ``(n,)``.
 
-        The slice is a quadratic in steps from the coordinates ``value`` ``(n,)``.
+        The slice is a quadratic in steps from the coordinates ``value`` ``(n,)`` of its frame, of those of the next two
+        that are there, and of what all frames share. ``H`` may be the slice's own memory.
         """
-        H = self.hessian[t]
-        return H, dsymv(1.0, H.T, value, lower=1) - self.gradient[t]  # the triangle above the diagonal, transposed
+        H, gradient, frames = self.hessian[t], self.gradient[t], len(value) - self.static
+        if len(value) < self.width:
+            seen = np.concatenate([np.arange(frames), np.arange(self.width - self.static, self.width)])
+            H, gradient = H[np.ix_(seen, seen)], gradient[seen]
+        return H, dsymv(1.0, H.T, value, lower=1) - gradient  # the triangle above the diagonal, transposed

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.body.hinges import HINGES, ROWS, TILTS
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, hat
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
 from vip_factors.terms.evaluation import WearerEvaluation
 from vip_factors.terms.robust import SQUARE, RobustLoss
@@ -63,7 +63,7 @@ def hinge_jacobians(R_parent_child: Array, variables: Array) -> tuple[tuple[Arra
     for number, (hinge, tilt) in enumerate(zip(HINGES, tilts, strict=True)):
         R = R_parent_child[:, hinge.index]
         axis_in_child = hinge.direction(tilt) @ R  # (t, 3)
-        by_joints[number, :, hinge.rows] = np.cross(hinge.square.T[None], axis_in_child[:, None])
+        by_joints[number, :, hinge.rows] = (hat(hinge.square.T) @ axis_in_child[:, None, :, None])[..., 0]
         by_tilt = (R @ hinge.square).swapaxes(1, 2) @ hinge.direction_by_tilt(tilt)
         by_variables[:, hinge.rows, 2 * number : 2 * number + 2] = by_tilt
     return tuple(by_joints), by_variables

@@ -1,0 +1,82 @@
+// SO(3), one rotation at a time: the closed forms of vip_factors/geometry/rotations.py, which tests hold them against.
+#pragma once
+#include <algorithm>
+#include <cmath>
+
+namespace vip {
+
+constexpr double SMALL_SQUARE = 1e-4;  // of an angle, as SMALL_ANGLE there
+
+inline double square(const double* v) { return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]; }
+
+// one I + of_hat hat(v) + of_outer v vᵀ
+inline void combined(const double* v, double one, double of_hat, double of_outer, double* M) {
+    const double x = v[0], y = v[1], z = v[2], a = of_hat, o = of_outer;
+    M[0] = one + o * x * x, M[1] = o * x * y - a * z, M[2] = o * x * z + a * y;
+    M[3] = o * x * y + a * z, M[4] = one + o * y * y, M[5] = o * y * z - a * x;
+    M[6] = o * x * z - a * y, M[7] = o * y * z + a * x, M[8] = one + o * z * z;
+}
+
+struct SineTerms { double a, b, c; };  // sin θ/θ, (1 − cos θ)/θ², (θ − sin θ)/θ³
+
+inline SineTerms sine_terms(double q) {
+    if (q < SMALL_SQUARE)
+        return {1 + q * (-1. / 6 + q / 120), 0.5 + q * (-1. / 24 + q / 720), 1. / 6 + q * (-1. / 120 + q / 5040)};
+    const double angle = std::sqrt(q), sine = std::sin(angle), half = std::sin(angle / 2);
+    return {sine / angle, 2 * half * half / q, (angle - sine) / (q * angle)};
+}
+
+inline void exp(const double* v, double* R) {
+    const double q = square(v);
+    const SineTerms terms = sine_terms(q);
+    combined(v, 1 - terms.b * q, terms.a, terms.b, R);
+}
+
+inline void right_jacobian(const double* v, double* J) {
+    const double q = square(v);
+    const SineTerms terms = sine_terms(q);
+    combined(v, 1 - terms.c * q, -terms.b, terms.c, J);
+}
+
+inline void inverse_right_jacobian(const double* v, double* J) {
+    const double q = square(v);
+    const double series = 1. / 12 + q * (1. / 720 + q / 30240);
+    if (q < SMALL_SQUARE) return combined(v, 1 - q * series, 0.5, series, J);
+    const double half = 0.5 * std::sqrt(q), cotangent = half / std::tan(half);
+    combined(v, cotangent, 0.5, (1 - cotangent) / q, J);
+}
+
+inline void log(const double* R, double* v) {
+    const double trace = R[0] + R[4] + R[8];
+    const double skew[3] = {R[7] - R[5], R[2] - R[6], R[3] - R[1]};
+    const double sine = 0.5 * std::sqrt(square(skew)), angle = std::atan2(sine, 0.5 * (trace - 1));
+    if (trace < 0) {  // the axis from the longest column of (1 − cos θ) a aᵀ
+        double outer[9];
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++) outer[3 * i + j] = R[3 * i + j] + R[3 * j + i] - (i == j ? trace - 1 : 0.0);
+        int best = 0;
+        for (int i = 1; i < 3; i++)
+            if (outer[4 * i] > outer[4 * best]) best = i;
+        const double* axis = outer + 3 * best;
+        const double along = axis[0] * skew[0] + axis[1] * skew[1] + axis[2] * skew[2];
+        const double scale = (along < 0 ? -angle : angle) / std::sqrt(square(axis));
+        for (int i = 0; i < 3; i++) v[i] = scale * axis[i];
+        return;
+    }
+    const double scale = sine < 1e-12 ? 0.5 : 0.5 * angle / sine;
+    for (int i = 0; i < 3; i++) v[i] = scale * skew[i];
+}
+
+inline void hat(const double* v, double* M) { combined(v, 0.0, 1.0, 0.0, M); }
+
+// C = A B and C += A B of matrices (n, k) and (k, m)
+template <int n, int k, int m> inline void product(const double* A, const double* B, double* C) {
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < m; j++) {
+            double sum = 0;
+            for (int l = 0; l < k; l++) sum += A[i * k + l] * B[l * m + j];
+            C[i * m + j] = sum;
+        }
+}
+
+}  // namespace vip

@@ -1,0 +1,85 @@
+"""Compiled kernels say what the functions in NumPy say, which are the definition."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from small_problems import KINDS, SILENCES, T, small_scene
+
+from vip_factors.assembly import objective
+from vip_factors.assembly.charts import Charts
+from vip_factors.body import kinematics
+from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.compiled import kernels
+from vip_factors.geometry import rotations
+from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.state import SceneState
+from vip_factors.problem.variables import scene_layout
+from vip_factors.solve.slices import Slices
+
+pytestmark = pytest.mark.skipif(kernels is None, reason="no kernels were built")
+ANGLES = (0.0, 1e-9, 0.00999, 0.01001, 0.5, 2.0, 2.2, np.pi - 1e-4, np.pi)
+
+
+def vectors() -> np.ndarray:
+    axes = np.random.default_rng(0).standard_normal((50, 3))
+    axes[:3] = np.eye(3)
+    return np.array(ANGLES)[:, None, None] * axes / np.linalg.norm(axes, axis=1)[:, None]
+
+
+@pytest.mark.parametrize("name", ["hat", "exp", "right_jacobian", "inverse_right_jacobian"])
+def test_of_rotation_vectors(name: str) -> None:
+    fast: Callable = getattr(rotations, name)
+    np.testing.assert_allclose(fast(vectors()), fast.__wrapped__(vectors()), atol=1e-10)
+    np.testing.assert_allclose(fast([0.1, 0.2, 0.3]), fast.__wrapped__([0.1, 0.2, 0.3]), atol=1e-10)
+    assert fast(np.zeros((4, 0, 3))).shape == (4, 0, 3, 3)
+
+
+def test_logarithm() -> None:
+    R = rotations.exp(vectors())
+    np.testing.assert_allclose(rotations.log(R), rotations.log.__wrapped__(R), atol=1e-10)
+    turned = R.swapaxes(-1, -2)  # memory of another order
+    np.testing.assert_allclose(rotations.log(turned), rotations.log.__wrapped__(turned), atol=1e-10)
+
+
+def test_kinematics(monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(1)
+    R, p = rotations.exp(random.standard_normal((5, 24, 3))), random.standard_normal((5, 3))
+    skeleton = skeleton_from_stature(1.8)
+    fast = kinematics.forward_kinematics(skeleton, R, p)
+    screws = fast.screws
+    monkeypatch.setattr(kinematics, "kernels", None)
+    pure = kinematics.forward_kinematics(skeleton, R, p)
+    np.testing.assert_allclose(fast.R_world_bone, pure.R_world_bone, atol=1e-10)
+    np.testing.assert_allclose(fast.p_world_joint, pure.p_world_joint, atol=1e-10)
+    np.testing.assert_allclose(screws, pure.screws, atol=1e-10)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("in_coordinates", [False, True])
+def test_slices(kind: str, in_coordinates: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert_same_slices(*small_scene(kind), in_coordinates, monkeypatch)
+
+
+@pytest.mark.parametrize("silent", SILENCES)
+def test_slices_where_nothing_was_measured(silent: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    assert_same_slices(*small_scene("moving", silent), True, monkeypatch)
+
+
+def assert_same_slices(
+    model: SceneProblem, state: SceneState, in_coordinates: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    layout, random = scene_layout(model), np.random.default_rng(2)
+    frames, static = random.standard_normal((T, layout.frame_width)), random.standard_normal(layout.static_width)
+    charts = Charts.at(layout, 0.1 * frames, 0.1 * static) if in_coordinates else None
+
+    def slices() -> Slices:
+        empty = Slices(layout.frame_width, layout.static_width, model.frames)
+        return objective.scene_slices(layout, model, state, empty, charts)
+
+    fast = slices()
+    monkeypatch.setattr(objective, "kernels", None)
+    pure = slices()
+    counts, expected = np.triu(fast.hessian), np.triu(pure.hessian)
+    np.testing.assert_allclose(counts, expected, atol=1e-10 * np.abs(expected).max())
+    np.testing.assert_allclose(fast.gradient, pure.gradient, atol=1e-10 * np.abs(pure.gradient).max())

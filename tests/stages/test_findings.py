@@ -11,6 +11,7 @@ from filmed_gestures import HASTY, QUICK, camera_of, enlarged, filmed_gestures, 
 
 from vip_factors.associate.associate import Association
 from vip_factors.associate.hypothesis import hypotheses, wearer_points
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.model_errors import FILMED, UNFILMED
 from vip_factors.estimate import CameraEstimate, Estimate
 from vip_factors.findings import KINDS, Severity, sentences, verdict
@@ -156,6 +157,12 @@ def scene() -> Scene:
     return filmed_gestures(people=("anna", "bob"), azimuth_deg=20.0)
 
 
+def true_motion() -> Motion:
+    truth = scene().wearers[0].truth
+    assert truth is not None
+    return truth.motion
+
+
 def right_and_exchanged() -> tuple[np.ndarray, np.ndarray]:
     """Whose the detections are, and the same with Bob taken for Anna from an instant on."""
     truth, detections = scene().truth, camera_of(scene()).detections
@@ -168,7 +175,7 @@ def watched(at_first: np.ndarray, at_last: np.ndarray) -> AssociatedCamera:
     """Anna's camera, by whom the first and the last association take for her."""
     camera, detections = camera_of(scene()), camera_of(scene()).detections
     own = detections.select(at_first == 0)
-    points = wearer_points(scene().wearers[0].truth.motion, own.keypoints, own.time)
+    points = wearer_points(true_motion(), own.keypoints, own.time)
     found = hypotheses(own, camera.model.normalise(own.pixels), [points])
     seen = Sightings(own.time[found.frame], found.R_camera_world, found.p_camera_pelvis)
     N = len(detections)
@@ -181,7 +188,7 @@ def test_only_who_was_used_may_leap(mended: bool) -> None:
     right, exchanged = right_and_exchanged()
     each = watched(exchanged, right if mended else exchanged)
     assert len(leaps(each.seen[0]))
-    found = confirmed_leaps(each, 0, scene().wearers[0].truth.motion)
+    found = confirmed_leaps(each, 0, true_motion())
     if mended:
         assert not len(found)
     else:

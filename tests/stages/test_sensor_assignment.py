@@ -56,11 +56,11 @@ def test_exchanged_sensors_are_found(pair: tuple[str, str]) -> None:
 
 def test_exchanged_sensors_are_told_and_exchanged_where_wanted() -> None:
     recording = mistaken("left_thigh", "right_thigh")
-    told = smooth(recording, Settings(acceleration=False, covariance=False))
+    settings = Settings(frame_rate=15.0, acceleration=False, covariance=False)
+    told = smooth(recording, settings)
     assert [one.kind for one in told.findings].count("sensors exchanged") == 1
     assert "--assign " in str(told.findings[0])
-    settings = replace(Settings(acceleration=False, covariance=False), assign=True)
-    right, truth = (smooth(one, settings).only_wearer.motion for one in (recording, legs()))
+    right, truth = (smooth(one, replace(settings, assign=True)).only_wearer.motion for one in (recording, legs()))
     np.testing.assert_allclose(right.R_parent_child, truth.R_parent_child, atol=1e-9)
 
 

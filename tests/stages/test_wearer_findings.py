@@ -17,6 +17,7 @@ from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import Array, exp, rotation_x
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Calibration, SensorCalibration, preset
+from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
@@ -57,7 +58,7 @@ def test_somebody_who_is_seen_for_a_moment() -> None:
 
 def test_few_keypoints_are_enough_for_the_whole_pipeline() -> None:
     def few(joints: tuple[str, ...]) -> Scene:
-        def dropped(found):
+        def dropped(found: Detections) -> Detections:
             names = found.keypoints.keypoints
             gone = [number for number, name in enumerate(names) if name.split("_")[-1] not in joints]
             confidence = found.confidence.copy()
@@ -141,7 +142,7 @@ USUAL = skeleton_from_stature(1.75)
 
 def found(changes: dict[str, float], scale: float = 0.0) -> BodyEstimate:
     variation, prior = likely_body(USUAL.stature).variation, lengths_of(USUAL)
-    covariance = np.linalg.inv(variation.whitening.T @ variation.whitening)
+    covariance: Array = np.linalg.inv(variation.whitening.T @ variation.whitening).astype(np.float64)
     lengths = (1 + scale) * prior + [changes.get(name, 0.0) for name in LENGTHS]
     return BodyEstimate(LENGTHS, prior, lengths, covariance, covariance / 4)
 
@@ -171,8 +172,19 @@ def test_knees_that_bend_backwards_are_a_finding() -> None:
     R[:15, joint_index("left_knee")] = rotation_x(-0.4)
     R[:5, joint_index("right_knee")] = rotation_x(-0.4)
     motion = Motion(USUAL, R, np.zeros((40, 3)), 30.0)
-    (sentence,) = sentences(knee_findings("Ada", motion))
+    (sentence,) = sentences(knee_findings("Ada", motion, {}))
     assert "left knee bends backwards in 38 %" in sentence
+
+
+@pytest.mark.parametrize("degrees", [-14.0, 6.0, 14.0])
+def test_a_shank_that_stays_turned_against_its_thigh_is_a_finding(degrees: float) -> None:
+    motion = bent(gestures(3.0), "right_knee", np.array([0, degrees, 0]))
+    worn = {"right_hip": "RT", "right_knee": "RS"}
+    found = list(sentences(knee_findings("Ada", motion, worn)))
+    assert len(found) == (abs(degrees) > 9)
+    assert all("heading or mounting of 'RT' or 'RS'" in one for one in found)
+    assert not list(knee_findings("Ada", motion, {"right_knee": "RS"}))  # nobody measures how the thigh is turned
+    assert all("the right shank is turned about itself against the thigh, by 1" in one for one in found)
 
 
 def test_what_is_in_order_but_for_the_scale_is_not_told_one_by_one() -> None:

@@ -118,6 +118,14 @@ def _heading_jumps(stream: ImuStream) -> ImuStream:
     return replace(stream, R_inertial_sensor=by @ stream.R_inertial_sensor)
 
 
+def _heading_off_in_pose(stream: ImuStream) -> ImuStream:
+    """Metal close by while the pose was held."""
+    if stream.R_inertial_sensor is None:
+        return stream
+    by = rotation_z(np.deg2rad(60.0) * (stream.time < stream.time[0] + 2.0))
+    return replace(stream, R_inertial_sensor=by @ stream.R_inertial_sensor)
+
+
 def _heading_drifts(stream: ImuStream) -> ImuStream:
     if stream.R_inertial_sensor is None:
         return stream
@@ -284,6 +292,7 @@ FAULTS = (
     Fault("upside down", _stream(_turned(np.array([0, 0, np.pi]))), UNLIKE_POSE),
     Fault("turned midway by 50°", _stream(_turned(np.array([0, 0.87, 0]), late=True)), ("sensor turned",)),
     Fault("heading jumps by 50°", _stream(_heading_jumps), ("sensor turned", "heading drift")),
+    Fault("heading off in the pose", _stream(_heading_off_in_pose), ("knee turned", "sensor turned")),
     Fault("heading drifts by 60°", _stream(_heading_drifts, "left_hip"), ("heading drift", "sensor turned")),
     Fault("axis reversed", _stream(_with_force(np.array([1, 1, -1]))), ("accelerometer axis", "accelerometer scale")),
     Fault("g for m/s²", _streams(_with_force(np.array(1 / 9.81))), ("accelerometer scale",)),

@@ -33,7 +33,7 @@ from vip_factors.stages.reporting import with_model_errors
 from vip_factors.stages.restarts import in_own_frames, with_restarts
 from vip_factors.stages.sensor_assignment import with_sensors_assigned
 from vip_factors.stages.solver import Progress, Solver
-from vip_factors.stages.windows import scene_plan
+from vip_factors.stages.windows import Each, scene_plan
 
 __all__ = ["factor_graph", "smooth", "smooth_chunks"]
 
@@ -69,23 +69,24 @@ def smooth(
 
 def smooth_chunks(
     source: SceneSource, settings: Settings = DEFAULT, progress: Progress | None = None,
-    extra_factors: ExtraFactors | None = None,
+    extra_factors: ExtraFactors | None = None, each: Each = map,
 ) -> EstimateChunks:  # fmt: skip
     """The same of a source that need not fit into memory: calibrated now, windows are solved as chunks are asked for.
 
     Args:
         source: of a scene, in memory or in a file.
         settings, progress, extra_factors: as of :func:`smooth`.
+        each: as :func:`map`: where windows are solved that do not need the one before, those without a camera.
 
     Raises:
         InputError, RecordingError, SolveError: as :func:`smooth`; also as chunks are asked for.
     """
-    found = _solved_chunks(source, settings, progress or (lambda stage, fraction: None), extra_factors)
+    found = _solved_chunks(source, settings, progress or (lambda stage, fraction: None), extra_factors, each)
     return found.changed(lambda one: with_model_errors(one, settings)) if settings.model_errors else found
 
 
 def _solved_chunks(
-    source: SceneSource, settings: Settings, on_progress: Progress, extra_factors: ExtraFactors | None
+    source: SceneSource, settings: Settings, on_progress: Progress, extra_factors: ExtraFactors | None, each: Each
 ) -> EstimateChunks:
     with _one_blas_thread():
         extra = None if extra_factors is None else UserTerms(extra_factors)
@@ -110,8 +111,8 @@ def _each_solved(
             raise InputError(
                 "extra factors among several wearers need a camera that sees them: else each is in a world of its own"
             )
-        each = [smooth_wearer(one, settings, on_progress, extra) for one in source.wearers]
-    return _each_in_own_world(source.head.name, each, findings, settings)
+        alone = [smooth_wearer(one, settings, on_progress, extra, each) for one in source.wearers]
+    return _each_in_own_world(source.head.name, alone, findings, settings)
 
 
 def _each_in_own_world(

@@ -1,13 +1,14 @@
 """A wearer by the sensors alone: the calibration of all frames from some stretches, then window by window.
 
 What all frames share (headings, mountings, the mean pose, axes of hinges) is found on coarse frames of stretches that
-are spread over the recording, in one problem (thesis eq. 4.10 and 3.3). Every window is then solved as a
-recording would be whose calibration is known, from a little before the last one ends, and where that has put the
-wearer. Of a short recording all frames calibrate, and windows start from that solution.
+are spread over the recording, in one problem (thesis eq. 4.10 and 3.3). Every window is then solved by itself, as a
+recording would be whose calibration is known, and moved to where the one before it, which ends a little later than it
+begins, has the wearer. Of a short recording all frames calibrate, and windows start from that solution.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -53,15 +54,22 @@ from vip_factors.stages.sensor_checks import CorrectedSamples, sensor_correction
 from vip_factors.stages.solver import Progress, Solver
 from vip_factors.stages.wearer_findings import posture_findings
 from vip_factors.stages.window_join import SolvedWindow, chunks_of, moved
-from vip_factors.stages.windows import WindowPlan
+from vip_factors.stages.windows import Each, WindowPlan
 
 WALKING_SPEED = 1.4  # m/s, unseen
 COARSE_DECREASE = 0.1  # relative decrease at which coarse solves stop: the last one of a window goes on from there
+# m, of a window that is tracked afresh: where it begins the one before it tells, once it is moved there, and its height
+# the floor; held as the beginning of a recording is, that height would be the tracker's.
+LATER_START_SIGMA = 1.0
 WINDOWS = "windows"  # the stage, as progress tells it
 
 
 def smooth_wearer(
-    recording: RecordingSource, settings: Settings, on_progress: Progress, extra: ExtraTerms | None = None
+    recording: RecordingSource,
+    settings: Settings,
+    on_progress: Progress,
+    extra: ExtraTerms | None = None,
+    each: Each = map,
 ) -> EstimateChunks:
     """The estimate of a wearer; calibrated now, and in windows solved as its chunks are asked for.
 
@@ -73,6 +81,7 @@ def smooth_wearer(
         settings: of all rooms.
         on_progress: called with the name of the stage and the fraction of it done.
         extra: terms of a user's own; with them all frames are one window.
+        each: as :func:`map`: where windows are solved.
 
     Raises:
         InputError, RecordingError: for a recording that cannot be used; for samples, as chunks are asked for.
@@ -82,7 +91,7 @@ def smooth_wearer(
     solver = Solver(settings.solve, on_progress, name=settings.solver, extra=extra)
     recording, about_sensors = with_sensors_checked(recording, plan, settings)
     shared = calibrate(recording, plan, settings, solver)
-    windows = solve_windows(shared, recording, plan, settings, solver)
+    windows = solve_windows(shared, recording, plan, settings, solver, each)
     if plan.is_one_window:
         window = next(windows).wearers[0]
         estimate = _with_findings(replace(window, reports=tuple(solver.reports)), window.motion, recording, shared)
@@ -199,31 +208,59 @@ def _with_knots_in_stretches(plan: WindowPlan, settings: Settings) -> Settings:
 
 
 def solve_windows(
-    shared: InertialSolution, recording: RecordingSource, plan: WindowPlan, settings: Settings, solver: Solver
-) -> Iterator[SolvedWindow]:
-    """Every window, one after another, each where the one before it has the wearer.
+    shared: InertialSolution, recording: RecordingSource, plan: WindowPlan, settings: Settings, solver: Solver,
+    each: Each = map,
+) -> Iterator[SolvedWindow]:  # fmt: skip
+    """Every window, one after another, each moved to where the one before it has the wearer.
+
+    Nothing but that, and where a wearer stays whom no sensor measured, ties one window to another: they are solved by
+    themselves, wherever ``each`` has that done.
 
     Args:
         shared: what all of them share.
         recording, plan, settings: of all.
         solver: of all if they are one; else each has its own like it.
+        each: as :func:`map`.
 
     Raises:
         RecordingError: for samples that cannot be used.
         SolveError: if a window's problem is not determined.
     """
-    before: SolvedWindow | None = None
-    for span in plan.windows():
-        own = solver if plan.is_one_window else replace(solver, on_progress=_silent, reports=[])
-        model, state = _solve_window(shared, recording, plan, span, before, settings, own)
-        covariance = None
-        if settings.covariance:
-            measured = before is None or model.frames.orientation_valid.any()
-            covariance = _covariance(model, state) if measured else _unknown(model.frames)
-        wearer = _decode(model, state, settings, covariance)
-        window = SolvedWindow(span, (replace(wearer, reports=tuple(own.reports)),))
-        before = window if before is None else moved(window, before, model.has_floor)
+    if plan.is_one_window:
+        span = plan.windows()[0]
+        solved = _solved(shared, plan, settings, solver, (span, recording.between()))
+        assert solved is not None
+        yield solved
+        return
+    own = replace(solver, on_progress=_silent, reports=[])
+    measured = ((span, samples_around(recording, plan.time(span))) for span in plan.windows())
+    windows = each(partial(_solved, shared, plan, settings, own), measured)
+    before, has_floor = None, settings.acceleration and shared.model.has_floor
+    for span, window in zip(plan.windows(), windows, strict=True):
+        if before is None:
+            before = window
+        else:
+            own_world = window or _as_last_seen(shared, recording, plan, span, before, settings)
+            before = moved(own_world, before, has_floor)
         yield before
+
+
+def _solved(
+    shared: InertialSolution,
+    plan: WindowPlan,
+    settings: Settings,
+    solver: Solver,
+    given: tuple[slice, Mapping[str, ImuStream]],
+) -> SolvedWindow | None:
+    """A window of its frames and samples, in a world of its own; None of a later one in which nothing was measured."""
+    span, streams = given
+    own = solver if plan.is_one_window else replace(solver, reports=[])
+    frames = frames_of(streams, shared.model.frames.sensors, plan.time(span))
+    if span.start and not frames.orientation_valid.any():
+        return None
+    model, state = _solve_window(shared, frames, streams, plan, span, settings, own)
+    wearer = _decode(model, state, settings, _covariance(model, state) if settings.covariance else None)
+    return SolvedWindow(span, (replace(wearer, reports=tuple(own.reports)),))
 
 
 def _silent(stage: str, fraction: float) -> None:
@@ -231,25 +268,24 @@ def _silent(stage: str, fraction: float) -> None:
 
 
 def _solve_window(
-    shared: InertialSolution, recording: RecordingSource, plan: WindowPlan, span: slice, before: SolvedWindow | None,
+    shared: InertialSolution, frames: ImuFrames, streams: Mapping[str, ImuStream], plan: WindowPlan, span: slice,
     settings: Settings, solver: Solver,
 ) -> tuple[WearerProblem, WearerState]:  # fmt: skip
     """The problem on all of a window's frames, and its solution."""
-    time = plan.time(span)
-    streams = recording.between() if plan.is_one_window else samples_around(recording, time)
-    frames, model, state = frames_of(streams, recording.sensors, time), shared.model, shared.state
-    if before is not None and not frames.orientation_valid.any():
-        return replace(model, frames=frames, initial_pose=None), _as_last_seen(state, before, span)
+    time, model, state = frames.time, shared.model, shared.state
     if not plan.all_calibrate:
-        coarse = frames_of(streams, recording.sensors, time[:: plan.factor])
+        coarse = frames_of(streams, frames.sensors, time[:: plan.factor])
         model = replace(model, frames=coarse, initial_pose=model.initial_pose if span.start == 0 else None)
         state = _track_window(model, state, solver)
         if settings.acceleration:
             state = _settled(model, state, settings, solver)
     if not settings.acceleration:
-        return frame_by_frame(model), _where_it_was(state, before, span)
-    state = _where_it_was(at_frames(state, model.frames.time, time), before, span)
+        return frame_by_frame(model), state
+    state = at_frames(state, model.frames.time, time)
     fine = with_contacts(on_frames_with_fixed_calibration(model, frames), state)
+    if span.start and not plan.all_calibrate:
+        gauge = replace(fine.settings.gauge_prior, position_sigma=LATER_START_SIGMA)
+        fine = replace(fine, settings=replace(fine.settings, gauge_prior=gauge))
     return fine, solver.solve_wearer(fine, state, "sparse inertial poser", solver.extra)
 
 
@@ -273,20 +309,19 @@ def _settled(model: WearerProblem, state: WearerState, settings: Settings, solve
     return state
 
 
-def _where_it_was(state: WearerState, before: SolvedWindow | None, span: slice) -> WearerState:
-    """The state moved to where the window before has its first frame."""
-    if before is None:
-        return state
-    there = before.wearers[0].motion.p_world_pelvis[span.start - before.frames.start]
-    return replace(state, p_world_pelvis=state.p_world_pelvis + (there - state.p_world_pelvis[0]))
-
-
-def _as_last_seen(shared: WearerState, before: SolvedWindow, span: slice) -> WearerState:
+def _as_last_seen(
+    shared: InertialSolution, recording: RecordingSource, plan: WindowPlan, span: slice, before: SolvedWindow,
+    settings: Settings,
+) -> SolvedWindow:  # fmt: skip
     """A window in which nobody measured anything: the wearer stays as at its first frame, which the one before has."""
+    time = plan.time(span)
+    frames = frames_of(samples_around(recording, time), recording.sensors, time)
     last = before.wearers[0].motion.frames(slice(span.start - before.frames.start, None))
-    T = span.stop - span.start
+    T = len(time)
     R, p_world = np.tile(last.R_parent_child[:1], (T, 1, 1, 1)), np.tile(last.p_world_pelvis[:1], (T, 1))
-    return replace(shared, R_parent_child=R, p_world_pelvis=p_world)
+    state = replace(shared.state, R_parent_child=R, p_world_pelvis=p_world)
+    model = replace(shared.model, frames=frames, initial_pose=None)
+    return SolvedWindow(span, (_decode(model, state, settings, _unknown(frames) if settings.covariance else None),))
 
 
 def _unknown(frames: ImuFrames) -> PoseCovariance:

@@ -1,7 +1,9 @@
 """The frames of an estimate: in step with the video, in overlapping windows, and the stretches that calibrate."""
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from math import ceil
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +14,8 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneSource, shared_interval
 from vip_factors.settings import Settings
 
+Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
+"""As :func:`map`; it may have the calls made elsewhere, and ahead of when they are asked for."""
 LEAST_FRAMES = 3
 VIDEO_RATE_S = 10.0  # of a long video that tell its rate
 

@@ -51,6 +51,9 @@ FENCED = {
     "markupsafe": {"report"},
     "tyro": {"cli"},
     "rich": {"cli"},
+    "distributed": {"cli"},
+    "fsspec": {"cli"},
+    "psutil": {"cli"},
     "optuna": {"tune"},
     "sqlalchemy": {"tune"},
 }

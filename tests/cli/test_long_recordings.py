@@ -1,11 +1,13 @@
 """A recording that is read, solved and written window by window, from the command line."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from vip_factors.cli.workers import windows_elsewhere
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_recording import read_recording, write_recording
@@ -121,3 +123,27 @@ def test_a_session_in_two_files_is_one_recording(run, files, tmp_path: Path) -> 
     assert (told.code, told.err.count("\n")) == (2, 1)
     assert "parts of a recording must follow one another" in told.err
     assert run("smooth").code == 2
+
+
+def test_windows_in_other_processes_are_the_same_to_the_last_bit(run, files, tmp_path: Path) -> None:
+    here, there = tmp_path / "here.mcap", tmp_path / "there.mcap"
+    for out, jobs in ((here, 1), (there, 2)):
+        told = run("smooth", files.recording, "--out", out, "--jobs", jobs, "--covariance", *WINDOWS)
+        assert told.code == 0, told.err
+    one, other = (read_estimate(out).only_wearer for out in (here, there))
+    np.testing.assert_array_equal(one.motion.R_parent_child, other.motion.R_parent_child)
+    np.testing.assert_array_equal(one.motion.p_world_pelvis, other.motion.p_world_pelvis)
+    assert one.covariance is not None
+    assert other.covariance is not None
+    np.testing.assert_array_equal(one.covariance.joints, other.covariance.joints)
+
+
+def test_a_window_whose_process_is_lost_is_solved_here() -> None:
+    with windows_elsewhere(2, None) as each:
+        assert list(each(_ends_elsewhere, [os.getpid()] * 3)) == [os.getpid()] * 3
+
+
+def _ends_elsewhere(number: int) -> int:
+    if os.getpid() != number:
+        os._exit(9)
+    return number

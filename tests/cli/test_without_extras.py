@@ -8,7 +8,19 @@ import pytest
 
 from vip_factors.detect import model_files
 
-EXTRAS = ("ai_edge_litert", "av", "ezc3d", "onnxruntime", "optuna", "PIL", "pygltflib", "pythonosc", "websockets")
+EXTRAS = (
+    "ai_edge_litert",
+    "av",
+    "distributed",
+    "ezc3d",
+    "fsspec",
+    "onnxruntime",
+    "optuna",
+    "PIL",
+    "pygltflib",
+    "pythonosc",
+    "websockets",
+)
 
 
 @pytest.fixture
@@ -37,6 +49,8 @@ def unasked(source: Path | None, tell: Callable[[str], None]) -> None:
         ("stream ws://127.0.0.1:0", "live"),
         ("stream RECORDING --vmc 127.0.0.1:39539", "live"),
         ("tune RECORDING", "tune"),
+        ("smooth RECORDING --cluster tcp://127.0.0.1:1 --summary all.csv --out OUT", "cluster"),
+        ("smooth s3://lab/walk.mcap", "cluster"),
     ],
 )
 def test_the_extra_is_named(

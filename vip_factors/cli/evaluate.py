@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli.options import Flag, Output, parse
+from vip_factors.cli.options import Flag, ManyOptions, Output, parse
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class EvaluateOptions:
+class EvaluateOptions(ManyOptions):
     """Compare an estimate with the truth: positions, orientations, path, headings, mountings, honesty.
 
     Of scenes also the camera, who was assigned to what, and how the wearers stand to each other. The first five
@@ -36,9 +36,14 @@ class EvaluateOptions:
     """Replace the JSON file if it exists."""
 
 
+def parsed(prog: str, arguments: Sequence[str]) -> EvaluateOptions:
+    """The options in the words after the command."""
+    return parse(EvaluateOptions, prog, arguments)
+
+
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
-    options = parse(EvaluateOptions, prog, arguments)
+    options = parsed(prog, arguments)
     from vip_factors.atomic import atomic_open, check_target
 
     if options.json is not None:

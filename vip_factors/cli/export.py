@@ -7,13 +7,13 @@ from typing import Annotated
 
 import tyro
 
-from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.options import Flag, ManyOptions, parse
 from vip_factors.errors import InputError
 from vip_factors.io.export.settings import ExportSettings
 
 
 @dataclass(frozen=True)
-class ExportOptions:
+class ExportOptions(ManyOptions):
     """Write an estimate into files of other programs; the suffix tells the format.
 
     .bvh and .glb are for animation programs; .npz holds poses as AMASS has them, .pkl poses, camera and 2D poses as
@@ -31,9 +31,14 @@ class ExportOptions:
     )
 
 
+def parsed(prog: str, arguments: Sequence[str]) -> ExportOptions:
+    """The options in the words after the command."""
+    return parse(ExportOptions, prog, arguments)
+
+
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
-    options = parse(ExportOptions, prog, arguments)
+    options = parsed(prog, arguments)
     if len(options.files) < 2:
         raise InputError("expected an estimate and at least one file to write: vip-factors export ESTIMATE FILE …")
     from vip_factors.cli.options import keep_inputs

@@ -97,6 +97,12 @@ def _dispatched(given: list[str]) -> int:
         return 0
     command = _command(given[0])
     try:
+        from vip_factors.cli.many_tasks import is_many
+
+        if is_many(command, given[1:]):
+            from vip_factors.cli import many
+
+            return many.main(command, f"{PROGRAM} {command}", given[1:])
         import_module(f"vip_factors.cli.{command.replace('-', '_')}").main(f"{PROGRAM} {command}", given[1:])
     except SystemExit as stop:  # how the parser of options ends, after help or a complaint
         return stop.code if isinstance(stop.code, int) else BAD_INPUT if stop.code else 0

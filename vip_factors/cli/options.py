@@ -13,7 +13,7 @@ import tyro
 
 from vip_factors.errors import InputError
 from vip_factors.findings import Severity, Verdict
-from vip_factors.ranges import RangeError, check_ranges
+from vip_factors.ranges import Range, RangeError, check_ranges
 
 Options = TypeVar("Options")
 
@@ -175,6 +175,18 @@ RERUN_FILE = Output(".rrd", "vip-factors export writes the files of other progra
 @dataclass(frozen=True)
 class Input:
     """Marks an option that is text, and may be the name of a file that the command reads; paths need no mark."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ManyOptions:
+    """Options of the commands that work on folders, globs and lists (@list.txt) of files too."""
+
+    jobs: Annotated[int, Range(least=1)] = 1
+    """Processes at a time: of many files each takes one; of one long recording its windows do."""
+    cluster: str | None = None
+    """Work on a Dask cluster: the scheduler's address (tcp://host:8786), or the file (.json) that it writes."""
+    summary: Annotated[Path | None, Output()] = None
+    """Of many files: table (.csv) of all verdicts, beside which a page (.html) is written; in the folder if absent."""
 
 
 def check_outputs(options: Any) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli.options import FailOn, Flag, Output, beside, fail_on, parse
+from vip_factors.cli.options import FailOn, Flag, ManyOptions, Output, beside, fail_on, parse
 from vip_factors.errors import InputError
 from vip_factors.report.settings import ReportSettings
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ReportOptions:
+class ReportOptions(ManyOptions):
     """Write an estimate as one HTML page: what was found, how sure it is, what it means, and the motion to turn around.
 
     The page needs no network. With the recording it also tells of sensors and video, and shows frames of it.
@@ -39,9 +39,14 @@ class ReportOptions:
     )
 
 
+def parsed(prog: str, arguments: Sequence[str]) -> ReportOptions:
+    """The options in the words after the command."""
+    return parse(ReportOptions, prog, arguments)
+
+
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
-    options = parse(ReportOptions, prog, arguments)
+    options = parsed(prog, arguments)
     from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import progress_bar
 

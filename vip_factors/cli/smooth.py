@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli.options import FailOn, Flag, Output, beside, fail_on, parse_with_settings
+from vip_factors.cli.options import FailOn, Flag, ManyOptions, Output, beside, fail_on, parse_with_settings
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
 from vip_factors.shown_settings import ShownSettings
 
 if TYPE_CHECKING:
     from vip_factors.estimate import Estimate, SolveReport
+    from vip_factors.settings import Settings
 
 
 @dataclass(frozen=True)
-class SmoothOptions:
+class SmoothOptions(ManyOptions):
     """Reconstruct a recording: motion, headings and mountings of the sensors, as an estimate file.
 
     With a camera in it: all wearers in one world, and the camera's path. Without: each wearer from the IMUs alone.
@@ -45,13 +46,17 @@ class SmoothOptions:
     """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
 
 
+def parsed(prog: str, arguments: Sequence[str]) -> "tuple[SmoothOptions, Settings]":
+    """The options and the settings in the words after the command."""
+    return parse_with_settings(SmoothOptions, prog, arguments, ShownSettings, "vip_factors.settings:Settings")
+
+
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
-    options, settings = parse_with_settings(
-        SmoothOptions, prog, arguments, ShownSettings, "vip_factors.settings:Settings"
-    )
+    options, settings = parsed(prog, arguments)
     from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import progress_bar
+    from vip_factors.cli.workers import windows_elsewhere
     from vip_factors.io.mcap_estimate_writer import write_estimate
     from vip_factors.io.mcap_source import open_source
     from vip_factors.pipeline import smooth_chunks
@@ -63,8 +68,8 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     long_s = settings.windows.above_s if settings.windows.use and not settings.calibration.from_truth else float("inf")
     source = open_source(options.recording, long_s)
     reports: list[SolveReport] = []
-    with progress_bar() as tell:
-        estimate = smooth_chunks(source, settings, tell)
+    with progress_bar() as tell, windows_elsewhere(options.jobs, options.cluster) as each:
+        estimate = smooth_chunks(source, settings, tell, each=each)
         reported = replace(estimate, chunks=_reporting(estimate.chunks, reports))
         write_estimate(reported, out, options.overwrite, start_ns=source.wearers[0].head.start_ns)
     head = estimate.head if estimate.closed is None else estimate.closed()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli.options import RERUN_FILE, FailOn, Flag, Input, Output, fail_on, parse_with_settings
+from vip_factors.cli.options import RERUN_FILE, FailOn, Flag, Input, ManyOptions, Output, fail_on, parse_with_settings
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import verdict
@@ -33,7 +33,7 @@ INSTEAD_OF_A_WINDOW = "--rerun-serve PORT, --rerun-save FILE.rrd or --rerun-conn
 
 
 @dataclass(frozen=True)
-class StreamOptions:
+class StreamOptions(ManyOptions):
     """Track a stream: every frame is answered with the newest pose, and with the smoothed one of a lag earlier.
 
     SOURCE is a recording (.mcap), played back, or followed while another program writes it; - for standard input;
@@ -85,11 +85,16 @@ class StreamOptions:
     limits: LiveSourceSettings = field(default_factory=LiveSourceSettings)
 
 
-def main(prog: str, arguments: Sequence[str]) -> None:
-    """Run the command."""
-    options, settings = parse_with_settings(
+def parsed(prog: str, arguments: Sequence[str]) -> "tuple[StreamOptions, LiveSettings]":
+    """The options and the settings in the words after the command."""
+    return parse_with_settings(
         StreamOptions, prog, arguments, ShownLiveSettings, "vip_factors.live.settings:LiveSettings"
     )
+
+
+def main(prog: str, arguments: Sequence[str]) -> None:
+    """Run the command."""
+    options, settings = parsed(prog, arguments)
     if options.lag is not None:
         settings = replace(settings, lag_s=options.lag)
     _check(options)

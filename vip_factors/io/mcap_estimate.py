@@ -5,6 +5,7 @@ the camera's and who is who stand beside them; an estimate of one wearer whom no
 """
 
 import os
+import warnings
 from itertools import starmap, zip_longest
 from typing import Any
 
@@ -121,6 +122,22 @@ def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
             detector=topics.object(DETECTOR, codecs.DETECTOR),
             **SCENE_HEAD.values(info),
         )
+
+
+def read_head(path: str | os.PathLike[str]) -> tuple[Estimate, int]:
+    """What an estimate says of the whole, without its frames, and how many these are, of all wearers.
+
+    Raises:
+        InputError, FileFormatError: as :func:`read_estimate`.
+    """
+    many = (POSE, RESIDUALS, CAMERA_POSE, CAMERA_INFO)
+    contents = read_contents(path, lambda channel: is_read(channel) and not channel.topic.endswith(many))
+    with warnings.catch_warnings():  # that frames are missing
+        warnings.simplefilter("ignore")
+        head = read_estimate(contents)
+    topics = Topics(contents)
+    infos = [one for topic in contents.topics if topic.endswith(MOTION) for one in topics.all(topic, MotionInfo)]
+    return head, sum(one.frames for one in infos)
 
 
 def read_start(path: str | os.PathLike[str]) -> int:

@@ -108,21 +108,22 @@ def report_page(given: Material, settings: ReportSettings, progress: Progress | 
         with_camera=data["camera"] is not None,
         with_truth=given.has_truth,
     )
-    return _environment().get_template("report.html").render(
-        page=page, version=__version__, style=_packaged("templates/report.css"),
-        script=_packaged("viewer/viewer.min.js"),
+    return environment().get_template("report.html").render(
+        page=page, version=__version__, style=packaged("templates/report.css"),
+        script=packaged("viewer/viewer.min.js"),
     )  # fmt: skip
 
 
 @cache  # templates are compiled once
-def _environment() -> jinja2.Environment:
+def environment() -> jinja2.Environment:
+    """What makes pages of the templates."""
     return jinja2.Environment(
         loader=jinja2.PackageLoader(ROOM), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
 
 
-def _packaged(name: str) -> Markup:
+def packaged(name: str) -> Markup:
     """A file of ours that goes into the page as it is."""
     return Markup((files(ROOM) / name).read_text(encoding="utf-8"))
 

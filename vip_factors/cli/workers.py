@@ -1,0 +1,306 @@
+"""Who does the work of many recordings, or of many windows: processes on this machine, or a cluster through Dask.
+
+Either way the same functions are called, and answer with the same futures. A recording is worked on in a process of its
+own, wherever that is: one that runs out of memory or is killed costs that recording alone.
+"""
+
+import os
+import secrets
+import signal
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import active_children, get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from vip_factors.errors import InputError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+LOOK_S = 0.5  # between looks at whether to stop: a recording takes many seconds
+END_S = 20.0  # until a process that was asked to end is killed: what it writes is removed by then
+CHILD = "from vip_factors.cli.workers import child; child()"
+Asked = Callable[[], bool]
+"""Whether the work is to be given up."""
+
+
+class Future(Protocol):
+    """Of :mod:`concurrent.futures`, or of Dask."""
+
+    def result(self) -> Any:
+        """What the function returned; its exceptions, or that of a worker that was lost too often, are raised."""
+        ...
+
+    def add_done_callback(self, told: Callable[[Any], object]) -> object:
+        """Call a function with this future once it is done."""
+        ...
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a function works.
+
+    Attributes:
+        name: of the worker.
+        stopped: whether the work is to be given up.
+        memory: bytes that it may take; any if None.
+    """
+
+    name: str
+    stopped: Asked
+    memory: int | None = None
+
+
+class Workers(Protocol):
+    """They call ``function(place, task)``."""
+
+    def submit(self, function: Callable[..., Any], task: Any, other_than: str = "") -> Future:
+        """Have a task done, if possible by another worker than that of a name."""
+        ...
+
+    def stop(self) -> None:
+        """Give up all tasks; returns when those at work here have ended."""
+        ...
+
+
+class _LocalWorkers:
+    """So many tasks at a time on this machine."""
+
+    def __init__(self, jobs: int) -> None:
+        self._stopped = threading.Event()
+        self._threads = ThreadPoolExecutor(jobs)  # they wait for processes
+
+    def submit(self, function: Callable[..., Any], task: Any, other_than: str = "") -> Future:
+        return self._threads.submit(function, Place("", self._stopped.is_set), task)
+
+    def stop(self) -> None:
+        self._stopped.set()
+        self._threads.shutdown(cancel_futures=True)
+
+
+class _ClusterWorkers:
+    """Those of a Dask cluster; a task whose worker is lost is done by another, as Dask has it."""
+
+    def __init__(self, client: "Client") -> None:
+        self._client, self._name, self._futures = client, f"vip-factors-{secrets.token_hex(8)}", list[Any]()
+
+    def submit(self, function: Callable[..., Any], task: Any, other_than: str = "") -> Future:
+        others = [one for one in self._client.scheduler_info(n_workers=-1)["workers"] if one != other_than]
+        chosen = {"workers": others, "allow_other_workers": True} if other_than and others else {}
+        future = self._client.submit(_on_cluster, function, task, self._name, pure=False, **chosen)
+        self._futures.append(future)
+        return future
+
+    def stop(self) -> None:
+        from distributed import Event
+
+        if any(not one.done() for one in self._futures):
+            Event(self._name, client=self._client).set()
+            self._client.cancel(self._futures, force=True)
+
+
+def _on_cluster(function: Callable[..., Any], task: Any, name: str) -> Any:
+    from distributed import Event, get_worker
+
+    worker = get_worker()
+    limit = worker.memory_manager.memory_limit
+    return function(Place(worker.address, Event(name).is_set, limit and limit // worker.state.nthreads), task)
+
+
+@contextmanager
+def cluster(address: str) -> Iterator["Client"]:
+    """A connection to a Dask scheduler, by its address or by the file (.json) that it writes.
+
+    Raises:
+        InputError: without Dask, or if nobody answers there.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError("--cluster needs Dask: pip install 'vip-factors[cluster]'") from error
+    where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
+    try:
+        client = Client(**where, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--cluster {address}: no Dask scheduler answers there ({error})") from error
+    with client:
+        yield client
+
+
+@contextmanager
+def workers(jobs: int, address: str | None) -> Iterator[Workers]:
+    """So many processes here, or those of a cluster; what is not done at the end is given up.
+
+    Raises:
+        InputError: as :func:`cluster`.
+    """
+    if address is None:
+        yield from _stopping(_LocalWorkers(jobs))
+        return
+    with cluster(address) as client:
+        yield from _stopping(_ClusterWorkers(client))
+
+
+def _stopping(found: Workers) -> Iterator[Workers]:
+    try:
+        yield found
+    finally:
+        found.stop()
+
+
+Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
+
+
+@contextmanager
+def windows_elsewhere(jobs: int, address: str | None) -> Iterator[Each]:
+    """What calls a function on each of many things, as :func:`map`, in other processes, some of them ahead.
+
+    Args:
+        jobs: processes; with one, it is done in this one.
+        address: of a Dask cluster, if it is to be done there.
+
+    Raises:
+        InputError: as :func:`cluster`.
+    """
+    if address is not None:
+        with cluster(address) as client:
+            from distributed import KilledWorker
+
+            at_once = max(sum(client.nthreads().values()), 1)
+            yield partial(_each, client.get_executor(pure=False), at_once, KilledWorker)
+    elif jobs > 1:
+        # Not forked: libraries have threads by now.
+        pool = ProcessPoolExecutor(jobs, get_context("spawn"), _begin)
+        try:
+            yield partial(_each, pool, jobs, BrokenExecutor)
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in active_children():
+                process.terminate()
+    else:
+        yield map
+
+
+def _begin() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started us ends us
+    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # as the pipeline has it; before NumPy comes
+
+
+def _each(
+    executor: Executor, at_once: int, lost: type[Exception], function: Callable[[Any], Any], tasks: Iterable[Any]
+) -> Iterator[Any]:
+    """Results in order; what a lost process did not do is done here."""
+    waiting = deque[tuple[Any, Any]]()
+    for task in tasks:
+        future = None
+        with suppress(lost):
+            future = executor.submit(function, task)
+        waiting.append((task, future))
+        if len(waiting) > at_once:  # one more than there are processes: none waits for its task to be read
+            yield _answer(*waiting.popleft(), lost, function)
+    while waiting:
+        yield _answer(*waiting.popleft(), lost, function)
+
+
+def _answer(task: Any, future: Any, lost: type[Exception], function: Callable[[Any], Any]) -> Any:
+    if future is not None:
+        with suppress(lost):
+            return future.result()
+    return function(task)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a process ended.
+
+    Attributes:
+        code: as shells tell it.
+        out, err: what it said.
+        starved: whether for want of memory.
+        killed: whether it was ended from outside, or for want of memory.
+    """
+
+    code: int
+    out: str
+    err: str
+    starved: bool
+    killed: bool
+
+    @property
+    def sentence(self) -> str:
+        """Why it failed."""
+        if self.code > 128 and not self.starved:
+            name = signal.Signals(self.code - 128).name
+            more = ": out of memory, perhaps" if self.code == 128 + signal.SIGKILL else ""
+            return f"the process was ended by {name}{more}"
+        last = (self.err.strip() or f"exit code {self.code}").splitlines()[-1]
+        return f"out of memory: {last}" if self.starved else last.removeprefix("vip-factors: ")
+
+
+def run_child(place: Place, words: Sequence[str], folder: Path) -> Ended:
+    """Run ``vip-factors`` in a process of its own, which ends with this one.
+
+    Args:
+        place: where this is.
+        words: after the program's name.
+        folder: to work in; it holds what the process says, too.
+    """
+    told = [folder / name for name in ("out.txt", "err.txt")]
+    starved = False
+    with open(told[0], "wb") as out, open(told[1], "wb") as err:
+        process = subprocess.Popen([sys.executable, "-c", CHILD, *words], stdin=subprocess.PIPE, stdout=out, stderr=err)
+        try:
+            while process.poll() is None and not place.stopped():
+                if starved := place.memory is not None and _memory(process.pid) > place.memory:
+                    process.kill()
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(LOOK_S)
+        finally:
+            _end(process)
+    out_text, err_text = (path.read_text(encoding="utf-8", errors="replace") for path in told)
+    code = process.returncode
+    if starved:
+        err_text = f"it took more memory than its share of its worker's ({(place.memory or 0) / 1e9:.1f} GB)"
+    starved = starved or (code == 1 and "MemoryError" in err_text[-1000:])
+    return Ended(128 - code if code < 0 else code, out_text, err_text, starved, code < 0 or starved)
+
+
+def _memory(number: int) -> int:
+    """Bytes that a process takes; Dask brings what tells them."""
+    import psutil
+
+    try:
+        return psutil.Process(number).memory_info().rss
+    except psutil.Error:  # it has ended
+        return 0
+
+
+def _end(process: subprocess.Popen) -> None:
+    assert process.stdin is not None
+    process.stdin.close()
+    try:
+        process.wait(END_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def child() -> None:
+    """The process of :func:`run_child`: as the command line, until its standard input is closed."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    from vip_factors.cli.main import main
+
+    sys.exit(main(sys.argv[1:]))
+
+
+def _end_with_parent() -> None:
+    os.read(0, 1)  # unbuffered: a lock on the stream would outlast the interpreter
+    os.kill(os.getpid(), signal.SIGTERM)

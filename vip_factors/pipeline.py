@@ -91,14 +91,14 @@ def _solved_chunks(
     with _one_blas_thread():
         extra = None if extra_factors is None else UserTerms(extra_factors)
         source, pauses, about_pauses = with_restarts(source, settings)
-        found = _each_solved(source, settings, on_progress, extra)
+        found = _each_solved(source, settings, on_progress, extra, each)
         if not about_pauses:
             return found
     return found.with_findings(about_pauses).changed(lambda one: in_own_frames(one, pauses))
 
 
 def _each_solved(
-    source: SceneSource, settings: Settings, on_progress: Progress, extra: UserTerms | None
+    source: SceneSource, settings: Settings, on_progress: Progress, extra: UserTerms | None, each: Each
 ) -> EstimateChunks:
     with _one_blas_thread():
         source, findings = with_sensors_assigned(source, settings)

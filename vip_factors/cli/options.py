@@ -182,11 +182,11 @@ class ManyOptions:
     """Options of the commands that work on folders, globs and lists (@list.txt) of files too."""
 
     jobs: Annotated[int, Range(least=1)] = 1
-    """Processes at a time: of many files each takes one; of one long recording its windows do."""
+    """Processes at a time, for many files or long ones."""
     cluster: str | None = None
-    """Work on a Dask cluster: the scheduler's address (tcp://host:8786), or the file (.json) that it writes."""
+    """Dask scheduler: tcp://host:8786, or its file."""
     summary: Annotated[Path | None, Output()] = None
-    """Of many files: table (.csv) of all verdicts, beside which a page (.html) is written; in the folder if absent."""
+    """Table (.csv) of many files, and page beside it."""
 
 
 def check_outputs(options: Any) -> None:

@@ -48,20 +48,23 @@ def test_windows_make_one_estimate(run, files, tmp_path: Path) -> None:
 def test_an_interrupt_in_the_second_window_leaves_nothing(
     run, files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = list[float]()
+    asked, windows = list[tuple[float, float]](), list[float]()
     between = WearerFile.between
 
     def interrupted(self: WearerFile, start: float = -np.inf, end: float = np.inf) -> object:
-        asked.append(start)
-        if len(asked) == 7:  # two stretches and the middle for the sensors, the stretches, two windows
-            assert len(list(tmp_path.iterdir())) == 1  # under its temporary name
+        asked.append((start, end))
+        if list(tmp_path.iterdir()):  # under its temporary name
+            windows.append(start)
+        if len(windows) == 2:
             raise KeyboardInterrupt
         return between(self, start, end)
 
     monkeypatch.setattr(WearerFile, "between", interrupted)
     told = run("smooth", files.recording, "--out", tmp_path / "e.mcap", *WINDOWS)
     assert told.code == 130
-    assert len(asked) == 7
+    assert windows[1] > windows[0]
+    # All once for the sensors' places; two stretches and the middle for the sensors, the stretches, two windows.
+    assert len(asked) == 8
     assert list(tmp_path.iterdir()) == []
 
 

@@ -63,11 +63,15 @@ def against_declared(
 ) -> tuple[Finding | None, Exchange | None]:
     """Another pose that the recording starts from; and limbs whose left and right sensors are in each other's places.
 
+    Nothing is looked at where a sensor has no orientation.
+
     Args:
         recording: from its start on, with a declared pose if there is one.
         camera: that films the wearer, if one does.
         settings: of all rooms.
     """
+    if any(one.R_inertial_sensor is None for one in recording.imus.values()):
+        return None, None
     pairs, time = dict(_pairs(recording)), _times(recording, settings)
     if not pairs or len(time) < LEAST_FRAMES:
         return None, None

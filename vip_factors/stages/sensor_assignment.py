@@ -35,12 +35,15 @@ def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[Scen
     placements, findings, exchanges = list[Placement](), list[Finding](), 0
     for one in source.wearers:
         start, end = one.interval
-        half = min(end - start, settings.assignment.seconds) / 2
-        streams = one.between((start + end) / 2 - half, (start + end) / 2 + half)
-        head = replace(one.head, imus=dict(streams))
+        until = min(end, start + settings.assignment.seconds)
+        spare = (end - until) / 2
+        head = replace(one.head, imus=dict(one.between(start + spare, end - spare)))
         found = exchanges_of(head, settings)
         placement = exchanged(head.placement, head.placed, found)
-        pose, sides = _against_declared(source, one, placement, settings)
+        beginning = replace(head, imus=dict(one.between(start, until))) if spare else head
+        filmed = settings.fusion.use_camera and source.head.camera is not None
+        camera = source.between(start, until).camera if filmed else None
+        pose, sides = against_declared(replace(beginning, placement=placement), camera, settings)
         if pose is not None:
             findings.append(pose)
         if sides is not None:
@@ -52,19 +55,6 @@ def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[Scen
     if exchanges and settings.assign:
         source = ReplacedSource(source, tuple(placements))
     return source, tuple(findings)
-
-
-def _against_declared(
-    source: SceneSource, wearer: RecordingSource, placement: Placement, settings: Settings
-) -> tuple[Finding | None, Exchange | None]:
-    """Another pose than was declared, and left sensors on the right: in the beginning, which holds the pose."""
-    start, end = wearer.interval
-    end = min(end, start + settings.assignment.seconds)
-    recording = replace(wearer.head, imus=dict(wearer.between(start, end)), placement=placement)
-    if any(one.R_inertial_sensor is None for one in recording.imus.values()):
-        return None, None
-    camera = source.between(start, end).camera if settings.fusion.use_camera else None
-    return against_declared(recording, camera, settings)
 
 
 def exchanges_of(recording: Recording, settings: Settings) -> tuple[Exchange, ...]:

@@ -31,10 +31,12 @@ class AnswerFilter:
     Attributes:
         share: of the difference to what is believed that each frame makes up for, in (0, 1]; 1 tells what is believed.
         most: radians of it at most: what a calibration found anew corrects is no leap.
+        most_m: the like of positions, metres.
     """
 
     share: float
     most: float = np.pi
+    most_m: float = 1e3
     _last: FrameState | None = None
 
     def filtered(self, before: FrameState | None, now: FrameState) -> FrameState:
@@ -53,12 +55,17 @@ class AnswerFilter:
         angle = np.linalg.norm(off, axis=1, keepdims=True)
         R = believed @ exp(off * np.maximum(1 - self.share, 1 - self.most / np.maximum(angle, self.most)))
         p = [
-            new_p + (1 - self.share) * (old_p - last_p)
+            new_p + self._left(old_p - last_p)
             for old_p, last_p, new_p in zip(_positions(filtered), _positions(before), _positions(now), strict=True)
         ]
         joints = R[:-1].reshape(now.R_parent_child.shape)
         self._last = FrameState(joints, p[0], R[-1], p[1])
         return self._last
+
+    def _left(self, off: Array) -> Array:
+        """What is left of a difference of positions ``(..., 3)`` after a frame."""
+        distance = np.linalg.norm(off, axis=-1, keepdims=True)
+        return np.asarray(off * np.maximum(1 - self.share, 1 - self.most_m / np.maximum(distance, self.most_m)))
 
 
 def _rotations(state: FrameState) -> Array:
@@ -70,6 +77,7 @@ def _positions(state: FrameState) -> tuple[Array, Array]:
 
 
 CORRECTED_DEG_S = 180.0  # a limb's brisk turn
+CORRECTED_M_S = 1.0  # a step a second
 UNKNOWN_ROOT = 0.25 * np.eye(3)  # m², as long as no covariance has been computed
 
 
@@ -156,8 +164,9 @@ class EstimateBuilder:
 
     def _filters(self) -> tuple[AnswerFilter, AnswerFilter]:
         share = min(1.0, 1 / (self._settings.answer_filter_s * self._settings.frame_rate + 1e-9))
-        most = np.deg2rad(CORRECTED_DEG_S) / self._settings.frame_rate
-        return AnswerFilter(share, most), AnswerFilter(share, most)
+        rate = self._settings.frame_rate
+        most = np.deg2rad(CORRECTED_DEG_S) / rate, CORRECTED_M_S / rate
+        return AnswerFilter(share, *most), AnswerFilter(share, *most)
 
     def _estimate(self, tracking: Tracking, number: int, back: int, seconds: float) -> LiveEstimate:
         smoother = tracking.smoother

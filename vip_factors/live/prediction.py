@@ -18,7 +18,7 @@ from vip_factors.live.measurement import PlacedVideoFrame
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import TrackingStart
-from vip_factors.problem.state import SceneState
+from vip_factors.problem.state import CameraPoses, SceneState
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Camera
 from vip_factors.stages.views import points_on_body
@@ -226,7 +226,7 @@ def continued(
     start: TrackingStart, at_find: FrameState, before: LagSmoother, cameras: Sequence[Camera],
     video: Sequence[PlacedVideoFrame],
 ) -> TrackingStart | None:  # fmt: skip
-    """Where tracking goes on: the frames that ``before`` holds, not yet looked at, in the world that ``start`` is in.
+    """Where tracking goes on: the frames that ``before`` holds, not yet looked at, in the world they were tracked in.
 
     Bones are turned from the last found frame as their sensors were. Wearers are where the video of these frames shows
     them; without cameras they, and a camera that moves, went from there as they had been tracked.
@@ -241,13 +241,18 @@ def continued(
     Returns:
         None if the video shows no wearer, though a camera was found to.
     """
+    start = _in_tracked_world(start, at_find)
     last, state = start.frames[-1], start.states[-1]
     problem, shared = start.problem, start.shared
     yaw = yaw_of(state.R_parent_child[:, 0] @ transpose(at_find.R_parent_child[:, 0]))  # of each wearer
     frames, states = [], []
+    stands = start.has_views and not problem.moving
     for number in before.numbers:
         frame, tracked = before.frame(number), before.state(number)
-        contacts = [np.zeros(len(wearer.contacts)) for wearer in problem.wearers]
+        contacts = [
+            own if len(own) == len(wearer.contacts) and not stands else np.zeros(len(wearer.contacts))
+            for own, wearer in zip(frame.contacts, problem.wearers, strict=True)
+        ]
         frames.append(replace(frame, views=[None] * (1 + len(problem.further)), contacts=contacts))
         R = turned_to(problem, last, state, frame, shared)
         gone = (rotation_z(yaw) @ (tracked.p_world_pelvis - at_find.p_world_pelvis)[..., None])[..., 0]
@@ -261,6 +266,34 @@ def continued(
         states = placed
     problem.begin_at(states[0].p_world_pelvis)
     return replace(start, frames=frames, states=states)
+
+
+def _in_tracked_world(start: TrackingStart, at_find: FrameState) -> TrackingStart:
+    """The same start with the first wearer where they were tracked to be: what is found anew has a world of its own."""
+    problem, state, shared = start.problem, start.states[-1], start.shared
+    if start.has_views and not problem.camera.free_pose:
+        return start
+    angle = float(yaw_of(at_find.R_parent_child[0, 0] @ state.R_parent_child[0, 0].T))
+    turn = rotation_z(angle)
+    shift = at_find.p_world_pelvis[0] - turn @ state.p_world_pelvis[0]
+    if problem.wearers[0].has_floor:
+        shift[2] = 0.0  # the floor is known better than before
+
+    def moved(p: Array) -> Array:
+        return np.asarray(p @ turn.T + shift)
+
+    def moved_frame(one: FrameState) -> FrameState:
+        R = one.R_parent_child.copy()
+        R[:, 0] = turn @ R[:, 0]
+        return FrameState(R, moved(one.p_world_pelvis), turn @ one.R_world_camera, moved(one.p_world_camera))
+
+    poses = CameraPoses(turn @ shared.camera.poses.R_world_camera, moved(shared.camera.poses.p_world_camera))
+    camera = replace(shared.camera, poses=poses, heading=shared.camera.heading + angle)
+    wearers = tuple(one.turned(angle, shift) for one in shared.wearers)
+    problem.turn_headings(angle)
+    return replace(
+        start, shared=replace(shared, wearers=wearers, camera=camera), states=[moved_frame(one) for one in start.states]
+    )
 
 
 def _placed(

@@ -135,6 +135,11 @@ class LagProblem:
             for wearer, p in zip(self.wearers, p_world_pelvis, strict=True)
         )
 
+    def turn_headings(self, angle: float) -> None:
+        """The same in a world turned about the vertical by an angle in radians."""
+        self.wearers = tuple(replace(one, prior_headings=one.prior_headings + angle) for one in self.wearers)
+        self.camera = replace(self.camera, prior_heading=self.camera.prior_heading + angle)
+
     @property
     def moving(self) -> bool:
         """Whether the first camera's pose belongs to the frame."""

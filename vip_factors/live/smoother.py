@@ -55,6 +55,8 @@ class LagSmoother:
         self._chain = FixedLagChain(problem.layout.frame_width, problem.layout.static_width)
         self._solution: LagSolution | None = None
         self._beginning = 0  # number of the very first frame
+        # Frames that tracking goes on from, where something is known from before them.
+        self._continued = 0 if information is None else round(settings.lag_s * settings.frame_rate) + REACH
         self._walks: dict[int, Array] = {}  # by frame behind which shared variables step, their sigmas
         self._epoch: dict[int, int] = {}  # of each frame: how many such steps lie before it
         self._every = max(1, round(settings.walk.every_s * settings.frame_rate))
@@ -179,15 +181,22 @@ class LagSmoother:
     # Inside
 
     def _hold(self, slices: Slices, entries: Sequence[_LagEntry]) -> None:
-        """Frames that are estimated each by itself stay where they were predicted in what nothing tells of them."""
-        for number, wearer in enumerate(self.problem.wearers):
-            if not wearer.use_acceleration:
-                columns = self._layout.chain_columns[number]
-                own = np.arange(columns.start, columns.stop)
-                slices.hessian[: len(entries), own, own] += 1 / PREDICTED_SIGMA**2
-                slices.gradient[: len(entries), own] += (
-                    np.stack([one.coordinates[own] for one in entries]) / PREDICTED_SIGMA**2
-                )
+        """Frames stay where they were predicted in what nothing tells of them.
+
+        These are frames that are estimated each by itself, and those that tracking goes on from: of a wearer whom no
+        camera has seen yet and whose feet do not stand, nothing else says where, and how fast, the root is there; nor
+        of a carried camera that has seen nobody.
+        """
+        first = sum(one.frame.number < self._beginning + self._continued for one in entries)
+        for number, columns in enumerate(self._layout.chain_columns):
+            own, held = np.arange(columns.start, columns.stop), first
+            if number < len(self.problem.wearers):
+                alone = not self.problem.wearers[number].use_acceleration
+                own, held = (own, len(entries)) if alone else (own[-3:], first)
+            slices.hessian[:held, own, own] += 1 / PREDICTED_SIGMA**2
+            slices.gradient[:held, own] += (
+                np.stack([one.coordinates[own] for one in entries])[:held] / PREDICTED_SIGMA**2
+            )
 
     def _take(self) -> None:
         self._solution = found = self._chain.solution()

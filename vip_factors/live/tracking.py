@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState, forward_kinematics
+from vip_factors.errors import SolveError
 from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
@@ -66,7 +67,8 @@ class Tracking:
             learnt_s: seconds of data that the calibration was found from.
 
         Raises:
-            SolveError: if the frames do not determine all variables.
+            SolveError: if the frames do not determine all variables, or a standing camera shows no wearer in
+                those that tracking goes on from.
         """
         self._head, self._settings = head, settings
         self.smoother = LagSmoother(start.problem, start.shared, settings, extra, start.information)
@@ -74,6 +76,9 @@ class Tracking:
             self.smoother.append(frame, state)
         self.observers = self._gathered(start, video)
         self._look(unseen)
+        standing = bool(self.observers) and not start.problem.moving
+        if start.information is not None and standing and not self._is_anybody_seen():
+            raise SolveError("no camera shows a wearer in the frames that tracking goes on from")
         for _ in range(settings.start_iterations):
             self.smoother.update(self.smoother.numbers[0])
         rate, begin = settings.frame_rate, self.smoother.numbers[0]
@@ -129,6 +134,10 @@ class Tracking:
                 if one.video.camera == observer.camera.name and one.frame in smoother.numbers:
                     belief = self._belief(camera, window, one.frame, surely)
                     smoother.frame(one.frame).views[camera] = observer.observe(one.frame, one.video, belief)
+
+    def _is_anybody_seen(self) -> bool:
+        frames = [self.smoother.frame(number) for number in self.smoother.numbers]
+        return any(view.seen.any() for frame in frames for views in frame.views if views is not None for view in views)
 
     def step(self, measured: FrameMeasurement, lag: int, root_covariance: Sequence[Array]) -> list[Finding]:
         """One frame more.

@@ -2,8 +2,10 @@
 
 import subprocess
 import sys
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,12 +15,19 @@ from tracked import SETTINGS, Tracked, filmed, track
 from vip_factors.body.model_errors import FILMED
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import SolveError
-from vip_factors.geometry.rotations import wrap_angle
-from vip_factors.live.measurement import MeasuredStretch
+from vip_factors.findings import Finding
+from vip_factors.geometry.rotations import rotation_z, wrap_angle, yaw_of
+from vip_factors.live import recalibrator
+from vip_factors.live.assembly import FrameAssembler
+from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch
+from vip_factors.live.problem import FrameState
 from vip_factors.live.recalibrator import RecalibrationProcess
 from vip_factors.live.settings import RecalibrationSettings
-from vip_factors.sensors.live import live_samples, stream_head
+from vip_factors.live.start import TrackingStart
+from vip_factors.live.tracker import FixedLagTracker
+from vip_factors.sensors.live import live_samples, sensor_columns, stream_head
 from vip_factors.sensors.scene import Scene
+from vip_factors.stages import rival_starts
 
 OFTEN = replace(SETTINGS, recalibration=RecalibrationSettings(first_s=2.5, delay_s=0.4))
 
@@ -60,12 +69,89 @@ def test_answers_stay_near_the_truth(anew: Tracked) -> None:
     assert anew.error_mm("smoothed", after=3.2) < 60
 
 
+def test_the_world_stays_as_it_was(anew: Tracked) -> None:
+    """What is found anew has a world of its own; nobody sees a wearer leap into it."""
+    poses = [one.wearers[0].newest for one in anew.answers if 2.8 < one.time < 3.4]
+    steps = np.linalg.norm(np.diff([one.p_world_pelvis for one in poses], axis=0), axis=1)
+    yaws = yaw_of(np.stack([one.R_parent_child[0] for one in poses]))
+    assert steps.max() < 0.06  # a pace at 30 Hz, and what is made up for
+    assert np.abs(wrap_angle(np.diff(yaws))).max() < np.deg2rad(6)
+
+
+def test_without_a_camera_tracking_goes_on_with_it_too() -> None:
+    alone = track(replace(filmed_gestures("fixed", 3.6), camera=None, truth=None), settings=OFTEN)
+    assert not alone.answers[-1].preliminary
+
+
+def test_one_that_tracking_cannot_go_on_with_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    tracker = FixedLagTracker(stream_head(filmed()), OFTEN)
+    smoother = SimpleNamespace(numbers=range(9), problem=SimpleNamespace(has_views=False), state=lambda _: None)
+    found = SimpleNamespace(start=SimpleNamespace(has_views=True))
+    answers = SimpleNamespace(answer=lambda _: found, begin=lambda _: None)
+    told = list[Finding]()
+    monkeypatch.setattr(tracker, "_recalibrator", answers)
+    monkeypatch.setattr(tracker, "_continued", lambda *_: None)
+    monkeypatch.setattr(tracker, "_estimates", SimpleNamespace(add_findings=lambda *found: told.extend(found)))
+    for renewed in (0, 1, 2):
+        tracker._recalibrated(SimpleNamespace(smoother=smoother, solved=True))  # type: ignore[arg-type]
+        assert [one.kind for one in told] == renewed * ["calibration not renewed"]
+
+
+def test_who_does_not_move_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun = list[float]()
+    monkeypatch.setattr(
+        recalibrator, "RecalibrationProcess", lambda: SimpleNamespace(close=lambda: None, submit=submit)
+    )
+
+    def submit(stretch: MeasuredStretch, *_: object) -> "Future[TrackingStart]":
+        begun.append(stretch.seconds)
+        return Future()
+
+    def turned(frame: int, begin: tuple[int, int]) -> FrameMeasurement:
+        """Each of the two turns from a frame on."""
+        R = np.repeat(rotation_z(np.where(frame < np.array(begin), 0.0, 0.5)), len(columns) // 2, axis=0)
+        nothing = np.zeros((len(columns), 3))
+        return FrameMeasurement(
+            frame, frame / 30, R, np.ones(len(columns), bool), nothing, np.zeros(len(columns), bool)
+        )
+
+    one = filmed().wearers[0]
+    other = replace(one, subject=replace(one.subject, name="other"), name="other")
+    head = stream_head(replace(filmed(), wearers=(one, other)))
+    columns = sensor_columns(head)
+    for begin, expected in (((20, 30), 2.5), ((90, 20), 3.2), ((999, 20), 5.0)):  # frames; seconds
+        waiting = recalibrator.Recalibrator(head, OFTEN, real_time=True)
+        for frame in range(180):
+            waiting.remember(turned(frame, begin))
+            waiting.begin(FrameState(np.zeros((1, 24, 3, 3)), np.zeros((1, 3)), np.eye(3), np.zeros(3)))
+        assert begun.pop() == pytest.approx(expected, abs=0.1)
+
+
 def test_what_one_second_does_not_settle_is_told_only_if_more_does_not(anew: Tracked) -> None:
     """One second of these gestures leaves a forearm open; two seconds and a half settle it."""
     scene = of_unknown_body(filmed_gestures("fixed", 5.0))
     second = [sample for sample in live_samples(scene) if sample.time < 1.2]
     assert "does not settle" in track(scene, second, replace(SETTINGS, calibration_rate=7.5)).findings
     assert "does not settle" not in anew.findings
+
+
+def test_starts_that_end_in_one_motion_are_settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search leaves a forearm open; batch tells it only where its rival's motion is another."""
+    scene = of_unknown_body(filmed_gestures("fixed", 5.0))
+    head, settings = stream_head(scene), replace(SETTINGS, calibration_rate=7.5)
+    assembler = FrameAssembler(sensor_columns(head), settings.frame_rate, settings.assembly, head.cameras, 8)
+    second = [sample for sample in live_samples(scene) if sample.time < 1.1]
+    stretch = MeasuredStretch(head, [frame for sample in second for frame in assembler.push(sample)])
+    monkeypatch.setattr(rival_starts, "_solved_from", lambda *_: None)
+
+    def told(apart_deg: float, least_s: float) -> set[str]:
+        monkeypatch.setattr(rival_starts, "_bones_apart", lambda *_: np.deg2rad([apart_deg]))
+        monkeypatch.setattr(recalibrator, "SETTLING_S", least_s)
+        return {finding.kind for finding in recalibrator.recalibrate(stretch, settings).findings}
+
+    assert "start not settled" in told(0.0, least_s=9.0)
+    assert "start not settled" in told(40.0, least_s=0.5)
+    assert "start not settled" not in told(0.0, least_s=0.5)
 
 
 def test_what_is_known_is_not_forgotten(anew: Tracked) -> None:

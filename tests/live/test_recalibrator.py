@@ -9,7 +9,7 @@ from tracked import filmed
 
 from vip_factors.errors import SolveError
 from vip_factors.findings import Finding
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.live import recalibrator
 from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch
 from vip_factors.live.problem import FrameState
@@ -51,10 +51,10 @@ def recalibrating() -> Recalibrator:
 
 
 def feed(one: Recalibrator, first: int, frames: int) -> list[Finding]:
-    told, R = list[Finding](), np.broadcast_to(np.eye(3), (SENSORS, 3, 3))
+    told = list[Finding]()
     force: Array = np.zeros((SENSORS, 3))
     for number in range(first, first + frames):
-        every = np.ones(SENSORS, bool)
+        every, R = np.ones(SENSORS, bool), np.tile(rotation_z(number / RATE), (SENSORS, 1, 1))
         one.remember(FrameMeasurement(number, number / RATE, R, every, force, every.copy()))
         answer = one.answer(number)
         assert answer is None or isinstance(answer, Finding)

@@ -20,6 +20,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -46,9 +47,11 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.solve.elimination import last_covariance
 from vip_factors.stages.fusion import FusionSolution
+from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.sensor_assignment import exchange_finding, exchanges_of
+from vip_factors.stages.solver import Solver
 
-EXCHANGE_S = 9.0  # of data in which sensors in each other's places are looked for
+SETTLING_S = 9.0  # of data in which sensors in each other's places are looked for, and rivals of starts solved
 NO_PRIOR = np.pi  # radians, of headings and mountings: what is known of them, the information says
 
 
@@ -74,8 +77,22 @@ def recalibrate(
         wearers = tuple(_freed(*each, settings) for each in zip(model.wearers, state.wearers, strict=True))
         found = tracking_start(end, coarse, replace(model, wearers=wearers), state, spreads, settings)
         information = information_of(coarse.fused, found.problem.layout, own.inflation)
-        findings = [*unsettled_starts(coarse), *(_exchanges(coarse, settings) if stretch.seconds >= EXCHANGE_S else ())]
+        findings = unsettled_starts(coarse)
+        if stretch.seconds >= SETTLING_S:
+            findings = chain(unsettled_starts(_with_rivals_solved(coarse, batch)), _exchanges(coarse, settings))
         return replace(found, information=information, findings=tuple(findings))
+
+
+def _with_rivals_solved(coarse: StretchSolution, settings: LiveSettings) -> StretchSolution:
+    """The same, but for starts whose rivals end in the same motion: those are settled."""
+    fused, solver = coarse.fused, Solver(settings.solve, lambda stage, fraction: None)
+    wearers = tuple(
+        replace(one, starts=with_rivals_solved(
+            one.starts, fused.model, fused.state, number, recording, settings, solver
+        ))
+        for number, (recording, one) in enumerate(zip(coarse.scene.wearers, coarse.wearers, strict=True))
+    )  # fmt: skip
+    return replace(coarse, wearers=wearers)
 
 
 def _exchanges(coarse: StretchSolution, settings: LiveSettings) -> Iterator[Finding]:
@@ -214,6 +231,8 @@ if __name__ == "__main__":
     main()
 
 
+MOVING_SHARE = 0.25  # of a wearer's sensors: both arms
+MOVING_S = 0.2  # of motion, before anything is found from it
 READY = 0.6  # of the data when the process is begun: it takes a second or two before it can do anything
 
 
@@ -262,6 +281,9 @@ class Recalibrator:
         self._due_s, self._over = own.first_s, not own.use
         self._began = 0  # number of the first frame, of the stream or after a pause
         self._since = 0  # number of the frame from which on nothing has changed
+        ends = np.cumsum([len(wearer.placement.sites) for wearer in head.wearers])
+        self._columns = np.split(np.arange(ends[-1]), ends[:-1])  # of each wearer's sensors
+        self._still, self._moving_from = set(range(len(ends))), 0  # wearers, and the frame from which on none are
         self._usable_from: dict[int, int] = {}  # by column of sensors that have moved: the frame after
         self.waited_s = 0.0
         self._process: RecalibrationProcess | None = None
@@ -277,7 +299,21 @@ class Recalibrator:
             return
         if not self._measurements:
             self._since = self._began = measured.frame
+            self._still = set(range(len(self._columns)))
         self._measurements.append(measured)
+        if self._still:
+            first = self._measurements[0]
+            self._still -= {one for one in self._still if self._has_turned(self._columns[one], first, measured)}
+            self._moving_from = measured.frame + round(MOVING_S * self._settings.frame_rate)
+
+    def _has_turned(self, columns: np.ndarray, first: FrameMeasurement, now: FrameMeasurement) -> bool:
+        """Whether a quarter of the sensors has."""
+        both = columns[first.orientation_valid[columns] & now.orientation_valid[columns]]
+        if not len(both):
+            return False
+        cosine = (np.einsum("sij,sij->s", first.R_inertial_sensor[both], now.R_inertial_sensor[both]) - 1) / 2
+        turned = cosine < np.cos(np.deg2rad(self._settings.recalibration.moving_deg))
+        return bool(turned.mean() >= MOVING_SHARE)
 
     def restart(self, earlier: EarlierCalibration | None) -> None:
         """The stream has paused: of before it nothing counts but what ``earlier`` has of it."""
@@ -304,7 +340,8 @@ class Recalibrator:
             return
         if self._process is None:
             self._process = RecalibrationProcess()
-        if unchanged_s < self._due_s:
+        is_moving = not self._still and self._measurements[-1].frame >= self._moving_from
+        if unchanged_s < self._due_s or (not is_moving and unchanged_s < own.still_s):
             return
         stretch = self._stretch()
         earlier = self._earlier if stretch.first <= self._began else None  # older than all that is forgotten: so is it
@@ -333,7 +370,10 @@ class Recalibrator:
             newest: number of the newest frame.
         """
         own, job = self._settings.recalibration, self._job
-        if job is None or newest < job.stretch.measurements[-1].frame + own.delay_s * self._settings.frame_rate:
+        if job is None:
+            return None
+        delay_s = min(own.delay_s, own.delay_share * job.stretch.seconds)
+        if newest < job.stretch.measurements[-1].frame + delay_s * self._settings.frame_rate:
             return None
         if self._real_time and not job.answer.done():
             return None

@@ -134,12 +134,18 @@ class RecalibrationSettings:
     # s of data: a start of one second is 60–120 mm off on foreign scenes, and with two it is half as wrong.
     first_s: float = 2.5
     settled_s: NotNegative = 2.0  # of data: poses by a calibration from less are marked as preliminary
+    # °, by which a quarter of the sensors must have turned before: who holds a pose shows nothing else, and which way
+    # sensors point in it nobody knows. A fifth of a second of walking tells it to 15°.
+    moving_deg: float = 20.0
+    still_s: NotNegative = 5.0  # of data: after so much it is found anyway, however still somebody sits
     growth: float = 2.0  # each time with so many times as much data: what is left to learn halves with it
     # of data, the most recent: headings of a minute ago are no longer today's. So often it is found anew from then on.
     longest_s: float = 40.0
-    # s of the stream between the last of that data and the first answer that has it, at least: on a core of its own the
-    # batch stages need about as long for the first of it. A replay waits, and gives the same answers on any machine.
+    # s of the stream between the last of that data and the first answer that has it, at least, and as share of the data
+    # where that is less: on a core of its own the batch stages need half as long as it lasted. A replay waits, and
+    # gives the same answers on any machine.
     delay_s: NotNegative = 2.0
+    delay_share: NotNegative = 0.5
     # Standard deviations are taken so many times as large: on foreign scenes mountings are off by 1.4 sigma.
     inflation: float = 2.0
     frames: int = 30  # that tracking goes on from

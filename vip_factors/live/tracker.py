@@ -28,6 +28,7 @@ from vip_factors.stages.floor import with_declared_floor
 DEFAULT = LiveSettings()
 SOME_VIDEO = 10  # frames with people in them, within the time that tracking begins with
 MEASURES = 0.9  # of the frames: a sensor that measured in so many is there
+NOT_SEEN = "until the next one nothing has shown where its wearers are by now"
 BODY_S = 9.0  # of data: a body found from so much is kept over a pause
 
 
@@ -138,6 +139,8 @@ class FixedLagTracker:
         if isinstance(answer, Finding):
             self._estimates.add_findings(answer)
         elif answer is not None and (answer.start.has_views or not smoother.problem.has_views):
+            if self._found is not None:
+                self._estimates.add_findings(Finding("calibration not renewed", words={"reason": NOT_SEEN}))
             self._found, self._next_continuation = answer, newest
         if self._found is not None and tracking.solved and newest >= self._next_continuation:
             again = self._continued(tracking, self._found)

@@ -1,6 +1,6 @@
 """The world's zero is under the soles that stand, or where a camera of known pose says; what is odd of it is told."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -11,16 +11,18 @@ from filmed_gestures import HASTY, QUICK, camera_of, filmed_gestures
 from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.skeleton import contact_points
 from vip_factors.errors import InputError
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, angle_between, exp
 from vip_factors.pipeline import smooth
 from vip_factors.problem.state import CameraPoses, CameraState, SceneState
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
-from vip_factors.stages.floor import Floor, distance_findings, with_declared_floor
+from vip_factors.stages import scene_calibration
+from vip_factors.stages.floor import Floor, distance_findings, levelled, with_declared_floor
 from vip_factors.stages.floor import _plane as plane
 from vip_factors.terms.registry import FactorSettings
 
 SOLE_M = 0.018
+ACROSS = np.array([0.0, 1.0, 0.0])  # of a camera that looks along x
 
 
 def soles(motion: Motion) -> np.ndarray:
@@ -111,12 +113,21 @@ def test_a_declared_floor_is_believed_within_two_centimetres() -> None:
         assert told(plane(soles_at(np.full(400, height)), 20.0), is_declared=True) == kinds
 
 
-def two_walkers(raised_m: float) -> tuple[list[Any], SceneState]:
+@dataclass(frozen=True)
+class Posed:
+    """Of a wearer's state what tells where soles are."""
+
+    R_parent_child: Array
+    p_world_pelvis: Array
+    sole: float = 0.0
+
+
+def two_walkers(raised_m: float, seconds: float = 6.0) -> tuple[list[Any], SceneState]:
     """Two in one place, four metres before a camera two metres high; the first is so far above the floor."""
-    motion = gestures(6.0, rate=30.0)
+    motion = gestures(seconds, rate=30.0)
     problem = SimpleNamespace(skeleton=motion.skeleton, settings=FactorSettings(), frames=SimpleNamespace(step=1 / 30))
     own = [
-        SimpleNamespace(R_parent_child=motion.R_parent_child, p_world_pelvis=motion.p_world_pelvis + up, sole=0.0)
+        Posed(motion.R_parent_child, motion.p_world_pelvis + up)
         for up in np.array([[0.0, 0.0, raised_m], [0.0, 0.0, 0.0]])
     ]
     middle = motion.p_world_pelvis.mean(axis=0)
@@ -138,3 +149,49 @@ def test_a_camera_on_the_floor_does_not_tell_who_is_nearer() -> None:
     low = replace(state.camera.poses, p_world_camera=state.camera.poses.p_world_camera * [1, 1, 0])
     (found,) = distance_findings(problems, replace(state, camera=replace(state.camera, poses=low)))
     assert found.numbers["sigma"] > abs(found.numbers["metres"])
+
+
+def tilted(state: SceneState, degrees: float, axis: Array) -> SceneState:
+    """The state with roots and camera turned about an axis through the camera."""
+    turn, poses = exp(np.deg2rad(degrees) * axis), state.camera.poses
+    about = poses.p_world_camera[0]
+    wearers = tuple(replace(one, p_world_pelvis=about + (one.p_world_pelvis - about) @ turn.T) for one in state.wearers)
+    poses = replace(poses, R_world_camera=turn @ poses.R_world_camera)
+    return replace(state, wearers=wearers, camera=replace(state.camera, poses=poses))
+
+
+@pytest.mark.parametrize("degrees", [-2.0, 2.0])
+def test_a_world_that_is_tilted_is_turned_until_its_floor_is_level(degrees: float) -> None:
+    problems, state = two_walkers(0.0, seconds=12.0)
+    again = levelled(problems, tilted(state, degrees, ACROSS))
+    assert again is not None
+    off = angle_between(again.camera.poses.R_world_camera, state.camera.poses.R_world_camera)
+    assert np.rad2deg(off.item()) < 0.3
+    for one, true in zip(again.wearers, state.wearers, strict=True):
+        np.testing.assert_allclose(one.p_world_pelvis, true.p_world_pelvis, atol=0.03)
+
+
+def test_neither_level_floors_nor_ramps_turn_the_world() -> None:
+    problems, state = two_walkers(0.0, seconds=12.0)
+    assert levelled(problems, state) is None
+    assert levelled(problems, tilted(state, 8.0, ACROSS)) is None
+
+
+def test_a_standing_camera_that_was_found_tilted_stands_upright(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, fused, found = before_tripod(10.0), scene_calibration.fuse_in_rounds, []
+
+    def found_tilted(*given: Any) -> Any:
+        solution, associated = fused(*given)
+        across = solution.state.camera.poses.R_world_camera[0][:, 0]
+        found.append(tilted(solution.state, 1.5, across))
+        return replace(solution, state=found[0]), associated
+
+    monkeypatch.setattr(scene_calibration, "fuse_in_rounds", found_tilted)
+    estimate = smooth(scene, HASTY)
+    assert "level floor" in [one.stage for one in estimate.reports]
+    assert scene.truth is not None
+    assert estimate.camera is not None
+    cameras = scene.truth.camera, found[0].camera.poses, estimate.camera.path
+    true, before, after = (one.R_world_camera[0, 2] for one in cameras)  # where up is in the camera
+    assert np.rad2deg(np.arccos(true @ before)) > 1.5
+    assert np.rad2deg(np.arccos(true @ after)) < 0.8

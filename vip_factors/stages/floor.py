@@ -1,6 +1,7 @@
 """Where the floor is: a camera that was found knows of none, so the world's zero goes under the soles that stand.
 
-Before a camera of known pose it is declared, and soles that stand elsewhere are told.
+A camera that stands may have been found tilted, and is turned until the floor is level. Before a camera of known pose
+the floor is declared, and soles that stand elsewhere are told.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,7 +13,7 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import contact_points
 from vip_factors.errors import InputError
 from vip_factors.findings import Finding
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, exp
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.scene import Camera, Scene
@@ -36,14 +37,20 @@ class Floor:
     Attributes:
         height, sigma: the median in metres, and its standard deviation.
         uneven: half of the range in metres that two of three resting soles are in.
-        slope, slope_sigma: how steep a plane through them is, radians, and the standard deviation of that.
+        gradient: ``(2,)`` by how much a plane through them rises along x and y.
+        slope_sigma: standard deviation of how steep that is, radians.
     """
 
     height: float
     sigma: float
     uneven: float
-    slope: float
+    gradient: Array
     slope_sigma: float
+
+    @property
+    def slope(self) -> float:
+        """How steep the plane is, radians."""
+        return float(np.arctan(np.linalg.norm(self.gradient)))
 
     def findings(self, is_declared: bool) -> Iterator[Finding]:
         """What is odd about it, where z = 0 is declared to be the floor, and where it is put under the soles."""
@@ -92,10 +99,9 @@ def _plane(points: Array, stances: float) -> Floor:
         weight = stances / len(points) / max(_spread(over - place @ gradient), UNSURE_M / 2) ** 2
         covariance = np.linalg.inv(weight * place.T @ place + np.eye(2) / LEVEL**2)
         gradient = covariance @ (weight * place.T @ over)
-    slope = float(np.linalg.norm(gradient))
-    along = gradient / max(slope, np.finfo(float).tiny)
+    along = gradient / max(float(np.linalg.norm(gradient)), np.finfo(float).tiny)
     uneven = float(np.diff(np.quantile(points[:, 2], [1 / 6, 5 / 6]))[0]) / 2
-    return Floor(height, sigma, uneven, float(np.arctan(slope)), float(np.sqrt(along @ covariance @ along)))
+    return Floor(height, sigma, uneven, gradient, float(np.sqrt(along @ covariance @ along)))
 
 
 def _spread(values: Array) -> float:
@@ -125,6 +131,23 @@ def with_declared_floor(scene: Scene, floor: str | float) -> Scene:
 
     first, *others = map(lifted, scene.cameras)
     return replace(scene, camera=first, further_cameras=tuple(others))
+
+
+def levelled(models: Sequence[WearerProblem], state: SceneState) -> SceneState | None:
+    """The state with roots and camera turned about a camera that stands, until the floor under the soles is level.
+
+    Bones keep their orientations, of which sensors know the vertical: pictures hardly tell how far each leans towards
+    the camera. None if the floor is level within twice its uncertainty, or too steep for the tilt of a world.
+    """
+    floor = floor_under(models, state.wearers)
+    if floor is None or not 2 * floor.slope_sigma < floor.slope < SLOPED:
+        return None
+    x, y = floor.gradient / np.linalg.norm(floor.gradient) * floor.slope
+    turn, poses = exp(np.array([-y, x, 0.0])), state.camera.poses
+    about = poses.p_world_camera[0]
+    wearers = tuple(replace(one, p_world_pelvis=about + (one.p_world_pelvis - about) @ turn.T) for one in state.wearers)
+    poses = replace(poses, R_world_camera=turn @ poses.R_world_camera)
+    return replace(state, wearers=wearers, camera=replace(state.camera, poses=poses))
 
 
 def on_floor(

@@ -21,6 +21,7 @@ from vip_factors.settings import CommonSettings
 from vip_factors.stages.association import AssociatedCamera, add_left_over_detections, associate_cameras_again
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.drift import found_clock, with_found_drift
+from vip_factors.stages.floor import levelled
 from vip_factors.stages.fusion_start import FusionStart, camera_problem
 from vip_factors.stages.ground import seen_standing
 from vip_factors.stages.inertial import at_frames
@@ -125,6 +126,27 @@ def with_found_bodies(solution: FusionSolution) -> FusionSolution:
     return replace(
         solution, model=replace(solution.model, wearers=wearers), state=replace(solution.state, wearers=states)
     )
+
+
+def with_level_floor(solution: FusionSolution, solver: Solver) -> FusionSolution:
+    """The same before its standing camera of unknown pose turned upright by the floor: calibration follows.
+
+    Pictures hardly tell 1–2° of a camera's tilt from mountings and bodies that are bent to fit; soles that rest do,
+    where wearers come and go. A camera's own sensor knows better, and so does who says that the floor is not level.
+    """
+    model, camera = solution.model, solution.model.camera
+    if camera.moving or camera.imu is not None or not all(one.has_floor for one in model.wearers):
+        return solution
+    state = levelled(model.wearers, solution.state)
+    if state is None:
+        return solution
+    wearers = tuple(
+        replace(one, p_world_start=own.p_world_pelvis[one.frames.beginnings].squeeze())
+        for one, own in zip(model.wearers, state.wearers, strict=True)
+    )
+    model = replace(model, wearers=wearers)
+    state = solver.solve(SceneObjective(replace(model, camera=_held(camera))), state, "level floor")
+    return with_found_bodies(replace(solution, model=model, state=state))
 
 
 def _with_body_of(model: WearerProblem, other: WearerProblem) -> WearerProblem:

@@ -30,7 +30,7 @@ from vip_factors.stages.decode import decode_camera, decode_wearers
 from vip_factors.stages.drift import found_clock
 from vip_factors.stages.findings import film_findings
 from vip_factors.stages.floor import on_floor, with_declared_floor
-from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds
+from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds, with_level_floor
 from vip_factors.stages.fusion_start import FusionStart, start_fusion
 from vip_factors.stages.inertial import InertialSolution, inertial_trackers
 from vip_factors.stages.reporting import at_nearest, coarse_covariance, scene_estimate, who_is_who
@@ -303,6 +303,8 @@ def _solved_stretch(
         for number, (recording, one) in enumerate(zip(scene.wearers, inertial, strict=True))
     )  # fmt: skip
     known = any(one.camera.known_path is not None for one in associated)
+    if settings.floor != "none" and not known:
+        solution = with_level_floor(solution, solver)
     state, about_floor = on_floor(solution.model.wearers, solution.state, settings.floor, known)
     solution, about_sensors = replace(solution, state=state), (*about_sensors, *about_floor)
     return SolvedStretch(scene, corrections, about_sensors, inertial, initial, solution, associated, solver)
